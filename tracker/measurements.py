@@ -1,0 +1,226 @@
+"""What goes into the tracker and what comes out: values, made once, checked at once, never changed.
+
+Arrays are copied and read-only. Frames follow the README: a camera's frame is x forward, y left, z up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.cameras import Camera
+from tracker.geometry import Array, Pose, frozen
+from tracker.ground import Ground
+
+Ints = NDArray[np.int64]
+Image = NDArray[np.uint8]
+
+
+def _set(instance: object, name: str, shape: tuple[int | None, ...]) -> None:
+    object.__setattr__(instance, name, frozen(getattr(instance, name), shape, name))
+
+
+def _set_ints(instance: object, name: str, n: int) -> None:
+    array = np.array(getattr(instance, name), dtype=np.int64)
+    if array.shape != (n,):
+        raise ValueError(f"{name} has shape {array.shape}, needs ({n},)")
+    array.flags.writeable = False
+    object.__setattr__(instance, name, array)
+
+
+def _check_unit(bearing: Array, name: str) -> None:
+    error = np.abs(np.linalg.norm(bearing, axis=1) - 1)
+    if error.size and error.max() > 1e-6:
+        raise ValueError(f"{name} has length {1 + error.max():.6g} off 1, needs unit directions")
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """People seen by one camera in one frame, as directions: nothing can straddle a seam. Never a true id.
+
+    bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: width along the azimuth circle of the bearing
+    (arc length, so that a box keeps its width away from the horizon), height. confidence (n,). covariance (n, 2, 2) rad² in the tangent
+    plane (geometry.tangent_basis). appearance (n, d).
+    """
+
+    bearing: Array
+    extent: Array
+    confidence: Array
+    covariance: Array
+    appearance: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.bearing)
+        _set(self, "bearing", (n, 3))
+        _set(self, "extent", (n, 2))
+        _set(self, "confidence", (n,))
+        _set(self, "covariance", (n, 2, 2))
+        _set(self, "appearance", (n, None))
+        _check_unit(self.bearing, "detection bearing")
+
+    @staticmethod
+    def none() -> Detections:
+        return Detections(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros((0, 0)))
+
+    def __len__(self) -> int:
+        return len(self.bearing)
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Landmarks and other robots seen by one camera in one frame.
+
+    bearing (n, 3) unit, camera frame; range (n,) m or NaN; subject (n,): which landmark, −1 where that must be found;
+    descriptor (n, d); covariance (n, 2, 2) rad² in the tangent plane.
+    """
+
+    bearing: Array
+    range: Array
+    subject: Ints
+    descriptor: NDArray[np.float32]
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.bearing)
+        _set(self, "bearing", (n, 3))
+        _set(self, "covariance", (n, 2, 2))
+        _set_ints(self, "subject", n)
+        for name, dtype in (("range", np.float64), ("descriptor", np.float32)):
+            array = np.array(getattr(self, name), dtype=dtype)
+            if len(array) != n:
+                raise ValueError(f"{name} has {len(array)} rows, needs {n}")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        _check_unit(self.bearing, "sighting bearing")
+
+    def __len__(self) -> int:
+        return len(self.bearing)
+
+
+@dataclass(frozen=True, eq=False)
+class Odometry:
+    """The motion of a robot's body since the tick before: T_before_now, covariance (6, 6) of its right tangent [m, rad].
+
+    gravity: the unit direction of "up" in the body's frame as the accelerometer has it, or None; gravity_sigma its error, rad an axis.
+    """
+
+    T_before_now: Pose
+    covariance: Array
+    gravity: Array | None = None
+    gravity_sigma: float = 0.02
+
+    def __post_init__(self) -> None:
+        _set(self, "covariance", (6, 6))
+        if self.gravity is not None:
+            _set(self, "gravity", (3,))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What one camera has at one tick. image (H, W, 3) uint8 RGB or None; odometry of the robot that carries the camera, or None."""
+
+    camera: str
+    detections: Detections
+    sightings: Sightings | None = None
+    odometry: Odometry | None = None
+    image: Image | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """One moment: index from 0, time = index · period in seconds, one View a camera that reported."""
+
+    index: int
+    time: float
+    views: tuple[View, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What was so at one tick. T_world_robot a robot; person_id (m,); feet (m, 3) m: the ground under the middle of the body;
+    visible (m, cameras): pixels seen over the pixels that the person would cover alone, in [0, 1], cameras in the order of Setup.mounts.
+    """
+
+    index: int
+    T_world_robot: dict[str, Pose]
+    person_id: Ints
+    feet: Array
+    visible: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.person_id)
+        _set_ints(self, "person_id", n)
+        _set(self, "feet", (n, 3))
+        _set(self, "visible", (n, None))
+        if len(np.unique(self.person_id)) != n:
+            raise ValueError(f"truth of frame {self.index} has a person twice")
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A camera on a robot."""
+
+    camera: Camera
+    T_body_camera: Pose
+    robot: str
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a robot stands before the first tick: pose and covariance (6, 6) of its right tangent."""
+
+    T_world_robot: Pose
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        _set(self, "covariance", (6, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What the tracker is told once: mounts (camera name → Mount), the ground as far as it is known, start poses, period s.
+
+    starts: robot → Start, None where unknown. area: (2, 2) m, the lowest and highest x, y in which targets are reported, or None.
+    height: the band of people's heights in metres that a detection must fit.
+    """
+
+    mounts: dict[str, Mount]
+    ground: Ground
+    starts: dict[str, Start | None]
+    period: float
+    area: Array | None = None
+    height: tuple[float, float] = (1.4, 2.3)
+
+    def __post_init__(self) -> None:
+        if not self.period > 0:
+            raise ValueError(f"period is {self.period} s, needs more than 0")
+        if self.area is not None:
+            _set(self, "area", (2, 2))
+        missing = {m.robot for m in self.mounts.values()} - set(self.starts)
+        if missing:
+            raise ValueError(f"robots {sorted(missing)} carry cameras and have no entry in starts")
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What the tracker believes at one tick.
+
+    T_world_robot and covariance (6, 6) of its right tangent a robot; target_id (k,), never used again; position (k, 3) m on the ground;
+    covariance (k, 3, 3) m².
+    """
+
+    index: int
+    T_world_robot: dict[str, Pose]
+    robot_covariance: dict[str, Array]
+    target_id: Ints
+    position: Array
+    covariance: Array
+    counters: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = len(self.target_id)
+        _set_ints(self, "target_id", n)
+        _set(self, "position", (n, 3))
+        _set(self, "covariance", (n, 3, 3))
