@@ -40,9 +40,10 @@ def _check_unit(bearing: Array, name: str) -> None:
 class Detections:
     """People seen by one camera in one frame, as directions: nothing can straddle a seam. Never a true id.
 
-    bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: width along the azimuth circle of the bearing
-    (arc length, so that a box keeps its width away from the horizon), height. confidence (n,). covariance (n, 2, 2) rad² in the tangent
-    plane (geometry.tangent_basis). appearance (n, d).
+    A box is a span of azimuth and one of elevation in the camera's frame (columns of a pinhole image are meridians, too).
+    bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: the spans of azimuth and elevation.
+    confidence (n,) in [0, 1]. covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
+    appearance (n, d).
     """
 
     bearing: Array
@@ -183,7 +184,8 @@ class Setup:
     """What the tracker is told once: mounts (camera name → Mount), the ground as far as it is known, start poses, period s.
 
     starts: robot → Start, None where unknown. area: (2, 2) m, the lowest and highest x, y in which targets are reported, or None.
-    height: the band of people's heights in metres that a detection must fit.
+    height: the band of people's heights in metres that a detection must fit. occluders: the top of what stands on the ground
+    (walls, furniture) as a ground of its own, where it is known: it says what a view cannot see.
     """
 
     mounts: dict[str, Mount]
@@ -192,6 +194,7 @@ class Setup:
     period: float
     area: Array | None = None
     height: tuple[float, float] = (1.4, 2.3)
+    occluders: Ground | None = None
 
     def __post_init__(self) -> None:
         if not self.period > 0:

@@ -1,0 +1,147 @@
+"""Footsteps: where the feet of all people are, as a function of the way that their bodies went.
+
+A stride is one turn of the phase: the left foot swings in [0, SWING), the right one half a turn later, and both stand in between. A standing
+foot stays where it was planted, a swinging foot goes to where the body will need it. Nothing of MuJoCo is in here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tracker.geometry import Array, frozen, wrap
+
+SWING = 0.4
+"""The share of a stride in which a foot is in the air when walking (Perry & Burnfield 2010, Gait Analysis: stance takes 60 %)."""
+WALK_RATIO = 0.40
+"""Step length over step rate, m s: nearly the same at all speeds of a person (Sekiya & Nagasaki 1998: 0.0065 m/(steps/min))."""
+AHEAD = 0.21
+"""The share of a stride by which a foot lands before the body."""
+HALF_WIDTH = 0.032
+"""Half the step width as a share of stature."""
+_SHORTEST_STEP = 0.25
+_ADJUSTING_RATE = 0.9
+"""Strides/s of somebody who stands and only sets the feet right."""
+
+
+class Terrain(Protocol):
+    """What people walk on: heights (n,) m at points (n, 2) m."""
+
+    def height_at(self, points: ArrayLike) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Footing:
+    """The feet of m people: left is 0, right is 1. A foot's place is the ground under its ankle when it stands flat.
+
+    phase (m,) in [0, 1); planted (m, 2, 2) m and planted_yaw (m, 2) rad: where each foot stands or will land; lifted, lifted_yaw: where it
+    last stood before.
+    """
+
+    phase: Array
+    planted: Array
+    planted_yaw: Array
+    lifted: Array
+    lifted_yaw: Array
+
+    def __post_init__(self) -> None:
+        m = len(self.phase)
+        for name, shape in (("phase", (m,)), ("planted", (m, 2, 2)), ("planted_yaw", (m, 2)), ("lifted", (m, 2, 2)), ("lifted_yaw", (m, 2))):
+            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+
+    @property
+    def swing(self) -> Array:
+        """(m, 2) in [0, 1): how much of its swing each foot has done, 0 where it stands."""
+        own = _own_phase(self.phase)
+        return np.where(own < SWING, own / SWING, 0.0)
+
+    @property
+    def standing(self) -> Array:
+        """(m, 2) bool: whether each foot is on the ground."""
+        return _own_phase(self.phase) >= SWING
+
+
+def stand(position: Array, heading: Array, stature: Array) -> Footing:
+    """Feet side by side under position (m, 2) m, towards heading (m,) rad, for people of stature (m,) m."""
+    places = _beside(position, heading, stature)
+    yaw = np.repeat(heading[:, None], 2, axis=1)
+    return Footing(np.full(len(position), 0.45), places, yaw, places, yaw)
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """How bodies move now: position (m, 2) m, velocity (m, 2) m/s, heading (m,) rad, stature (m,) m."""
+
+    position: Array
+    velocity: Array
+    heading: Array
+    stature: Array
+
+
+def walk(footing: Footing, bodies: Bodies, dt: float) -> Footing:
+    """The footing `dt` s later, when the bodies have come to `bodies`.
+
+    The phase goes on with the distance walked; who stands with a foot in the air, far off or turned away sets it right first. A foot that
+    the body leaves too far behind makes the next step come sooner.
+    """
+    rate = _stride_rate(footing, bodies)
+    phase = np.mod(footing.phase + rate * dt, 1.0)
+    before, own = _own_phase(footing.phase), _own_phase(phase)
+    leaving = (own < SWING) & (before >= SWING)
+    lifted = np.where(leaving[..., None], footing.planted, footing.lifted)
+    lifted_yaw = np.where(leaving, footing.planted_yaw, footing.lifted_yaw)
+    # Where the body will be when the foot lands, and the part of a stride by which the foot is then before it.
+    safe = np.maximum(rate, 1e-6)[:, None]
+    wait = np.clip((SWING - own) / safe, 0.0, 0.6) + AHEAD / safe * (rate[:, None] > 0)
+    target = _beside(bodies.position, bodies.heading, bodies.stature) + bodies.velocity[:, None] * wait[..., None]
+    swinging = own < SWING
+    planted = np.where(swinging[..., None], target, footing.planted)
+    planted_yaw = np.where(swinging, bodies.heading[:, None], footing.planted_yaw)
+    return replace(footing, phase=phase, planted=planted, planted_yaw=planted_yaw, lifted=lifted, lifted_yaw=lifted_yaw)
+
+
+def places(footing: Footing) -> tuple[Array, Array]:
+    """Where the feet are now: (m, 2, 2) m in the plane, (m, 2) yaw rad."""
+    share = _smooth(footing.swing)
+    moving = ~footing.standing
+    place = np.where(moving[..., None], footing.lifted + share[..., None] * (footing.planted - footing.lifted), footing.planted)
+    turn = wrap(footing.planted_yaw - footing.lifted_yaw)
+    return place, np.where(moving, footing.lifted_yaw + share * turn, footing.planted_yaw)
+
+
+def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
+    """Strides/s (m,)."""
+    speed = np.hypot(*bodies.velocity.T)
+    size = bodies.stature / 1.75
+    step = np.maximum(np.sqrt(WALK_RATIO * speed), _SHORTEST_STEP) * np.sqrt(size)
+    offset = np.linalg.norm(footing.planted - _beside(bodies.position, bodies.heading, bodies.stature), axis=2)
+    turned = np.abs(wrap(footing.planted_yaw - bodies.heading[:, None]))
+    unsettled = ~footing.standing.all(axis=1) | (offset.max(axis=1) > 0.08) | (turned.max(axis=1) > 0.4)
+    rate = np.maximum(speed / (2 * step), _ADJUSTING_RATE * unsettled)
+    behind = np.where(footing.standing, offset, 0.0).max(axis=1) / (0.5 * bodies.stature)
+    return rate * (1 + np.clip(4 * (behind - 0.68), 0.0, 1.0))
+
+
+def _own_phase(phase: Array) -> Array:
+    """(m,) → (m, 2): each foot's phase since it left the ground."""
+    return np.mod(phase[:, None] + np.array([0.0, 0.5]), 1.0)
+
+
+def _beside(position: Array, heading: Array, stature: Array) -> Array:
+    """Where feet stand beside each other under a body: (m, 2, 2) m."""
+    left = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * (HALF_WIDTH * stature)[:, None]
+    return position[:, None] + left[:, None] * np.array([1.0, -1.0])[:, None]
+
+
+def _smooth(share: Array) -> Array:
+    """0 to 1 with no speed at both ends: 3 s² − 2 s³."""
+    return share * share * (3 - 2 * share)
+
+
+def lift(footing: Footing, stature: Array) -> Array:
+    """(m, 2) m: how high the swinging feet are above the line between their footfalls."""
+    return 0.035 * stature[:, None] * np.sin(math.pi * footing.swing) * ~footing.standing

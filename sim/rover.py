@@ -1,0 +1,104 @@
+"""The wheeled robot: a low chassis on four driven wheels, steered by skidding, a thin mast with the panorama head.
+
+The body's frame lies in the middle of the wheel base at the height of the axles: x forward, y left, z up.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from tracker.geometry import Array, Pose
+
+WHEEL_RADIUS = 0.12
+"""m; the wheels touch the ground as spheres and are drawn as cylinders."""
+BASE = 0.56
+"""m between front and rear axles."""
+TRACK = 0.52
+"""m between the left and the right wheels."""
+FOOTPRINT_RADIUS = 0.48
+"""m: the circle about the body's origin that no part of the rover leaves."""
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+"""The order of wheel arrays everywhere: even is left, odd is right."""
+HEAD_GAP = 0.08
+"""m between the panorama's centre and the top of the head below it: nothing encloses the camera."""
+
+_GROUP = 3
+_METAL, _RUBBER, _LENS = (0.62, 0.64, 0.66, 1.0), (0.08, 0.08, 0.09, 1.0), (0.05, 0.06, 0.09, 1.0)
+_PAINTS = ((0.93, 0.45, 0.10, 1.0), (0.12, 0.42, 0.75, 1.0), (0.20, 0.55, 0.25, 1.0), (0.80, 0.75, 0.15, 1.0), (0.62, 0.16, 0.18, 1.0))
+
+
+def wheel_positions() -> Array:
+    """Wheel centres in the body's frame (4, 3) m, in the order of WHEELS."""
+    x, y = BASE / 2, TRACK / 2
+    return np.array([[x, y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [-x, -y, 0.0]])
+
+
+def camera_mount(camera_height: float) -> Pose:
+    """T_body_camera: the panorama's centre `camera_height` m above level ground, x forward."""
+    return Pose(np.eye(3), np.array([0.0, 0.0, camera_height - WHEEL_RADIUS]))
+
+
+def add_rover(spec: mujoco.MjSpec, name: str, index: int, camera_height: float) -> None:
+    """Add one rover of about 24 kg to the world body of `spec`: bodies, joints and actuators are named `name` or `name/…`.
+
+    Actuators `name/front_left` … take wheel speeds in rad/s. Rovers collide with the world, with each other and with people.
+    """
+    chassis = spec.worldbody.add_body(name=name)
+    chassis.add_freejoint(name=name)
+    paint = _PAINTS[index % len(_PAINTS)]
+    solid = {"contype": 1, "conaffinity": 3, "group": _GROUP}
+    chassis.add_geom(name=f"{name}/hull", type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.33, 0.19, 0.055), pos=(0, 0, 0.035), mass=15.0, rgba=paint, **solid)
+    _add_trim(chassis, name, paint)
+    _add_mast(chassis, name, camera_height - WHEEL_RADIUS)
+    for wheel, position in zip(WHEELS, wheel_positions(), strict=True):
+        _add_wheel(spec, chassis, f"{name}/{wheel}", position)
+
+
+def _add_trim(chassis: mujoco.MjsBody, name: str, paint: tuple[float, ...]) -> None:
+    """What only makes the chassis look like a rover: deck, bumpers, lamps."""
+    parts = {
+        "deck": ((0.24, 0.15, 0.03), (-0.03, 0, 0.12), _METAL),
+        "battery": ((0.09, 0.12, 0.035), (-0.16, 0, 0.185), paint),
+        "front_bumper": ((0.02, 0.17, 0.02), (0.35, 0, 0.03), _RUBBER),
+        "rear_bumper": ((0.02, 0.17, 0.02), (-0.35, 0, 0.03), _RUBBER),
+        "left_lamp": ((0.012, 0.03, 0.02), (0.33, 0.11, 0.075), (0.98, 0.97, 0.85, 1.0)),
+        "right_lamp": ((0.012, 0.03, 0.02), (0.33, -0.11, 0.075), (0.98, 0.97, 0.85, 1.0)),
+    }
+    for part, (size, position, colour) in parts.items():
+        chassis.add_geom(
+            name=f"{name}/{part}", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=position, rgba=colour, mass=0.3, contype=0, conaffinity=0, group=_GROUP
+        )
+
+
+def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
+    """The mast and the head whose top lies HEAD_GAP below the panorama's centre at z = `centre` in the body's frame."""
+    top = centre - HEAD_GAP
+    looks = {"contype": 0, "conaffinity": 0, "group": _GROUP}
+    capsule, cylinder = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
+    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.018, 0, 0), fromto=(0, 0, 0.1, 0, 0, top - 0.06), rgba=_METAL, mass=0.5, **looks)
+    chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.045, 0.02, 0), pos=(0, 0, top - 0.04), rgba=_METAL, mass=0.15, **looks)
+    chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.032, 0.01, 0), pos=(0, 0, top - 0.01), rgba=_LENS, mass=0.05, **looks)
+    # People and rovers must not walk through the mast; it is thin, so that it collides as a thicker rod that is not drawn.
+    chassis.add_geom(
+        name=f"{name}/mast_guard", type=capsule, size=(0.05, 0, 0), fromto=(0, 0, 0.2, 0, 0, top - 0.06), mass=0.0, contype=1, conaffinity=3, group=4,
+        rgba=(0, 0, 0, 0),
+    )
+
+
+def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position: Array) -> None:
+    wheel = chassis.add_body(name=name, pos=position)
+    wheel.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0), armature=0.02, damping=0.05)
+    upright = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
+    wheel.add_geom(
+        name=f"{name}_tread", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(WHEEL_RADIUS, 0, 0), mass=1.4, group=4, rgba=(0, 0, 0, 0),
+        contype=1, conaffinity=3, condim=3, friction=(0.9, 0.005, 0.0001), priority=1, solref=(0.02, 1.0),
+    )
+    looks = {"contype": 0, "conaffinity": 0, "group": _GROUP, "mass": 0.05, "quat": upright}
+    wheel.add_geom(name=f"{name}_tyre", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(WHEEL_RADIUS, 0.04, 0), rgba=_RUBBER, **looks)
+    wheel.add_geom(name=f"{name}_rim", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(0.07, 0.045, 0), rgba=_METAL, **looks)
+    actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+    actuator.set_to_velocity(kv=8.0)
+    actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-9.0, 9.0)

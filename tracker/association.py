@@ -1,0 +1,108 @@
+"""Which sighting shows which landmark: by how it looks, and by where the joint state expects it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.bearings import Sight, jacobians, predict
+from tracker.gaussian import gate
+from tracker.geometry import Array, tangent_basis
+from tracker.joint import Joint
+from tracker.landmarks import Floats
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Gate:
+    """probability: of a right sighting to pass; window: rad about the prediction within which a look-alike that fails counts as refused;
+    unlike: largest distance of unit descriptors; ratio: the best over the second best in the window; nearest m: closer landmarks are left alone.
+    """
+
+    probability: float = 0.999
+    window: float = 0.15
+    unlike: float = 0.7
+    ratio: float = 0.85
+    nearest: float = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """landmark (k,) and sighting (k,), pairs, each number once. refused (r,) and refused_sighting (r,): pairs that look alike and lie near but
+    outside the gate. expected (n,): landmarks that are not too near to be seen.
+    """
+
+    landmark: Indices
+    sighting: Indices
+    refused: Indices
+    refused_sighting: Indices
+    expected: NDArray[np.bool_]
+
+
+def innovation_covariance(joint: Joint, robot: int, sight: Sight) -> Array:
+    """H P Hᵀ of the bearing of each landmark alone, (n, 2, 2) rad²."""
+    n = joint.count
+    H_body, H_point, H_correction = jacobians(sight, joint.point[:n])
+    H_robot = H_body if joint.stride == 6 else np.concatenate([H_body, H_correction], axis=2)
+    at, base = joint.offset(robot), joint.base
+    own = slice(at, at + joint.stride)
+    cross = np.ascontiguousarray(joint.P[own, base:]).reshape(joint.stride, n, 3).transpose(1, 0, 2)
+    index = base + 3 * np.arange(n)[:, None] + np.arange(3)
+    points = joint.P[index[:, :, None], index[:, None, :]]
+    mixed = H_robot @ cross @ H_point.transpose(0, 2, 1)
+    S = H_robot @ joint.P[own, own] @ H_robot.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
+    return S + H_point @ points @ H_point.transpose(0, 2, 1)
+
+
+def associate(joint: Joint, robot: int, sight: Sight, seen: tuple[Array, Array], unlike: Floats, rule: Gate) -> Matches:
+    """One camera's sightings, seen = bearings (m, 3) and covariances (m, 2, 2), against the map; `unlike` (n, m) from landmarks.dissimilarity.
+
+    A pair stands where each is the other's best look among those inside the Mahalanobis gate, and the landmark has no second sighting in the wide
+    window that looks nearly as much like it. The ratio is asked in that direction only: the map may hold a place twice.
+    """
+    bearing, covariance = seen
+    n, m = joint.count, len(bearing)
+    none = np.zeros(0, dtype=np.intp)
+    if n == 0 or m == 0:
+        return Matches(none, none, none, none, np.zeros(n, dtype=bool))
+    predicted, distance = predict(sight, joint.point[:n])
+    expected = distance > rule.nearest
+    S = innovation_covariance(joint, robot, sight)
+    e = (tangent_basis(predicted) @ bearing.T).transpose(0, 2, 1)
+    near = predicted @ bearing.T > np.cos(rule.window)
+    d2 = _distances2(e, S, covariance)
+    inside = near & (d2 < gate(2, rule.probability))
+    alike = (unlike < rule.unlike) & expected[:, None]
+    landmark, sighting = _mutual(np.where(inside & alike, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
+    free = near & alike & ~inside
+    free[landmark] = False
+    free[:, sighting] = False
+    refused, refused_sighting = _mutual(np.where(free, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
+    return Matches(landmark, sighting, refused, refused_sighting, expected)
+
+
+def _distances2(e: Array, S: Array, R: Array) -> Array:
+    """e (n, m, 2), S (n, 2, 2), R (m, 2, 2) → squared Mahalanobis distances (n, m), by the closed inverse of 2 × 2."""
+    a = S[:, None, 0, 0] + R[None, :, 0, 0]
+    b = S[:, None, 0, 1] + R[None, :, 0, 1]
+    c = S[:, None, 1, 1] + R[None, :, 1, 1]
+    x, y = e[..., 0], e[..., 1]
+    d2: Array = (c * x * x - 2 * b * x * y + a * y * y) / (a * c - b * b)
+    return d2
+
+
+def _mutual(cost: NDArray[np.floating], rivals: NDArray[np.floating], ratio: float) -> tuple[Indices, Indices]:
+    """Pairs (row, column) of `cost` (n, m) that are each other's least, finite, and less than `ratio` times the row's next best in `rivals`."""
+    best = cost.argmin(axis=1)
+    rows = np.arange(len(cost))
+    value = cost[rows, best]
+    others = rivals.copy()
+    others[rows, best] = np.inf
+    # A rival that looks better than the best of those inside spoils the match as well: value < ratio · next fails.
+    distinct = np.isfinite(value) & (value <= ratio * others.min(axis=1, initial=np.inf))
+    mutual = cost.argmin(axis=0)[best] == rows
+    kept = np.flatnonzero(distinct & mutual)
+    return kept, best[kept]

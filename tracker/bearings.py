@@ -1,0 +1,154 @@
+"""Measurement models of unit directions: of a landmark by a camera on a robot, and of "up" by an accelerometer; and the inverse model.
+
+A residual lives in the tangent plane of the predicted direction (geometry.tangent_basis): two numbers, no seam at ±π, no pole. Its Jacobians
+are those of the prediction: residual ≈ H δ + noise where δ is what the state lacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array, exp_so3, skew, tangent_basis
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """Where a camera is: the body's rotation (3, 3) and translation (3,) m in the world, the mount's in the body, and the correction factor.
+
+    correction (3,) rad is a rotation vector w of the camera in the body: T_world_camera = T_world_body · Exp(w) about the mount's place:
+    R_world_camera = R_world_body Exp(w) R_body_camera.
+    """
+
+    body_rotation: Array
+    body_translation: Array
+    mount_rotation: Array
+    mount_translation: Array
+    correction: Array
+
+    @property
+    def turn(self) -> Array:
+        """R_body_camera with the correction, (3, 3)."""
+        return exp_so3(self.correction) @ self.mount_rotation
+
+    @property
+    def rotation(self) -> Array:
+        """R_world_camera, (3, 3)."""
+        return self.body_rotation @ self.turn
+
+    @property
+    def origin(self) -> Array:
+        """The camera in the world, (3,) m."""
+        return self.body_translation + self.body_rotation @ self.mount_translation
+
+    def points(self, landmarks: Array) -> Array:
+        """Landmarks (n, 3) m in the world → (n, 3) m in the camera's frame."""
+        return (landmarks - self.origin) @ self.rotation
+
+
+def residual(measured: Array, predicted: Array) -> Array:
+    """Unit directions (..., 3) measured and predicted → (..., 2) rad: the turn that leads from the predicted to the measured one.
+
+    The logarithm of the sphere at the predicted direction in its tangent basis; its length is the angle, up to π.
+    """
+    e = np.einsum("...ij,...j->...i", tangent_basis(predicted), measured)
+    sine = np.linalg.norm(e, axis=-1)
+    angle = np.arctan2(sine, (measured * predicted).sum(axis=-1))
+    return e * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[..., None]
+
+
+def predict(sight: Sight, landmarks: Array) -> tuple[Array, Array]:
+    """Landmarks (n, 3) m → unit bearings (n, 3) in the camera's frame and ranges (n,) m (never under 1 µm)."""
+    p = sight.points(landmarks)
+    distance = np.maximum(np.linalg.norm(p, axis=1), 1e-6)
+    return p / distance[:, None], distance
+
+
+def jacobians(sight: Sight, landmarks: Array) -> tuple[Array, Array, Array]:
+    """Of the bearings of landmarks (n, 3) in the tangent plane of the prediction, per n: (n, 2, 6) in the body's right tangent,
+    (n, 2, 3) in the landmark, (n, 2, 3) in the right tangent of the correction Exp(w) · Exp(δ).
+
+    With q the landmark in the body and p = Mᵀ(q − m) in the camera: dq = −ρ + [q]× φ + Rᵀ dl, dp = Mᵀ dq, and dp = Rmᵀ [u]× δ
+    with u = Exp(w)ᵀ (q − m); the direction takes B / |p| of it.
+    """
+    bearing, distance = predict(sight, landmarks)
+    B = tangent_basis(bearing) / distance[:, None, None]
+    across = B @ sight.turn.T
+    q = (landmarks - sight.body_translation) @ sight.body_rotation
+    u = (q - sight.mount_translation) @ exp_so3(sight.correction)
+    body = np.concatenate([-across, across @ skew(q)], axis=2)
+    return body, across @ sight.body_rotation.T, B @ sight.mount_rotation.T @ skew(u)
+
+
+def gravity(rotation: Array, up: Array) -> tuple[Array, Array]:
+    """The body's rotation (3, 3) and the measured unit "up" (3,) in its frame → residual (2,) rad and Jacobian (2, 6) in the body's tangent."""
+    predicted = rotation[2]
+    H = np.zeros((2, 6))
+    H[:, 3:] = tangent_basis(predicted) @ skew(predicted)
+    return residual(up, predicted), H
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A landmark found from k bearings: point (3,) m; how it moves with the poses, G_body (3, k, 6), and with the correction, G_correction (3, 3);
+    own (3, 3) m²: what the noise of the bearings adds. misfit (2k − 3,): what is left of the bearings once the point is taken out, with
+    unit noise, and its Jacobians (2k − 3, k, 6) and (2k − 3, 3) in the same poses and correction.
+    """
+
+    point: Array
+    G_body: Array
+    G_correction: Array
+    own: Array
+    misfit: Array
+    misfit_body: Array
+    misfit_correction: Array
+
+
+def intersect(origins: Array, directions: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The point nearest to k lines, for n bundles at once: origins, directions (n, k, 3) → points (n, 3) and whether each is in front of all.
+
+    As geometry.triangulate; bundles of parallel lines give a point that is in front of none.
+    """
+    across = np.eye(3) - directions[..., :, None] * directions[..., None, :]
+    A = across.sum(axis=1)
+    sound = np.linalg.det(A) > 1e-9
+    A[~sound] = np.eye(3)
+    point = np.linalg.solve(A, np.einsum("nkij,nkj->ni", across, origins)[..., None])[..., 0]
+    depth = ((point[:, None] - origins) * directions).sum(axis=2)
+    return point, sound & (depth > 0).all(axis=1)
+
+
+def place(sights: list[Sight], bearings: Array, covariances: Array, start: Array) -> Placed:
+    """The inverse measurement model: the point that k bearings (k, 3) with covariances (k, 2, 2) rad² mean, from a `start` (3,) m near it.
+
+    Two steps of Gauss-Newton on the sum of squares Σ |z − h|²; the Jacobians come from its stationarity: with H_l = Q [C; 0] of the whitened rows
+    the first three rows of Qᵀ fix the point and the others are free of it (the null-space projection of Mourikis & Roumeliotis 2007).
+    """
+    point = start
+    white = np.linalg.inv(np.linalg.cholesky(covariances))
+    for _ in range(3):
+        rows = [jacobians(s, point[None]) for s in sights]
+        r = np.stack([residual(z, predict(s, point[None])[0][0]) for s, z in zip(sights, bearings, strict=True)])
+        r = (white @ r[..., None]).reshape(-1)
+        H_l = (white @ np.concatenate([row[1] for row in rows])).reshape(-1, 3)
+        Q, C = np.linalg.qr(H_l, mode="complete")
+        inverse = np.linalg.inv(C[:3])
+        point = point + inverse @ (Q[:, :3].T @ r)
+    k = len(sights)
+    H_body = np.zeros((k, 2, k, 6))
+    for i, row in enumerate(rows):
+        H_body[i, :, i] = white[i] @ row[0][0]
+    H_body = H_body.reshape(2 * k, k, 6)
+    H_w = (white @ np.concatenate([row[2] for row in rows])).reshape(-1, 3)
+    gain, rest = inverse @ Q[:, :3].T, Q[:, 3:].T
+    return Placed(
+        point=point,
+        G_body=-np.tensordot(gain, H_body, 1),
+        G_correction=-gain @ H_w,
+        own=inverse @ inverse.T,
+        misfit=rest @ r,
+        misfit_body=np.tensordot(rest, H_body, 1),
+        misfit_correction=rest @ H_w,
+    )

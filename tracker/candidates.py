@@ -1,0 +1,150 @@
+"""Features on the way to becoming landmarks: followed by how they look until two clones of a robot see them under enough parallax.
+
+One bearing has no range. The choice here is delayed triangulation with exact correlations: a candidate is born at a tick whose pose is kept in the
+joint state as a clone, is seen again at later clones and now, and is placed from all of these rays (bearings.place). All poses it comes from are in
+the state, so the new landmark's covariance and cross covariances are those of the inverse model, with nothing left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.bearings import Placed, Sight, intersect, place
+from tracker.gaussian import gate, mahalanobis2
+from tracker.geometry import Array
+from tracker.joint import Joint
+from tracker.landmarks import Floats, Indices, dissimilarity
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a candidate must show. parallax: rad between two of its rays; sightings: how many ticks it was followed; window: rad about the last
+    direction in which it is looked for, unlike and ratio as in association.Gate; misses in a row that end it; probability: gate of the misfit of its
+    rays; doubt: largest standard deviation of the range over the range; nearest, farthest: m; limit: how many a camera follows.
+    """
+
+    parallax: float = 0.06
+    sightings: int = 3
+    window: float = 0.12
+    unlike: float = 0.6
+    ratio: float = 0.8
+    misses: int = 2
+    probability: float = 0.99
+    doubt: float = 0.15
+    nearest: float = 0.5
+    farthest: float = 40.0
+    limit: int = 250
+
+
+class Candidates:
+    """What one camera follows. Rows are candidates: direction (n, 3) in the world when last seen, descriptor (n, d), subject, hits, missed (n,);
+    held (n, c): whether the candidate was seen from clone c; bearing (n, c, 3), covariance (n, c, 2, 2) of it there.
+    """
+
+    def __init__(self, clones: int) -> None:
+        self.direction = np.zeros((0, 3))
+        self.descriptor: Floats = np.zeros((0, 0), dtype=np.float32)
+        self.subject, self.hits, self.missed = (np.zeros(0, dtype=np.intp) for _ in range(3))
+        self.held = np.zeros((0, clones), dtype=bool)
+        self.bearing = np.zeros((0, clones, 3))
+        self.covariance = np.zeros((0, clones, 2, 2))
+
+    def __len__(self) -> int:
+        return len(self.direction)
+
+    def follow(self, direction: Array, descriptor: Floats, subject: Indices, rule: Trial) -> Indices:
+        """Find the candidates among sightings with directions (m, 3) in the world: (n,) the sighting of each, or −1."""
+        match = np.full(len(self), -1, dtype=np.intp)
+        if len(self) and len(direction):
+            near = self.direction @ direction.T > np.cos(rule.window)
+            unlike = np.where(near, dissimilarity(self.descriptor[:, None], self.subject, descriptor, subject), np.inf)
+            best = unlike.argmin(axis=1)
+            rows = np.arange(len(self))
+            value = unlike[rows, best]
+            mutual = unlike.argmin(axis=0)[best] == rows
+            unlike[rows, best] = np.inf
+            good = (value < rule.unlike) & (value <= rule.ratio * unlike.min(axis=1)) & mutual
+            match[good] = best[good]
+        seen = match >= 0
+        self.hits[seen] += 1
+        self.missed = np.where(seen, 0, self.missed + 1)
+        self.direction[seen], self.descriptor[seen] = direction[match[seen]], descriptor[match[seen]]
+        return match
+
+    def keep(self, alive: NDArray[np.bool_]) -> None:
+        """Drop all others."""
+        for name in ("direction", "descriptor", "subject", "hits", "missed", "held", "bearing", "covariance"):
+            setattr(self, name, getattr(self, name)[alive])
+
+    def hold(self, clone: int, rows: Indices, bearing: Array, covariance: Array) -> None:
+        """The clone is new: forget what was seen from the one before, and note bearings (k, 3) of the candidates `rows` (k,) from it."""
+        self.held[:, clone] = False
+        self.held[rows, clone] = True
+        self.bearing[rows, clone], self.covariance[rows, clone] = bearing, covariance
+
+    def born(self, clone: int, seen: tuple[Array, Array, Array], descriptor: Floats, subject: Indices) -> None:
+        """New candidates seen from `clone`: directions (k, 3) in the world, bearings (k, 3) in the camera and covariances (k, 2, 2)."""
+        direction, bearing, covariance = seen
+        k, clones = len(direction), self.held.shape[1]
+        old = len(self)
+        if old == 0:
+            self.descriptor = np.zeros((0, descriptor.shape[1]), dtype=np.float32)
+        self.direction = np.concatenate([self.direction, direction])
+        self.descriptor = np.concatenate([self.descriptor, descriptor])
+        self.subject = np.concatenate([self.subject, subject])
+        self.hits = np.concatenate([self.hits, np.ones(k, dtype=np.intp)])
+        self.missed = np.concatenate([self.missed, np.zeros(k, dtype=np.intp)])
+        self.held = np.concatenate([self.held, np.zeros((k, clones), dtype=bool)])
+        self.bearing = np.concatenate([self.bearing, np.zeros((k, clones, 3))])
+        self.covariance = np.concatenate([self.covariance, np.zeros((k, clones, 2, 2))])
+        rows = np.arange(old, old + k)
+        self.held[rows, clone] = True
+        self.bearing[rows, clone], self.covariance[rows, clone] = bearing, covariance
+
+    def parallax(self, turns: Array) -> Array:
+        """The largest angle between the present direction and those from the clones, (n,) rad; turns (c, 3, 3): R_world_camera at the clones."""
+        rays = np.einsum("cij,ncj->nci", turns, self.bearing)
+        cosine = np.where(self.held, np.einsum("nci,ni->nc", rays, self.direction), 1.0)
+        out: Array = np.arccos(np.clip(cosine.min(axis=1, initial=1.0), -1, 1))
+        return out
+
+
+def triangulate(joint: Joint, robot: int, poses: list[int], sights: list[Sight], seen: tuple[Array, Array]) -> tuple[Placed, Indices, Array]:
+    """A landmark from the rays of one robot at the numbered `poses`: what bearings.place has, the state's columns and the Jacobian (3, c) there.
+
+    Raises ValueError "behind" where the rays meet behind a camera or nowhere.
+    """
+    bearing, covariance = seen
+    origins = np.stack([s.origin for s in sights])
+    rays = np.stack([s.rotation @ b for s, b in zip(sights, bearing, strict=True)])
+    start, ahead = intersect(origins[None], rays[None])
+    if not ahead[0]:
+        raise ValueError("behind")
+    placed = place(sights, bearing, covariance, start[0])
+    columns = [np.arange(joint.offset(p), joint.offset(p) + 6) for p in poses]
+    G = [placed.G_body[:, i] for i in range(len(poses))]
+    if joint.stride == 9:
+        columns.append(np.arange(joint.offset(robot) + 6, joint.offset(robot) + 9))
+        G.append(placed.G_correction)
+    return placed, np.concatenate(columns), np.concatenate(G, axis=1)
+
+
+def verdict(joint: Joint, placed: Placed, columns: Indices, G: Array, eye: Array, rule: Trial) -> str:
+    """"" where the new landmark is sound, else the reason against it. eye (3,) m: the camera now."""
+    distance = float(np.linalg.norm(placed.point - eye))
+    if not rule.nearest < distance < rule.farthest:
+        return "out of range"
+    H = placed.misfit_body.reshape(len(placed.misfit), -1)
+    if joint.stride == 9:
+        H = np.concatenate([H, placed.misfit_correction], axis=1)
+    P = joint.P[np.ix_(columns, columns)]
+    S = H @ P @ H.T + np.eye(len(H))
+    if mahalanobis2(placed.misfit, S) > gate(len(H), rule.probability):
+        return "rays disagree"
+    along = (placed.point - eye) / distance
+    if along @ placed.own @ along > (rule.doubt * distance) ** 2:
+        return "little parallax"
+    return ""

@@ -1,0 +1,166 @@
+"""From boxes to feet on the ground, and from views to places (METHOD 4).
+
+A box says where the feet are only if the feet are in it. `stand` marks those whose lower edge may be an occluder's edge: a nearer
+box over it, or a wall or a table just under the line of sight. Such a box still gives a direction, and no range.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles, skew, tangent_basis
+from tracker.measurements import Detections, Mount, Setup
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FusionParameters:
+    """What is assumed of boxes and feet."""
+
+    foot_spread: float = 0.15  # m, the lowest point of a walking body strays this far from the ground under its middle
+    reach: float = 60.0  # m, feet farther away are not believed
+    edge: float = 0.012  # rad, an occluder this near under the lower edge may hide the feet
+    gate: float = 3.5  # standard deviations between two feet of one person
+
+
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """The boxes of one view in the world.
+
+    origin (3,) m and direction (n, 3): line of sight to the feet; covariance (n, 2, 2) rad² in its tangent plane, pose included.
+    point (n, 3) m and spread (n, 2, 2) m²: where it meets the ground, and how surely. height (n,) m of the box standing there.
+    head_elevation (n,) rad above the horizon of the box's upper edge. grounded (n,): there is a point and it is near enough.
+    hidden (n,): the feet may be out of sight. confidence (n,).
+    """
+
+    camera: str
+    origin: Array
+    direction: Array
+    covariance: Array
+    point: Array
+    spread: Array
+    height: Array
+    head_elevation: Array
+    grounded: Mask
+    hidden: Mask
+    confidence: Array
+
+    def __len__(self) -> int:
+        return len(self.direction)
+
+
+def stand(
+    setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, Array], parameters: FusionParameters
+) -> Feet:
+    """Bring the boxes of `camera` on a robot at `pose` (T_world_robot, covariance (6, 6) of its right tangent) to the ground."""
+    mount = setup.mounts[camera]
+    T_world_camera = pose[0] @ mount.T_body_camera
+    middle = detections.bearing @ T_world_camera.rotation.T
+    azimuth, elevation = angles_from_bearing(middle)
+    half = detections.extent[:, 1] / 2
+    foot, head = bearing_from_angles(azimuth, elevation - half), bearing_from_angles(azimuth, elevation + half)
+    origin = T_world_camera.translation
+    origins = np.broadcast_to(origin, foot.shape)
+    point, grounded = setup.ground.intersect(origins, foot, parameters.reach)
+    distance = np.hypot(*(point - origin)[:, :2].T)
+    height = origin[2] - point[:, 2] + distance * np.tan(angles_from_bearing(head)[1])
+    covariance = detections.covariance + _pose_in_sight(foot, np.where(grounded, np.linalg.norm(point - origin, axis=1), 10.0), mount, pose)
+    spread = _spread_on_ground(foot, point - origin, covariance) + parameters.foot_spread**2 * np.eye(2)
+    hidden = _hidden(setup, origin, foot, elevation - half, azimuth, detections, point, parameters)
+    lowered = bearing_from_angles(azimuth, elevation - half - parameters.edge)
+    hidden |= ~mount.camera.pixels_from_bearings(lowered @ T_world_camera.rotation)[1]
+    return Feet(camera, origin, foot, covariance, point, spread, height, elevation + half, grounded, hidden, detections.confidence)
+
+
+def _pose_in_sight(foot: Array, distance: Array, mount: Mount, pose: tuple[Pose, Array]) -> Array:
+    """Covariance (n, 2, 2) rad² in the tangent plane of `foot` that comes from the robot's pose; distance (n,) m to the feet."""
+    T_world_robot, P = pose
+    if not P.any():
+        return np.zeros((len(foot), 2, 2))
+    R = T_world_robot.rotation
+    lever = R @ mount.T_body_camera.translation
+    basis = tangent_basis(foot)
+    # A point p seen from o: d(direction) = across · (dp − do)/r; the robot's turn moves o about the body's origin and turns the sight.
+    turn = distance[:, None, None] * skew(foot) + skew(np.broadcast_to(lever, foot.shape))
+    J = np.concatenate([np.broadcast_to(-np.eye(3), (len(foot), 3, 3)) @ R, turn @ R], axis=2) / distance[:, None, None]
+    J = basis @ J
+    return J @ P @ J.transpose(0, 2, 1)
+
+
+def _spread_on_ground(foot: Array, sight: Array, covariance: Array) -> Array:
+    """Tangent covariance → covariance (n, 2, 2) m² of x, y where the sight meets a level ground; bounded at grazing angles."""
+    distance = np.maximum(np.linalg.norm(sight, axis=1), 0.1)
+    sink = np.maximum(-foot[:, 2], 0.01)
+    along = foot[:, :2] / np.maximum(np.hypot(foot[:, 0], foot[:, 1]), 1e-9)[:, None]
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    J = np.stack([left * distance[:, None], along * (distance / sink)[:, None]], axis=2)
+    return J @ covariance @ J.transpose(0, 2, 1)
+
+
+def _hidden(
+    setup: Setup, origin: Array, foot: Array, low: Array, azimuth: Array, detections: Detections, point: Array, parameters: FusionParameters
+) -> Mask:
+    """Whether the lower edge of each box may be an occluder's: a box that reaches lower in front of it, or something standing there."""
+    half = detections.extent[:, 0] / 2
+    high = low + detections.extent[:, 1]
+    beside = np.abs(np.angle(np.exp(1j * (azimuth[:, None] - azimuth[None, :])))) < 0.7 * half[:, None] + half[None, :]
+    nearer = (low[None, :] < low[:, None] - 1e-3) & (high[None, :] > low[:, None] - parameters.edge)
+    hidden = (beside & nearer).any(axis=1)
+    if setup.occluders is None or not len(foot):
+        return hidden
+    lowered = bearing_from_angles(azimuth, low - parameters.edge)
+    stop, stopped = setup.occluders.intersect(np.broadcast_to(origin, foot.shape), lowered, parameters.reach)
+    over = stop[:, 2] > setup.ground.height_at(stop) + 0.1
+    return hidden | (stopped & over & (np.hypot(*(stop - origin)[:, :2].T) < np.hypot(*(point - origin)[:, :2].T)))
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """Boxes of different views that may be one person: members (view, detection), point x, y m, covariance (2, 2) m²."""
+
+    members: tuple[tuple[int, int], ...]
+    point: Array
+    covariance: Array
+
+
+def combine(views: list[Feet], free: list[Mask], height: tuple[float, float], parameters: FusionParameters) -> list[Combination]:
+    """Group the boxes that are `free` in each view, at most one a view, by the Mahalanobis distance of their feet.
+
+    The surest foot starts a group and takes from each other view the nearest within the gate; the point is the covariance-weighted mean.
+    Feet that may be hidden neither start a group nor join one. Greedy: the full search over combinations belongs to the hypotheses.
+    """
+    seeds = [
+        (float(np.trace(feet.spread[d])), v, int(d))
+        for v, feet in enumerate(views)
+        for d in np.flatnonzero(free[v] & feet.grounded & ~feet.hidden & (feet.height >= height[0]) & (feet.height <= height[1]))
+    ]
+    open_seeds = {(v, d) for _, v, d in seeds}
+    groups: list[Combination] = []
+    for _, v, d in sorted(seeds):
+        if (v, d) not in open_seeds:
+            continue
+        group = _grow(views, open_seeds, v, d, parameters.gate)
+        open_seeds -= set(group.members)
+        groups.append(group)
+    return groups
+
+
+def _grow(views: list[Feet], candidates: set[tuple[int, int]], v: int, d: int, gate: float) -> Combination:
+    point, covariance, members = views[v].point[d, :2], views[v].spread[d], [(v, d)]
+    for w, feet in enumerate(views):
+        others = np.array([k for u, k in sorted(candidates) if u == w and w != v], dtype=np.int64)
+        if not len(others):
+            continue
+        difference = feet.point[others, :2] - point
+        S = feet.spread[others] + covariance
+        distance = np.einsum("ni,ni->n", difference, np.linalg.solve(S, difference[:, :, None])[:, :, 0])
+        best = int(np.argmin(distance))
+        if distance[best] <= gate**2:
+            K = covariance @ np.linalg.inv(S[best])
+            point, covariance = point + K @ difference[best], covariance - K @ covariance
+            members.append((w, int(others[best])))
+    return Combination(tuple(members), point, covariance)

@@ -1,0 +1,70 @@
+"""What every filter here does with Gaussians: gates, robust weights, gains, the covariance after an update, NEES.
+
+Rows of a measurement are m, the state is n. `HP` stands for H @ P (m, n): the Jacobians of a map are sparse, so the caller makes that
+product the cheap way and hands it over.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dsyr2k
+from scipy.stats import chi2
+
+from tracker.geometry import Array
+
+
+def gate(dof: int, probability: float) -> float:
+    """The squared Mahalanobis distance that a right measurement of `dof` numbers stays under with `probability` in (0, 1)."""
+    if dof < 1 or not 0 < probability < 1:
+        raise ValueError(f"gate of {dof} numbers at probability {probability}, needs at least 1 and a probability in (0, 1)")
+    return float(chi2.ppf(probability, dof))
+
+
+def mahalanobis2(error: ArrayLike, covariance: ArrayLike) -> Array:
+    """Errors (..., d) and covariances (..., d, d) → squared Mahalanobis distances (...)."""
+    e = np.asarray(error, dtype=np.float64)
+    return (e * np.linalg.solve(np.asarray(covariance, dtype=np.float64), e[..., None])[..., 0]).sum(axis=-1)
+
+
+def nees(error: ArrayLike, covariance: ArrayLike) -> float:
+    """The normalised estimation error squared of one estimate, per degree of freedom: 1 on average where the covariance is honest.
+
+    error (d,), covariance (d, d) (Bar-Shalom, Li, Kirubarajan 2001, 5.4.2).
+    """
+    return float(mahalanobis2(error, covariance)) / len(np.asarray(error))
+
+
+def huber_weight(distance: ArrayLike, threshold: float) -> Array:
+    """Huber's weight of a residual whose length in standard deviations is `distance` (n,): 1 up to `threshold`, then threshold / distance."""
+    d = np.asarray(distance, dtype=np.float64)
+    return np.where(d <= threshold, 1.0, threshold / np.maximum(d, 1e-12))
+
+
+def kalman_gain(HP: Array, S: Array) -> Array:
+    """P Hᵀ S⁻¹, (n, m), by Cholesky's factors of the innovation covariance S (m, m). Raises LinAlgError where S is not positive."""
+    return cho_solve(cho_factor(S, lower=True), HP).T
+
+
+def joseph(P: Array, HP: Array, K: Array, S: Array) -> None:
+    """P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ in place, for any gain K (n, m); S = H P Hᵀ + R.
+
+    Joseph's form multiplied out: P − K U − (K U)ᵀ with U = HP − ½ S Kᵀ, two products of n² m instead of n³, and symmetric to the last bit.
+    """
+    U = HP.T - 0.5 * K @ S
+    lower = dsyr2k(1.0, K, U, lower=1)
+    diagonal = np.einsum("ii->i", lower)
+    diagonal *= 0.5
+    P -= lower.T
+    P -= lower
+
+
+def condition(P: ArrayLike, H: ArrayLike, residual: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
+    """One plain Kalman update, for small dense states: the change of the mean (n,) and the covariance after it (n, n)."""
+    P, H = np.array(P, dtype=np.float64), np.asarray(H, dtype=np.float64)
+    HP = H @ P
+    S = HP @ H.T + np.asarray(R, dtype=np.float64)
+    K = kalman_gain(HP, S)
+    joseph(P, HP, K, S)
+    return K @ np.asarray(residual, dtype=np.float64), P

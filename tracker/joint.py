@@ -1,0 +1,191 @@
+"""The joint state of a team and its map: means and ONE covariance of all of them, every cross block kept (METHOD.md 1, eq. 9).
+
+Order of the covariance: robots (six numbers of the pose's right tangent, then three of the correction factor where there is one), clones
+(six each: where a robot was at a few earlier ticks; Roumeliotis & Burdick 2002), landmarks (three each, metres in the world). The store has room for
+the largest map; landmarks fill it from the front, and a removed one is replaced by the last, so growing and shrinking cost O(n).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.gaussian import joseph, kalman_gain
+from tracker.geometry import Array, exp_so3, log_so3, right_jacobian_so3
+from tracker.measurements import Odometry, Start
+from tracker.motion import compose, retract, retraction_jacobian
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A measurement linearised at the present mean: residual (m,), H (m, c) over the state's `columns` (c,), noise (m, m).
+
+    The first columns are those of `robot` (pose, and correction where there is one); the others belong to landmarks.
+    """
+
+    robot: int
+    columns: Indices
+    H: Array
+    residual: Array
+    noise: Array
+
+
+class Joint:
+    """Means and the joint covariance. Poses are numbered: robots first, then the clones of robot 0, of robot 1, …
+
+    rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; point (capacity, 3) m, of which the first `count` are alive.
+    """
+
+    def __init__(self, starts: list[Start], clones: int, capacity: int, correction_sigma: float | None) -> None:
+        self.robots, self.clones, self.capacity, self.count = len(starts), clones, capacity, 0
+        self.stride = 6 if correction_sigma is None else 9
+        self.base = self.robots * (self.stride + 6 * clones)
+        poses = self.robots * (1 + clones)
+        self.rotation = np.tile(np.eye(3), (poses, 1, 1))
+        self.translation = np.zeros((poses, 3))
+        self.correction = np.zeros((self.robots, 3))
+        self.used = np.zeros(poses, dtype=bool)
+        self.point = np.zeros((capacity, 3))
+        self._P = np.zeros((self.base + 3 * capacity, self.base + 3 * capacity))
+        for i, start in enumerate(starts):
+            at = self.offset(i)
+            self.rotation[i], self.translation[i] = start.T_world_robot.rotation, start.T_world_robot.translation
+            self.used[i] = True
+            self._P[at : at + 6, at : at + 6] = start.covariance
+            if correction_sigma is not None:
+                self._P[range(at + 6, at + 9), range(at + 6, at + 9)] = correction_sigma**2
+
+    @property
+    def P(self) -> Array:
+        """The covariance of what is in use, (n, n): a view into the store. Rows of empty clones are zero."""
+        n = self.base + 3 * self.count
+        return self._P[:n, :n]
+
+    def active(self) -> Indices:
+        """The rows of P that stand for something."""
+        poses = [np.arange(self.offset(p), self.offset(p) + (self.stride if p < self.robots else 6)) for p in np.flatnonzero(self.used)]
+        return np.concatenate([*poses, np.arange(self.base, self.base + 3 * self.count)])
+
+    def offset(self, pose: int) -> int:
+        """The first row of a robot's or clone's pose."""
+        return self.stride * pose if pose < self.robots else self.stride * self.robots + 6 * (pose - self.robots)
+
+    def columns(self, robot: int, landmarks: Indices) -> Indices:
+        """The rows of a robot (pose and correction), then those of landmarks, three each."""
+        at = self.offset(robot)
+        return np.concatenate([np.arange(at, at + self.stride), (self.base + 3 * landmarks[:, None] + np.arange(3)).ravel()])
+
+    def clone_slot(self, robot: int, k: int) -> int:
+        """The number of the pose that is clone k of a robot."""
+        return self.robots + robot * self.clones + k
+
+    def predict(self, robot: int, odometry: Odometry) -> None:
+        """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot (METHOD.md, eq. 10)."""
+        at = slice(self.offset(robot), self.offset(robot) + 6)
+        self.rotation[robot], self.translation[robot], F = compose(self.rotation[robot], self.translation[robot], odometry)
+        self._transform(at, F)
+        self.P[at, at] += odometry.covariance
+
+    def drift(self, sigma: float) -> None:
+        """One step of the corrections' random walk, sigma rad an axis."""
+        for i in range(self.robots if self.stride == 9 else 0):
+            rows = np.arange(self.offset(i) + 6, self.offset(i) + 9)
+            self.P[rows, rows] += sigma**2
+
+    def inflate(self, robot: int, sigma: Array) -> None:
+        """Add independent doubt to a robot's pose, sigma (6,) m and rad."""
+        rows = np.arange(self.offset(robot), self.offset(robot) + 6)
+        self.P[rows, rows] += sigma**2
+
+    def clone(self, robot: int, k: int) -> int:
+        """Remember the robot's present pose as its clone k, in the place of what was there; returns the number of the pose."""
+        slot = self.clone_slot(robot, k)
+        to, source = self.offset(slot), self.offset(robot)
+        self.rotation[slot], self.translation[slot], self.used[slot] = self.rotation[robot], self.translation[robot], True
+        P = self.P
+        P[to : to + 6, :] = P[source : source + 6, :]
+        P[:, to : to + 6] = P[:, source : source + 6]
+        return slot
+
+    def add(self, point: Array, columns: Indices, G: Array, own: Array) -> int:
+        """Grow by a landmark whose error is G (3, c) times that of the state's `columns` plus an own one (3, 3) m²; returns its number.
+
+        Raises ValueError where the map is full.
+        """
+        if self.count >= self.capacity:
+            raise ValueError(f"map holds {self.count} landmarks, needs fewer than {self.capacity}")
+        n = self.base + 3 * self.count
+        cross = G @ self.P[columns]
+        self._P[n : n + 3, :n] = cross
+        self._P[:n, n : n + 3] = cross.T
+        block = cross[:, columns] @ G.T + own
+        self._P[n : n + 3, n : n + 3] = 0.5 * (block + block.T)
+        self.point[self.count] = point
+        self.count += 1
+        return self.count - 1
+
+    def remove(self, landmark: int) -> None:
+        """Forget a landmark (marginalise); the last one takes its number."""
+        last = self.count - 1
+        hole, tail, n = self.base + 3 * landmark, self.base + 3 * last, self.base + 3 * self.count
+        if landmark != last:
+            self.point[landmark] = self.point[last]
+            self._P[hole : hole + 3, :n] = self._P[tail:n, :n]
+            self._P[:n, hole : hole + 3] = self._P[:n, tail:n]
+        self.count = last
+
+    def update(self, linearise: Callable[[int], Linear], iterations: int) -> None:
+        """The iterated update with exactly `iterations` linearisations (Bell & Cathey 1993): δ ← K (r(x ⊕ δ) + H J δ), then P in Joseph's form.
+
+        `linearise(i)` is asked at the mean of pass i. H is brought to the tangent at the prior by the retraction's Jacobian J, and P to the tangent
+        at the posterior when all is done. One iteration is the plain EKF.
+        """
+        before = (self.rotation.copy(), self.translation.copy(), self.correction.copy(), self.point[: self.count].copy())
+        delta = np.zeros(len(self.P))
+        for i in range(iterations):
+            linear = linearise(i)
+            H = self._at_prior(linear, delta)
+            HP = H @ self.P[linear.columns]
+            S = HP[:, linear.columns] @ H.T + linear.noise
+            K = kalman_gain(HP, S)
+            delta = K @ (linear.residual + H @ delta[linear.columns])
+            self._retract(before, delta)
+        joseph(self.P, HP, K, S)
+        self._transport(delta)
+
+    def _at_prior(self, linear: Linear, delta: Array) -> Array:
+        at = self.offset(linear.robot)
+        H = linear.H.copy()
+        H[:, :6] = H[:, :6] @ retraction_jacobian(delta[at : at + 6])
+        if self.stride == 9:
+            H[:, 6:9] = H[:, 6:9] @ right_jacobian_so3(delta[at + 6 : at + 9])
+        return H
+
+    def _retract(self, before: tuple[Array, Array, Array, Array], delta: Array) -> None:
+        for p in np.flatnonzero(self.used):
+            at = self.offset(p)
+            self.rotation[p], self.translation[p] = retract(before[0][p], before[1][p], delta[at : at + 6])
+            if p < self.robots and self.stride == 9:
+                self.correction[p] = log_so3(exp_so3(before[2][p]) @ exp_so3(delta[at + 6 : at + 9]))
+        self.point[: self.count] = before[3] + delta[self.base :].reshape(-1, 3)
+
+    def _transport(self, delta: Array) -> None:
+        for p in np.flatnonzero(self.used):
+            at = self.offset(p)
+            self._transform(slice(at, at + 6), retraction_jacobian(delta[at : at + 6]))
+            if p < self.robots and self.stride == 9:
+                self._transform(slice(at + 6, at + 9), right_jacobian_so3(delta[at + 6 : at + 9]))
+
+    def _transform(self, rows: slice, F: Array) -> None:
+        """P ← F P Fᵀ for the rows and columns of one block."""
+        P = self.P
+        strip = F @ P[rows, :]
+        block = strip[:, rows] @ F.T
+        strip[:, rows] = 0.5 * (block + block.T)
+        P[rows, :] = strip
+        P[:, rows] = strip.T

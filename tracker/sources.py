@@ -1,0 +1,121 @@
+"""Opening what is to be tracked: a Sequence of pilsim's, or a folder of PETS 2009."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from tracker.cameras import Camera
+from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections
+from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
+from tracker.ground import Flat
+from tracker.measurements import Detections, Mount, Setup, Start, Tick, Truth, View
+from tracker.sequence import Sequence, read_sequence
+
+# The tracking area of the cropped annotations, metres (PETS 2009; Milan's truth).
+PETS_AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
+PETS_RATE = 7.0  # frames a second
+FOOT_PIXELS = 2.0  # px, error of a box's edge ...
+FOOT_SHARE = 0.02  # ... and as a share of its height
+
+
+def open_source(path: Path, views: Iterable[int] = ()) -> Sequence:
+    """The Sequence in `path`; `views` are the numbers of PETS cameras, or of the robots of a generated sequence; none stands for all.
+
+    Raises ValueError where there is nothing that can be read.
+    """
+    if not path.is_dir():
+        raise ValueError(f"{path}: no such folder")
+    wanted = list(views)
+    if len(set(wanted)) != len(wanted):
+        raise ValueError(f"--views {','.join(map(str, wanted))} names a view twice")
+    if (path / "manifest.json").is_file():
+        sequence = read_sequence(path)
+        return _only(sequence, wanted) if wanted else sequence
+    if (path / "annotations").is_dir() or (path / "detections").is_dir():
+        return _read_pets(path, wanted)
+    raise ValueError(f"{path}: neither a sequence (manifest.json) nor a PETS 2009 folder (annotations/, detections/)")
+
+
+def _only(sequence: Sequence, wanted: list[int]) -> Sequence:
+    names = list(sequence.setup.mounts)
+    missing = [n for n in wanted if not 0 <= n < len(names)]
+    if missing:
+        raise ValueError(f"--views {missing[0]}: this sequence has the views 0 to {len(names) - 1}")
+    raise ValueError("--views chooses PETS cameras; a generated sequence is tracked with all its robots")
+
+
+def _read_pets(path: Path, wanted: list[int]) -> Sequence:
+    """Cameras, detections and cropped truth of a PETS 2009 folder; calibration/ lies in it or beside it."""
+    calibration = next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
+    if calibration is None:
+        raise ValueError(f"{path}: no calibration/ in it or beside it")
+    found = {int(m[1]): p for p in sorted((path / "detections").glob("*.txt")) if (m := re.fullmatch(r"View_0*(\d+)\.txt", p.name))}
+    for number in wanted:
+        if number not in found:
+            raise ValueError(f"{path / 'detections' / f'View_{number:03d}.txt'}: no such file; there are views {','.join(map(str, found))}")
+    if not found:
+        raise ValueError(f"{path / 'detections'}: no View_00N.txt")
+    cameras: dict[str, tuple[Camera, Pose]] = {}
+    boxes: dict[str, dict[int, tuple[Array, Array]]] = {}
+    for number in wanted or list(found):
+        name = f"View_{number:03d}"
+        _, camera, pose = read_camera(calibration / f"{name}.xml")
+        cameras[name], boxes[name] = (camera, pose), read_detections(found[number])
+    truth = _pets_truth(path, calibration, len(cameras))
+    frames = max([max(frames, default=0) for frames in boxes.values()] + [len(truth or ())])
+    ticks = [_pets_tick(index, cameras, boxes) for index in range(frames)]
+    mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
+    starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
+    setup = Setup(mounts, Flat(), starts, 1 / PETS_RATE, area=np.array(PETS_AREA))
+    return Sequence(setup, ticks, truth, {"source": "PETS 2009", "folder": path.name, "views": list(cameras)})
+
+
+def _pets_tick(index: int, cameras: dict[str, tuple[Camera, Pose]], boxes: dict[str, dict[int, tuple[Array, Array]]]) -> Tick:
+    views = []
+    for name, (camera, _) in cameras.items():
+        box, confidence = boxes[name].get(index + 1, (np.zeros((0, 4)), np.zeros(0)))
+        views.append(View(name, detections_from_boxes(camera, box, confidence)))
+    return Tick(index, index / PETS_RATE, tuple(views))
+
+
+def _pets_truth(path: Path, calibration: Path, cameras: int) -> tuple[Truth, ...] | None:
+    """Where the people of the cropped annotation stand, by View_001, in which they were annotated."""
+    files = sorted((path / "annotations").glob("*-cropped.xml"))
+    if not files:
+        return None
+    if len(files) > 1:
+        raise ValueError(f"{path / 'annotations'}: {len(files)} files *-cropped.xml, needs one")
+    _, camera, pose = read_camera(calibration / "View_001.xml")
+    people = ground_truth(read_annotations(files[0]), camera, pose, Flat())
+    out = []
+    for index in range(max(people, default=-1) + 1):
+        ids, feet = people.get(index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+        out.append(Truth(index, {}, ids, feet, np.ones((len(ids), cameras))))
+    return tuple(out)
+
+
+def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> Detections:
+    """Pixel boxes (n, 4) left, top, width, height → Detections; the azimuth is that of the middle of the lower edge."""
+    if not len(boxes):
+        return Detections.none()
+    left, top, width, height = boxes.T
+    middle, bottom, waist = left + width / 2, top + height, top + height / 2
+
+    def angles(u: Array, v: Array) -> tuple[Array, Array]:
+        return angles_from_bearing(camera.bearings_from_pixels(np.stack([u, v], axis=1)))
+
+    azimuth, low = angles(middle, bottom)
+    _, high = angles(middle, top)
+    span = angles(left, waist)[0] - angles(left + width, waist)[0]
+    sigma = FOOT_PIXELS + FOOT_SHARE * height
+    by_side = (angles(middle - sigma, bottom)[0] - angles(middle + sigma, bottom)[0]) / 2 * np.cos(low)
+    by_height = (angles(middle, bottom - sigma)[1] - angles(middle, bottom + sigma)[1]) / 2
+    covariance = np.zeros((len(boxes), 2, 2))
+    covariance[:, 0, 0], covariance[:, 1, 1] = by_side**2, by_height**2
+    bearing = bearing_from_angles(azimuth, (low + high) / 2)
+    extent = np.stack([span, high - low], axis=1)
+    return Detections(bearing, extent, np.clip(confidence, 0.0, 1.0), covariance, np.zeros((len(boxes), 0)))

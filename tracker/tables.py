@@ -1,0 +1,64 @@
+"""Tables as CSV with a header: written the same way every time, read with the file and line of every fault."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+LONGEST_LINE = 1 << 16  # characters; a hostile file must not fill the memory
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write rows under a header; floats with 9 significant digits, which is 1e-9 of a metre over a metre."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in rows:
+            writer.writerow([f"{value:.9g}" if isinstance(value, float | np.floating) else value for value in row])
+
+
+def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any]]:
+    """Read a table that must have just these columns (name → int, float or str) in this order.
+
+    Raises ValueError "path:line: …" for a missing column, a row of another length, a number that is none, NaN or infinity.
+    """
+    lists: dict[str, list[Any]] = {name: [] for name in columns}
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file") from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    for number, line in enumerate(text.splitlines(), 1):
+        if len(line) > LONGEST_LINE:
+            raise ValueError(f"{path}:{number}: a line of {len(line)} characters, at most {LONGEST_LINE}")
+        cells = next(csv.reader([line]), [])
+        if number == 1:
+            if cells != list(columns):
+                raise ValueError(f"{path}:1: columns are {','.join(cells)[:200]}, need {','.join(columns)}")
+            continue
+        if len(cells) != len(columns):
+            raise ValueError(f"{path}:{number}: {len(cells)} values, needs {len(columns)}")
+        for (name, kind), cell in zip(columns.items(), cells, strict=True):
+            lists[name].append(_parse(kind, cell, f"{path}:{number}: {name}"))
+    if not text:
+        raise ValueError(f"{path}: empty, needs a header")
+    return {name: np.array(values, dtype=str if columns[name] is str and not values else None) for name, values in lists.items()}
+
+
+def _parse(kind: type, cell: str, where: str) -> Any:
+    if kind is str:
+        return cell
+    try:
+        value = kind(cell)
+    except ValueError:
+        raise ValueError(f"{where} is {cell[:40]!r}, needs {'a whole number' if kind is int else 'a number'}") from None
+    if kind is float and not math.isfinite(value):
+        raise ValueError(f"{where} is {cell}, needs a finite number")
+    return value

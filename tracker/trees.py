@@ -1,0 +1,147 @@
+"""Tracks of people on the ground: constant velocity, seen as directions by any number of views (METHOD 5).
+
+All live tracks are held in arrays, one row a track, so that a crowd costs a few numpy calls. `predict`, `sights` and `update`
+return new values; nothing is changed in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.fusion import Combination, Feet
+from tracker.geometry import Array, angles_from_bearing, tangent_basis
+from tracker.ground import Ground
+from tracker.measurements import Ints
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class MotionParameters:
+    """How people move."""
+
+    acceleration: float = 1.2  # m/s², spectral: variance of the velocity grows by its square a second
+    start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
+    foot_spread: float = 0.15  # m, the feet stray this far from the ground under the body
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Rows are tracks. tree (n,): the id, never used again; state (n, 4) x, y m and velocity m/s; covariance (n, 4, 4);
+    score (n,): log-likelihood ratio against clutter; hits, misses, age (n,): frames seen in all, unseen in a row, since birth.
+    """
+
+    tree: Ints
+    state: Array
+    covariance: Array
+    score: Array
+    hits: Ints
+    misses: Ints
+    age: Ints
+
+    @staticmethod
+    def none() -> Tracks:
+        zero = np.zeros(0, dtype=np.int64)
+        return Tracks(zero, np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros(0), zero, zero, zero)
+
+    def __len__(self) -> int:
+        return len(self.tree)
+
+    def select(self, rows: Mask | Ints) -> Tracks:
+        return Tracks(*(getattr(self, name)[rows] for name in _COLUMNS))
+
+    def join(self, other: Tracks) -> Tracks:
+        return Tracks(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _COLUMNS))
+
+
+_COLUMNS = tuple(Tracks.__dataclass_fields__)
+
+
+def predict(tracks: Tracks, dt: float, motion: MotionParameters) -> Tracks:
+    """One step of `dt` seconds with white acceleration (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-12)."""
+    F = np.eye(4)
+    F[0, 2] = F[1, 3] = dt
+    Q = np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)) * motion.acceleration**2
+    return replace(tracks, state=tracks.state @ F.T, covariance=F @ tracks.covariance @ F.T + Q, age=tracks.age + 1)
+
+
+def born(first_tree: int, groups: list[Combination], motion: MotionParameters) -> Tracks:
+    """One new track a combination, at rest with an unknown velocity."""
+    n = len(groups)
+    state, covariance = np.zeros((n, 4)), np.zeros((n, 4, 4))
+    for k, group in enumerate(groups):
+        state[k, :2] = group.point
+        covariance[k, :2, :2] = group.covariance
+    covariance[:, 2, 2] = covariance[:, 3, 3] = motion.start_speed**2
+    ones = np.ones(n, dtype=np.int64)
+    return Tracks(first_tree + np.arange(n), state, covariance, np.zeros(n), ones, 0 * ones, ones)
+
+
+@dataclass(frozen=True, eq=False)
+class Sights:
+    """Every track as one view expects it, against every box of that view.
+
+    residual (t, d, 2) rad: box minus expected foot direction, along azimuth and along elevation; H (t, 2, 2): its derivative by x, y;
+    expected (t, 2, 2): covariance of the expected direction; height (t, d) m: the box's upper edge over the ground where the track stands;
+    distance (t,) m.
+    """
+
+    residual: Array
+    H: Array
+    expected: Array
+    height: Array
+    distance: Array
+
+
+def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: MotionParameters) -> Sights:
+    """Compare all tracks with all boxes of a view; offset (2,) m on the ground is the view's own error."""
+    place = tracks.state[:, :2]
+    z = ground.height_at(place)
+    around = [np.array([0.1, 0.0]), np.array([0.0, 0.1])]
+    rise = [(ground.height_at(place + e) - ground.height_at(place - e)) / 0.2 for e in around]
+    sight = np.column_stack([place, z]) - feet.origin
+    distance = np.maximum(np.linalg.norm(sight, axis=1), 0.2)
+    expected = sight / distance[:, None]
+    basis = tangent_basis(expected)
+    G = np.zeros((len(tracks), 3, 2))
+    G[:, 0, 0] = G[:, 1, 1] = 1.0
+    G[:, 2, 0], G[:, 2, 1] = rise
+    H = basis @ G / distance[:, None, None]
+    residual = np.einsum("tij,dj->tdi", basis, feet.direction) - (H @ offset)[:, None, :]
+    behind = expected @ feet.direction.T < 0.5
+    residual[behind] = np.inf
+    spread = tracks.covariance[:, :2, :2] + motion.foot_spread**2 * np.eye(2)
+    over = np.hypot(sight[:, 0], sight[:, 1])
+    height = feet.origin[2] - z[:, None] + over[:, None] * np.tan(feet.head_elevation)[None, :]
+    return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, distance)
+
+
+def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tracks:
+    """Correct one track by a direction: residual (m,), H (m, 2) by x, y, R (m, m); Kalman's update in Joseph form."""
+    P, full = tracks.covariance[row], np.zeros((len(residual), 4))
+    full[:, :2] = H
+    K = np.linalg.solve(full @ P @ full.T + R, full @ P).T
+    A = np.eye(4) - K @ full
+    state, covariance = tracks.state.copy(), tracks.covariance.copy()
+    state[row] += K @ residual
+    covariance[row] = A @ P @ A.T + K @ R @ K.T
+    return replace(tracks, state=state, covariance=covariance)
+
+
+def body_points(tracks: Tracks, ground: Ground, heights: tuple[float, ...]) -> Array:
+    """(t, len(heights), 3) m: points of each body at those heights over the ground."""
+    z = ground.height_at(tracks.state[:, :2])
+    points = np.repeat(np.column_stack([tracks.state[:, :2], z])[:, None, :], len(heights), axis=1)
+    points[:, :, 2] += np.array(heights)
+    return points
+
+
+def shadowed(points: Array, origin: Array, distance: Array, half_width: float = 0.25) -> Mask:
+    """Which tracks (t,) have another track's body in front of them, seen from `origin`: points (t, 3) at the chest, distance (t,) m."""
+    azimuth, _ = angles_from_bearing(points - origin)
+    apart = np.abs(np.angle(np.exp(1j * (azimuth[:, None] - azimuth[None, :]))))
+    nearer = distance[None, :] < distance[:, None] - 0.3
+    return (nearer & (apart < np.arctan(half_width / distance)[None, :])).any(axis=1)
