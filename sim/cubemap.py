@@ -122,8 +122,11 @@ def _geometry(codes, depth, instance_of_code, x, y, nearest, stretch, near, far)
 
 
 def frustum_planes(face: int) -> Array:
-    """Inward unit normals (6, 4, 3) of the four planes through the camera that bound every face, camera frame."""
+    """Inward unit normals (6, 5, 3), camera frame, of the planes through the camera that bound what a face sees: four, and behind.
+
+    Behind adds nothing for points; what is large and lies behind may yet be before each of the four.
+    """
     t = half_tangent(face)
     forward, right, up = FACES[:, 0], FACES[:, 1], FACES[:, 2]
-    normals = np.stack([t * forward + right, t * forward - right, t * forward + up, t * forward - up], axis=1)
-    return normals / np.sqrt(1 + t * t)
+    sides = [t * forward + right, t * forward - right, t * forward + up, t * forward - up]
+    return np.stack([*(side / np.sqrt(1 + t * t) for side in sides), forward], axis=1)

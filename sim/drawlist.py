@@ -1,7 +1,7 @@
 """What there is to draw: MuJoCo's scene as an array, and which of its geoms matter to which face of a cube.
 
-MuJoCo's drawing loop does not cull, and draws every geom once in a code pass and three times with shadows. Here the geoms outside
-a face's frustum are left out, except for those whose shadow may fall into it; the picture is the same.
+MuJoCo's drawing loop does not cull; it draws every geom once for codes, and for colour once and twice more for every light with
+shadows. Here the geoms outside a face's frustum are left out, but for those whose shadow may fall into it: the picture is the same.
 """
 
 from __future__ import annotations
@@ -16,38 +16,155 @@ from numpy.typing import NDArray
 from sim.cubemap import frustum_planes
 from tracker.geometry import Array, Pose
 
+Indices = NDArray[np.int64]
+
 GROUPS = (1, 1, 1, 1, 0, 0)
 """Geom groups that are drawn: 0 to 2, and 3 of the robots; 4 holds invisible collision shapes."""
 SPARE = 16
 """Places in the scene beyond the model's geoms."""
+SHOWN = (mujoco.mjtVisFlag.mjVIS_TEXTURE, mujoco.mjtVisFlag.mjVIS_STATIC, mujoco.mjtVisFlag.mjVIS_SKIN, mujoco.mjtVisFlag.mjVIS_FLEXSKIN)
+"""All else that MuJoCo would draw beside geoms is decoration that no camera sees: sites, tendons, rangefinder beams."""
 
 GEOM = np.dtype(
     {
-        "names": ["objtype", "objid", "segid", "size", "pos", "mat", "rgba", "reflectance"],
-        "formats": ["i4", "i4", "i4", ("f4", 3), ("f4", 3), ("f4", (3, 3)), ("f4", 4), "f4"],
-        "offsets": [8, 12, 36, 40, 52, 64, 100, 128],
+        "names": ["type", "objtype", "objid", "segid", "size", "pos", "mat", "rgba", "reflectance"],
+        "formats": ["i4", "i4", "i4", "i4", ("f4", 3), ("f4", 3), ("f4", (3, 3)), ("f4", 4), "f4"],
+        "offsets": [0, 8, 12, 36, 40, 52, 64, 100, 128],
         "itemsize": 256,
     }
 )
-"""mjvGeom of mujoco 4 (mjvisualize.h), the fields that are used here. `_as_array` checks it against the bindings."""
+"""mjvGeom of MuJoCo 4 (mjvisualize.h), as far as it is needed; `_places` checks it against the bindings."""
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
-    """Per face the geoms (indices into the list) that it sees, and those that its colours need: seen, or casting a shadow into it."""
+class Choice:
+    """Per face the geoms that it sees, and those that its colours need: seen, or casting a shadow into it. Indices into the list."""
 
-    seen: list[NDArray[np.int64]]
-    coloured: list[NDArray[np.int64]]
+    seen: list[Indices]
+    coloured: list[Indices]
 
 
 class DrawList:
-    """The geoms and lights of one moment, and the choice of what is drawn next."""
+    """The geoms and lights of one moment, and the choice of what is drawn next. `scene` is what MuJoCo draws."""
 
     def __init__(self, model: mujoco.MjModel, instance_of_geom: NDArray[np.uint16], face: int) -> None:
         self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + SPARE)
-        self.instance_of_code = np.zeros(1, np.uint16)
+        self.instances = np.zeros(0, np.uint16)
         self._model, self._instance_of_geom = model, instance_of_geom
-        self._planes = frustum_planes(face)
-        self._places = _as_array(self.scene, model.ngeom + SPARE)
-        self._geoms = self._places[:0].copy()
+        self._planes = frustum_planes(face).reshape(30, 3)
+        self._places = _places(self.scene)
         self._option, self._eye = _plain_option(), mujoco.MjvCamera()
+
+    @property
+    def instance_of_code(self) -> NDArray[np.uint16]:
+        """The instance of every colour code: 0, where nothing is drawn, and geom + 1."""
+        return np.concatenate([np.zeros(1, np.uint16), self.instances])
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Take geoms and lights from `data`. Raises ValueError where the scene holds fewer geoms than are needed."""
+        every = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(self._model, data, self._option, None, self._eye, every, self.scene)
+        if self.scene.status:
+            raise ValueError(f"the scene needs more geoms than the {self.scene.maxgeom} that it holds")
+        self._geoms = self._places[: self.scene.ngeom].copy()
+        self._geoms["segid"] = np.arange(self.scene.ngeom)
+        # Only one reflecting geom is ever drawn as such, and leaving others out would change which.
+        self._geoms["reflectance"] = 0
+        modelled = self._geoms["objtype"] == mujoco.mjtObj.mjOBJ_GEOM.value
+        number = np.where(modelled, self._geoms["objid"], 0)
+        self.instances = np.where(modelled, self._instance_of_geom[number], 0).astype(np.uint16)
+        self._place_boxes(modelled, self._model.geom_aabb[number])
+        self._place_lights()
+
+    def seen_from(self, pose: Pose) -> Choice:
+        """What each face of a cube at `pose` (T_world_camera) sees and needs."""
+        normals = self._planes @ pose.rotation.T
+        reach = (self._centres - pose.translation) @ normals.T + np.abs(np.einsum("nij,fi->nfj", self._halves, normals)).sum(axis=2)
+        seen = _within(reach)
+        coloured = seen.copy()
+        for sweep in self._sweeps:
+            coloured |= _within(reach + np.maximum(sweep @ normals.T, 0.0))
+        coloured |= self._spreading
+        return Choice([np.flatnonzero(face) for face in seen.T], [np.flatnonzero(face) for face in coloured.T])
+
+    def balls(self, pose: Pose, instance: int) -> tuple[Array, Array]:
+        """Balls that hold an instance's geoms: centres (n, 3) in the camera's frame and radii (n,), m."""
+        members = self.geoms_of(instance)
+        return (self._centres[members] - pose.translation) @ pose.rotation, np.linalg.norm(self._halves[members], axis=(1, 2))
+
+    def geoms_of(self, instance: int) -> Indices:
+        """The geoms of an instance, as indices into the list."""
+        return np.flatnonzero(self.instances == instance)
+
+    def show(self, pose: Pose, shown: Indices, coded: bool) -> None:
+        """Put the listed geoms on the scene, to be drawn in colour or as codes."""
+        self._places[: len(shown)] = self._geoms[shown]
+        self.scene.ngeom = len(shown)
+        for light in self._headlights:
+            light.pos = pose.translation
+        flags = mujoco.mjtRndFlag
+        self.scene.flags[:] = 0
+        self.scene.flags[flags.mjRND_CULL_FACE.value] = 1
+        for flag in (flags.mjRND_SEGMENT, flags.mjRND_IDCOLOR) if coded else (flags.mjRND_SHADOW, flags.mjRND_SKYBOX, flags.mjRND_HAZE):
+            self.scene.flags[flag.value] = 1
+
+    def _place_boxes(self, modelled: NDArray[np.bool_], boxes: Array) -> None:
+        """The oriented box about every geom: centre (n, 3), half edges as columns (n, 3, 3), m, world. Infinite for what is no geom."""
+        axes = self._geoms["mat"].astype(np.float64)
+        flat = self._geoms["type"] == mujoco.mjtGeom.mjGEOM_PLANE.value
+        middle, half = boxes[:, :3].copy(), boxes[:, 3:].copy()
+        middle[flat, 2] = half[flat, 2] = 0.0  # MuJoCo's box of a plane is all that lies below it
+        half[~modelled] = 1e10
+        self._centres = self._geoms["pos"] + np.einsum("nij,nj->ni", axes, middle)
+        self._halves = axes * half[:, None, :]
+
+    def _place_lights(self) -> None:
+        """Prepare the head light, and learn how far shadows reach: `_sweeps`, per light (n, 3) m from every geom to its shadow's end."""
+        lights = self.scene.lights[: self.scene.nlight]
+        self._headlights = [light for light in lights if light.headlight]
+        for light in self._headlights:
+            # The light of a camera that looks everywhere is a lamp at its place, not a beam along one of its faces.
+            light.type, light.cutoff, light.exponent = mujoco.mjtLightType.mjLIGHT_SPOT.value, 180.0, 0.0
+            light.attenuation = (1.0, 0.0, 0.0)
+        height = np.abs(self._halves[:, 2]).sum(axis=1)
+        top, floor = self._centres[:, 2] + height, (self._centres[:, 2] - height).min(initial=np.inf)
+        farthest = 4 * self._model.stat.extent
+        casting = [light for light in lights if light.castshadow]
+        parallel = [light.dir for light in casting if light.type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL.value]
+        # The rays of a spot spread: its shadows may fall anywhere.
+        self._spreading = len(casting) > len(parallel)
+        self._sweeps = [np.minimum((top - floor) / max(-along[2], 1e-6), farthest)[:, None] * along for along in parallel]
+
+
+def _within(reach: Array) -> NDArray[np.bool_]:
+    """(n, 30) m of reach inwards of the planes of six faces → (n, 6) whether a face may see it; 1 mm for rounding."""
+    return np.asarray((reach.reshape(-1, 6, 5) > -1e-3).all(axis=2))
+
+
+def _plain_option() -> mujoco.MjvOption:
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = GROUPS
+    for groups in (option.sitegroup, option.jointgroup, option.tendongroup, option.actuatorgroup):
+        groups[:] = 0
+    option.flags[:] = 0
+    for flag in SHOWN:
+        option.flags[flag.value] = 1
+    return option
+
+
+def _places(scene: mujoco.MjvScene) -> NDArray[np.void]:
+    """The scene's buffer of geoms as an array over the same memory: one assignment instead of thousands of attributes.
+
+    Raises RuntimeError where the memory is not as GEOM says, before anything is written.
+    """
+    sample = scene.geoms[1]
+    mujoco.mjv_initGeom(sample, mujoco.mjtGeom.mjGEOM_BOX.value, np.array([1.0, 2, 3]), np.array([4.0, 5, 6]), np.arange(9.0), np.arange(4.0))
+    sample.objtype, sample.objid, sample.segid, sample.reflectance = 21, 22, 23, 24.0
+    pitch = sample.size.ctypes.data - scene.geoms[0].size.ctypes.data
+    offset = sample.pos.ctypes.data - sample.size.ctypes.data + GEOM.fields["size"][1]
+    if pitch == GEOM.itemsize and offset == GEOM.fields["pos"][1]:
+        start = scene.geoms[0].size.ctypes.data - GEOM.fields["size"][1]
+        places = np.frombuffer((ctypes.c_char * (GEOM.itemsize * scene.maxgeom)).from_address(start), dtype=GEOM)
+        if all(np.array_equal(places[1][name], np.reshape(getattr(sample, name), GEOM[name].shape)) for name in GEOM.names or ()):
+            return places
+    raise RuntimeError(f"mjvGeom of mujoco {mujoco.__version__} lies in memory otherwise than in 4.0.0, needs a new layout in {__name__}")

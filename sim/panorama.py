@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from sim.cubemap import FACES, CubeTable, half_tangent
 from sim.drawlist import DrawList
 from sim.gl import GLInformation, gl_information, largest_buffer, open_context
+from sim.windows import Window, around, columns, layers, tight
 from tracker.cameras import Panorama
 from tracker.geometry import Array, Pose
 
@@ -112,6 +113,9 @@ class PanoramaRenderer:
 
         The faces are drawn as in `render`, by the same numbers: a pixel where `render` shows the instance is always among them.
         """
+        for instance in instances:
+            if not 0 < instance < 1 << 16:
+                raise ValueError(f"instance is {instance}, needs 1 to {(1 << 16) - 1}")
         self._enter()
         self._list.update(data)
         return [self._alone(pose, instances) for pose in poses]
@@ -136,32 +140,28 @@ class PanoramaRenderer:
         return Shot(colour, instances, distance)
 
     def _alone(self, pose: Pose, instances: Sequence[int]) -> list[Alone]:
-        drawing = self._list.seen_from(pose)
-        windows = [self._list.window(pose, instance, self.camera) for instance in instances]
+        seen, side, width = self._list.seen_from(pose).seen, self._table.face, self.camera.width
+        windows = [around(*self._list.balls(pose, instance), self.camera) for instance in instances]
         found: dict[int, Alone] = {}
-        for layer in _layers(windows):
+        for layer in layers(windows, width):
             members = np.concatenate([self._list.geoms_of(instances[k]) for k in layer])
             for face in range(6):
-                shown = np.intersect1d(drawing.seen[face], members, assume_unique=True)
-                side = self._table.face
-                block = self._codes[face * side : (face + 1) * side]
-                if not len(shown):
+                block, shown = self._codes[face * side : (face + 1) * side], np.intersect1d(seen[face], members, assume_unique=True)
+                if len(shown):
+                    self._draw(pose, face, shown, coded=True)
+                    mujoco.mjr_readPixels(block, None, self._rectangle([face]), self._mjr)
+                else:
                     block.fill(0)
-                    continue
-                self._draw(pose, face, shown, coded=True)
-                mujoco.mjr_readPixels(block, None, self._rectangle([face]), self._mjr)
             for k in layer:
-                found[k] = self._covered(instances[k], windows[k])
+                mask = self._mask(instances[k], windows[k])
+                found[k] = Alone(int(mask.sum()), tight(mask, windows[k], width))
         return [found[k] for k in range(len(instances))]
 
-    def _covered(self, instance: int, window: NDArray[np.int64]) -> Alone:
-        """Count the pixels of an instance within a window [u0, v0, u1, v1], whole pixels, u1 up to u0 + W."""
-        u0, v0, u1, v1 = window
-        columns = np.arange(u0, u1) % self.camera.width
-        texels = self._table.nearest[v0:v1].take(columns, axis=1)
+    def _mask(self, instance: int, window: Window) -> NDArray[np.bool_]:
+        """Which pixels of a window show an instance, by the codes read last."""
+        texels = self._table.nearest[window[1] : window[3]].take(columns(window, self.camera.width), axis=1)
         codes = self._codes.reshape(-1, 3).take(texels.ravel(), axis=0).astype(np.int32) @ np.array([1, 256, 65536], np.int32)
-        mask = (self._list.instance_of_code[codes] == instance).reshape(texels.shape) & (codes > 0).reshape(texels.shape)
-        return Alone(int(mask.sum()), _box(mask, int(u0), int(v0), self.camera.width))
+        return np.asarray(self._list.instance_of_code[codes].reshape(texels.shape) == instance)
 
     def _rectangle(self, faces: Iterable[int]) -> mujoco.MjrRect:
         listed, side = list(faces), self._table.face
@@ -176,7 +176,7 @@ class PanoramaRenderer:
             camera.frustum_center, camera.frustum_width, camera.orthographic = 0.0, half, 0
             camera.frustum_bottom, camera.frustum_top = -half, half
             camera.frustum_near, camera.frustum_far = NEAR, self._far
-        self._list.choose(pose, shown, coded)
+        self._list.show(pose, shown, coded)
         mujoco.mjr_render(self._rectangle([face]), self._list.scene, self._mjr)
 
 
@@ -203,12 +203,3 @@ def _free(gl: Any, held: list[Any]) -> None:
         gl.make_current()
         held.pop().free()
     gl.free()
-
-
-def _layers(windows: list[NDArray[np.int64]]) -> list[list[int]]:
-    """Windows sorted greedily into layers within which no two overlap."""
-    raise NotImplementedError
-
-
-def _box(mask: NDArray[np.bool_], u0: int, v0: int, width: int) -> Array:
-    raise NotImplementedError

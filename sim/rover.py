@@ -102,3 +102,14 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position
     actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
     actuator.set_to_velocity(kv=8.0)
     actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-9.0, 9.0)
+
+
+def wheel_speeds(speed: float, yaw_rate: float, measured_yaw_rate: float) -> Array:
+    """Commands (4,) rad/s in the order of WHEELS for `speed` m/s and `yaw_rate` rad/s.
+
+    Wheels that skid turn the body less than rolling ones would (Mandow et al. 2007: the track seems wider); the rest of the error
+    is made good from the yaw rate that the gyroscope feels.
+    """
+    turn = 0.5 * TRACK * (1.6 * yaw_rate + 1.2 * (yaw_rate - measured_yaw_rate))
+    left, right = (speed - turn) / WHEEL_RADIUS, (speed + turn) / WHEEL_RADIUS
+    return np.array([left, right, left, right])

@@ -12,10 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.bearings import Placed, Sight, intersect, place
-from tracker.gaussian import gate, mahalanobis2
 from tracker.geometry import Array
-from tracker.joint import Joint
 from tracker.landmarks import Floats, Indices, dissimilarity
 
 
@@ -23,7 +20,8 @@ from tracker.landmarks import Floats, Indices, dissimilarity
 class Trial:
     """What a candidate must show. parallax: rad between two of its rays; sightings: how many ticks it was followed; window: rad about the last
     direction in which it is looked for, unlike and ratio as in association.Gate; misses in a row that end it; probability: gate of the misfit of its
-    rays; doubt: largest standard deviation of the range over the range; nearest, farthest: m; limit: how many a camera follows.
+    rays; doubt: largest standard deviation of the range over the range; nearest, farthest: m; under: m below the known ground
+    that are still believed; limit: how many a camera follows.
     """
 
     parallax: float = 0.06
@@ -36,6 +34,7 @@ class Trial:
     doubt: float = 0.15
     nearest: float = 0.5
     farthest: float = 40.0
+    under: float = 0.3
     limit: int = 250
 
 
@@ -110,41 +109,3 @@ class Candidates:
         cosine = np.where(self.held, np.einsum("nci,ni->nc", rays, self.direction), 1.0)
         out: Array = np.arccos(np.clip(cosine.min(axis=1, initial=1.0), -1, 1))
         return out
-
-
-def triangulate(joint: Joint, robot: int, poses: list[int], sights: list[Sight], seen: tuple[Array, Array]) -> tuple[Placed, Indices, Array]:
-    """A landmark from the rays of one robot at the numbered `poses`: what bearings.place has, the state's columns and the Jacobian (3, c) there.
-
-    Raises ValueError "behind" where the rays meet behind a camera or nowhere.
-    """
-    bearing, covariance = seen
-    origins = np.stack([s.origin for s in sights])
-    rays = np.stack([s.rotation @ b for s, b in zip(sights, bearing, strict=True)])
-    start, ahead = intersect(origins[None], rays[None])
-    if not ahead[0]:
-        raise ValueError("behind")
-    placed = place(sights, bearing, covariance, start[0])
-    columns = [np.arange(joint.offset(p), joint.offset(p) + 6) for p in poses]
-    G = [placed.G_body[:, i] for i in range(len(poses))]
-    if joint.stride == 9:
-        columns.append(np.arange(joint.offset(robot) + 6, joint.offset(robot) + 9))
-        G.append(placed.G_correction)
-    return placed, np.concatenate(columns), np.concatenate(G, axis=1)
-
-
-def verdict(joint: Joint, placed: Placed, columns: Indices, G: Array, eye: Array, rule: Trial) -> str:
-    """"" where the new landmark is sound, else the reason against it. eye (3,) m: the camera now."""
-    distance = float(np.linalg.norm(placed.point - eye))
-    if not rule.nearest < distance < rule.farthest:
-        return "out of range"
-    H = placed.misfit_body.reshape(len(placed.misfit), -1)
-    if joint.stride == 9:
-        H = np.concatenate([H, placed.misfit_correction], axis=1)
-    P = joint.P[np.ix_(columns, columns)]
-    S = H @ P @ H.T + np.eye(len(H))
-    if mahalanobis2(placed.misfit, S) > gate(len(H), rule.probability):
-        return "rays disagree"
-    along = (placed.point - eye) / distance
-    if along @ placed.own @ along > (rule.doubt * distance) ** 2:
-        return "little parallax"
-    return ""

@@ -36,10 +36,33 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> float:
     return float(mahalanobis2(error, covariance)) / len(np.asarray(error))
 
 
-def huber_weight(distance: ArrayLike, threshold: float) -> Array:
-    """Huber's weight of a residual whose length in standard deviations is `distance` (n,): 1 up to `threshold`, then threshold / distance."""
-    d = np.asarray(distance, dtype=np.float64)
-    return np.where(d <= threshold, 1.0, threshold / np.maximum(d, 1e-12))
+def block_diagonal(blocks: Array) -> Array:
+    """(k, d, d) → (k d, k d)."""
+    k, d, _ = blocks.shape
+    out = np.zeros((k, d, k, d))
+    out[np.arange(k), :, np.arange(k), :] = blocks
+    return out.reshape(k * d, k * d)
+
+
+def robust_weights(spread: Array, noise: Array, innovation: Array, threshold: float) -> Array:
+    """Weights (k,) in (0, 1] for k measurements of d numbers each, found before the update by reweighted least squares.
+
+    spread (k d, k d) = H P Hᵀ, noise (k, d, d), innovation (k d,). With S = spread + R the residual after the update is R S⁻¹ ν, so that the whole
+    iteration runs among the measurements. A residual of s standard deviations of its noise weighs 1 up to the threshold (Huber) and
+    (threshold / s)² beyond, whose influence falls as Cauchy's does; its noise is divided by the weight. An infinite threshold leaves all at 1.
+    """
+    k, d = len(noise), noise.shape[1]
+    weights = np.ones(k)
+    if not np.isfinite(threshold):
+        return weights
+    for _ in range(4):
+        S = spread + block_diagonal(noise / weights[:, None, None])
+        force = cho_solve(cho_factor(S, lower=True), innovation).reshape(k, d)
+        after = np.einsum("kij,kj->ki", noise, force) / weights[:, None]
+        size = np.sqrt(np.maximum((after * force).sum(axis=1) / weights, 0.0))
+        weights = np.minimum(1.0, (threshold / np.maximum(size, 1e-12)) ** 2)
+        weights = np.maximum(weights, 1e-6)
+    return weights
 
 
 def kalman_gain(HP: Array, S: Array) -> Array:

@@ -55,8 +55,8 @@ class HotaSums:
 def hota_sums(comparison: Comparison) -> HotaSums:
     """Score one sequence; the values of `comparison` are similarities in [0, 1].
 
-    The matching is the paper's (sec. 4.3, with TrackEval's soft counts): each frame's Hungarian maximises the similarity weighted by how well
-    two trajectories agree over the whole sequence; it is found once and cut at every α.
+    The matching is TrackEval's: each frame's Hungarian maximises the similarity weighted by how well two trajectories agree over the
+    whole sequence (the paper's eq. 14 with soft counts); it is found once and cut at every α.
     """
     truth_length, estimate_length = comparison.lengths()
     weight = _alignment(comparison, truth_length, estimate_length)

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.gaussian import joseph, kalman_gain
+from tracker.bearings import Sight
+from tracker.gaussian import block_diagonal, joseph, kalman_gain, robust_weights
 from tracker.geometry import Array, exp_so3, log_so3, right_jacobian_so3
-from tracker.measurements import Odometry, Start
+from tracker.measurements import Mount, Odometry, Start
 from tracker.motion import compose, retract, retraction_jacobian
 
 Indices = NDArray[np.intp]
@@ -23,9 +24,9 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A measurement linearised at the present mean: residual (m,), H (m, c) over the state's `columns` (c,), noise (m, m).
+    """k measured directions linearised at the present mean: residual (2k,), H (2k, c) over the state's `columns` (c,), noise (k, 2, 2) rad².
 
-    The first columns are those of `robot` (pose, and correction where there is one); the others belong to landmarks.
+    The first columns are those of `robot` (pose, then the correction where there is one, unless nothing follows); the others belong to landmarks.
     """
 
     robot: int
@@ -41,24 +42,44 @@ class Joint:
     rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; point (capacity, 3) m, of which the first `count` are alive.
     """
 
-    def __init__(self, starts: list[Start], clones: int, capacity: int, correction_sigma: float | None) -> None:
-        self.robots, self.clones, self.capacity, self.count = len(starts), clones, capacity, 0
+    def __init__(self, clones: int, capacity: int, correction_sigma: float | None) -> None:
+        self.robots, self.clones, self.capacity, self.count = 0, clones, capacity, 0
         self.stride = 6 if correction_sigma is None else 9
-        self.base = self.robots * (self.stride + 6 * clones)
-        poses = self.robots * (1 + clones)
-        self.rotation = np.tile(np.eye(3), (poses, 1, 1))
-        self.translation = np.zeros((poses, 3))
-        self.correction = np.zeros((self.robots, 3))
-        self.used = np.zeros(poses, dtype=bool)
+        self._correction_sigma = correction_sigma
+        self.rotation, self.translation = np.zeros((0, 3, 3)), np.zeros((0, 3))
+        self.used = np.zeros(0, dtype=bool)
+        self.correction = np.zeros((0, 3))
         self.point = np.zeros((capacity, 3))
-        self._P = np.zeros((self.base + 3 * capacity, self.base + 3 * capacity))
-        for i, start in enumerate(starts):
-            at = self.offset(i)
-            self.rotation[i], self.translation[i] = start.T_world_robot.rotation, start.T_world_robot.translation
-            self.used[i] = True
-            self._P[at : at + 6, at : at + 6] = start.covariance
-            if correction_sigma is not None:
-                self._P[range(at + 6, at + 9), range(at + 6, at + 9)] = correction_sigma**2
+        self._P = np.zeros((3 * capacity, 3 * capacity))
+
+    @property
+    def base(self) -> int:
+        """The row of the first landmark."""
+        return self.robots * (self.stride + 6 * self.clones)
+
+    def join(self, start: Start) -> int:
+        """Take in one more robot, which knows nothing of the others yet; returns its number. Clones keep their k, poses are numbered anew."""
+        robot, base, n = self.robots, self.base, len(self.P)
+        P = np.zeros((len(self._P) + self.stride + 6 * self.clones,) * 2)
+        old = np.arange(n)
+        new = old + np.where(old < self.stride * robot, 0, self.stride) + np.where(old < base, 0, 6 * self.clones)
+        P[np.ix_(new, new)] = self.P
+        at = self.stride * robot
+        P[at : at + 6, at : at + 6] = start.covariance
+        if self._correction_sigma is not None:
+            P[range(at + 6, at + 9), range(at + 6, at + 9)] = self._correction_sigma**2
+        T, empty = start.T_world_robot, self.clones
+        self.rotation = np.concatenate([np.insert(self.rotation, robot, T.rotation, axis=0), np.tile(np.eye(3), (empty, 1, 1))])
+        self.translation = np.concatenate([np.insert(self.translation, robot, T.translation, axis=0), np.zeros((empty, 3))])
+        self.used = np.concatenate([np.insert(self.used, robot, True), np.zeros(empty, dtype=bool)])
+        self.correction = np.concatenate([self.correction, np.zeros((1, 3))])
+        self.robots, self._P = robot + 1, P
+        return robot
+
+    def sight(self, robot: int, mount: Mount, pose: int | None = None) -> Sight:
+        """A camera of a robot, now or at one of its clones (`pose`, a number), with the correction as it is believed now."""
+        p, T = robot if pose is None else pose, mount.T_body_camera
+        return Sight(self.rotation[p], self.translation[p], T.rotation, T.translation, self.correction[robot])
 
     @property
     def P(self) -> Array:
@@ -139,30 +160,35 @@ class Joint:
             self._P[:n, hole : hole + 3] = self._P[:n, tail:n]
         self.count = last
 
-    def update(self, linearise: Callable[[int], Linear], iterations: int) -> None:
+    def update(self, linearise: Callable[[], Linear], iterations: int, threshold: float) -> Array:
         """The iterated update with exactly `iterations` linearisations (Bell & Cathey 1993): δ ← K (r(x ⊕ δ) + H J δ), then P in Joseph's form.
 
-        `linearise(i)` is asked at the mean of pass i. H is brought to the tangent at the prior by the retraction's Jacobian J, and P to the tangent
-        at the posterior when all is done. One iteration is the plain EKF.
+        `linearise` is asked at the mean of each pass. H is brought to the tangent at the prior by the retraction's Jacobian J, and P to the tangent
+        at the posterior when all is done. One iteration is the plain EKF. `threshold` is that of gaussian.robust_weights, whose weights (k,) of the
+        last pass are returned.
         """
         before = (self.rotation.copy(), self.translation.copy(), self.correction.copy(), self.point[: self.count].copy())
         delta = np.zeros(len(self.P))
-        for i in range(iterations):
-            linear = linearise(i)
+        for _ in range(iterations):
+            linear = linearise()
             H = self._at_prior(linear, delta)
             HP = H @ self.P[linear.columns]
-            S = HP[:, linear.columns] @ H.T + linear.noise
+            spread = HP[:, linear.columns] @ H.T
+            innovation = linear.residual + H @ delta[linear.columns]
+            weights = robust_weights(spread, linear.noise, innovation, threshold)
+            S = spread + block_diagonal(linear.noise / weights[:, None, None])
             K = kalman_gain(HP, S)
-            delta = K @ (linear.residual + H @ delta[linear.columns])
+            delta = K @ innovation
             self._retract(before, delta)
         joseph(self.P, HP, K, S)
         self._transport(delta)
+        return weights
 
     def _at_prior(self, linear: Linear, delta: Array) -> Array:
         at = self.offset(linear.robot)
         H = linear.H.copy()
         H[:, :6] = H[:, :6] @ retraction_jacobian(delta[at : at + 6])
-        if self.stride == 9:
+        if H.shape[1] >= 9 <= self.stride:
             H[:, 6:9] = H[:, 6:9] @ right_jacobian_so3(delta[at + 6 : at + 9])
         return H
 

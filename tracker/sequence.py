@@ -8,7 +8,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Sequence as Items
+from collections.abc import Iterator
+from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -16,56 +17,42 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tracker.cameras import Panorama
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.ground import Grid
+from tracker.layout import BOXES, DETECTIONS, ODOMETRY, POSE, README, ROBOTS, SCHEMA, UPPER
 from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Start, Tick, Truth, View
 from tracker.tables import read_table, write_table
 
-SCHEMA = 1
-POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
-UPPER = [(i, j) for i in range(6) for j in range(i, 6)]
-ODOMETRY = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "up_x": float, "up_y": float, "up_z": float, "up_sigma": float} | {
-    f"c{i}{j}": float for i, j in UPPER
-}
-DETECTIONS = {"frame": int, "camera": str} | dict.fromkeys(
-    ["bearing_x", "bearing_y", "bearing_z", "width", "height", "confidence", "c00", "c01", "c11"], float
-)
-ROBOTS = {"frame": int, "robot": str, **dict.fromkeys(POSE, float)}
-BOXES = {"frame": int, "camera": str, "person": int} | dict.fromkeys(
-    ["left", "top", "right", "bottom", "full_left", "full_top", "full_right", "full_bottom", "visible"], float
-)
-
-README = """# A sequence made by pilsim
-
-World: right-handed, z up, metres, seconds, radians; the origin is the world's own. Bodies and cameras: x forward, y left, z up.
-Frames count from 0; time = frame · period. Pixels: u to the right, v down, the first pixel's centre at (0.5, 0.5).
-Panorama of width W and height H = W/2: azimuth = π − 2πu/W, elevation = π/2 − πv/H; ahead is the middle, the seam is behind.
-Quaternions are wxyz. Poses are T_world_robot unless it says otherwise: x, y, z [m], qw, qx, qy, qz.
-
-* `manifest.json`: schema version, versions of the programs, SHA-256 and size of every other file.
-* `scenario.json`: all that made this sequence; `calibration.json`: period [s], cameras and where they sit on the robots
-  (T_body_camera), where the robots start (pose and covariance 6×6 of the right tangent [translation m, rotation rad]), the band of people's heights [m].
-* `terrain.npz`: `heights` (rows, columns) m, row 0 at the lowest y, `origin` x, y of heights[0, 0], `spacing` m; between grid points two
-  triangles a cell, split along (i, j)→(i+1, j+1). `tops`: the same grid with walls and furniture on it.
-* `odometry.csv`: motion of a robot's body since the frame before (T_before_now), covariance c00…c55 (upper triangle, right tangent),
-  up_x, up_y, up_z: up in the body's frame by the accelerometer, up_sigma its error [rad].
-* `detections.csv`: what the detector reports: bearing of the box's middle in the camera's frame (unit), its spans of azimuth (width) and
-  elevation (height) [rad], confidence, covariance of an edge [rad²] along azimuth and elevation.
-* `truth/robots.csv`: poses of the robots' bodies. `truth/people.csv`: x, y, z [m] of the ground under the middle of the body and the
-  visible fraction in each camera (pixels seen / pixels the body would cover alone). `truth/boxes.csv`: box [pixel] of what is seen (left, top, right,
-  bottom) and of the whole body (full_…); right may pass W where a box lies over the seam.
-* `images/CAMERA/FRAME.jpg`: RGB. `instances/CAMERA/FRAME.png`: 16 bit, 0 nobody, else the person's id.
-"""
-
 
 class Ticks(Protocol):
-    """Ticks in order, as often as one likes."""
+    """Ticks in order, as often as one likes; odometry: robot → motion, a frame, without looking at images."""
 
     def __len__(self) -> int: ...
 
     def __iter__(self) -> Iterator[Tick]: ...
+
+    def odometry(self) -> Iterator[dict[str, Odometry]]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class TicksInMemory:
+    """Ticks held in a tuple."""
+
+    ticks: tuple[Tick, ...]
+    mounts: dict[str, Mount]
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    def __iter__(self) -> Iterator[Tick]:
+        return iter(self.ticks)
+
+    def odometry(self) -> Iterator[dict[str, Odometry]]:
+        for tick in self.ticks:
+            yield {self.mounts[v.camera].robot: v.odometry for v in tick.views if v.odometry is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +107,7 @@ class SequenceWriter:
         if self.partial.exists():
             shutil.rmtree(self.partial)
 
-    def add(self, tick: Tick, truth: Truth, instances: dict[str, Array], boxes: dict[str, Boxes]) -> None:
+    def add(self, tick: Tick, truth: Truth, instances: dict[str, NDArray[np.uint16]], boxes: dict[str, Boxes]) -> None:
         """Append one tick; instances: camera → (H, W) uint16."""
         k, rows = tick.index, self._rows
         for view in tick.views:
@@ -310,16 +297,19 @@ class _DiskTicks:
 
     def __init__(self, folder: Path, setup: Setup, count: int, files: dict[str, Any]) -> None:
         self.folder, self.setup, self.count, self.files = folder, setup, count, files
-        self.odometry = _rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",))
-        self.detections = _rows_by_frame(folder / "detections.csv", DETECTIONS)
+        self._odometry = _rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",))
+        self._detections = _rows_by_frame(folder / "detections.csv", DETECTIONS)
 
     def __len__(self) -> int:
         return self.count
 
-    def __iter__(self) -> Iterator[Tick]:
+    def odometry(self) -> Iterator[dict[str, Odometry]]:
         for k in range(self.count):
-            odometry = {row["robot"]: _odometry(row) for row in self.odometry.get(k, [])}
-            boxes = self.detections.get(k, [])
+            yield {row["robot"]: _odometry(row) for row in self._odometry.get(k, [])}
+
+    def __iter__(self) -> Iterator[Tick]:
+        for k, odometry in enumerate(self.odometry()):
+            boxes = self._detections.get(k, [])
             yield Tick(
                 k,
                 k * self.setup.period,

@@ -13,7 +13,7 @@ from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera
 from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
 from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Setup, Start, Tick, Truth, View
-from tracker.sequence import Sequence, read_sequence
+from tracker.sequence import Sequence, TicksInMemory, read_sequence
 
 # The tracking area of the cropped annotations, metres (PETS 2009; Milan's truth).
 PETS_AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
@@ -67,10 +67,10 @@ def _read_pets(path: Path, wanted: list[int]) -> Sequence:
         cameras[name], boxes[name] = (camera, pose), read_detections(found[number])
     truth = _pets_truth(path, calibration, len(cameras))
     frames = max([max(frames, default=0) for frames in boxes.values()] + [len(truth or ())])
-    ticks = [_pets_tick(index, cameras, boxes) for index in range(frames)]
     mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
     starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
     setup = Setup(mounts, Flat(), starts, 1 / PETS_RATE, area=np.array(PETS_AREA))
+    ticks = TicksInMemory(tuple(_pets_tick(index, cameras, boxes) for index in range(frames)), mounts)
     return Sequence(setup, ticks, truth, {"source": "PETS 2009", "folder": path.name, "views": list(cameras)})
 
 

@@ -1,7 +1,8 @@
 """MOTChallenge 2015 files, 2-D and 3-D: CSV without a header, ten values a row.
 
-frame (from 1), id (−1 in detections), left, top, width, height (pixels), confidence (0 in a truth file: a row that does not count),
-x, y, z (m; all three −1 where there is no position). Frames are kept as the file has them: subtract 1 for the index of a Tick.
+frame (from 1), id (−1 in detections), left, top, width, height (pixels; all four −1 where there is no box), confidence (0 in a truth
+file: a row that does not count), x, y, z (m; all three −1 where there is no position). Frames are kept as the file has them: subtract
+1 for the index of a Tick.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ NUDGE = 1e-9
 class Rows:
     """The rows of one file: frame (n,) from 1, id (n,), box (n, 4) left, top, width, height px, confidence (n,), position (n, 3) m.
 
-    Raises ValueError for a frame below 1, a negative width or height, NaN, or an id (−1 aside) that a frame holds twice.
+    Raises ValueError for a frame below 1, a negative width or height (all four −1 aside), NaN, or an id (−1 aside) that comes twice in
+    a frame.
     """
 
     frame: Ints
@@ -47,7 +49,7 @@ class Rows:
                 raise ValueError(f"{name} has shape {array.shape}, needs ({n},)")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        fault = first_fault(self)
+        fault = first_fault(self.frame, self.id, self.box)
         if fault is not None:
             raise ValueError(f"row {fault[0]}: {fault[1]}")
 
@@ -59,26 +61,37 @@ class Rows:
         """(n,) whether the row has a position: x, y, z are not all −1."""
         return np.asarray((self.position != ABSENT).any(axis=1))
 
+    @property
+    def boxed(self) -> NDArray[np.bool_]:
+        """(n,) whether the row has a box: it is not all −1."""
+        return _boxed(self.box)
+
     def by_frame(self) -> dict[int, NDArray[np.int64]]:
         """Frame → the indices of its rows, frames ascending, rows in the order of the file."""
+        if not len(self):
+            return {}
         order = np.argsort(self.frame, kind="stable")
         frames, first = np.unique(self.frame[order], return_index=True)
-        return {int(f): rows for f, rows in zip(frames, np.split(order, first[1:]), strict=bool(len(frames)))}
+        return {int(f): rows for f, rows in zip(frames, np.split(order, first[1:]), strict=True)}
 
 
-def first_fault(rows: Rows) -> tuple[int, str] | None:
+def _boxed(box: Array) -> NDArray[np.bool_]:
+    return np.asarray((box != ABSENT).any(axis=1))
+
+
+def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
     """The first row that no file may hold, from 0, and what is wrong with it; None where all is well."""
     faults: list[tuple[int, str]] = []
-    for bad, text in (
-        (rows.frame < 1, "frame is {0.frame[%d]}, needs at least 1"),
-        (rows.box[:, 2] < 0, "width is {0.box[%d][2]}, needs at least 0"),
-        (rows.box[:, 3] < 0, "height is {0.box[%d][3]}, needs at least 0"),
+    for name, values, bad in (
+        ("frame", frame, frame < 1),
+        ("width", box[:, 2], _boxed(box) & (box[:, 2] < 0)),
+        ("height", box[:, 3], _boxed(box) & (box[:, 3] < 0)),
     ):
         if bad.any():
             k = int(np.argmax(bad))
-            faults.append((k, (text % k).format(rows)))
+            faults.append((k, f"{name} is {values[k]}, needs at least {1 if name == 'frame' else 0}"))
     seen: set[tuple[int, int]] = set()
-    for k, key in enumerate(zip(rows.frame.tolist(), rows.id.tolist(), strict=True)):
+    for k, key in enumerate(zip(frame.tolist(), ids.tolist(), strict=True)):
         if key in seen:
             faults.append((k, f"frame {key[0]} holds id {key[1]} twice"))
             break
@@ -100,12 +113,11 @@ def read_mot15(path: str | os.PathLike[str]) -> Rows:
             values.append(_values(line, f"{path}:line {number}"))
             lines.append(number)
     table = np.array(values, dtype=np.float64).reshape(-1, len(COLUMNS))
-    whole = table[:, :2].astype(np.int64)
-    try:
-        return Rows(whole[:, 0], whole[:, 1], table[:, 2:6], table[:, 6], table[:, 7:10])
-    except ValueError as error:
-        head, _, fault = str(error).partition(": ")
-        raise ValueError(f"{path}:line {lines[int(head.removeprefix('row '))]}: {fault}") from None
+    frame, ids = table[:, :2].astype(np.int64).T
+    fault = first_fault(frame, ids, table[:, 2:6])
+    if fault is not None:
+        raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")
+    return Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
 
 
 def _text(path: str | os.PathLike[str]) -> str:
@@ -158,7 +170,7 @@ def _number(value: float) -> str:
 
 
 def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Rows:
-    """Frame (from 1) → (ids (k,), positions (k, 3) m) to Rows without boxes (all −1 and sizes 0), confidence 1."""
+    """Frame (from 1) → (ids (k,), positions (k, 3) m) to Rows without boxes, confidence 1."""
     columns: dict[str, list[float]] = defaultdict(list)
     positions: list[Array] = []
     for frame, (ids, position) in sorted(tracks.items()):
@@ -166,11 +178,10 @@ def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Rows:
         columns["id"] += np.asarray(ids).tolist()
         positions.append(np.asarray(position, dtype=np.float64).reshape(-1, 3))
     n = len(columns["id"])
-    box = np.tile([ABSENT, ABSENT, 0.0, 0.0], (n, 1))
     return Rows(
         np.array(columns["frame"], dtype=np.int64),
         np.array(columns["id"], dtype=np.int64),
-        box,
+        np.full((n, 4), ABSENT),
         np.ones(n),
         np.concatenate([np.zeros((0, 3)), *positions]),
     )

@@ -173,9 +173,12 @@ def _box(box: _Element) -> list[float]:
 def read_detections(path: str | os.PathLike[str]) -> dict[int, tuple[Array, Array]]:
     """A MOT15 file → frame (from 1, as the file has it: index = frame − 1) → boxes (n, 4) left, top, width, height px, confidence (n,).
 
-    Frames without detections are not there. Raises ValueError naming file and line (see motchallenge.read_mot15).
+    Frames without detections are not there. Raises ValueError naming file and line (see motchallenge.read_mot15), or frame where a
+    detection has no box.
     """
     rows = read_mot15(path)
+    if not rows.boxed.all():
+        raise ValueError(f"{path}: frame {rows.frame[np.argmin(rows.boxed)]} has a detection without a box, needs width and height")
     return {frame: (rows.box[k], rows.confidence[k]) for frame, k in rows.by_frame().items()}
 
 

@@ -1,0 +1,169 @@
+"""The command `pilsim`. Every fault of what the user gave is one line, `error: …`, and exit code 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import Positional, arg
+
+from sim.gl import GLUnavailable
+
+Out = Annotated[Path, arg(metavar="DIR")]
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Simulate a crowd and robots, track it, score it, and draw it: the whole way once.
+
+    Example: pilsim demo --frames 333 --seed 7 --out runs/seven
+    """
+
+    frames: int = 60
+    """How many frames, at 6 a second; the paper's set has 333."""
+    seed: int = 0
+    """Of everything random. The same seed gives the same bytes."""
+    robots: int = 4
+    """Rovers with a panoramic camera each."""
+    people: int = 10
+    """Who walk about."""
+    world: str = "pilsun"
+    """The place: pilsun is a small indoor lab with ramps, a step, a platform and furniture."""
+    difficulty: float = 0.5
+    """Of the ground, from 0 (gentle) to 1."""
+    width: int = 1024
+    """Of a panorama in pixels; it is half as high."""
+    out: Out = Path("runs/demo")
+    """Where everything goes. The same scenario again reuses what is there."""
+
+    def run(self) -> None:
+        from sim.demo import run_demo
+        from sim.scenario import Scenario
+
+        scenario = Scenario(
+            world=self.world,
+            difficulty=self.difficulty,
+            seed=self.seed,
+            robots=self.robots,
+            people=self.people,
+            frames=self.frames,
+            width=self.width,
+        )
+        run_demo(scenario, self.out)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Track people in a sequence made by pilsim, or in a PETS 2009 folder.
+
+    A PETS folder has annotations/*-cropped.xml, detections/View_00N.txt (MOT15), and calibration/ in it or beside it.
+    Example: pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
+    """
+
+    source: Positional[Path]
+    """The folder to track."""
+    out: Out
+    """Where tracks.txt (MOT15, metres) and robots.csv go."""
+    views: str = ""
+    """Numbers of the PETS cameras to use, as in 1,5,7; all where it is empty."""
+
+    def run(self) -> None:
+        from sim.demo import tracked
+        from tracker.sources import open_source
+
+        sequence = open_source(self.source, _numbers(self.views))
+        results = tracked(sequence, self.out, {"source": self.source.name})
+        people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
+        print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score what `track` left against the truth, or any two MOT15 files against each other.
+
+    Examples: pilsim score PETS2009/S2.L1 runs/pets --json
+              pilsim score --truth gt.txt --result mine.txt --iou 0.5
+    """
+
+    source: Positional[Path | None] = None
+    """The folder that was tracked."""
+    results: Positional[Path | None] = None
+    """The folder that `track` wrote."""
+    truth: Path | None = None
+    """A MOT15 file of truth, instead of folders."""
+    result: Path | None = None
+    """A MOT15 file of a tracker's output."""
+    iou: float | None = None
+    """Compare boxes with this least overlap; without it, places on the ground within 1 m."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from tracker.evaluation import evaluate, evaluate_files, table
+        from tracker.results import read_results
+        from tracker.sources import open_source
+
+        if self.source and self.results and not (self.truth or self.result or self.iou):
+            results = read_results(self.results)
+            scores = evaluate(open_source(self.source, results.run.get("views", [])), results)
+        elif self.truth and self.result and not (self.source or self.results):
+            scores = evaluate_files(self.truth, self.result, self.iou)
+        else:
+            raise ValueError("score takes either SOURCE and RESULTS, or --truth and --result with or without --iou")
+        print(json.dumps(scores, indent=1) if self.json else table(scores))
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Say what this computer has: versions, the OpenGL that renders, whether it is a GPU, and measured panoramas per second."""
+
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from sim.doctor import describe, examine
+
+        report = examine()
+        print(json.dumps(report, indent=1) if self.json else describe(report))
+
+
+def _numbers(text: str) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        raise ValueError(f"--views is {text!r}, needs numbers as in 1,5,7") from None
+
+
+Command = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Track, tyro.conf.subcommand("track")]
+    | Annotated[Score, tyro.conf.subcommand("score")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
+)
+
+
+def main() -> None:
+    """Entry point; leaves with 0, with 2 and one line where the input is at fault, with 130 when interrupted."""
+    try:
+        command = tyro.cli(Command, prog="pilsim", description=__doc__)
+        command.run()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Who reads us has gone (`pilsim … | head`): nothing to say, and nothing to say it to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("interrupted: what was whole is kept, the same command goes on from there", file=sys.stderr)
+        sys.exit(130)
+    except (ValueError, OSError, GLUnavailable) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

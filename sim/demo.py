@@ -1,0 +1,106 @@
+"""The whole way once: make a Sequence, track it, score it, and leave scores and pictures in a folder."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from sim.record import record
+from sim.scenario import Scenario
+from tracker.evaluation import evaluate, table
+from tracker.pipeline import Parameters, track
+from tracker.results import Results, read_results, write_results
+from tracker.sequence import Sequence, read_json, read_sequence
+
+
+def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
+    """Returns the scores. What is in `out` of the same scenario is used again, each part by itself.
+
+    Raises ValueError where `out` holds another run.
+    """
+    check_folder(scenario, out)
+    folder = out / "sequence"
+    if not folder.exists():
+        record(scenario, folder, partial(tqdm, desc="panoramas", unit="frame"))
+    sequence = read_sequence(folder)
+    results = tracked(sequence, out / "track", {"source": "sequence"})
+    scores = evaluate(sequence, results)
+    write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")
+    draw(sequence, results, scores, out)
+    print(table(scores))
+    for name, what in (
+        ("scores.json", "all scores"),
+        ("contact_sheet.png", "panoramas with estimated boxes"),
+        ("plan.png", "true and estimated paths"),
+        ("video.mp4", "both, moving"),
+        ("sequence/", "panoramas, instances, truth, odometry, calibration (README.md in it)"),
+        ("track/", "estimated tracks and poses"),
+    ):
+        print(f"{out / name}: {what}")
+    return scores
+
+
+def check_folder(scenario: Scenario, out: Path) -> None:
+    """Refuse a folder that holds anything but this scenario's run."""
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise ValueError(f"{out}: is a file, needs a folder")
+    stated = out / "sequence" / "scenario.json"
+    if stated.exists():
+        there, wanted = read_json(stated), json.loads(scenario.to_json())
+        different = [f"{name} {there.get(name)} there, {value} asked for" for name, value in wanted.items() if there.get(name) != value]
+        if different:
+            raise ValueError(f"{out}: holds another run ({different[0]}); choose another --out or remove it")
+    elif any(p.name != ".sequence.partial" for p in out.iterdir()):
+        raise ValueError(f"{out}: holds something else; choose another --out or remove it")
+
+
+def tracked(sequence: Sequence, folder: Path, run: dict[str, Any], parameters: Parameters | None = None) -> Results:
+    """Track a sequence with a progress bar and write the results, or read them where the same run is there already.
+
+    Raises ValueError where `folder` holds another run.
+    """
+    run = json.loads(json.dumps(run | {"provenance": sequence.provenance, "parameters": repr(parameters or Parameters())}))
+    if folder.exists():
+        if not (folder / "run.json").exists():
+            raise ValueError(f"{folder}: is there already and holds no run; choose another --out or remove it")
+        there = read_results(folder)
+        if {k: v for k, v in there.run.items() if k in run} != run:
+            raise ValueError(f"{folder}: holds another run; choose another --out or remove it")
+        return there
+    estimates = track(sequence.setup, sequence.ticks, parameters)
+    results = Results.of(tqdm(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), run)
+    write_results(folder, results)
+    return results
+
+
+def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:
+    """Contact sheet, plan and video; pictures that are there stay."""
+    # Matplotlib takes a second to import: only who draws shall wait for it.
+    from sim.pictures import annotated, contact_sheet, plan, save_png, video_frames, write_video
+
+    people, robots = scores["targets"], scores["robots"]
+    title = f"MOTA {people['mota'] or 0:.3f}, IDF1 {people['idf1'] or 0:.3f}; robots {robots['ate_m']:.3f} m off"
+    title += f" (dead reckoning {scores['dead_reckoning']['ate_m']:.3f} m)"
+    if not (out / "contact_sheet.png").exists():
+        chosen = 2 * len(sequence.ticks) // 3
+        tick = next(islice(iter(sequence.ticks), chosen, None))
+        save_png(out / "contact_sheet.png", contact_sheet(annotated(sequence, results, tick), f"frame {tick.index}: estimated boxes and ids"))
+    if not (out / "plan.png").exists():
+        plan(sequence, results, title, out / "plan.png")
+    if not (out / "video.mp4").exists():
+        ticks = tqdm(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
+        write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file under a temporary name, then give it its own."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)

@@ -1,0 +1,154 @@
+"""How a rover drives by itself: from goal to goal on shortest ways, giving way to people and to other robots.
+
+Following a way: pure pursuit (Coulter 1992, Implementation of the Pure Pursuit Path Tracking Algorithm).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.rover import FOOTPRINT_RADIUS
+from tracker.geometry import Array, frozen, wrap
+from worlds.walkable import Walkable
+
+TOP_SPEED, TOP_YAW_RATE = 0.7, 0.8
+"""m/s and rad/s."""
+ACCELERATION, YAW_ACCELERATION = 0.6, 1.6
+"""m/s² and rad/s²: gentle enough for the mast."""
+LOOKAHEAD = 0.7
+"""m along the way to the point that is aimed at."""
+ARRIVED = 0.5
+HALF_LANE = 0.42
+"""m: half the width of what the rover sweeps ahead, with some room."""
+PATIENCE, RETREAT = 3.0, 1.6
+"""s without getting on before it backs up, s of backing up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How a rover moves now: position (2,) m, yaw rad, speed m/s ahead."""
+
+    position: Array
+    yaw: float
+    speed: float
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """Who else is about: position (k, 2) m, radius (k,) m."""
+
+    position: Array
+    radius: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The plan of one rover: route (k, 2) m, passed m of it; visit, how many goals are behind it; the command speed m/s and yaw_rate rad/s that
+    it follows; stuck s, retreat s still to back up."""
+
+    route: Array
+    passed: float
+    visit: int
+    speed: float
+    yaw_rate: float
+    stuck: float
+    retreat: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "route", frozen(self.route, (None, 2), "route"))
+
+
+@dataclass(frozen=True, eq=False)
+class Driver:
+    """Where one rover may go, wheels, and wants to, goals (g, 2) m, one after the other and again."""
+
+    wheels: Walkable
+    goals: Array
+
+    def start(self, position: Array) -> Drive:
+        return Drive(self._route(position, 0), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
+
+    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+        """The plan `dt` s later; its speed and yaw_rate are what the wheels are to do now."""
+        if np.hypot(*(drive.route[-1] - motion.position)) < ARRIVED:
+            drive = self._next(drive, motion)
+        if drive.retreat > 0:
+            return self._retreat(drive, motion, traffic, dt)
+        drive = replace(drive, passed=_passed(drive.route, drive.passed, motion.position))
+        aim = _along(drive.route, drive.passed + LOOKAHEAD)
+        distance = max(float(np.hypot(*(aim - motion.position))), 0.2)
+        error = float(wrap(math.atan2(*(aim - motion.position)[::-1]) - motion.yaw))
+        speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
+        free = min(speed, _free_speed(motion, traffic, 1.0))
+        turn = 2 * free * math.sin(error) / distance if speed else math.copysign(0.6, error)
+        drive = _towards(drive, free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
+        waits = speed > 0 and abs(motion.speed) < 0.05
+        stuck = drive.stuck + dt if waits else max(drive.stuck - dt, 0.0)
+        if stuck > PATIENCE:
+            return replace(drive, stuck=0.0, retreat=RETREAT)
+        return replace(drive, stuck=stuck)
+
+    def _retreat(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+        """Back up with a turn, as far as there is room, then go elsewhere."""
+        speed = -min(0.3, _free_speed(motion, traffic, -1.0))
+        drive = _towards(drive, speed, 0.5 if drive.visit % 2 else -0.5, dt)
+        left = drive.retreat - dt
+        return self._next(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
+
+    def _next(self, drive: Drive, motion: Motion) -> Drive:
+        return replace(drive, route=self._route(motion.position, drive.visit + 1), passed=0.0, visit=drive.visit + 1)
+
+    def _route(self, position: Array, visit: int) -> Array:
+        start = position
+        if not self.wheels.free_at(position[None])[0]:
+            i, j = np.nonzero(self.wheels.free)
+            nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=1)
+            start = nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
+        return self.wheels.route(start, self.goals[visit % len(self.goals)])
+
+
+def make_driver(wheels: Walkable, rng: np.random.Generator) -> Driver:
+    """A driver with eight goals of its own. Raises ValueError where nothing is free for wheels."""
+    return Driver(wheels, np.concatenate([wheels.sample(rng, 1, 0.05, 0.0) for _ in range(8)]))
+
+
+def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
+    """The command moved towards this one as far as the accelerations allow; braking may be twice as hard."""
+    brake = 2.0 if abs(speed) < abs(drive.speed) else 1.0
+    dv, dw = brake * ACCELERATION * dt, YAW_ACCELERATION * dt
+    return replace(
+        drive, speed=drive.speed + float(np.clip(speed - drive.speed, -dv, dv)), yaw_rate=drive.yaw_rate + float(np.clip(yaw_rate - drive.yaw_rate, -dw, dw))
+    )
+
+
+def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
+    """m/s that leaves time to stop before whoever is in the lane, ahead (direction 1) or behind (−1)."""
+    if not len(traffic.position):
+        return TOP_SPEED
+    relative = traffic.position - motion.position
+    c, s = math.cos(motion.yaw), math.sin(motion.yaw)
+    ahead, aside = direction * (relative @ np.array([c, s])), np.abs(relative @ np.array([-s, c]))
+    in_lane = (ahead > 0) & (aside < HALF_LANE + traffic.radius)
+    gap = np.where(in_lane, ahead - traffic.radius - FOOTPRINT_RADIUS, np.inf).min()
+    return float(np.clip(0.7 * (gap - 0.15), 0.0, TOP_SPEED))
+
+
+def _passed(route: Array, passed: float, position: Array) -> float:
+    """m of the route passed: the nearest place within the next metre and a half, never backwards."""
+    steps = passed + np.linspace(0.0, 1.5, 31)
+    places = np.array([_along(route, step) for step in steps])
+    return float(min(steps[int(np.argmin(((places - position) ** 2).sum(axis=1)))], _length(route)))
+
+
+def _along(route: Array, passed: float) -> Array:
+    """The place (2,) m after `passed` m of the route; its end beyond."""
+    legs = np.hypot(*np.diff(route, axis=0).T)
+    marks = np.concatenate([[0.0], np.cumsum(legs)])
+    return np.array([np.interp(passed, marks, route[:, 0]), np.interp(passed, marks, route[:, 1])])
+
+
+def _length(route: Array) -> float:
+    return float(np.hypot(*np.diff(route, axis=0).T).sum())

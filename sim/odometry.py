@@ -1,0 +1,91 @@
+"""Dead reckoning of a low-cost rover: wheel encoders and a gyroscope, their errors, and what they say about the last frame.
+
+Errors that stay the same for a whole run (Wear) make the reckoning drift; those drawn anew each frame are small beside them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.rover import WHEEL_RADIUS
+from tracker.geometry import Array, Pose, exp_so3, frozen
+from tracker.measurements import Odometry
+
+GYRO_NOISE = math.radians(0.005)
+"""rad/s/√Hz: rate noise density of an InvenSense MPU-6050 (product specification rev. 3.4, 6.1: 0.005 °/s/√Hz)."""
+GYRO_BIAS = math.radians(0.3)
+"""rad/s, one sigma an axis: what is left of the MPU-6050's zero-rate output of ±20 °/s after it was averaged at a standstill and then warmed up."""
+GYRO_SCALE = 0.01
+"""One sigma of the scale factor: the specified ±3 % taken as three sigmas."""
+RADIUS_ERROR = 0.015
+"""One sigma of a side's effective wheel radius over the nominal one: tyre pressure, load, wear."""
+TICKS = 1024
+"""Encoder counts a turn of the wheel."""
+GRAVITY_NOISE = math.radians(0.6)
+"""rad, one sigma an axis: noise and mounting error of the accelerometer as an inclinometer, averaged over a frame."""
+ACCELERATION_LEFT = 0.15
+"""The share of the real acceleration that a complementary filter leaves in what it takes for up."""
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True, eq=False)
+class Wear:
+    """What is wrong with one rover for good: radius (2,) of left and right wheels over the nominal; gyro_bias (3,) rad/s; gyro_scale (3,)."""
+
+    radius: Array
+    gyro_bias: Array
+    gyro_scale: Array
+
+    @staticmethod
+    def draw(rng: np.random.Generator) -> Wear:
+        return Wear(1 + rng.normal(0.0, RADIUS_ERROR, 2), rng.normal(0.0, GYRO_BIAS, 3), 1 + rng.normal(0.0, GYRO_SCALE, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Ride:
+    """What truly happened in one frame: rates (n, 3) rad/s of the body about its own axes at n even moments dt s apart; wheels (2, 4) rad,
+    the angles of the wheels before and now; acceleration (3,) m/s² of the body in its own frame; up (3,) unit in its own frame now."""
+
+    rates: Array
+    dt: float
+    wheels: Array
+    acceleration: Array
+    up: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rates", frozen(self.rates, (None, 3), "rates"))
+        object.__setattr__(self, "wheels", frozen(self.wheels, (2, 4), "wheels"))
+
+
+def measure(ride: Ride, wear: Wear, rng: np.random.Generator) -> Odometry:
+    """The odometry of one frame: turned by the gyroscope, moved ahead by the mean of the wheels at half of the turn."""
+    noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(ride.dt), ride.rates.shape)
+    R = np.eye(3)
+    for rate in ride.rates * wear.gyro_scale + wear.gyro_bias + noise:
+        R = R @ exp_so3(rate * ride.dt)
+    turn = Pose(R, np.zeros(3)).log()[3:]
+    # An encoder counts edges from a place of its own: the fraction of a count that is lost is new each time.
+    count = 2 * math.pi / TICKS
+    turned = np.floor(ride.wheels / count + rng.random(4)) * count
+    left_right = (turned[1] - turned[0]).reshape(2, 2).mean(axis=0)
+    # A larger wheel turns less for the same way: the way reckoned with the nominal radius is short by that factor.
+    distance = float((WHEEL_RADIUS * left_right / wear.radius).mean())
+    move = exp_so3(turn / 2) @ np.array([distance, 0.0, 0.0])
+    tilt = rng.normal(0.0, GRAVITY_NOISE, 3)
+    up = ride.up + np.cross(tilt, ride.up) + ACCELERATION_LEFT * ride.acceleration / _GRAVITY
+    sigma = math.hypot(GRAVITY_NOISE, ACCELERATION_LEFT * 0.5 / _GRAVITY)
+    return Odometry(Pose(R, move), covariance(distance, turn, ride.dt * len(ride.rates)), up / np.linalg.norm(up), sigma)
+
+
+def covariance(distance: float, turn: Array, period: float) -> Array:
+    """(6, 6) of the right tangent of one frame's odometry: `distance` m ahead, turned by the rotation vector `turn` (3,) rad in `period` s.
+
+    It holds the errors that stay the same as well, so successive frames are not independent.
+    """
+    turned = float(np.linalg.norm(turn))
+    along = [0.002, 0.003, 0.002] + np.array([0.02, 0.02, 0.02]) * abs(distance) + np.array([0.02, 0.05, 0.01]) * turned
+    about = np.hypot(GYRO_BIAS * period, GYRO_SCALE * np.abs(turn)) + 1e-4
+    return np.diag(np.concatenate([along, about]) ** 2)

@@ -1,0 +1,240 @@
+"""Pictures of a tracked sequence: panoramas with estimated boxes, the plan of true and estimated paths, and both as a video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.cameras import Panorama
+from tracker.geometry import Array, Pose
+from tracker.ground import Grid
+from tracker.measurements import Image, Mount, Tick
+from tracker.results import Results
+from tracker.sequence import Sequence
+
+matplotlib.use("Agg")
+
+BODY = (0.55, 1.75)  # m, width and height of the box that is drawn for a person
+BAND = (28.0, -51.0)  # degrees of elevation that the video shows of a panorama
+STRIP = (820, 180)  # px of a panorama in the video
+SIDE = (460, 720)  # px of the plan beside them
+STANDING = 0.25  # m over the terrain from which a thing is drawn as standing on it
+
+
+def colour_of(identity: int) -> tuple[int, int, int]:
+    """An RGB colour of its own for each id, the same everywhere; neighbours in number are far apart in hue."""
+    hue = (identity * 0.61803398875) % 1.0
+    rgb = matplotlib.colors.hsv_to_rgb((hue, 0.75, 1.0))
+    return int(255 * rgb[0]), int(255 * rgb[1]), int(255 * rgb[2])
+
+
+def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterable[int], places: Array) -> Image:
+    """Copy of a panorama with a box, as a person standing there would fill it, and the id of every estimate; boxes may cross the seam."""
+    out = np.ascontiguousarray(image)
+    width, thick = camera.width, max(1, camera.width // 512)
+    for identity, place in zip(ids, places, strict=True):
+        sight = place - T_world_camera.translation
+        side = np.cross([0.0, 0.0, 1.0], sight / max(float(np.linalg.norm(sight)), 1e-6)) * BODY[0] / 2
+        corners = np.array([place + s * side + [0.0, 0.0, h] for s in (-1, 1) for h in (0.0, BODY[1])])
+        bearings = T_world_camera.inverse().apply(corners)
+        pixels, _ = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
+        u = pixels[0, 0] + np.mod(pixels[:, 0] - pixels[0, 0] + width / 2, width) - width / 2
+        low, high = np.array([u.min(), pixels[:, 1].min()]), np.array([u.max(), pixels[:, 1].max()])
+        for shift in (-width, 0, width):
+            a, b = ((corner + np.array([shift, 0.0])).round().astype(int).tolist() for corner in (low, high))
+            if b[0] >= 0 and a[0] < width:
+                cv2.rectangle(out, a, b, colour_of(identity), thick, cv2.LINE_AA)
+                _text(out, str(identity), (a[0], a[1] - 4), 0.5 * camera.width / 1024, colour_of(identity))
+    return out
+
+
+def _text(image: Any, text: str, at: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
+    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), max(2, round(4 * size)), cv2.LINE_AA)
+    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, max(1, round(1.5 * size)), cv2.LINE_AA)
+
+
+def annotated(sequence: Sequence, results: Results, tick: Tick) -> dict[str, Image]:
+    """Camera → its panorama at this tick with the estimates drawn, as the estimated poses of the robots put them there."""
+    out = {}
+    ids, places = results.tracks.get(tick.index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+    for view in tick.views:
+        mount: Mount = sequence.setup.mounts[view.camera]
+        pose = results.poses[mount.robot][tick.index]
+        if view.image is not None and pose is not None and isinstance(mount.camera, Panorama):
+            out[view.camera] = draw_boxes(view.image, mount.camera, pose @ mount.T_body_camera, ids.tolist(), places)
+    return out
+
+
+def contact_sheet(images: dict[str, Image], caption: str) -> Image:
+    """Panoramas two by two under their names, as one image."""
+    tiles = []
+    for name, image in images.items():
+        tile = cv2.copyMakeBorder(image, 34, 6, 4, 4, cv2.BORDER_CONSTANT, value=(24, 24, 28))
+        _text(tile, name.replace("_", " "), (12, 24), 0.7, (235, 235, 235))
+        tiles.append(tile)
+    if len(tiles) % 2:
+        tiles.append(np.full_like(tiles[0], 24))
+    rows = [np.hstack(tiles[k : k + 2]) for k in range(0, len(tiles), 2)]
+    sheet = cv2.copyMakeBorder(np.vstack(rows), 0, 40, 0, 0, cv2.BORDER_CONSTANT, value=(24, 24, 28))
+    _text(sheet, caption, (12, sheet.shape[0] - 14), 0.7, (235, 235, 235))
+    return sheet
+
+
+def save_png(path: Path, image: Image) -> None:
+    """Write an RGB image; under a temporary name first."""
+    ok, data = cv2.imencode(".png", image[:, :, ::-1])
+    if not ok:
+        raise ValueError(f"{path}: this image cannot be written as PNG")
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(data.tobytes())
+    part.replace(path)
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """The terrain from above as a picture: image (h, w, 3) RGB with north up; pixel of a place by `pixels`."""
+
+    image: Image
+    origin: Array
+    scale: float
+
+    @staticmethod
+    def of(sequence: Sequence, size: tuple[int, int]) -> Relief:
+        """The relief that fits into size (width, height) px: heights as colour, slopes as shade, what stands on it dark."""
+        ground, tops = sequence.setup.ground, sequence.setup.occluders
+        assert isinstance(ground, Grid)
+        extent = (np.array(ground.heights.shape[::-1]) - 1) * ground.spacing
+        scale = float(min(size / extent))
+        w, h = (round(float(s)) for s in extent * scale)
+        x, y = np.meshgrid((np.arange(w) + 0.5) / scale + ground.origin[0], (np.arange(h)[::-1] + 0.5) / scale + ground.origin[1])
+        points = np.column_stack([x.ravel(), y.ravel()])
+        heights = ground.height_at(points).reshape(h, w)
+        dy, dx = np.gradient(heights, 1 / scale)
+        shade = np.clip(0.85 - 0.9 * dx + 0.9 * dy, 0.45, 1.1)
+        span = max(float(np.ptp(heights)), 1e-6)
+        base = matplotlib.colormaps["YlGn"](0.05 + 0.4 * (heights - heights.min()) / span)[:, :, :3]
+        image = np.clip(255 * base * shade[:, :, None], 0, 255)
+        if tops is not None:
+            image[tops.height_at(points).reshape(h, w) - heights > STANDING] = (96, 92, 96)
+        return Relief(image.astype(np.uint8), ground.origin, scale)
+
+    def pixels(self, places: Array) -> NDArray[np.int64]:
+        """(n, 2 or 3) m → (n, 2) px."""
+        p = (np.atleast_2d(places)[:, :2] - self.origin) * self.scale
+        return np.column_stack([p[:, 0], self.image.shape[0] - p[:, 1]]).round().astype(np.int64)
+
+
+def _paths(results: Results, upto: int) -> dict[int, Array]:
+    """Id → (n, 4) frame, x, y, z of its estimates until a frame."""
+    rows: dict[int, list[Array]] = {}
+    for frame in range(upto + 1):
+        ids, places = results.tracks.get(frame, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+        for identity, place in zip(ids.tolist(), places, strict=True):
+            rows.setdefault(identity, []).append(np.array([frame, *place]))
+    return {identity: np.array(path) for identity, path in rows.items()}
+
+
+def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
+    """The plan view as a PNG: terrain, true paths as thin black lines, estimates in the colours of their ids, robots thick."""
+    import matplotlib.pyplot as plt
+
+    relief = Relief.of(sequence, (1600, 1600))
+    h, w = relief.image.shape[:2]
+    x0, y0 = relief.origin
+    figure, axes = plt.subplots(figsize=(11, 9), layout="constrained")
+    axes.imshow(relief.image, extent=(x0, x0 + w / relief.scale, y0, y0 + h / relief.scale))
+    truth = sequence.truth or ()
+    people: dict[int, list[Array]] = {}
+    for frame in truth:
+        for person, feet in zip(frame.person_id.tolist(), frame.feet, strict=True):
+            people.setdefault(person, []).append(feet[:2])
+    for k, feet_of_one in enumerate(people.values()):
+        axes.plot(*np.array(feet_of_one).T, color="black", linewidth=1.0, label="people, true" if k == 0 else None)
+    for identity, walked in _paths(results, results.frames).items():
+        colour = np.array(colour_of(identity)) / 255 * 0.85
+        axes.plot(walked[:, 1], walked[:, 2], color=colour, linewidth=2.2, alpha=0.8)
+        axes.annotate(str(identity), (walked[-1, 1], walked[-1, 2]), color=colour, weight="bold", fontsize=11)
+    for k, (robot, poses) in enumerate(results.poses.items()):
+        true = np.array([frame.T_world_robot[robot].translation for frame in truth])
+        axes.plot(*true[:, :2].T, color="white", linewidth=4.0, label="robots, true" if k == 0 else None)
+        driven = np.array([pose.translation for pose in poses if pose is not None])
+        axes.plot(driven[:, 0], driven[:, 1], color="crimson", linewidth=1.4, label="robots, estimated" if k == 0 else None)
+        axes.plot(*driven[0, :2], marker="o", color="crimson", markeredgecolor="white", markersize=8)
+        axes.annotate(robot.replace("robot_", "R"), (driven[0, 0], driven[0, 1]), xytext=(5, 5), textcoords="offset points", color="crimson", weight="bold")
+    axes.plot([], [], color="tab:blue", linewidth=2.2, label="people, estimated (a colour an id)")
+    axes.set(xlabel="x [m]", ylabel="y [m]", title=title, aspect="equal")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
+    """Frames (720, 1280, 3) RGB: up to four panoramas with boxes beside the plan so far."""
+    relief = Relief.of(sequence, (SIDE[0] - 20, SIDE[1] - 220))
+    for tick in ticks:
+        strips = [_strip(image) for image in list(annotated(sequence, results, tick).values())[:4]]
+        while len(strips) < 4:
+            strips.append(np.full((STRIP[1], STRIP[0], 3), 24, np.uint8))
+        yield np.ascontiguousarray(np.hstack([np.vstack(strips), _plan_so_far(sequence, results, relief, tick)]))
+
+
+def _strip(image: Image) -> Image:
+    height = image.shape[0]
+    top, bottom = (round(height * (90 - degrees) / 180) for degrees in BAND)
+    return cv2.resize(image[top:bottom], STRIP, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _plan_so_far(sequence: Sequence, results: Results, relief: Relief, tick: Tick) -> Image:
+    side = np.full((SIDE[1], SIDE[0], 3), 24, np.uint8)
+    canvas = relief.image.copy()
+    truth = sequence.truth[tick.index] if sequence.truth else None
+    for identity, walked in _paths(results, tick.index).items():
+        recent = walked[walked[:, 0] > tick.index - 18]
+        cv2.polylines(canvas, [relief.pixels(recent[:, 1:]).astype(np.int32)], False, colour_of(identity), 2, cv2.LINE_AA)
+        if len(recent) and recent[-1, 0] == tick.index:
+            at = relief.pixels(recent[-1:, 1:])[0]
+            cv2.circle(canvas, at.tolist(), 6, colour_of(identity), -1, cv2.LINE_AA)
+            _text(canvas, str(identity), (int(at[0]) + 7, int(at[1]) - 5), 0.45, colour_of(identity))
+    if truth is not None:
+        for at in relief.pixels(truth.feet) if len(truth.feet) else []:
+            cv2.circle(canvas, at.tolist(), 8, (10, 10, 10), 1, cv2.LINE_AA)
+    for robot, poses in results.poses.items():
+        pose = poses[tick.index]
+        if pose is not None:
+            nose = relief.pixels(pose.apply(np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]])))
+            cv2.arrowedLine(canvas, nose[0].tolist(), nose[1].tolist(), (220, 20, 60), 3, cv2.LINE_AA, tipLength=0.4)
+            _text(canvas, robot.replace("robot_", "R"), (int(nose[0][0]) - 8, int(nose[0][1]) + 18), 0.45, (255, 120, 140))
+    h, w = canvas.shape[:2]
+    left = (SIDE[0] - w) // 2
+    side[60 : 60 + h, left : left + w] = canvas
+    _text(side, "pilsim", (left, 38), 0.9, (240, 240, 240))
+    _text(side, f"frame {tick.index:4d}   {tick.time:6.2f} s", (left + 130, 38), 0.55, (200, 200, 200))
+    for k, line in enumerate(("rings: true people", "dots and numbers: estimates", "arrows: robots, by SLAM")):
+        _text(side, line, (left, 60 + h + 30 + 24 * k), 0.5, (200, 200, 200))
+    return side
+
+
+def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
+    """An MP4 (MPEG-4 part 2) of RGB frames, all of one size. Raises ValueError where there is no frame or no encoder."""
+    part = path.with_name("." + path.name)
+    writer = None
+    try:
+        for frame in frames:
+            if writer is None:
+                writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (frame.shape[1], frame.shape[0]))
+                if not writer.isOpened():
+                    raise ValueError(f"{path}: this OpenCV cannot write MP4 video")
+            writer.write(frame[:, :, ::-1])
+        if writer is None:
+            raise ValueError(f"{path}: no frame to write")
+        writer.release()
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

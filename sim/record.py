@@ -1,0 +1,136 @@
+"""Run a Scenario: people walk, robots drive, panoramas are taken, and all of it is written down as a Sequence.
+
+Truth, instances and panoramas come from one and the same moment of one MjData: nothing can lag.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.panorama import PanoramaRenderer
+from sim.scenario import Scenario
+from sim.sensing import Detector, true_boxes
+from sim.simulation import Simulation
+from tracker.cameras import Panorama
+from tracker.geometry import Array, Pose
+from tracker.ground import Grid
+from tracker.measurements import Mount, Setup, Start, Tick, Truth, View
+from tracker.sequence import Boxes, SequenceWriter
+from worlds.world import World
+
+# What is known of where a robot starts: standard deviations in metres and radians of its right tangent.
+START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One frame: the tick that the tracker gets, the truth, and by camera the instances (H, W) uint16 and the true boxes."""
+
+    tick: Tick
+    truth: Truth
+    instances: dict[str, NDArray[np.uint16]]
+    boxes: dict[str, Boxes]
+
+
+def setup_of(scenario: Scenario, simulation: Simulation) -> Setup:
+    """What the tracker is told of a simulation before its first frame; start poses are off by what START_SIGMA says."""
+    camera = Panorama(scenario.width, scenario.height)
+    ground = simulation.world.ground
+    grid = Grid(ground.heights, ground.origin, ground.spacing)
+    rng = scenario.stream("starts")
+    starts: dict[str, Start | None] = {}
+    for robot in simulation.robots:
+        error = Pose.exp(rng.normal(0.0, START_SIGMA))
+        starts[robot] = Start(simulation.T_world_robot(robot) @ error, np.diag(START_SIGMA**2))
+    mounts = {f"{robot}_camera": Mount(camera, simulation.T_body_camera, robot) for robot in simulation.robots}
+    return Setup(mounts, grid, starts, scenario.period, occluders=tops(simulation.world))
+
+
+def tops(world: World) -> Grid:
+    """The terrain with everything that stands on it, as heights on the terrain's own grid, by rays from above."""
+    model = world.spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    ground = world.ground
+    heights = ground.heights.copy()
+    down, geom, above = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32), float(ground.heights.max()) + 50.0
+    for i, j in np.ndindex(*heights.shape):
+        x, y = ground.origin[0] + j * ground.spacing, ground.origin[1] + i * ground.spacing
+        distance = mujoco.mj_ray(model, data, np.array([x, y, above]), down, None, 1, -1, geom, None)
+        if distance >= 0:
+            heights[i, j] = max(heights[i, j], above - distance)
+    return Grid(heights, ground.origin, ground.spacing)
+
+
+def run(scenario: Scenario, simulation: Simulation, setup: Setup) -> Iterator[Moment]:
+    """The frames of a scenario, from the first on. The renderer is closed when the iterator ends or is closed."""
+    camera = Panorama(scenario.width, scenario.height)
+    detector = Detector.of(scenario)
+    streams = {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
+    persons = [int(p) for p in simulation.persons]
+    with PanoramaRenderer(simulation.model, camera, simulation.person_of_geom.astype(np.uint16)) as renderer:
+        for index in range(scenario.frames):
+            odometry = {}
+            if index:
+                simulation.step()
+                odometry = simulation.odometry()
+            robots = {robot: simulation.T_world_robot(robot) for robot in simulation.robots}
+            poses = [robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
+            shots = renderer.render(simulation.data, poses)
+            alone = renderer.alone(simulation.data, poses, persons)
+            boxes = {name: true_boxes(shot.instances, persons, bodies) for name, shot, bodies in zip(setup.mounts, shots, alone, strict=True)}
+            views = tuple(
+                View(
+                    name,
+                    detector.detect(camera, boxes[name], scenario.camera_height, streams[name]),
+                    odometry=odometry.get(mount.robot),
+                    image=shot.colour,
+                )
+                for (name, mount), shot in zip(setup.mounts.items(), shots, strict=True)
+            )
+            truth = Truth(index, robots, np.array(persons, dtype=np.int64), simulation.feet(), _fractions(persons, list(boxes.values())))
+            instances = {name: shot.instances for name, shot in zip(setup.mounts, shots, strict=True)}
+            yield Moment(Tick(index, index * scenario.period, views), truth, instances, boxes)
+
+
+def _fractions(persons: list[int], boxes: list[Boxes]) -> Array:
+    """Visible fraction (m, cameras) of every person; 0 where a camera would not show the person at all."""
+    out = np.zeros((len(persons), len(boxes)))
+    row = {person: k for k, person in enumerate(persons)}
+    for c, view in enumerate(boxes):
+        for person, visible in zip(view.person, view.visible, strict=True):
+            out[row[int(person)], c] = visible
+    return out
+
+
+def record(scenario: Scenario, folder: Path, progress: Any = None) -> None:
+    """Write the Sequence of a scenario into `folder`, which must not be there yet; nothing is left where it fails.
+
+    progress: wraps the iterator of frames (tqdm, say), or None. Raises ValueError for a scenario that its world cannot hold.
+    """
+    if folder.exists():
+        raise ValueError(f"{folder}: is there already")
+    simulation = Simulation(scenario)
+    setup = setup_of(scenario, simulation)
+    moments: Iterable[Moment] = run(scenario, simulation, setup)
+    assert setup.occluders is not None
+    occluders = setup.occluders
+    assert isinstance(occluders, Grid)
+    with SequenceWriter(folder, setup, occluders) as writer:
+        for moment in progress(moments, total=scenario.frames) if progress else moments:
+            writer.add(moment.tick, moment.truth, moment.instances, moment.boxes)
+        writer.finish(json.loads(scenario.to_json()), versions())
+
+
+def versions() -> dict[str, str]:
+    """Versions of what decides the bytes of a sequence."""
+    return {name: importlib.metadata.version(name) for name in ("pilsim", "mujoco", "numpy", "scipy", "opencv-python-headless")}

@@ -1,0 +1,119 @@
+"""A Sequence's truth beside Results: who counts, and all scores in one dictionary (METHOD 9)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.clearmot import score, score_boxes
+from tracker.comparison import Frame, Mask
+from tracker.formats.motchallenge import read_mot15
+from tracker.geometry import Pose
+from tracker.measurements import Truth
+from tracker.results import Results
+from tracker.sequence import Sequence
+from tracker.trajectory import score_robots
+
+SEEN = 0.2  # visible fraction from which a person has been seen
+MEMORY = 9 / 7  # s: a person counts who was seen within this time (δ_a, 9 frames at 7 frames/s)
+
+
+def who_counts(truth: tuple[Truth, ...], period: float) -> list[Mask]:
+    """Per frame (m,): seen by some camera, at least the fraction SEEN, in this frame or within MEMORY before it."""
+    memory = round(MEMORY / period)
+    last: dict[int, int] = {}
+    out = []
+    for frame in truth:
+        for person, visible in zip(frame.person_id.tolist(), frame.visible, strict=True):
+            if visible.size and visible.max() >= SEEN:
+                last[person] = frame.index
+        out.append(np.array([frame.index - last.get(p, -memory - 1) <= memory for p in frame.person_id.tolist()], dtype=bool))
+    return out
+
+
+def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
+    """Scores as JSON values: `targets`, `everybody` (nobody ignored; the same where all were seen), `robots` and `dead_reckoning` or None.
+
+    Raises ValueError where the sequence has no truth or the numbers of frames differ.
+    """
+    truth = sequence.truth
+    if truth is None:
+        raise ValueError("this source has no truth to score against (annotations/*-cropped.xml)")
+    if results.frames < len(truth):
+        raise ValueError(f"results have {results.frames} frames, the truth has {len(truth)}: made from another source?")
+    nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+    counts = who_counts(truth, sequence.setup.period)
+
+    def frames(by_count: bool) -> list[Frame]:
+        return [
+            Frame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=counts[k] if by_count else None) for k, t in enumerate(truth)
+        ]
+
+    out: dict[str, Any] = {"targets": score(frames(True)).to_dict(), "everybody": score(frames(False)).to_dict()}
+    robots = {robot: [t.T_world_robot[robot] for t in truth] for robot in truth[0].T_world_robot} if truth else {}
+    out["robots"] = out["dead_reckoning"] = None
+    if robots:
+        out["robots"] = score_robots(robots, results.poses, results.covariances).to_dict()
+        out["dead_reckoning"] = score_robots(robots, dead_reckoning(sequence)).to_dict()
+    return out
+
+
+def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, Any]:
+    """Scores of one MOT15 file against another: boxes that overlap by `iou`, or places within 1 m where it is None.
+
+    Rows of the truth with confidence 0 lie outside the tracking area: as places they are ignored both ways, as boxes they count like
+    all others (so do the published scores of S2.L1). Raises ValueError where a row has no place and places are asked for.
+    """
+    true, given = read_mot15(truth), read_mot15(result)
+    for path, rows in ((truth, true), (result, given)):
+        if iou is None and not rows.positioned.all():
+            raise ValueError(f"{path}: row {int(np.argmin(rows.positioned)) + 1} has no x, y, z; give --iou to compare boxes")
+    by_frame = true.by_frame(), given.by_frame()
+    none = np.zeros(0, dtype=np.int64)
+    frames = []
+    for number in range(1, max([*by_frame[0], *by_frame[1]], default=0) + 1):
+        t, e = by_frame[0].get(number, none), by_frame[1].get(number, none)
+        if iou is not None:
+            frames.append(Frame(true.id[t], true.box[t], given.id[e], given.box[e]))
+        else:
+            frames.append(Frame(true.id[t], true.position[t], given.id[e], given.position[e], counts=true.confidence[t] != 0))
+    targets = (score(frames) if iou is None else score_boxes(frames, iou=iou)).to_dict()
+    return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None}
+
+
+def dead_reckoning(sequence: Sequence) -> dict[str, list[Pose | None]]:
+    """The start poses carried on by odometry alone: what the robots would believe without looking."""
+    poses = {robot: start.T_world_robot for robot, start in sequence.setup.starts.items() if start}
+    out: dict[str, list[Pose | None]] = {robot: [] for robot in poses}
+    for odometry in sequence.ticks.odometry():
+        for robot in poses:
+            if robot in odometry:
+                poses[robot] = poses[robot] @ odometry[robot].T_before_now
+            out[robot].append(poses[robot])
+    return out
+
+
+def table(scores: dict[str, Any]) -> str:
+    """The scores for a person to read."""
+
+    def number(value: float | int | None, digits: int = 3) -> str:
+        return "–" if value is None else str(value) if isinstance(value, int) else f"{value:.{digits}f}"
+
+    t = scores["targets"]
+    lines = [
+        "people   MOTA  IDF1  HOTA  MOTP      FP   FN  switches  fragments  MT/ML  truths",
+        f"         {number(t['mota'])} {number(t['idf1'])} {number(t['hota'])} {number(t['motp_m'])} m {t['false_positives']:4d} {t['misses']:4d}"
+        f"  {t['switches']:8d}  {t['fragments']:9d}  {t['mostly_tracked']}/{t['mostly_lost']}  {t['truths']:6d}",
+    ]
+    if scores["everybody"] != t:
+        lines.append(f"         MOTA over everybody, seen or not: {number(scores['everybody']['mota'])}")
+    if scores["robots"]:
+        r, d = scores["robots"], scores["dead_reckoning"]
+        lines += [
+            "robots   ATE      aligned  RPE      NEES/dof",
+            f"         {number(r['ate_m'])} m  {number(r['ate_aligned_m'])} m  {number(r['rpe_m'])} m  {number(r['nees_per_dof'], 2)}",
+            f"         {number(d['ate_m'])} m  by dead reckoning",
+        ]
+    return "\n".join(lines)

@@ -1,0 +1,60 @@
+"""TUM trajectories: `timestamp tx ty tz qx qy qz qw`, seconds, metres, quaternion xyzw, `#` begins a comment."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+
+COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+def read_tum(path: str | os.PathLike[str]) -> tuple[Array, list[Pose]]:
+    """Times (n,) s, strictly ascending, and as many poses. Raises ValueError naming file and line."""
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
+    times: list[float] = []
+    poses: list[Pose] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        content = line.partition("#")[0].split()
+        if content:
+            time, pose = _pose(content, f"{path}:line {number}")
+            if times and not time > times[-1]:
+                raise ValueError(f"{path}:line {number}: timestamp is {time}, needs more than {times[-1]}, the one before")
+            times.append(time)
+            poses.append(pose)
+    return np.array(times), poses
+
+
+def _pose(parts: list[str], where: str) -> tuple[float, Pose]:
+    if len(parts) != len(COLUMNS):
+        raise ValueError(f"{where}: {len(parts)} values, needs {len(COLUMNS)}")
+    try:
+        values = np.array([float(part) for part in parts])
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    if not np.isfinite(values).all():
+        raise ValueError(f"{where}: {COLUMNS[int(np.argmin(np.isfinite(values)))]} is not a finite number")
+    if not abs(np.linalg.norm(values[4:]) - 1) < 1e-3:
+        raise ValueError(f"{where}: the quaternion has length {np.linalg.norm(values[4:]):.6g}, needs 1")
+    return float(values[0]), Pose(rotation_from_quaternion(values[[7, 4, 5, 6]]), values[1:4])
+
+
+def write_tum(path: str | os.PathLike[str], times: Sequence[float] | Array, poses: Sequence[Pose]) -> None:
+    """Write times (n,) s and T_world_body (n). The file appears whole or not at all. Raises ValueError where the lengths differ."""
+    if len(times) != len(poses):
+        raise ValueError(f"trajectory has {len(poses)} poses, needs {len(times)}")
+    lines = ["# " + " ".join(COLUMNS) + "\n"]
+    for time, pose in zip(times, poses, strict=True):
+        w, x, y, z = quaternion_from_rotation(pose.rotation)
+        lines.append(" ".join(repr(float(value)) for value in (time, *pose.translation, x, y, z, w)) + "\n")
+    target = Path(path)
+    temporary = target.with_name(target.name + ".part")
+    temporary.write_text("".join(lines), encoding="ascii", newline="\n")
+    temporary.replace(target)

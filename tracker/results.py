@@ -1,0 +1,98 @@
+"""What `track` leaves in a folder: tracks.txt (MOT15, 3-D), robots.csv, run.json. Writer and reader side by side."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.formats.motchallenge import read_mot15, rows_from_tracks, write_mot15
+from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.layout import POSE, UPPER
+from tracker.measurements import Estimate, Ints
+from tracker.sequence import read_json
+from tracker.tables import read_table, write_table
+
+SCHEMA = 1
+ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER}
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Tracks and robots of a run: frame → ids (k,) and positions (k, 3) m; robot → a pose and covariance a frame, of robots that move;
+    frames: how many there were; run: what was tracked and how, as JSON values.
+    """
+
+    frames: int
+    tracks: dict[int, tuple[Ints, Array]]
+    poses: dict[str, list[Pose | None]]
+    covariances: dict[str, list[Array | None]]
+    run: dict[str, Any]
+
+    @staticmethod
+    def of(estimates: Iterable[Estimate], run: dict[str, Any]) -> Results:
+        """Gather estimates; a robot whose covariance is zero throughout (a fixed camera) is not a result."""
+        listed = list(estimates)
+        robots = {r for e in listed for r, P in e.robot_covariance.items() if P.any()}
+        names = [r for r in (listed[0].T_world_robot if listed else {}) if r in robots]
+        return Results(
+            len(listed),
+            {e.index: (e.target_id, e.position) for e in listed},
+            {r: [e.T_world_robot[r] for e in listed] for r in names},
+            {r: [e.robot_covariance[r] for e in listed] for r in names},
+            run,
+        )
+
+
+def write_results(folder: Path, results: Results) -> None:
+    """Write all files under a temporary name, then give the folder its own. It must not be there yet."""
+    partial = folder.with_name(f".{folder.name}.partial")
+    if partial.exists():
+        shutil.rmtree(partial)
+    partial.mkdir(parents=True)
+    try:
+        write_mot15(partial / "tracks.txt", rows_from_tracks({k + 1: track for k, track in results.tracks.items()}))
+        rows = [
+            [k, robot, *pose.translation, *quaternion_from_rotation(pose.rotation), *(P[i, j] for i, j in UPPER)]
+            for robot in results.poses
+            for k, (pose, P) in enumerate(zip(results.poses[robot], results.covariances[robot], strict=True))
+            if pose is not None and P is not None
+        ]
+        write_table(partial / "robots.csv", list(ROBOTS), rows)
+        text = json.dumps({"schema": SCHEMA, "frames": results.frames} | results.run, indent=1, sort_keys=True)
+        (partial / "run.json").write_text(text + "\n", encoding="utf-8")
+        partial.rename(folder)
+    finally:
+        if partial.exists():
+            shutil.rmtree(partial)
+
+
+def read_results(folder: Path) -> Results:
+    """Raises ValueError naming file and line or field where a file is missing or wrong."""
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder")
+    run = read_json(folder / "run.json")
+    if not isinstance(run, dict) or run.get("schema") != SCHEMA or not isinstance(run.get("frames"), int):
+        raise ValueError(f"{folder / 'run.json'}: schema or frames is missing or not of version {SCHEMA}")
+    frames = int(run["frames"])
+    rows = read_mot15(folder / "tracks.txt")
+    tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}
+    table = read_table(folder / "robots.csv", ROBOTS)
+    poses: dict[str, list[Pose | None]] = {}
+    covariances: dict[str, list[Array | None]] = {}
+    for line, values in enumerate(zip(*table.values(), strict=True), 2):
+        row = dict(zip(table, values, strict=True))
+        k, robot = int(row["frame"]), str(row["robot"])
+        if not 0 <= k < frames:
+            raise ValueError(f"{folder / 'robots.csv'}:{line}: frame is {k}, needs 0 to {frames - 1}")
+        pose, P = [row[c] for c in POSE], np.zeros((6, 6))
+        for i, j in UPPER:
+            P[i, j] = P[j, i] = row[f"c{i}{j}"]
+        poses.setdefault(robot, [None] * frames)[k] = Pose(rotation_from_quaternion(pose[3:]), np.array(pose[:3]))
+        covariances.setdefault(robot, [None] * frames)[k] = P
+    return Results(frames, tracks, poses, covariances, run)

@@ -1,0 +1,264 @@
+"""Multi-robot EKF-SLAM in SE(3) from panoramas (METHOD.md 1): one joint covariance of the team and its map, a correction factor a robot, and an
+update of exactly two linearisations.
+
+A tick: predict by odometry, level by gravity, then robot by robot: sightings → association → update → new landmarks.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tracker.association import Gate, Matches, associate
+from tracker.bearings import gravity, jacobians, predict, residual
+from tracker.cameras import Mask, Panorama
+from tracker.candidates import Trial
+from tracker.features import Extraction, extract
+from tracker.frontier import Frontier
+from tracker.geometry import Array, Pose, angles_from_bearing
+from tracker.joint import Indices, Joint, Linear
+from tracker.landmarks import Landmarks, Survival, dissimilarity, spread, unit_rows
+from tracker.measurements import Mount, Setup, Sightings, Start, Tick, View
+
+
+@dataclass(frozen=True)
+class SlamParameters:
+    """iterations: linearisations of an update. correction: keep a correction factor a robot; correction_sigma rad an axis at the start,
+    correction_walk rad an axis a square root of a second. robust: residuals beyond so many standard deviations lose weight (inf: never).
+    seen: landmarks a camera updates at once; capacity: landmarks in the map. clones: earlier poses kept a robot, a new one each `stride` m.
+    growth: new landmarks a camera a tick; robot_radius m: nothing becomes or matches a landmark so near to the middle of another robot's line of sight. extraction: from images, at most so many.
+    reopen: ticks in a row with more refused than matched after which a robot's pose is doubted anew, by reopen_sigma (m, rad).
+    """
+
+    iterations: int = 2
+    correction: bool = True
+    correction_sigma: float = 0.02
+    correction_walk: float = 0.0005
+    robust: float = 3.0
+    seen: int = 50
+    growth: int = 12
+    capacity: int = 300
+    clones: int = 4
+    stride: float = 0.2
+    robot_radius: float = 0.45
+    reopen: int = 4
+    reopen_sigma: tuple[float, float] = (0.1, 0.03)
+    gate: Gate = field(default_factory=Gate)
+    trial: Trial = field(default_factory=Trial)
+    survival: Survival = field(default_factory=Survival)
+    extraction: Extraction = field(default_factory=Extraction)
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "clones", "capacity", "seen"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
+
+
+class Slam:
+    """The online filter. Robots that never move nor see landmarks (the fixed cameras of PETS) stay constants outside the state."""
+
+    def __init__(self, setup: Setup, parameters: SlamParameters) -> None:
+        self.setup, self.parameters = setup, parameters
+        self._joint = Joint(parameters.clones, parameters.capacity, parameters.correction_sigma if parameters.correction else None)
+        self._map = Landmarks(parameters.capacity, max(1, len(setup.starts)))
+        self._team: dict[str, int] = {}
+        self._frontier: dict[str, Frontier] = {}
+        self._cloned: dict[str, int] = {}
+        self._refusing: Counter[str] = Counter()
+        self._counters: Counter[str] = Counter()
+
+    def step(self, tick: Tick) -> None:
+        """Take in all views of one tick. Raises ValueError for a view of a camera that the setup does not know."""
+        views: dict[str, list[View]] = {}
+        for view in tick.views:
+            if view.camera not in self.setup.mounts:
+                raise ValueError(f"view of camera {view.camera!r}, needs one of {sorted(self.setup.mounts)}")
+            views.setdefault(self.setup.mounts[view.camera].robot, []).append(view)
+        for name in self.setup.starts:
+            self._admit(name, views.get(name, []))
+        for name in self._team:
+            self._predict(name, views.get(name, []))
+        self._joint.drift(self.parameters.correction_walk * np.sqrt(self.setup.period))
+        for name in self._team:
+            self._look(name, views.get(name, []), tick.index)
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """How often something happened or was refused, by reason."""
+        return dict(sum((f.counters for f in self._frontier.values()), self._counters))
+
+    def pose(self, robot: str) -> Pose:
+        """T_world_robot as believed now. Raises ValueError for a robot whose start is unknown."""
+        if robot not in self._team:
+            return self._start(robot).T_world_robot
+        return Pose(self._joint.rotation[self._team[robot]], self._joint.translation[self._team[robot]])
+
+    def covariance(self, robot: str) -> Array:
+        """(6, 6) of the pose's right tangent [m, rad]. Raises ValueError as pose does."""
+        if robot not in self._team:
+            return self._start(robot).covariance
+        at = self._joint.offset(self._team[robot])
+        return self._joint.P[at : at + 6, at : at + 6].copy()
+
+    def correction(self, robot: str) -> Array:
+        """(3,) rad: the correction factor, a rotation vector of the robot's cameras in its body (bearings.Sight); zero where there is none."""
+        return self._joint.correction[self._team[robot]].copy() if robot in self._team else np.zeros(3)
+
+    def landmarks(self) -> Array:
+        """(n, 3) m in the world."""
+        return self._joint.point[: self._joint.count].copy()
+
+    def identities(self) -> Indices:
+        """(n,) numbers of the landmarks, never used again."""
+        return self._map.identity[: self._map.count].copy()
+
+    def _start(self, robot: str) -> Start:
+        start = self.setup.starts[robot]
+        if start is None:
+            raise ValueError(f"robot {robot!r} has no start pose, needs one")
+        return start
+
+    def _admit(self, name: str, views: list[View]) -> None:
+        """Take a robot into the state at its first odometry or sight of landmarks."""
+        cameras = [self.setup.mounts[v.camera].camera for v in views if v.image is not None]
+        active = any(v.odometry is not None or v.sightings is not None for v in views) or any(isinstance(c, Panorama) for c in cameras)
+        if name in self._team or not active:
+            return
+        if self.setup.starts[name] is None:
+            self._counters["unknown start"] += 1
+            return
+        robot = self._team[name] = self._joint.join(self._start(name))
+        for camera, mount in self.setup.mounts.items():
+            if mount.robot == name:
+                self._frontier[camera] = Frontier(robot, mount, (self._joint, self._map), self.setup.ground, self.parameters.trial)
+
+    def _predict(self, name: str, views: list[View]) -> None:
+        """Odometry, and the level by gravity. A robot without odometry did not move."""
+        robot, odometry = self._team[name], next((v.odometry for v in views if v.odometry is not None), None)
+        if odometry is None:
+            return
+        self._joint.predict(robot, odometry)
+        if odometry.gravity is not None:
+            up, noise = odometry.gravity / np.linalg.norm(odometry.gravity), np.eye(2)[None] * odometry.gravity_sigma**2
+            columns = np.arange(6) + self._joint.offset(robot)
+            self._joint.update(
+                lambda: Linear(robot, columns, *gravity(self._joint.rotation[robot], up)[::-1], noise), self.parameters.iterations, np.inf
+            )
+
+    def _look(self, name: str, views: list[View], tick: int) -> None:
+        """All that one robot sees at one tick: update, forget what fails, follow what is new."""
+        rest = []
+        for view in views:
+            seen = self._sightings(name, view)
+            if seen is not None:
+                rest.append((self._frontier[view.camera], seen, self._update(name, self.setup.mounts[view.camera], seen, tick)))
+        for landmark in self._map.doomed(self.parameters.survival)[::-1]:
+            self._forget(int(landmark), "lost")
+        for frontier, seen, (free, matched) in rest:
+            room = min(self.parameters.growth, self.parameters.seen - matched)
+            while self._joint.count > self._joint.capacity - room:
+                self._forget(self._map.stalest(), "map full")
+            frontier.advance(seen, free, room, tick)
+        self._remember(name)
+
+    def _sightings(self, name: str, view: View) -> Sightings | None:
+        """What the view shows of the world that stands still, in an order that does not depend on how it came."""
+        mount = self.setup.mounts[view.camera]
+        seen = view.sightings
+        if seen is None and view.image is not None and isinstance(mount.camera, Panorama):
+            up = self._joint.sight(self._team[name], mount).rotation[2]
+            seen = extract(view.image, mount.camera, up, view.detections, self.parameters.extraction).sightings()
+        if seen is None:
+            return None
+        moving = self._on_a_robot(name, mount, seen)
+        self._counters["on a robot"] += int(moving.sum())
+        order = np.lexsort(seen.bearing.T)
+        keep = order[~moving[order]]
+        return Sightings(seen.bearing[keep], seen.range[keep], seen.subject[keep], seen.descriptor[keep], seen.covariance[keep])
+
+    def _on_a_robot(self, name: str, mount: Mount, seen: Sightings) -> Mask:
+        """(n,) whether a sighting without a name lies within robot_radius of another robot's middle."""
+        moving = np.zeros(len(seen), dtype=bool)
+        sight = self._joint.sight(self._team[name], mount)
+        for other, number in self._team.items():
+            if other != name:
+                p = sight.points(self._joint.translation[number][None])[0]
+                distance = np.linalg.norm(p)
+                reach = np.arctan2(self.parameters.robot_radius, max(float(distance), 1e-6))
+                moving |= (seen.bearing @ p > distance * np.cos(reach)) & (seen.subject < 0)
+        return moving
+
+    def _update(self, name: str, mount: Mount, seen: Sightings, tick: int) -> tuple[Indices, int]:
+        """Associate and update; returns the sightings that belong to no landmark, and how many did."""
+        robot, joint, book = self._team[name], self._joint, self._map
+        descriptor = unit_rows(seen.descriptor)
+        unlike = dissimilarity(book.look, book.subject[: book.count], descriptor, seen.subject)
+        m = associate(joint, robot, joint.sight(robot, mount), (seen.bearing, seen.covariance), unlike, self.parameters.gate)
+        azimuth, _ = angles_from_bearing(seen.bearing[m.sighting])
+        chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
+        landmark, sighting = m.landmark[chosen], m.sighting[chosen]
+        if len(landmark):
+            weights = joint.update(
+                lambda: self._linear(robot, mount, landmark, (seen.bearing[sighting], seen.covariance[sighting])),
+                self.parameters.iterations,
+                self.parameters.robust,
+            )
+            good = weights > 0.3
+            book.seen(landmark[good], descriptor[sighting[good]], robot, tick)
+            book.refused[landmark[~good]] += 1
+            self._counters["outlier"] += int((~good).sum())
+        self._account(name, m)
+        free = np.ones(len(seen), dtype=bool)
+        free[m.sighting] = free[m.refused_sighting] = False
+        self._counters["no match"] += int(free.sum())
+        return np.flatnonzero(free), len(m.landmark)
+
+    def _linear(self, robot: int, mount: Mount, landmark: Indices, seen: tuple[Array, Array]) -> Linear:
+        sight, point = self._joint.sight(robot, mount), self._joint.point[landmark]
+        H_body, H_point, H_correction = jacobians(sight, point)
+        k, own = len(landmark), self._joint.stride
+        H = np.zeros((k, 2, own + 3 * k))
+        H[:, :, :6] = H_body
+        H[:, :, 6:own] = H_correction[:, :, : own - 6]
+        at = np.arange(k)
+        for axis in range(3):
+            H[at, :, own + 3 * at + axis] = H_point[:, :, axis]
+        r = residual(seen[0], predict(sight, point)[0])
+        return Linear(robot, self._joint.columns(robot, landmark), H.reshape(2 * k, -1), r.reshape(-1), seen[1])
+
+    def _account(self, name: str, m: Matches) -> None:
+        """Book refusals and misses, and doubt a robot anew whose sightings are refused for too long: the gate must open again."""
+        book, robot = self._map, self._team[name]
+        book.refused[m.refused] += 1
+        absent = m.expected.copy()
+        absent[m.landmark] = absent[m.refused] = False
+        book.missed[: book.count][absent & (book.by[: book.count] == robot)] += 1
+        self._counters["matched"] += len(m.landmark)
+        self._counters["gated"] += len(m.refused)
+        locked = len(m.refused) >= 6 and len(m.refused) > len(m.landmark)
+        self._refusing[name] = self._refusing[name] + 1 if locked else 0
+        if self._refusing[name] >= self.parameters.reopen:
+            self._joint.inflate(robot, np.repeat(self.parameters.reopen_sigma, 3))
+            self._counters["reopened"] += 1
+            self._refusing[name] = 0
+
+    def _forget(self, landmark: int, reason: str) -> None:
+        self._counters[reason] += 1
+        self._joint.remove(landmark)
+        self._map.remove(landmark)
+
+    def _remember(self, name: str) -> None:
+        """Keep the present pose as a clone where the robot has gone far enough since the last one."""
+        robot, count = self._team[name], self._cloned.get(name, 0)
+        joint = self._joint
+        last = joint.clone_slot(robot, (count - 1) % joint.clones)
+        if count and np.linalg.norm(joint.translation[robot] - joint.translation[last]) < self.parameters.stride:
+            return
+        k = count % joint.clones
+        joint.clone(robot, k)
+        self._cloned[name] = count + 1
+        for frontier in self._frontier.values():
+            if frontier.robot == robot:
+                frontier.remember(k)
