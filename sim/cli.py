@@ -76,8 +76,9 @@ class Track:
         from sim.demo import tracked
         from tracker.sources import open_source
 
-        sequence = open_source(self.source, _numbers(self.views))
-        results = tracked(sequence, self.out, {"source": self.source.name})
+        views = _numbers(self.views)
+        sequence = open_source(self.source, views)
+        results = tracked(sequence, self.out, {"source": self.source.name, "views": views})
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
 

@@ -85,7 +85,7 @@ class Crowd:
     feet: Walkable
     ground: Heightfield
     plans: Plans
-    _fields: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
+    _ways: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     def start(self, position: Array, heading: Array) -> CrowdState:
         """Everybody at position (m, 2) m, about to go."""
@@ -107,8 +107,7 @@ class Crowd:
         force += _social_force(state.position, state.velocity, obstacles.position, obstacles.velocity, obstacles.radius)
         velocity = state.velocity + force * dt
         speed = np.hypot(*velocity.T)
-        limit = np.where(walking, 1.3 * self.plans.speed, 0.6)
-        velocity *= np.minimum(1.0, limit / np.maximum(speed, 1e-9))[:, None]
+        velocity *= np.minimum(1.0, 1.3 * self.plans.speed / np.maximum(speed, 1e-9))[:, None]
         # Who stands is not pushed about by people that only pass.
         velocity[~walking & (np.hypot(*velocity.T) < 0.12)] = 0.0
         position = _apart(state.position + velocity * dt, obstacles.position, obstacles.radius)
@@ -116,15 +115,24 @@ class Crowd:
         return self._decided(replace(state, velocity=(position - state.position) / dt, position=position), wanted, dt)
 
     def _direction(self, state: CrowdState) -> Array:
-        """(m, 2) unit, the way to the goal."""
+        """(m, 2) unit, the way to the goal, between the grid points of free space."""
         goal = self.goal(state)
-        direction = np.zeros_like(state.position)
-        for number in np.unique(goal):
-            if int(number) not in self._fields:
-                self._fields[int(number)] = self.feet.distance_to(self.plans.goals[number])
-            mine = goal == number
-            direction[mine] = self.feet.direction_at(self._fields[int(number)], state.position[mine])
-        return direction
+        for number in map(int, np.unique(goal)):
+            if number not in self._ways:
+                self._ways[number] = self._way(self.plans.goals[number])
+        rows, columns = self.feet.free.shape
+        p = np.clip((state.position - self.feet.origin) / self.feet.spacing, 0.0, [columns - 1.001, rows - 1.001])
+        cell = p.astype(np.int64)
+        (u, v), (j, i) = (p - cell).T[..., None], cell.T
+        ways = np.stack([self._ways[int(g)][i[k] : i[k] + 2, j[k] : j[k] + 2] for k, g in enumerate(goal)])
+        way = (1 - v) * ((1 - u) * ways[:, 0, 0] + u * ways[:, 0, 1]) + v * ((1 - u) * ways[:, 1, 0] + u * ways[:, 1, 1])
+        return way / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+
+    def _way(self, goal: Array) -> Array:
+        """(rows, columns, 2) unit, the way to a goal from each grid point; where blocked, back to free space."""
+        i, j = np.indices(self.feet.free.shape).reshape(2, -1)
+        nodes = self.feet.origin + self.feet.spacing * np.stack([j, i], axis=1)
+        return self.feet.direction_at(self.feet.distance_to(goal), nodes).reshape(*self.feet.free.shape, 2)
 
     def _slope_factor(self, position: Array, direction: Array) -> Array:
         """(m,) of walking speed, from the slope of the next stride (Tobler 1993: exp(−3.5 |slope + 0.05|))."""

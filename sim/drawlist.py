@@ -27,9 +27,9 @@ SHOWN = (mujoco.mjtVisFlag.mjVIS_TEXTURE, mujoco.mjtVisFlag.mjVIS_STATIC, mujoco
 
 GEOM = np.dtype(
     {
-        "names": ["type", "objtype", "objid", "segid", "size", "pos", "mat", "rgba", "reflectance"],
-        "formats": ["i4", "i4", "i4", "i4", ("f4", 3), ("f4", 3), ("f4", (3, 3)), ("f4", 4), "f4"],
-        "offsets": [0, 8, 12, 36, 40, 52, 64, 100, 128],
+        "names": ["type", "dataid", "objtype", "objid", "segid", "size", "pos", "mat", "rgba", "reflectance"],
+        "formats": ["i4", "i4", "i4", "i4", "i4", ("f4", 3), ("f4", 3), ("f4", (3, 3)), ("f4", 4), "f4"],
+        "offsets": [0, 4, 8, 12, 36, 40, 52, 64, 100, 128],
         "itemsize": 256,
     }
 )
@@ -48,7 +48,9 @@ class DrawList:
     """The geoms and lights of one moment, and the choice of what is drawn next. `scene` is what MuJoCo draws."""
 
     def __init__(self, model: mujoco.MjModel, instance_of_geom: NDArray[np.uint16], face: int) -> None:
-        self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + SPARE)
+        self.tiles = [tiles_of(model, k) for k in range(model.nhfield)]
+        self._lists: list[NDArray[np.int32]] = []
+        self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + sum(len(tiles) for tiles in self.tiles) + SPARE)
         self.instances = np.zeros(0, np.uint16)
         self._model, self._instance_of_geom = model, instance_of_geom
         self._planes = frustum_planes(face).reshape(30, 3)
@@ -66,7 +68,9 @@ class DrawList:
         mujoco.mjv_updateScene(self._model, data, self._option, None, self._eye, every, self.scene)
         if self.scene.status:
             raise ValueError(f"the scene needs more geoms than the {self.scene.maxgeom} that it holds")
-        self._geoms = self._places[: self.scene.ngeom].copy()
+        # As bytes: a copy by fields would leave behind what GEOM does not name.
+        self._bytes = self._places[: self.scene.ngeom].copy()
+        self._geoms = self._bytes.view(GEOM)[:, 0]
         self._geoms["segid"] = np.arange(self.scene.ngeom)
         # Only one reflecting geom is ever drawn as such, and leaving others out would change which.
         self._geoms["reflectance"] = 0
@@ -98,7 +102,7 @@ class DrawList:
 
     def show(self, pose: Pose, shown: Indices, coded: bool) -> None:
         """Put the listed geoms on the scene, to be drawn in colour or as codes."""
-        self._places[: len(shown)] = self._geoms[shown]
+        self._places[: len(shown)] = self._bytes[shown]
         self.scene.ngeom = len(shown)
         for light in self._headlights:
             light.pos = pose.translation
@@ -152,8 +156,8 @@ def _plain_option() -> mujoco.MjvOption:
     return option
 
 
-def _places(scene: mujoco.MjvScene) -> NDArray[np.void]:
-    """The scene's buffer of geoms as an array over the same memory: one assignment instead of thousands of attributes.
+def _places(scene: mujoco.MjvScene) -> NDArray[np.uint8]:
+    """The scene's buffer of geoms as bytes (maxgeom, 256) over the same memory: one assignment instead of thousands of attributes.
 
     Raises RuntimeError where the memory is not as GEOM says, before anything is written.
     """
@@ -164,7 +168,8 @@ def _places(scene: mujoco.MjvScene) -> NDArray[np.void]:
     offset = sample.pos.ctypes.data - sample.size.ctypes.data + GEOM.fields["size"][1]
     if pitch == GEOM.itemsize and offset == GEOM.fields["pos"][1]:
         start = scene.geoms[0].size.ctypes.data - GEOM.fields["size"][1]
-        places = np.frombuffer((ctypes.c_char * (GEOM.itemsize * scene.maxgeom)).from_address(start), dtype=GEOM)
-        if all(np.array_equal(places[1][name], np.reshape(getattr(sample, name), GEOM[name].shape)) for name in GEOM.names or ()):
+        places = np.frombuffer((ctypes.c_char * (pitch * scene.maxgeom)).from_address(start), dtype=np.uint8).reshape(-1, pitch)
+        seen = places.view(GEOM)[1, 0]
+        if all(np.array_equal(seen[name], np.reshape(getattr(sample, name), GEOM[name].shape)) for name in GEOM.names or ()):
             return places
     raise RuntimeError(f"mjvGeom of mujoco {mujoco.__version__} lies in memory otherwise than in 4.0.0, needs a new layout in {__name__}")

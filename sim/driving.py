@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from sim.rover import FOOTPRINT_RADIUS
 from tracker.geometry import Array, frozen, wrap
@@ -18,9 +19,11 @@ TOP_SPEED, TOP_YAW_RATE = 0.7, 0.8
 """m/s and rad/s."""
 ACCELERATION, YAW_ACCELERATION = 0.6, 1.6
 """m/s² and rad/s²: gentle enough for the mast."""
-LOOKAHEAD = 0.7
+LOOKAHEAD = 0.6
 """m along the way to the point that is aimed at."""
 ARRIVED = 0.5
+TURNING_ROOM = 0.2
+"""m between the half width for which wheels are free and the circle that a rover turns in."""
 HALF_LANE = 0.42
 """m: half the width of what the rover sweeps ahead, with some room."""
 PATIENCE, RETREAT = 3.0, 1.6
@@ -29,11 +32,12 @@ PATIENCE, RETREAT = 3.0, 1.6
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How a rover moves now: position (2,) m, yaw rad, speed m/s ahead."""
+    """How a rover moves now: position (2,) m, yaw rad, speed m/s ahead, yaw_rate rad/s."""
 
     position: Array
     yaw: float
     speed: float
+    yaw_rate: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +89,7 @@ class Driver:
         free = min(speed, _free_speed(motion, traffic, 1.0))
         turn = 2 * free * math.sin(error) / distance if speed else math.copysign(0.6, error)
         drive = _towards(drive, free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
-        waits = speed > 0 and abs(motion.speed) < 0.05
+        waits = min(free, abs(motion.speed)) < 0.25 * speed if speed else abs(motion.yaw_rate) < 0.1
         stuck = drive.stuck + dt if waits else max(drive.stuck - dt, 0.0)
         if stuck > PATIENCE:
             return replace(drive, stuck=0.0, retreat=RETREAT)
@@ -110,9 +114,23 @@ class Driver:
         return self.wheels.route(start, self.goals[visit % len(self.goals)])
 
 
-def make_driver(wheels: Walkable, rng: np.random.Generator) -> Driver:
-    """A driver with eight goals of its own. Raises ValueError where nothing is free for wheels."""
-    return Driver(wheels, np.concatenate([wheels.sample(rng, 1, 0.05, 0.0) for _ in range(8)]))
+def make_driver(room: Walkable, rng: np.random.Generator) -> Driver:
+    """A driver with eight goals of its own in this room. Raises ValueError where nothing is free."""
+    return Driver(room, np.concatenate([room.sample(rng, 1, 0.0, 0.0) for _ in range(8)]))
+
+
+def room_to_turn(wheels: Walkable) -> Walkable:
+    """The part of free space, in one piece, in which a rover can turn on the spot: up to TURNING_ROOM m off its border.
+
+    Where that would cost more than half of the area, as in a world of narrow passages, the room is taken less wide.
+    """
+    for margin in (TURNING_ROOM, 0.5 * TURNING_ROOM):
+        labels, count = ndimage.label(wheels.clearance > margin)
+        if count:
+            largest = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+            if largest.sum() > 0.5 * wheels.free.sum():
+                return Walkable(largest, wheels.origin, wheels.spacing)
+    return wheels
 
 
 def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
@@ -120,7 +138,9 @@ def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
     brake = 2.0 if abs(speed) < abs(drive.speed) else 1.0
     dv, dw = brake * ACCELERATION * dt, YAW_ACCELERATION * dt
     return replace(
-        drive, speed=drive.speed + float(np.clip(speed - drive.speed, -dv, dv)), yaw_rate=drive.yaw_rate + float(np.clip(yaw_rate - drive.yaw_rate, -dw, dw))
+        drive,
+        speed=drive.speed + float(np.clip(speed - drive.speed, -dv, dv)),
+        yaw_rate=drive.yaw_rate + float(np.clip(yaw_rate - drive.yaw_rate, -dw, dw)),
     )
 
 
@@ -133,7 +153,7 @@ def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
     ahead, aside = direction * (relative @ np.array([c, s])), np.abs(relative @ np.array([-s, c]))
     in_lane = (ahead > 0) & (aside < HALF_LANE + traffic.radius)
     gap = np.where(in_lane, ahead - traffic.radius - FOOTPRINT_RADIUS, np.inf).min()
-    return float(np.clip(0.7 * (gap - 0.15), 0.0, TOP_SPEED))
+    return float(np.clip(0.8 * (gap - 0.25), 0.0, TOP_SPEED))
 
 
 def _passed(route: Array, passed: float, position: Array) -> float:

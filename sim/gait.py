@@ -1,7 +1,7 @@
 """Footsteps: where the feet of all people are, as a function of the way that their bodies went.
 
-A stride is one turn of the phase: the left foot swings in [0, SWING), the right one half a turn later, and both stand in between. A standing
-foot stays where it was planted, a swinging foot goes to where the body will need it. Nothing of MuJoCo is in here.
+A stride is one turn of the phase: the left foot swings in [0, SWING), the right one half a turn later, and both stand in between.
+A standing foot stays where it was planted, a swinging foot goes to where the body will need it. Nothing of MuJoCo is in here.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tracker.geometry import Array, frozen, wrap
 
@@ -26,6 +26,9 @@ HALF_WIDTH = 0.032
 _SHORTEST_STEP = 0.25
 _ADJUSTING_RATE = 0.9
 """Strides/s of somebody who stands and only sets the feet right."""
+
+
+Mask = NDArray[np.bool_]
 
 
 class Terrain(Protocol):
@@ -50,7 +53,8 @@ class Footing:
 
     def __post_init__(self) -> None:
         m = len(self.phase)
-        for name, shape in (("phase", (m,)), ("planted", (m, 2, 2)), ("planted_yaw", (m, 2)), ("lifted", (m, 2, 2)), ("lifted_yaw", (m, 2))):
+        shapes = {"phase": (m,), "planted": (m, 2, 2), "planted_yaw": (m, 2), "lifted": (m, 2, 2), "lifted_yaw": (m, 2)}
+        for name, shape in shapes.items():
             object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
 
     @property
@@ -60,7 +64,7 @@ class Footing:
         return np.where(own < SWING, own / SWING, 0.0)
 
     @property
-    def standing(self) -> Array:
+    def standing(self) -> Mask:
         """(m, 2) bool: whether each foot is on the ground."""
         return _own_phase(self.phase) >= SWING
 
@@ -121,7 +125,9 @@ def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
     offset = np.linalg.norm(footing.planted - _beside(bodies.position, bodies.heading, bodies.stature), axis=2)
     turned = np.abs(wrap(footing.planted_yaw - bodies.heading[:, None]))
     unsettled = ~footing.standing.all(axis=1) | (offset.max(axis=1) > 0.08) | (turned.max(axis=1) > 0.4)
-    rate = np.maximum(speed / (2 * step), _ADJUSTING_RATE * unsettled)
+    # Who stops in the middle of a stride pulls the far foot up at once.
+    adjusting = _ADJUSTING_RATE + np.clip(4 * (offset.max(axis=1) - 0.15), 0.0, 0.7)
+    rate = np.maximum(speed / (2 * step), adjusting * unsettled)
     behind = np.where(footing.standing, offset, 0.0).max(axis=1) / (0.5 * bodies.stature)
     return rate * (1 + np.clip(4 * (behind - 0.68), 0.0, 1.0))
 

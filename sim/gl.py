@@ -15,6 +15,9 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")
 INSTALL = "no OpenGL: install libegl1 and libgl1-mesa-dri (EGL), or libosmesa6 (OSMesa), or set MUJOCO_GL to a backend that works"
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software rasterizer", "swiftshader")
@@ -102,3 +105,20 @@ def largest_buffer(context: Any) -> int:
     from OpenGL import GL
 
     return int(min(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE), *GL.glGetIntegerv(GL.GL_MAX_VIEWPORT_DIMS)))
+
+
+def draw_list(corners: NDArray[np.float32], normals: NDArray[np.float32]) -> int:
+    """A display list of the current context that draws triangles: corners and normals (t, 3, 3). It goes when the context goes."""
+    from OpenGL import GL
+
+    number = int(GL.glGenLists(1))
+    GL.glNewList(number, GL.GL_COMPILE)
+    for state in (GL.GL_VERTEX_ARRAY, GL.GL_NORMAL_ARRAY):
+        GL.glEnableClientState(state)
+    GL.glVertexPointer(3, GL.GL_FLOAT, 0, corners)
+    GL.glNormalPointer(GL.GL_FLOAT, 0, normals)
+    GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3 * len(corners))
+    for state in (GL.GL_VERTEX_ARRAY, GL.GL_NORMAL_ARRAY):
+        GL.glDisableClientState(state)
+    GL.glEndList()
+    return number

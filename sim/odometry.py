@@ -16,7 +16,7 @@ from tracker.measurements import Odometry
 
 GYRO_NOISE = math.radians(0.005)
 """rad/s/√Hz: rate noise density of an InvenSense MPU-6050 (product specification rev. 3.4, 6.1: 0.005 °/s/√Hz)."""
-GYRO_BIAS = math.radians(0.3)
+GYRO_BIAS = math.radians(0.2)
 """rad/s, one sigma an axis: what is left of the MPU-6050's zero-rate output of ±20 °/s after it was averaged at a standstill and then warmed up."""
 GYRO_SCALE = 0.01
 """One sigma of the scale factor: the specified ±3 % taken as three sigmas."""
@@ -86,6 +86,6 @@ def covariance(distance: float, turn: Array, period: float) -> Array:
     It holds the errors that stay the same as well, so successive frames are not independent.
     """
     turned = float(np.linalg.norm(turn))
-    along = [0.002, 0.003, 0.002] + np.array([0.02, 0.02, 0.02]) * abs(distance) + np.array([0.02, 0.05, 0.01]) * turned
+    along = [0.001, 0.001, 0.0005] + np.array([0.02, 0.01, 0.005]) * abs(distance) + np.array([0.015, 0.02, 0.005]) * turned
     about = np.hypot(GYRO_BIAS * period, GYRO_SCALE * np.abs(turn)) + 1e-4
     return np.diag(np.concatenate([along, about]) ** 2)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -21,11 +20,11 @@ THIGH, SHIN, ANKLE = 0.245, 0.246, 0.039
 """Hip to knee, knee to ankle, ankle to sole."""
 HIP_HEIGHT, SHOULDER_HEIGHT, CHIN_HEIGHT = 0.530, 0.818, 0.870
 UPPER_ARM, FOREARM, HAND = 0.186, 0.146, 0.108
-HALF_HIPS, HALF_SHOULDERS = 0.050, 0.115
+HALF_HIPS, HALF_SHOULDERS = 0.050, 0.107
 """Half the distance of the hip joints and of the shoulder joints (the outer shoulder is at 0.129)."""
 HEEL, PIVOT = 0.040, 0.095
 """From the ankle back to the heel and forward to where the shoe rolls off: the foot is 0.152 long."""
-RADIUS = 0.25
+RADIUS = 0.22
 """m: the upright capsule that robots run into."""
 
 LIMBS = (
@@ -73,9 +72,9 @@ def pose(stature: Array, footing: Footing, position: Array, heading: Array, grou
     the distance between the feet: who stands hangs the arms.
     """
     feet = _feet(stature, footing, position, heading, ground)
-    forward, left = _axes(heading)
+    forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     # How far the right foot is ahead of the left one, as an angle of the legs.
-    stagger = np.einsum("mi,mi->m", feet.ankle[:, 1, :2] - feet.ankle[:, 0, :2], forward[:, :2]) / (2 * (THIGH + SHIN) * stature)
+    stagger = np.einsum("mi,mi->m", feet.ankle[:, 1, :2] - feet.ankle[:, 0, :2], forward) / (2 * (THIGH + SHIN) * stature)
     pelvis_turn = _rotation("zx", np.stack([heading + 0.25 * stagger, 0.0 * stagger], axis=1))
     hip_offset = pelvis_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_HIPS * stature)[:, None, None])
     pelvis = np.column_stack([position, _pelvis_height(stature, feet.ankle, position, hip_offset)])
@@ -109,7 +108,9 @@ class _Feet:
 def _feet(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> _Feet:
     """Shoes on the ground or in the air between two footfalls; they roll over the heel when they land and over the toes when they leave."""
     place, yaw = gait.places(footing)
-    here, landing, leaving = (_contact(p, y, stature, ground) for p, y in ((place, yaw), (footing.planted, footing.planted_yaw), (footing.lifted, footing.lifted_yaw)))
+    here, landing, leaving = (
+        _contact(p, y, stature, ground) for p, y in ((place, yaw), (footing.planted, footing.planted_yaw), (footing.lifted, footing.lifted_yaw))
+    )
     share = (footing.swing**2 * (3 - 2 * footing.swing))[..., None]
     moving = ~footing.standing[..., None]
     # heel, toe and tilt of the sole on the ground, or on the line between footfalls, but never below the ground
@@ -156,7 +157,7 @@ def _roll(footing: Footing, place: Array, position: Array, heading: Array, statu
 
 def _pelvis_height(stature: Array, ankle: Array, position: Array, hip_offset: Array) -> Array:
     """(m,) m: the height at which both legs reach their ankles, a little bent; smooth where the shorter one changes."""
-    leg = 0.985 * (THIGH + SHIN) * stature[:, None]
+    leg = 0.993 * (THIGH + SHIN) * stature[:, None]
     across = np.linalg.norm(position[:, None] + hip_offset[..., :2] - ankle[..., :2], axis=2)
     reach = ankle[..., 2] + np.sqrt(np.maximum(leg**2 - across**2, (0.4 * leg) ** 2)) - hip_offset[..., 2]
     return reach.min(axis=1)
@@ -178,16 +179,10 @@ def _legs(stature: Array, hips: Array, feet: _Feet) -> tuple[Array, Array, Array
 def _arms(heading: Array, stagger: Array) -> tuple[Array, Array]:
     """Rotations of upper arms and forearms (m, 2, 3, 3): each arm swings with the other side's leg, the elbow bends on the way forward."""
     swing = 0.95 * stagger[:, None] * _SIDES
-    bend = 0.22 + 0.5 * np.maximum(swing, 0.0) + 0.4 * np.abs(stagger[:, None])
+    bend = 0.18 + 0.4 * np.maximum(swing, 0.0) + 0.3 * np.abs(stagger[:, None])
     away = np.broadcast_to(0.09 * _SIDES, swing.shape)
     yaw = np.repeat(heading[:, None], 2, axis=1)
     return _rotation("zyx", np.stack([yaw, -swing, away], axis=-1)), _rotation("zyx", np.stack([yaw, -swing - bend, 0.5 * away], axis=-1))
-
-
-def _axes(heading: Array) -> tuple[Array, Array]:
-    """Forward and left (m, 3)."""
-    c, s, o = np.cos(heading), np.sin(heading), np.zeros_like(heading)
-    return np.stack([c, s, o], axis=1), np.stack([-s, c, o], axis=1)
 
 
 def _rotation(axes: str, angles: Array) -> Array:
@@ -209,98 +204,3 @@ def _limb(up: Array, front: Array) -> Array:
     z = up / np.maximum(np.linalg.norm(up, axis=-1), 1e-9)[..., None]
     x = _across(front, z)
     return np.stack([x, np.cross(z, x), z], axis=-1)
-
-
-def add_person(spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Generator) -> None:
-    """Add the limbs (mocap bodies `name/limb`) and the capsule that robots collide with (`name/collider`) to the world body of `spec`."""
-    _Tailor(spec, name, stature, rng).dress()
-    collider = spec.worldbody.add_body(name=f"{name}/collider", mocap=True)
-    half = stature / 2 - RADIUS
-    collider.add_geom(
-        name=f"{name}/collider", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(RADIUS, half, 0), pos=(0, 0, stature / 2), group=4, rgba=(0, 0, 0, 0),
-        contype=2, conaffinity=0, solref=(0.06, 1.0),
-    )  # fmt: skip
-
-
-_SKINS = ((0.96, 0.80, 0.69), (0.90, 0.72, 0.58), (0.78, 0.58, 0.43), (0.55, 0.38, 0.27), (0.36, 0.24, 0.17))
-_HAIRS = ((0.07, 0.05, 0.04), (0.23, 0.14, 0.08), (0.45, 0.30, 0.15), (0.80, 0.65, 0.35), (0.55, 0.55, 0.55), (0.45, 0.17, 0.08))
-_SHIRTS = (
-    (0.85, 0.10, 0.12), (0.10, 0.25, 0.70), (0.92, 0.92, 0.90), (0.12, 0.12, 0.14), (0.15, 0.50, 0.25), (0.95, 0.80, 0.15),
-    (0.55, 0.20, 0.55), (0.95, 0.50, 0.15), (0.40, 0.70, 0.85), (0.55, 0.55, 0.58), (0.45, 0.10, 0.15), (0.90, 0.60, 0.70),
-)  # fmt: skip
-_TROUSERS = ((0.12, 0.16, 0.32), (0.10, 0.10, 0.11), (0.35, 0.35, 0.37), (0.55, 0.47, 0.35), (0.25, 0.30, 0.22), (0.30, 0.42, 0.60), (0.42, 0.28, 0.18))
-_SHOES = ((0.08, 0.08, 0.08), (0.90, 0.90, 0.90), (0.35, 0.20, 0.12), (0.60, 0.12, 0.12), (0.20, 0.25, 0.35))
-
-
-class _Tailor:
-    """Makes the geoms of one person. Sizes are shares of stature times girth; choices come from the person's own stream."""
-
-    def __init__(self, spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Generator) -> None:
-        self.spec, self.name, self.size, self.rng = spec, name, stature, rng
-        self.girth = float(rng.uniform(0.92, 1.14))
-        self.skin = self.colour(_SKINS, 0.02)
-        self.hair = self.colour(_HAIRS, 0.02)
-        self.shirt = self.colour(_SHIRTS, 0.06)
-        self.trousers = self.colour(_TROUSERS, 0.05)
-        self.shoes = self.colour(_SHOES, 0.03)
-        self.bodies = {limb: spec.worldbody.add_body(name=f"{name}/{limb}", mocap=True) for limb in LIMBS}
-
-    def colour(self, palette: tuple[tuple[float, float, float], ...], spread: float) -> Array:
-        """One of the palette, a little different each time (4,) rgba."""
-        rgb = np.array(palette[int(self.rng.integers(len(palette)))]) + self.rng.normal(0.0, spread, 3)
-        return np.append(np.clip(rgb, 0.02, 1.0), 1.0)
-
-    def dress(self) -> None:
-        sleeves, shorts = self.rng.random() < 0.6, self.rng.random() < 0.15
-        style, bag = self.rng.random(), self.rng.random()
-        self.head(style)
-        self.trunk()
-        if bag < 0.3:
-            self.box("torso", "backpack", (0.045, 0.085, 0.12), (-0.115, 0, 0.185), self.colour(_SHIRTS, 0.05))
-        for side, sign in (("left", 1.0), ("right", -1.0)):
-            self.arm(side, self.shirt if sleeves else self.skin)
-            self.leg(side, sign, self.skin if shorts else self.trousers)
-
-    def head(self, style: float) -> None:
-        """Neck, head, nose, and hair: short, long, or none."""
-        self.rod("head", "neck", 0.030, (0, 0, 0.0), (0.008, 0, 0.06), self.skin)
-        self.ball("head", "head", (0.052, 0.043, 0.065), (0.012, 0, 0.117), self.skin)
-        self.ball("head", "nose", (0.010, 0.007, 0.012), (0.063, 0, 0.110), self.skin)
-        if style < 0.92:
-            self.ball("head", "hair", (0.054, 0.047, 0.055), (-0.003, 0, 0.134), self.hair)
-        if style < 0.35:
-            self.ball("head", "long_hair", (0.030, 0.047, 0.075), (-0.028, 0, 0.085), self.hair)
-
-    def trunk(self) -> None:
-        """Shoulders wider than the waist, hips between."""
-        g = self.girth
-        self.rod("torso", "shoulders", 0.036, (0, -0.088, 0.268), (0, 0.088, 0.268), self.shirt)
-        self.ball("torso", "chest", (0.066 * g, 0.102 * g, 0.125), (0.002, 0, 0.195), self.shirt)
-        self.ball("torso", "waist", (0.060 * g, 0.082 * g, 0.110), (0.004, 0, 0.085), self.shirt)
-        self.ball("pelvis", "pelvis", (0.064 * g, 0.092 * g, 0.062), (-0.002, 0, 0.005), self.trousers)
-
-    def arm(self, side: str, lower: Array) -> None:
-        g = self.girth
-        self.rod(f"{side}_upper_arm", f"{side}_upper_arm", 0.027 * g, (0, 0, -0.005), (0, 0, -UPPER_ARM), self.shirt)
-        self.rod(f"{side}_forearm", f"{side}_forearm", 0.021 * g, (0, 0, 0), (0, 0, -FOREARM), lower)
-        self.ball(f"{side}_forearm", f"{side}_hand", (0.024, 0.013, 0.050), (0.004, 0, -FOREARM - 0.045), self.skin)
-
-    def leg(self, side: str, sign: float, lower: Array) -> None:
-        g = self.girth
-        self.rod(f"{side}_thigh", f"{side}_thigh", 0.043 * g, (0, 0.004 * sign, -0.01), (0, 0, -THIGH), self.trousers)
-        self.rod(f"{side}_shin", f"{side}_shin", 0.031 * g, (0, 0, 0), (0, 0, -SHIN + 0.012), lower)
-        self.ball(f"{side}_shoe", f"{side}_shoe", (0.076, 0.030, 0.029), (0.036, 0, -ANKLE + 0.024), self.shoes)
-        self.box(f"{side}_shoe", f"{side}_sole", (0.064, 0.026, 0.007), (0.034, 0, -ANKLE + 0.007), np.array([0.15, 0.15, 0.15, 1.0]))
-
-    def rod(self, limb: str, part: str, radius: float, start: tuple[float, ...], end: tuple[float, ...], colour: Array) -> None:
-        ends = np.array([*start, *end]) * self.size
-        self.add(limb, part, colour, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(radius * self.size, 0, 0), fromto=ends)
-
-    def ball(self, limb: str, part: str, radii: tuple[float, ...], centre: tuple[float, ...], colour: Array) -> None:
-        self.add(limb, part, colour, type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=np.array(radii) * self.size, pos=np.array(centre) * self.size)
-
-    def box(self, limb: str, part: str, halves: tuple[float, ...], centre: tuple[float, ...], colour: Array) -> None:
-        self.add(limb, part, colour, type=mujoco.mjtGeom.mjGEOM_BOX, size=np.array(halves) * self.size, pos=np.array(centre) * self.size)
-
-    def add(self, limb: str, part: str, colour: Array, **shape: object) -> None:
-        self.bodies[limb].add_geom(name=f"{self.name}/{part}", rgba=colour, contype=0, conaffinity=0, group=2, **shape)

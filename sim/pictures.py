@@ -56,8 +56,10 @@ def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterab
 
 
 def _text(image: Any, text: str, at: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
-    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), max(2, round(4 * size)), cv2.LINE_AA)
-    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, max(1, round(1.5 * size)), cv2.LINE_AA)
+    # The weight of OpenCV's letters changes their width: the dark edge is the same weight, moved by a pixel.
+    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        cv2.putText(image, text, (at[0] + dx, at[1] + dy), cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
 
 
 def annotated(sequence: Sequence, results: Results, tick: Tick) -> dict[str, Image]:
@@ -84,7 +86,7 @@ def contact_sheet(images: dict[str, Image], caption: str) -> Image:
     rows = [np.hstack(tiles[k : k + 2]) for k in range(0, len(tiles), 2)]
     sheet = cv2.copyMakeBorder(np.vstack(rows), 0, 40, 0, 0, cv2.BORDER_CONSTANT, value=(24, 24, 28))
     _text(sheet, caption, (12, sheet.shape[0] - 14), 0.7, (235, 235, 235))
-    return sheet
+    return np.asarray(sheet, dtype=np.uint8)
 
 
 def save_png(path: Path, image: Image) -> None:
@@ -163,11 +165,12 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
         axes.annotate(str(identity), (walked[-1, 1], walked[-1, 2]), color=colour, weight="bold", fontsize=11)
     for k, (robot, poses) in enumerate(results.poses.items()):
         true = np.array([frame.T_world_robot[robot].translation for frame in truth])
-        axes.plot(*true[:, :2].T, color="white", linewidth=4.0, label="robots, true" if k == 0 else None)
+        axes.plot(*true[:, :2].T, color="royalblue", linewidth=4.5, alpha=0.6, label="robots, true" if k == 0 else None)
         driven = np.array([pose.translation for pose in poses if pose is not None])
         axes.plot(driven[:, 0], driven[:, 1], color="crimson", linewidth=1.4, label="robots, estimated" if k == 0 else None)
         axes.plot(*driven[0, :2], marker="o", color="crimson", markeredgecolor="white", markersize=8)
-        axes.annotate(robot.replace("robot_", "R"), (driven[0, 0], driven[0, 1]), xytext=(5, 5), textcoords="offset points", color="crimson", weight="bold")
+        name = robot.replace("robot_", "R")
+        axes.annotate(name, (driven[0, 0], driven[0, 1]), xytext=(5, 5), textcoords="offset points", color="crimson", weight="bold")
     axes.plot([], [], color="tab:blue", linewidth=2.2, label="people, estimated (a colour an id)")
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title, aspect="equal")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)

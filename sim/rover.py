@@ -14,14 +14,18 @@ from tracker.geometry import Array, Pose
 
 WHEEL_RADIUS = 0.12
 """m; the wheels touch the ground as spheres and are drawn as cylinders."""
-BASE = 0.56
+BASE = 0.50
 """m between front and rear axles."""
-TRACK = 0.52
+TRACK = 0.56
 """m between the left and the right wheels."""
-FOOTPRINT_RADIUS = 0.48
+FOOTPRINT_RADIUS = 0.50
 """m: the circle about the body's origin that no part of the rover leaves."""
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """The order of wheel arrays everywhere: even is left, odd is right."""
+SPRUNG_MASS = 17.5
+"""kg: hull, trim and mast."""
+SAG, TRAVEL = 0.015, 0.03
+"""m: the springs yield SAG under the rover's weight, and TRAVEL up and down from there."""
 HEAD_GAP = 0.08
 """m between the panorama's centre and the top of the head below it: nothing encloses the camera."""
 
@@ -69,7 +73,15 @@ def _add_trim(chassis: mujoco.MjsBody, name: str, paint: tuple[float, ...]) -> N
     }
     for part, (size, position, colour) in parts.items():
         chassis.add_geom(
-            name=f"{name}/{part}", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=position, rgba=colour, mass=0.3, contype=0, conaffinity=0, group=_GROUP
+            name=f"{name}/{part}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=size,
+            pos=position,
+            rgba=colour,
+            mass=0.3,
+            contype=0,
+            conaffinity=0,
+            group=_GROUP,
         )
 
 
@@ -83,18 +95,47 @@ def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
     chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.032, 0.01, 0), pos=(0, 0, top - 0.01), rgba=_LENS, mass=0.05, **looks)
     # People and rovers must not walk through the mast; it is thin, so that it collides as a thicker rod that is not drawn.
     chassis.add_geom(
-        name=f"{name}/mast_guard", type=capsule, size=(0.05, 0, 0), fromto=(0, 0, 0.2, 0, 0, top - 0.06), mass=0.0, contype=1, conaffinity=3, group=4,
+        name=f"{name}/mast_guard",
+        type=capsule,
+        size=(0.05, 0, 0),
+        fromto=(0, 0, 0.2, 0, 0, top - 0.06),
+        mass=0.0,
+        contype=1,
+        conaffinity=3,
+        group=4,
         rgba=(0, 0, 0, 0),
     )
 
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position: Array) -> None:
+    """A driven wheel on a vertical spring that carries a quarter of the rover at mid-travel: all four wheels press on uneven ground."""
     wheel = chassis.add_body(name=name, pos=position)
+    load = 9.81 * SPRUNG_MASS / 4
+    wheel.add_joint(
+        name=f"{name}_spring",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=(0, 0, 1),
+        stiffness=load / SAG,
+        springref=-SAG,
+        damping=2 * 0.7 * math.sqrt(load / SAG * SPRUNG_MASS / 4),
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        range=(-TRAVEL, TRAVEL),
+    )
     wheel.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0), armature=0.02, damping=0.05)
     upright = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
     wheel.add_geom(
-        name=f"{name}_tread", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(WHEEL_RADIUS, 0, 0), mass=1.4, group=4, rgba=(0, 0, 0, 0),
-        contype=1, conaffinity=3, condim=3, friction=(0.9, 0.005, 0.0001), priority=1, solref=(0.02, 1.0),
+        name=f"{name}_tread",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=(WHEEL_RADIUS, 0, 0),
+        mass=1.4,
+        group=4,
+        rgba=(0, 0, 0, 0),
+        contype=1,
+        conaffinity=3,
+        condim=3,
+        friction=(0.9, 0.005, 0.0001),
+        priority=1,
+        solref=(0.02, 1.0),
     )
     looks = {"contype": 0, "conaffinity": 0, "group": _GROUP, "mass": 0.05, "quat": upright}
     wheel.add_geom(name=f"{name}_tyre", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(WHEEL_RADIUS, 0.04, 0), rgba=_RUBBER, **looks)
@@ -110,6 +151,6 @@ def wheel_speeds(speed: float, yaw_rate: float, measured_yaw_rate: float) -> Arr
     Wheels that skid turn the body less than rolling ones would (Mandow et al. 2007: the track seems wider); the rest of the error
     is made good from the yaw rate that the gyroscope feels.
     """
-    turn = 0.5 * TRACK * (1.6 * yaw_rate + 1.2 * (yaw_rate - measured_yaw_rate))
+    turn = 0.5 * TRACK * (2.0 * yaw_rate + 2.0 * (yaw_rate - measured_yaw_rate))
     left, right = (speed - turn) / WHEEL_RADIUS, (speed + turn) / WHEEL_RADIUS
     return np.array([left, right, left, right])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim import driving, gait, odometry, pedestrian, rover
+from sim import clothes, driving, gait, odometry, pedestrian, rover
 from sim.crowd import Crowd, CrowdState, Obstacles, make_plans
 from sim.driving import Motion, Traffic
 from sim.scenario import Scenario
@@ -92,11 +92,13 @@ class Simulation:
         for i, name in enumerate(self.robots):
             rover.add_rover(spec, name, i, self.scenario.camera_height)
         for person, stature, rng in zip(self.persons, self._stature, people, strict=True):
-            pedestrian.add_person(spec, f"person_{person}", float(stature), rng)
+            clothes.add_person(spec, f"person_{person}", float(stature), rng)
         self._crowd_steps = max(1, round(self.scenario.period / CROWD_STEP))
         self._dt = self.scenario.period / self._crowd_steps
         self._substeps = max(1, round(self._dt / TIMESTEP))
         spec.option.timestep = self._dt / self._substeps
+        # A round friction cone: wheels that skid are held back along their skid, not along the axes of a pyramid.
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         return spec.compile()
 
@@ -120,10 +122,11 @@ class Simulation:
     def _place_rovers(self) -> None:
         """Rovers apart from each other on the ground, as it slopes, heading anywhere."""
         rng = self.scenario.stream("robots/start")
-        places = self.world.wheels.sample(rng, len(self.robots), 0.1, 1.5)
+        room = driving.room_to_turn(self.world.wheels)
+        places = room.sample(rng, len(self.robots), 0.0, 1.5)
         for index, place, yaw in zip(self._poses, places, rng.uniform(-np.pi, np.pi, len(places)), strict=True):
             self.data.qpos[index] = self._resting(place, yaw)
-        self._drivers = [driving.make_driver(self.world.wheels, self.scenario.stream(f"{name}/goals")) for name in self.robots]
+        self._drivers = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
         self._drives = [driver.start(place) for driver, place in zip(self._drivers, places, strict=True)]
         self._ctrl = np.zeros(self._motors.shape)
         self._wear = [odometry.Wear.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
@@ -184,7 +187,7 @@ class Simulation:
         if not len(self.persons):
             return
         position, velocity = self.data.qpos[self._poses[:, :2]], self.data.qvel[self._velocities[:, :2]]
-        obstacles = Obstacles(position, velocity, np.full(len(position), 0.42))
+        obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS))
         state = self._crowd.step(self._crowd_state, obstacles, self._dt)
         self._footing = gait.walk(self._footing, gait.Bodies(state.position, state.velocity, state.heading, self._stature), self._dt)
         self._crowd_state = state
@@ -193,14 +196,14 @@ class Simulation:
     def _drive(self) -> Array:
         """The rovers one crowd step on; (substeps, robots, 3) rad/s of their bodies."""
         position, heading = self.data.qpos[self._poses[:, :2]], self._heading()
+        yaw_rate = self.data.qvel[self._velocities[:, 5]]
         people = self._crowd_state.position
         for i, driver in enumerate(self._drivers):
             others = np.delete(position, i, axis=0)
             radius = np.concatenate([np.full(len(others), 0.4), np.full(len(people), pedestrian.RADIUS)])
             traffic = Traffic(np.concatenate([others, people]), radius)
-            motion = Motion(position[i], float(np.arctan2(heading[i, 1], heading[i, 0])), float(heading[i, 2]))
+            motion = Motion(position[i], float(np.arctan2(heading[i, 1], heading[i, 0])), float(heading[i, 2]), float(yaw_rate[i]))
             self._drives[i] = driver.step(self._drives[i], motion, traffic, self._dt)
-        yaw_rate = self.data.qvel[self._velocities[:, 5]]
         goal = np.array([rover.wheel_speeds(d.speed, d.yaw_rate, w) for d, w in zip(self._drives, yaw_rate, strict=True)])
         before, self._ctrl = self._ctrl, goal
         rates = np.empty((self._substeps, len(self.robots), 3))

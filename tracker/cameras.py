@@ -71,6 +71,8 @@ class Tsai:
     """Tsai's pinhole with one radial term (Tsai 1987), in the parameters of the PETS 2009 files.
 
     focal mm; kappa1 1/mm²: undistorted = distorted · (1 + κ1 r²); dpx, dpy mm a pixel; cx, cy pixels; sx the scale of the rows.
+    With κ1 < 0 the model folds back at r = 1/√(−3 κ1): pixels beyond (in PETS 2009 the left corners of View_007) have a direction that
+    a pixel within has too, and only that one is returned for it. Raises ValueError for numbers that are not finite or not above 0.
     """
 
     width: int
@@ -85,8 +87,11 @@ class Tsai:
 
     def __post_init__(self) -> None:
         _check_size(self.width, self.height)
+        for name in ("kappa1", "cx", "cy"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} is {getattr(self, name)}, needs a finite number")
         for name in ("focal", "sx", "dpx", "dpy"):
-            if not getattr(self, name) > 0:
+            if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs more than 0")
 
     def bearings_from_pixels(self, pixels: ArrayLike) -> Array:

@@ -57,7 +57,9 @@ class Candidates:
     def follow(self, direction: Array, descriptor: Floats, subject: Indices, rule: Trial) -> Indices:
         """Find the candidates among sightings with directions (m, 3) in the world: (n,) the sighting of each, or −1."""
         match = np.full(len(self), -1, dtype=np.intp)
-        if len(self) and len(direction):
+        if len(self) == 0:
+            return match
+        if len(direction):
             near = self.direction @ direction.T > np.cos(rule.window)
             unlike = np.where(near, dissimilarity(self.descriptor[:, None], self.subject, descriptor, subject), np.inf)
             best = unlike.argmin(axis=1)

@@ -96,8 +96,7 @@ def compare(frames: Sequence[Frame], measure: Callable[[Array, Array], Array]) -
     truths = np.unique(np.concatenate([none, *(f.truth_id for f in frames)]))
     estimates = np.unique(np.concatenate([none, *(f.estimate_id for f in frames)]))
     pairings = tuple(
-        Pairing(np.searchsorted(truths, f.truth_id), np.searchsorted(estimates, f.estimate_id), measure(f.truth, f.estimate))
-        for f in frames
+        Pairing(np.searchsorted(truths, f.truth_id), np.searchsorted(estimates, f.estimate_id), measure(f.truth, f.estimate)) for f in frames
     )
     return Comparison(pairings, len(truths), len(estimates))
 

@@ -31,7 +31,9 @@ def frozen(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
 
 def wrap(angle: ArrayLike) -> Any:
     """Angles in radians, brought to (−π, π]; any shape."""
-    return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2 * np.pi)
+    wrapped = np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2 * np.pi)
+    # Just above π the remainder rounds up to 2π.
+    return wrapped + 2 * np.pi * (wrapped <= -np.pi)
 
 
 def skew(vector: ArrayLike) -> Array:

@@ -69,29 +69,60 @@ class Grid:
         return np.where(u >= v, z00 + u * (z01 - z00) + v * (z11 - z01), z00 + v * (z10 - z00) + u * (z11 - z10))
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float) -> tuple[Array, NDArray[np.bool_]]:
-        """March by half a cell of plane distance until below the ground, then halve the step 20 times."""
+        """From one line of the mesh to the next: between them a ray's height over the ground is linear, so the first crossing is exact.
+
+        A ray that begins on or under the ground meets it where it begins, unless it is above at the next line: from the feet one sees
+        the sky. Raises ValueError for a limit that is not finite.
+        """
+        if not np.isfinite(limit):
+            raise ValueError(f"limit is {limit} m, needs to be finite")
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         # The first place where a ray can touch: the highest point of the grid.
         top = float(self.heights.max()) + 1e-6
         start = np.where((o[:, 2] > top) & (d[:, 2] < 0), (o[:, 2] - top) / np.maximum(-d[:, 2], 1e-12), 0.0)
-        step = 0.5 * self.spacing / np.maximum(np.hypot(d[:, 0], d[:, 1]), 0.05)
-        low, high = start.copy(), start.copy()
+        lines = _MeshLines.of((o[:, :2] - self.origin) / self.spacing, d[:, :2] / self.spacing, start)
+        low, over = start.copy(), self._over(o + start[:, None] * d)
         hit = np.zeros(len(o), dtype=bool)
-        active = start < limit
-        while active.any():
-            k = np.flatnonzero(active)
-            high[k] = np.minimum(low[k] + step[k], limit)
-            p = o[k] + high[k, None] * d[k]
-            below = p[:, 2] <= self.height_at(p)
-            hit[k[below]] = True
-            active[k[below]] = False
-            over = k[~below]
-            low[over] = high[over]
-            gone = (low[over] >= limit) | ((d[over, 2] >= 0) & (o[over, 2] + low[over] * d[over, 2] > top))
-            active[over[gone]] = False
-        for _ in range(20):
-            middle = 0.5 * (low + high)
-            p = o + middle[:, None] * d
-            below = p[:, 2] <= self.height_at(p)
-            high, low = np.where(below, middle, high), np.where(below, low, middle)
-        return o + np.where(hit, high, 0.0)[:, None] * d, hit
+        active = np.flatnonzero(start < limit)
+        while len(active):
+            high = np.minimum(lines.advance(active), limit)
+            p = o[active] + high[:, None] * d[active]
+            now = self._over(p)
+            below = now <= 0
+            # Rays that cross: the line between the two heights falls to zero here.
+            k = active[below]
+            before = np.maximum(over[k], 0.0)
+            low[k] += before / np.maximum(before - now[below], 1e-300) * (high[below] - low[k])
+            hit[k] = True
+            low[active[~below]], over[active[~below]] = high[~below], now[~below]
+            active = active[~below & (high < limit) & ((d[active, 2] < 0) | (p[:, 2] <= top))]
+        return o + np.where(hit, low, 0.0)[:, None] * d, hit
+
+    def _over(self, points: Array) -> Array:
+        """How high points (n, 3) m stand over the ground, (n,) m."""
+        return np.asarray(points[:, 2] - self.height_at(points))
+
+
+class _MeshLines:
+    """Where rays over a unit grid cross its lines: x whole, y whole, and x − y whole, the diagonals of the cells.
+
+    coordinate (n, 3) of each ray in those three, rate (n, 3) its change along the ray, line (n, 3) the next whole number to be crossed.
+    """
+
+    def __init__(self, coordinate: Array, rate: Array, line: Array) -> None:
+        self.coordinate, self.rate, self.line = coordinate, rate, line
+
+    @staticmethod
+    def of(origins: Array, directions: Array, start: Array) -> _MeshLines:
+        coordinate, rate = (np.column_stack([v, v[:, 0] - v[:, 1]]) for v in (origins, directions))
+        here = coordinate + start[:, None] * rate
+        return _MeshLines(coordinate, rate, np.where(rate > 0, np.floor(here) + 1, np.ceil(here) - 1))
+
+    def advance(self, rays: NDArray[np.int64]) -> Array:
+        """Step `rays` (k,) to their next line; returns how far along the ray it lies (k,), inf where there is none."""
+        rate = self.rate[rays]
+        still = np.abs(rate) < 1e-12
+        distance = np.where(still, np.inf, (self.line[rays] - self.coordinate[rays]) / np.where(still, 1.0, rate))
+        nearest = distance.argmin(axis=1)
+        self.line[rays, nearest] += np.sign(rate[np.arange(len(rays)), nearest])
+        return np.asarray(distance[np.arange(len(rays)), nearest])

@@ -27,8 +27,8 @@ class TargetParameters:
 
     fusion: FusionParameters = field(default_factory=FusionParameters)
     motion: MotionParameters = field(default_factory=MotionParameters)
-    min_confidence: float = 0.4  # boxes below are not looked at
-    birth_confidence: float = 0.7  # and below this they start nobody
+    min_confidence: float = 0.6  # boxes below are not looked at
+    birth_confidence: float = 0.8  # and below this they start nobody
     false_positive: float = 0.05  # FP
     false_negative: float = 0.1  # FN
     clutter: float = 2.0  # false boxes a steradian: what a box must beat to be taken
@@ -36,7 +36,7 @@ class TargetParameters:
     hidden_feet: float = 0.15  # how often a box ends above the feet for no reason that is known
     delta_a: float = 9 / 7  # s, longest gap that is bridged
     n_conf: int = 3  # frames until a track may be believed
-    believe: float = 4.0  # score from which it is
+    believe: float = 6.0  # score from which it is
     same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
     offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off
     offset_memory: float = 30.0  # innovations that are worth one independent look at the offset: they come in runs
@@ -124,11 +124,13 @@ class Hypotheses:
         """Score every track by what saw it and what should have (METHOD 5, C_rec), and count frames."""
         q, tracks = self.parameters, self.tracks
         hit, miss = np.log((1 - q.false_positive) / q.false_positive), np.log(q.false_negative / (1 - q.false_negative))
-        score = tracks.score.copy()
+        gain = np.zeros(len(tracks))
         for v, (feet, (camera, pose)) in enumerate(zip(views, cameras, strict=True)):
             expected = self._expected(feet, camera, pose)
-            score += np.where(seen[:, v], hit, miss * expected)
+            gain += np.where(seen[:, v], hit, miss * expected)
         any_seen = seen.any(axis=1)
+        # Where all views lose a person at once they do so for one reason: that is two misses, not many.
+        score = tracks.score + np.where(any_seen, gain, np.maximum(gain, 2 * miss))
         self.tracks = replace(
             tracks,
             score=np.clip(score, -20.0, 20.0),

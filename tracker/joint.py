@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from tracker.bearings import Sight
 from tracker.gaussian import block_diagonal, joseph, kalman_gain, robust_weights
-from tracker.geometry import Array, exp_so3, log_so3, right_jacobian_so3
+from tracker.geometry import Array, exp_so3, log_so3
 from tracker.measurements import Mount, Odometry, Start
-from tracker.motion import compose, retract, retraction_jacobian
+from tracker.motion import compose, retract, retraction_jacobian, right_jacobian
 
 Indices = NDArray[np.intp]
 
@@ -26,7 +26,7 @@ Indices = NDArray[np.intp]
 class Linear:
     """k measured directions linearised at the present mean: residual (2k,), H (2k, c) over the state's `columns` (c,), noise (k, 2, 2) rad².
 
-    The first columns are those of `robot` (pose, then the correction where there is one, unless nothing follows); the others belong to landmarks.
+    The first columns are those of `robot` (pose, then the correction where there is one); the others belong to landmarks.
     """
 
     robot: int
@@ -171,7 +171,8 @@ class Joint:
         delta = np.zeros(len(self.P))
         for _ in range(iterations):
             linear = linearise()
-            H = self._at_prior(linear, delta)
+            H, own = linear.H.copy(), slice(self.offset(linear.robot), self.offset(linear.robot) + self.stride)
+            H[:, : self.stride] = H[:, : self.stride] @ self._chart(delta)[own, own]
             HP = H @ self.P[linear.columns]
             spread = HP[:, linear.columns] @ H.T
             innovation = linear.residual + H @ delta[linear.columns]
@@ -181,31 +182,33 @@ class Joint:
             delta = K @ innovation
             self._retract(before, delta)
         joseph(self.P, HP, K, S)
-        self._transport(delta)
+        self._transform(slice(0, self.base), self._chart(delta))
         return weights
 
-    def _at_prior(self, linear: Linear, delta: Array) -> Array:
-        at = self.offset(linear.robot)
-        H = linear.H.copy()
-        H[:, :6] = H[:, :6] @ retraction_jacobian(delta[at : at + 6])
-        if H.shape[1] >= 9 <= self.stride:
-            H[:, 6:9] = H[:, 6:9] @ right_jacobian_so3(delta[at + 6 : at + 9])
-        return H
+    def _tangents(self, delta: Array) -> tuple[Array, Array]:
+        """The parts of a change (n,) that belong to the poses (p, 6) and to the corrections (robots, 3 or 0)."""
+        team = delta[: self.stride * self.robots].reshape(self.robots, self.stride)
+        clones = delta[self.stride * self.robots : self.base].reshape(-1, 6)
+        return np.concatenate([team[:, :6], clones]), team[:, 6:]
+
+    def _chart(self, delta: Array) -> Array:
+        """The retraction's Jacobian for all that comes before the landmarks, (base, base)."""
+        poses, corrections = self._tangents(delta)
+        J, out = retraction_jacobian(poses), np.zeros((self.base, self.base))
+        for p in range(len(poses)):
+            at = self.offset(p)
+            out[at : at + 6, at : at + 6] = J[p]
+        for robot, block in enumerate(right_jacobian(corrections) if self.stride == 9 else ()):
+            at = self.offset(robot) + 6
+            out[at : at + 3, at : at + 3] = block
+        return out
 
     def _retract(self, before: tuple[Array, Array, Array, Array], delta: Array) -> None:
-        for p in np.flatnonzero(self.used):
-            at = self.offset(p)
-            self.rotation[p], self.translation[p] = retract(before[0][p], before[1][p], delta[at : at + 6])
-            if p < self.robots and self.stride == 9:
-                self.correction[p] = log_so3(exp_so3(before[2][p]) @ exp_so3(delta[at + 6 : at + 9]))
+        poses, corrections = self._tangents(delta)
+        self.rotation, self.translation = retract(before[0], before[1], poses)
+        for robot, w in enumerate(corrections if self.stride == 9 else ()):
+            self.correction[robot] = log_so3(exp_so3(before[2][robot]) @ exp_so3(w))
         self.point[: self.count] = before[3] + delta[self.base :].reshape(-1, 3)
-
-    def _transport(self, delta: Array) -> None:
-        for p in np.flatnonzero(self.used):
-            at = self.offset(p)
-            self._transform(slice(at, at + 6), retraction_jacobian(delta[at : at + 6]))
-            if p < self.robots and self.stride == 9:
-                self._transform(slice(at + 6, at + 9), right_jacobian_so3(delta[at + 6 : at + 9]))
 
     def _transform(self, rows: slice, F: Array) -> None:
         """P ← F P Fᵀ for the rows and columns of one block."""

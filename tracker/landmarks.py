@@ -27,6 +27,8 @@ def dissimilarity(look: Floats, subject: Indices, descriptor: Floats, other: Ind
     Subjects that are known (≥ 0) decide alone: 0 where they are equal, infinite where they differ. Empty looks are rows of zeros, at distance 2.
     """
     n, k, d = look.shape
+    if n == 0:
+        return np.zeros((0, len(descriptor)), dtype=np.float32)
     product = (look.reshape(n * k, d) @ descriptor.T).reshape(n, k, len(descriptor))
     empty = ~look.any(axis=2)
     product[empty] = -1.0
@@ -74,6 +76,8 @@ class Landmarks:
 
     def seen(self, landmarks: Indices, descriptor: Floats, robot: int, tick: int) -> None:
         """Book sightings: landmarks (n,), their present descriptors (n, d)."""
+        if len(landmarks) == 0:
+            return
         self._look[landmarks, robot] = descriptor
         self.hits[landmarks] += 1
         self.missed[landmarks] = self.refused[landmarks] = 0

@@ -1,43 +1,65 @@
 """How robots move, and how an error state of poses is moved along: prediction by odometry, the retraction and its Jacobian.
 
-A pose's error is its right tangent [translation, rotation]: T = T̂ · Exp(ξ), Exp that of R³ × SO(3) (geometry.Pose.exp).
+A pose's error is its right tangent [translation, rotation]: T = T̂ · Exp(ξ), Exp that of R³ × SO(3) (geometry.Pose.exp). Poses come in rows,
+rotation (n, 3, 3) and translation (n, 3) m: a filter moves all it has at once.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from tracker.geometry import Array, exp_so3, right_jacobian_so3, skew
+from tracker.geometry import Array, skew
 from tracker.measurements import Odometry
 
 
 def compose(rotation: Array, translation: Array, odometry: Odometry) -> tuple[Array, Array, Array]:
-    """T · T_before_now: rotation (3, 3), translation (3,) of the new pose, and the Jacobian F (6, 6) of its error in the error before.
+    """T · T_before_now of one pose: rotation (3, 3), translation (3,), and the Jacobian F (6, 6) of its error in the error before.
 
     The covariance after it is F P Fᵀ + Q with Q the odometry's own, which is in the right tangent of the motion and so of the new pose.
-    With o, O the translation and rotation of the motion: ρ' = Oᵀ(ρ − [o]× φ) + η_ρ, φ' = Oᵀ φ + η_φ (from (R Exp φ) (o + O η) to first order).
+    With o, M the translation and rotation of the motion: ρ' = Mᵀ(ρ − [o]× φ) + η_ρ, φ' = Mᵀ φ + η_φ (from (R Exp φ)(o + M η) to first order).
     """
-    O, o = odometry.T_before_now.rotation, odometry.T_before_now.translation
+    M, o = odometry.T_before_now.rotation, odometry.T_before_now.translation
     F = np.zeros((6, 6))
-    F[:3, :3] = F[3:, 3:] = O.T
-    F[:3, 3:] = -O.T @ skew(o)
-    R = rotation @ O
-    return 1.5 * R - 0.5 * R @ R.T @ R, translation + rotation @ o, F
+    F[:3, :3] = F[3:, 3:] = M.T
+    F[:3, 3:] = -M.T @ skew(o)
+    return orthogonal(rotation @ M), translation + rotation @ o, F
+
+
+def orthogonal(rotation: Array) -> Array:
+    """(..., 3, 3) rotations up to rounding → one step of Newton nearer to rotations."""
+    return 1.5 * rotation - 0.5 * rotation @ np.swapaxes(rotation, -1, -2) @ rotation
+
+
+def exponential(phi: Array) -> Array:
+    """Rotation vectors (n, 3) rad → rotations (n, 3, 3); Rodrigues with its series near zero, as geometry.exp_so3."""
+    angle2 = (phi * phi).sum(axis=-1)[..., None, None]
+    K, angle = skew(phi), np.sqrt(angle2)
+    # sinc(x) = sin(πx)/(πx) is sound at zero, and (1 − cos a)/a² is half of the square of sinc at half of the angle.
+    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (K @ K)
+
+
+def right_jacobian(phi: Array) -> Array:
+    """J (n, 3, 3) with Exp(φ + δ) ≈ Exp(φ) Exp(J δ) for rows φ (n, 3) rad (Solà, Deray, Atchuthan 2018, eq. 143)."""
+    angle2 = (phi * phi).sum(axis=-1)[..., None, None]
+    K, angle = skew(phi), np.sqrt(angle2)
+    small = angle2 < 1e-4
+    safe = np.where(small, 1.0, angle2)
+    cubic = np.where(small, 1 / 6 - angle2 / 120, (1 - np.sinc(angle / np.pi)) / safe)
+    return np.eye(3) - 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K + cubic * (K @ K)
 
 
 def retract(rotation: Array, translation: Array, xi: Array) -> tuple[Array, Array]:
-    """T · Exp(ξ) for ξ (6,): rotation (3, 3), translation (3,)."""
-    R = rotation @ exp_so3(xi[3:])
-    return 1.5 * R - 0.5 * R @ R.T @ R, translation + rotation @ xi[:3]
+    """T · Exp(ξ) for rows ξ (n, 6): rotation (n, 3, 3), translation (n, 3)."""
+    return orthogonal(rotation @ exponential(xi[:, 3:])), translation + (rotation @ xi[:, :3, None])[..., 0]
 
 
 def retraction_jacobian(xi: Array) -> Array:
-    """J (6, 6) with (T · Exp(ξ)) · Exp(J δ) ≈ T · Exp(ξ + δ): carries a tangent at T to the tangent at T · Exp(ξ).
+    """J (n, 6, 6) with (T · Exp(ξ)) · Exp(J δ) ≈ T · Exp(ξ + δ): carries a tangent at T to the tangent at T · Exp(ξ).
 
     An iterated filter linearises at T · Exp(ξ) while its covariance lives at T: H J is the Jacobian there, and J P Jᵀ the covariance after
     the mean has moved (the "reset" of an error-state filter; Solà 2017, 6.3). The rotation's block is the right Jacobian of SO(3).
     """
-    J = np.zeros((6, 6))
-    J[:3, :3] = exp_so3(xi[3:]).T
-    J[3:, 3:] = right_jacobian_so3(xi[3:])
+    J = np.zeros((len(xi), 6, 6))
+    J[:, :3, :3] = np.swapaxes(exponential(xi[:, 3:]), 1, 2)
+    J[:, 3:, 3:] = right_jacobian(xi[:, 3:])
     return J

@@ -202,8 +202,9 @@ def read_sequence(folder: Path) -> Sequence:
     Raises ValueError that names the file, and the line or field, of what is missing, damaged or of another schema version.
     """
     manifest = read_json(folder / "manifest.json")
-    if manifest.get("schema") != SCHEMA:
-        raise ValueError(f"{folder / 'manifest.json'}: schema is {manifest.get('schema')}, this version reads {SCHEMA}")
+    schema = manifest.get("schema") if isinstance(manifest, dict) else None
+    if schema != SCHEMA or not isinstance(manifest.get("files"), dict):
+        raise ValueError(f"{folder / 'manifest.json'}: schema is {schema}, this version reads {SCHEMA}")
     for name, entry in manifest["files"].items():
         path = folder / name
         if not path.is_file():

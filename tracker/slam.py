@@ -20,7 +20,10 @@ from tracker.frontier import Frontier
 from tracker.geometry import Array, Pose, angles_from_bearing
 from tracker.joint import Indices, Joint, Linear
 from tracker.landmarks import Landmarks, Survival, dissimilarity, spread, unit_rows
-from tracker.measurements import Mount, Setup, Sightings, Start, Tick, View
+from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
+
+Seen = tuple[Mount, Indices, Array, Array]
+"""A camera, the landmarks (k,) that it sees, their bearings (k, 3) and covariances (k, 2, 2)."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,7 @@ class Slam:
         self._team: dict[str, int] = {}
         self._frontier: dict[str, Frontier] = {}
         self._cloned: dict[str, int] = {}
+        self._odometry: dict[str, Odometry | None] = {}
         self._refusing: Counter[str] = Counter()
         self._counters: Counter[str] = Counter()
 
@@ -135,17 +139,11 @@ class Slam:
                 self._frontier[camera] = Frontier(robot, mount, (self._joint, self._map), self.setup.ground, self.parameters.trial)
 
     def _predict(self, name: str, views: list[View]) -> None:
-        """Odometry, and the level by gravity. A robot without odometry did not move."""
-        robot, odometry = self._team[name], next((v.odometry for v in views if v.odometry is not None), None)
-        if odometry is None:
-            return
-        self._joint.predict(robot, odometry)
-        if odometry.gravity is not None:
-            up, noise = odometry.gravity / np.linalg.norm(odometry.gravity), np.eye(2)[None] * odometry.gravity_sigma**2
-            columns = np.arange(6) + self._joint.offset(robot)
-            self._joint.update(
-                lambda: Linear(robot, columns, *gravity(self._joint.rotation[robot], up)[::-1], noise), self.parameters.iterations, np.inf
-            )
+        """A robot without odometry did not move."""
+        odometry = next((v.odometry for v in views if v.odometry is not None), None)
+        self._odometry[name] = odometry
+        if odometry is not None:
+            self._joint.predict(self._team[name], odometry)
 
     def _look(self, name: str, views: list[View], tick: int) -> None:
         """All that one robot sees at one tick: update, forget what fails, follow what is new."""
@@ -154,10 +152,12 @@ class Slam:
             seen = self._sightings(name, view)
             if seen is not None:
                 rest.append((self._frontier[view.camera], seen, self._update(name, self.setup.mounts[view.camera], seen, tick)))
+        if not rest:
+            self._correct(name, None)
         for landmark in self._map.doomed(self.parameters.survival)[::-1]:
             self._forget(int(landmark), "lost")
         for frontier, seen, (free, matched) in rest:
-            room = min(self.parameters.growth, self.parameters.seen - matched)
+            room = max(0, min(self.parameters.growth, self.parameters.seen - matched))
             while self._joint.count > self._joint.capacity - room:
                 self._forget(self._map.stalest(), "map full")
             frontier.advance(seen, free, room, tick)
@@ -199,34 +199,44 @@ class Slam:
         azimuth, _ = angles_from_bearing(seen.bearing[m.sighting])
         chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
-        if len(landmark):
-            weights = joint.update(
-                lambda: self._linear(robot, mount, landmark, (seen.bearing[sighting], seen.covariance[sighting])),
-                self.parameters.iterations,
-                self.parameters.robust,
-            )
-            good = weights > 0.3
-            book.seen(landmark[good], descriptor[sighting[good]], robot, tick)
-            book.refused[landmark[~good]] += 1
-            self._counters["outlier"] += int((~good).sum())
+        good = self._correct(name, (mount, landmark, seen.bearing[sighting], seen.covariance[sighting])) > 0.3
+        book.seen(landmark[good], descriptor[sighting[good]], robot, tick)
+        book.refused[landmark[~good]] += 1
+        self._counters["outlier"] += int((~good).sum())
         self._account(name, m)
         free = np.ones(len(seen), dtype=bool)
         free[m.sighting] = free[m.refused_sighting] = False
         self._counters["no match"] += int(free.sum())
         return np.flatnonzero(free), len(m.landmark)
 
-    def _linear(self, robot: int, mount: Mount, landmark: Indices, seen: tuple[Array, Array]) -> Linear:
-        sight, point = self._joint.sight(robot, mount), self._joint.point[landmark]
-        H_body, H_point, H_correction = jacobians(sight, point)
-        k, own = len(landmark), self._joint.stride
-        H = np.zeros((k, 2, own + 3 * k))
-        H[:, :, :6] = H_body
-        H[:, :, 6:own] = H_correction[:, :, : own - 6]
-        at = np.arange(k)
-        for axis in range(3):
-            H[at, :, own + 3 * at + axis] = H_point[:, :, axis]
-        r = residual(seen[0], predict(sight, point)[0])
-        return Linear(robot, self._joint.columns(robot, landmark), H.reshape(2 * k, -1), r.reshape(-1), seen[1])
+    def _correct(self, name: str, seen: Seen | None) -> Array:
+        """One update by what was associated, and by gravity if it was not yet used at this tick; the weights (k,) of what was seen."""
+        robot, odometry = self._team[name], self._odometry.pop(name, None)
+        up = None if odometry is None or odometry.gravity is None else odometry
+        if up is None and (seen is None or not len(seen[1])):
+            return np.ones(0)
+        weights = self._joint.update(lambda: self._linear(robot, seen, up), self.parameters.iterations, self.parameters.robust)
+        self._counters["shaken level"] += int(up is not None and weights[-1] < 0.3)
+        return weights if up is None else weights[:-1]
+
+    def _linear(self, robot: int, seen: Seen | None, level: Odometry | None) -> Linear:
+        """Rows of landmarks, two each, then two of gravity: "up" is one more direction."""
+        joint, own = self._joint, self._joint.stride
+        landmark = np.zeros(0, dtype=np.intp) if seen is None else seen[1]
+        k = len(landmark)
+        H, r, noise = np.zeros((k + 1, 2, own + 3 * k)), np.zeros((k + 1, 2)), np.zeros((k + 1, 2, 2))
+        if seen is not None and k:
+            sight, point, at = joint.sight(robot, seen[0]), joint.point[landmark], np.arange(k)
+            H_body, H_point, H_correction = jacobians(sight, point)
+            H[:k, :, :6], H[:k, :, 6:own] = H_body, H_correction[:, :, : own - 6]
+            for axis in range(3):
+                H[at, :, own + 3 * at + axis] = H_point[:, :, axis]
+            r[:k], noise[:k] = residual(seen[2], predict(sight, point)[0]), seen[3]
+        if level is not None and level.gravity is not None:
+            r[k], H[k, :, :6] = gravity(joint.rotation[robot], level.gravity / np.linalg.norm(level.gravity))
+            noise[k] = np.eye(2) * level.gravity_sigma**2
+        rows = k + (level is not None)
+        return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])
 
     def _account(self, name: str, m: Matches) -> None:
         """Book refusals and misses, and doubt a robot anew whose sightings are refused for too long: the gate must open again."""

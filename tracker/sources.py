@@ -23,7 +23,7 @@ FOOT_SHARE = 0.02  # ... and as a share of its height
 
 
 def open_source(path: Path, views: Iterable[int] = ()) -> Sequence:
-    """The Sequence in `path`; `views` are the numbers of PETS cameras, or of the robots of a generated sequence; none stands for all.
+    """The Sequence in `path`; `views` are the numbers of PETS cameras, none stands for all.
 
     Raises ValueError where there is nothing that can be read.
     """
@@ -33,19 +33,12 @@ def open_source(path: Path, views: Iterable[int] = ()) -> Sequence:
     if len(set(wanted)) != len(wanted):
         raise ValueError(f"--views {','.join(map(str, wanted))} names a view twice")
     if (path / "manifest.json").is_file():
-        sequence = read_sequence(path)
-        return _only(sequence, wanted) if wanted else sequence
+        if wanted:
+            raise ValueError(f"{path}: --views chooses PETS cameras; a generated sequence is tracked with all its robots")
+        return read_sequence(path)
     if (path / "annotations").is_dir() or (path / "detections").is_dir():
         return _read_pets(path, wanted)
     raise ValueError(f"{path}: neither a sequence (manifest.json) nor a PETS 2009 folder (annotations/, detections/)")
-
-
-def _only(sequence: Sequence, wanted: list[int]) -> Sequence:
-    names = list(sequence.setup.mounts)
-    missing = [n for n in wanted if not 0 <= n < len(names)]
-    if missing:
-        raise ValueError(f"--views {missing[0]}: this sequence has the views 0 to {len(names) - 1}")
-    raise ValueError("--views chooses PETS cameras; a generated sequence is tracked with all its robots")
 
 
 def _read_pets(path: Path, wanted: list[int]) -> Sequence:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,7 +13,7 @@ from worlds.painting import Canvas, tint
 from worlds.polygon import signed_distance
 
 # Pixels a metre: from a robot's eye at 0.6 m a panorama of 1024 pixels sees no more than about 110 of them in a metre of floor.
-SCALE = 104.0
+SCALE = 96.0
 # Rise from grid point to grid point, m, from which on the edge is painted as a hazard.
 HAZARD = 0.06
 
@@ -47,12 +49,12 @@ def _tiles(canvas: Canvas, rng: np.random.Generator, size: float) -> None:
 def _stains(canvas: Canvas, rng: np.random.Generator) -> None:
     """Unevenness of tone at every scale: wear over metres, stains over decimetres, chips of stone over millimetres."""
     shape = canvas.pixels.shape[:2]
-    canvas.mottle(rng, canvas.box, 0.16, 3.0, 8)
+    canvas.mottle(rng, canvas.box, 0.18, 3.0, 7)
     stain = fractal(rng, shape, 0.8 * SCALE, 5)
     canvas.shade(canvas.box, -0.35 * np.clip(2.5 * (stain - 0.28), 0.0, 1.0))
-    chips = noise(rng, shape, 2.6)
-    hue = noise(rng, shape, 5.0)[..., None] * np.array([14, 2, -14], dtype=np.float32)
-    canvas.pixels += np.where(chips > 0.5, 26, np.where(chips < -0.5, -34, 0)).astype(np.float32)[..., None] * (np.abs(chips)[..., None]) + hue
+    chips = noise(rng, shape, 2.2)
+    bits = np.where(chips > 0.45, 26 * chips, np.where(chips < -0.45, 32 * chips, 0)).astype(np.float32)
+    canvas.pixels += bits[..., None] * np.array([1.15, 1.0, 0.8], dtype=np.float32)
 
 
 def _scuff(canvas: Canvas, rng: np.random.Generator) -> None:
@@ -60,7 +62,8 @@ def _scuff(canvas: Canvas, rng: np.random.Generator) -> None:
     x, y = rng.uniform(0, canvas.width), rng.uniform(0, canvas.height)
     kind = rng.uniform()
     if kind < 0.6:
-        box = (x, y, x + rng.uniform(0.1, 0.9), y + rng.uniform(0.015, 0.05)) if kind < 0.3 else (x, y, x + rng.uniform(0.015, 0.05), y + rng.uniform(0.1, 0.9))
+        long, thin = rng.uniform(0.1, 0.9), rng.uniform(0.015, 0.05)
+        box = (x, y, x + long, y + thin) if kind < 0.3 else (x, y, x + thin, y + long)
         canvas.mottle(rng, box, 0.5, 0.1, 3)
     elif kind < 0.85:
         for _ in range(int(rng.integers(2, 9))):
@@ -97,7 +100,7 @@ def matting(canvas: Canvas, rng: np.random.Generator, ground: Heightfield, corne
 def lane(canvas: Canvas, rng: np.random.Generator, ground: Heightfield, points: ArrayLike, colour: ArrayLike) -> None:
     """A painted line, 7 cm wide and worn, along a polyline (k, 2) m of the ground."""
     corners = np.asarray(points, dtype=np.float64)
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in pairwise(corners):
         low, high = np.minimum(a, b) - 0.035 - ground.origin, np.maximum(a, b) + 0.035 - ground.origin
         w = canvas.window((low[0], low[1], high[0], high[1]))
         if w.size:

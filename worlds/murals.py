@@ -1,4 +1,4 @@
-"""What walls look like: plaster, brick or concrete, and on it windows, doors, boards, posters, pipes and sockets."""
+"""What is on walls: windows, doors, boards, posters, pipes and sockets. Each is painted with its left side at x m, and tells how wide it is."""
 
 from __future__ import annotations
 
@@ -6,23 +6,25 @@ from collections.abc import Callable
 
 import numpy as np
 
-from worlds.painting import Canvas, tint
+from worlds.masonry import brick, concrete, plaster, skirting
+from worlds.painting import Box, Canvas, tint
 
-# Pixels a metre: from 1.5 m away a panorama of 1024 pixels sees about 110 of them in a metre.
-SCALE = 112.0
 INK = (45, 48, 55)
-BRIGHT = np.array([[196, 72, 58], [48, 98, 160], [226, 172, 60], [66, 132, 92], [120, 80, 140], [236, 232, 222], [40, 44, 52], [70, 160, 175]], dtype=np.float64)
+BRIGHT = np.array(
+    [[196, 72, 58], [48, 98, 160], [226, 172, 60], [66, 132, 92], [120, 80, 140], [236, 232, 222], [40, 44, 52], [70, 160, 175]],
+    dtype=np.float64,
+)
 
 
-def wall(rng: np.random.Generator, width: float, height: float, door: bool = False) -> Canvas:
-    """A whole wall of width x height m; with `door`, one in its middle, else whatever hangs on walls."""
-    paper = (_plaster, _plaster, _brick, _concrete)[int(rng.integers(4))]
-    canvas = paper(rng, width, height)
+def wall(rng: np.random.Generator, width: float, height: float, base: float, door: bool = False) -> Canvas:
+    """A whole wall, width x height m and down to `base` m: with `door`, one in its middle, else whatever hangs on walls."""
+    material = (plaster, plaster, brick, concrete)[int(rng.integers(4))]
+    canvas = material(rng, width, height, base)
+    skirting(canvas, rng)
     if door:
         _door(canvas, rng, width / 2 - 0.5)
     elif width > 1.2:
         _hang(canvas, rng)
-    _skirting(canvas, rng)
     return canvas
 
 
@@ -39,63 +41,6 @@ def _hang(canvas: Canvas, rng: np.random.Generator) -> None:
             kind = 0
         x += things[kind](canvas, rng, x) + rng.uniform(0.15, 0.8)
         last = kind
-
-
-def _plaster(rng: np.random.Generator, width: float, height: float) -> Canvas:
-    """Paint on plaster: two tones, one above the other, with the marks of years."""
-    upper = tint(rng, [(214, 208, 196), (198, 208, 204), (210, 200, 182), (192, 202, 214)][int(rng.integers(4))], 6)
-    canvas = Canvas(width, height, SCALE, upper)
-    if rng.uniform() < 0.7:
-        edge = rng.uniform(0.9, 1.25)
-        canvas.fill((0, 0, width, edge), tint(rng, [(118, 138, 134), (140, 128, 110), (104, 122, 146), (150, 142, 128)][int(rng.integers(4))], 8))
-        canvas.fill((0, edge, width, edge + 0.04), tint(rng, (92, 92, 90)))
-    canvas.mottle(rng, canvas.box, 0.16, 1.6, 6)
-    canvas.speckle(rng, canvas.box, 0.20, 0.05)
-    for _ in range(int(3 * width)):
-        x, y = rng.uniform(0, width), rng.uniform(0, height)
-        canvas.mottle(rng, (x, y, x + rng.uniform(0.05, 0.5), y + rng.uniform(0.01, 0.06)), rng.uniform(0.2, 0.5), 0.08, 2)
-    return canvas
-
-
-def _brick(rng: np.random.Generator, width: float, height: float) -> Canvas:
-    """Bricks, each of its own tone, here and there whitewashed."""
-    canvas = Canvas(width, height, SCALE, (172, 162, 150))
-    tone = tint(rng, [(158, 96, 74), (176, 164, 146), (146, 110, 92)][int(rng.integers(3))], 8)
-    long, high, joint = 0.25, 0.083, 0.012
-    for row in range(int(height / high) + 1):
-        shift = (row % 2) * long / 2 + rng.uniform(-0.03, 0.03)
-        for column in range(-1, int(width / long) + 2):
-            x, y = column * long + shift, row * high
-            canvas.fill((x, y, x + long - joint, y + high - joint), tone * rng.uniform(0.68, 1.22) + rng.normal(0, 5, 3))
-    canvas.mottle(rng, canvas.box, 0.25, 1.3, 7)
-    canvas.speckle(rng, canvas.box, 0.3, 0.08)
-    return canvas
-
-
-def _concrete(rng: np.random.Generator, width: float, height: float) -> Canvas:
-    """Cast concrete: panels with their tie holes and stains."""
-    canvas = Canvas(width, height, SCALE, tint(rng, (168, 166, 160), 6))
-    x = 0.0
-    while x < width:
-        panel = rng.uniform(0.9, 1.6)
-        for y0, y1 in ((0.0, 1.4), (1.4, height)):
-            canvas.shade((x, y0, x + panel, y1), rng.uniform(-0.12, 0.08))
-            for u in (0.2, 0.8):
-                canvas.disc((x + u * panel, y0 + 0.5 * (y1 - y0) + rng.uniform(-0.05, 0.05)), 0.018, (92, 90, 86))
-        canvas.fill((x - 0.006, 0, x + 0.006, height), (120, 118, 112))
-        x += panel
-    canvas.fill((0, 1.395, width, 1.405), (118, 116, 110))
-    canvas.mottle(rng, canvas.box, 0.30, 1.4, 7)
-    canvas.speckle(rng, canvas.box, 0.35, 0.06)
-    return canvas
-
-
-def _skirting(canvas: Canvas, rng: np.random.Generator) -> None:
-    foot = (0, 0, canvas.width, 0.45)
-    rows = canvas.window(foot).shape[0]
-    canvas.shade(foot, np.linspace(0.0, -0.22, rows)[:, None])
-    canvas.fill((0, 0, canvas.width, 0.19), tint(rng, (84, 80, 76)))
-    canvas.mottle(rng, (0, 0, canvas.width, 0.19), 0.3, 0.5, 4)
 
 
 def _services(canvas: Canvas, rng: np.random.Generator) -> None:
@@ -119,7 +64,7 @@ def _services(canvas: Canvas, rng: np.random.Generator) -> None:
         canvas.disc((x + 0.115, y + 0.042), 0.022, (110, 110, 110))
     if rng.uniform() < 0.6:
         x = rng.uniform(0.3, canvas.width - 0.3)
-        box = (x, 0.0, x + rng.uniform(0.05, 0.12), canvas.height)
+        box = (x, canvas.base, x + rng.uniform(0.05, 0.12), canvas.height)
         canvas.fill(box, tint(rng, BRIGHT[int(rng.integers(5))] * 0.6 + 70))
         columns = canvas.window(box).shape[1]
         canvas.shade(box, 0.25 * np.sin(np.linspace(-0.6, 3.6, columns))[None, :] - 0.1)
@@ -154,7 +99,7 @@ def _poster(canvas: Canvas, rng: np.random.Generator, x: float, y: float | None 
     return width
 
 
-def _plot(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, float, float]) -> None:
+def _plot(canvas: Canvas, rng: np.random.Generator, box: Box) -> None:
     x0, y0, x1, y1 = box
     canvas.fill(box, (226, 228, 230))
     canvas.frame(box, (70, 70, 76), 0.008)

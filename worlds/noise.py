@@ -9,7 +9,7 @@ Pattern = NDArray[np.float32]
 
 
 def noise(rng: np.random.Generator, shape: tuple[int, int], period: float | tuple[float, float]) -> Pattern:
-    """Value noise of that shape in [−1, 1]: random values every `period` samples (one for rows and one for columns, or one for both), blended between.
+    """Value noise of that shape in [−1, 1]: random values every `period` samples (of rows and of columns, or of both), blended between.
 
     The blend has two continuous derivatives (Perlin 2002, "Improving Noise").
     """

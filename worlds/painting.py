@@ -15,14 +15,14 @@ Box = tuple[float, float, float, float]
 
 @final
 class Canvas:
-    """A picture under work, width x height m, with `scale` pixels a metre; x to the right and y up from the lower left corner, metres.
+    """A picture under work with `scale` pixels a metre: x from 0 on the left to width, y from base at the bottom up to height, metres.
 
     A box is (x0, y0, x1, y1) m; what lies off the canvas is not painted. Colours are (3,) in [0, 255].
     """
 
-    def __init__(self, width: float, height: float, scale: float, colour: ArrayLike) -> None:
-        self.width, self.height, self.scale = width, height, scale
-        shape = (max(2, round(height * scale)), max(2, round(width * scale)), 3)
+    def __init__(self, width: float, height: float, scale: float, colour: ArrayLike, base: float = 0.0) -> None:
+        self.width, self.height, self.scale, self.base = width, height, scale, base
+        shape = (max(2, round((height - base) * scale)), max(2, round(width * scale)), 3)
         self.pixels: Pattern = np.empty(shape, dtype=np.float32)
         self.pixels[:] = np.asarray(colour, dtype=np.float32)
 
@@ -32,12 +32,13 @@ class Canvas:
 
     @property
     def box(self) -> Box:
-        return 0.0, 0.0, self.width, self.height
+        return 0.0, self.base, self.width, self.height
 
     def window(self, box: Box) -> Pattern:
         """The pixels (a view, maybe empty) within a box, at least one pixel thick."""
         rows, columns, _ = self.pixels.shape
-        x0, y0, x1, y1 = (round(v * self.scale) for v in box)
+        x0, x1 = (round(v * self.scale) for v in (box[0], box[2]))
+        y0, y1 = (round((v - self.base) * self.scale) for v in (box[1], box[3]))
         left, right = max(0, x0), min(columns, max(x1, x0 + 1))
         top, bottom = max(0, rows - max(y1, y0 + 1)), min(rows, rows - y0)
         return self.pixels[top : max(top, bottom), left : max(left, right)]
@@ -96,7 +97,7 @@ class Canvas:
     def _word(self, rng: np.random.Generator, box: Box, colour: ArrayLike) -> None:
         w = self.window(box)
         if w.size:
-            ink = noise(rng, w.shape[:2], 1.6) > -0.15
+            ink = rng.random(w.shape[:2], dtype=np.float32) < 0.6
             w[ink] = np.asarray(colour, dtype=np.float32)
 
     def picture(self, rng: np.random.Generator, box: Box, colours: ArrayLike) -> None:

@@ -1,31 +1,144 @@
-"""A small indoor laboratory with an uneven floor."""
+"""A small indoor laboratory with an uneven floor: a platform with ramps and stairs, a ledge, a rough patch, furniture, three ways in.
+
+After the test site of the paper: some 14 x 11 m, four small robots and about ten people.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
+from worlds import props
+from worlds.flooring import floor, hazards, lane, matting, planks
+from worlds.furnishing import Furnishing, Place
+from worlds.ground import add_light, add_material, add_sky, set_view
 from worlds.heightfield import Heightfield
-from worlds.walkable import free_space
+from worlds.painting import Canvas, tint
+from worlds.pilsun_plan import RAMP_WIDTH, WALL_HEIGHT, WALL_THICKNESS, Plan, draw
+from worlds.polygon import rectangle, turned
+from worlds.props import Piece
+from worlds.relief import plateau, ramp, rubble, swell
+from worlds.rooms import add_beam, add_frame, add_partition, add_walls
+from worlds.surfaces import atlas
+from worlds.walkable import Walkable, free_space
 from worlds.world import World
 
+Maker = Callable[[np.random.Generator], Piece]
+
 NAME = "pilsun"
+SPACING = 0.125
+# Steepest slope rad, highest step m, half width m. Of people; and of a rover with wheels of 0.10 m radius, 0.4 m apart.
+FEET = (np.deg2rad(40), 0.25, 0.25)
+WHEELS = (np.deg2rad(20), 0.05, 0.30)
+# At least this share of the floor must be free for feet, and a room's worth of it for wheels.
+FREE_FOR_FEET, FREE_FOR_WHEELS = 0.6, 0.3
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
-    """A plain first version: flat floor, four walls."""
+    """A laboratory; no two of them alike. Raises ValueError where people or rovers could not get about in it."""
+    plan = draw(rng, difficulty)
+    ground = _ground(rng, plan, difficulty)
     spec = mujoco.MjSpec()
-    ground = Heightfield.flat([[-7.5, -6.0], [7.5, 6.0]], 0.1)
-    z = 0.05 * difficulty * np.sin(ground.nodes[..., 0] + rng.uniform(0, 6)) * np.sin(1.3 * ground.nodes[..., 1])
-    z[(ground.nodes[..., 0] > 4) & (ground.nodes[..., 1] > 2)] += 0.13
-    ground = ground.with_heights(z)
-    ground.add_to(spec, "ground")
-    for k, (x, y, a, b) in enumerate([(0, -5.6, 7.2, 0.1), (0, 5.6, 7.2, 0.1), (-7.1, 0, 0.1, 5.5), (7.1, 0, 0.1, 5.5)]):
-        spec.worldbody.add_geom(name=f"wall{k}", type=mujoco.mjtGeom.mjGEOM_BOX, size=[a, b, 1.4], pos=[x, y, 1.2], group=1)
-    spec.worldbody.add_light(pos=[0, 0, 10], dir=[0.3, 0.2, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
-    spec.stat.extent, spec.stat.center = 10.0, [0, 0, 1]
-    spec.visual.global_.offwidth = spec.visual.global_.offheight = 4096
-    blocked = (np.abs(ground.nodes[..., 0]) > 7) | (np.abs(ground.nodes[..., 1]) > 5.5)
-    feet = free_space(ground, blocked, np.deg2rad(35), 0.2, 0.25)
-    wheels = free_space(ground, blocked, np.deg2rad(20), 0.05, 0.3)
-    return World(NAME, spec, ground, feet, wheels, np.array([[[-6.5, -1], [-5.5, 1]], [[5.5, -1], [6.5, 1]]]))
+    spec.modelname = NAME
+    add_material(spec, "furniture", atlas(rng))
+    add_material(spec, "ground", _floor(rng, plan, ground), 0.15)
+    # The floor throws no shadow worth drawing it twice for.
+    ground.add_to(spec, "ground", "ground").castshadow = False
+    add_sky(spec, (0.60, 0.71, 0.84), (0.86, 0.89, 0.92))
+    add_light(spec, [*turned([0.55, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
+    set_view(spec, ground.extent)
+    furnishing = _rooms(spec, rng, plan, ground)
+    _furnish(spec, rng, plan, furnishing, difficulty)
+    feet, wheels = (free_space(ground, furnishing.blocked, *limits) for limits in (FEET, WHEELS))
+    _check(furnishing, feet, wheels)
+    return World(NAME, spec, ground, feet, wheels, plan.spawn)
+
+
+def _ground(rng: np.random.Generator, plan: Plan, difficulty: float) -> Heightfield:
+    low, high = plan.outline.min(axis=0) - 0.25, plan.outline.max(axis=0) + 0.25
+    ground = Heightfield.flat([np.floor(low * 4) / 4, np.ceil(high * 4) / 4], SPACING)
+    nodes = ground.nodes
+    built = [
+        plateau(nodes, plan.platform, plan.height),
+        plateau(nodes, plan.stair, plan.height / 2),
+        plateau(nodes, plan.ledge, 0.12 + 0.03 * difficulty),
+        *(ramp(nodes, foot, top, RAMP_WIDTH, plan.height) for foot, top in plan.ramps),
+        rubble(rng, nodes, plan.rough, 1.3, 0.02 + 0.04 * difficulty),
+    ]
+    uneven = swell(rng, nodes, 3.5, 0.02 + 0.03 * difficulty) + swell(rng, nodes, 1.3, 0.006 + 0.012 * difficulty)
+    return ground.with_heights(np.maximum.reduce(built) + uneven)
+
+
+def _floor(rng: np.random.Generator, plan: Plan, ground: Heightfield) -> Canvas:
+    canvas = floor(rng, ground)
+    matting(canvas, rng, ground, plan.ledge, tint(rng, (104, 116, 122), 14))
+    for polygon in (plan.platform, plan.stair, *plan.ramp_areas):
+        planks(canvas, rng, ground, polygon)
+    for opening in plan.openings:
+        inwards = plan.middle - opening.mean(axis=0)
+        bay = opening + np.sign(inwards) * (np.ptp(opening, axis=0) == 0) * 1.2
+        lane(canvas, rng, ground, [opening[0], bay[0], bay[1], opening[1]], (206, 168, 52))
+    for _ in range(4):
+        corners = rectangle(rng.uniform((-4, -3), (4, 3)), rng.uniform((1.0, 1.0), (2.5, 1.8)))
+        lane(canvas, rng, ground, [*corners, corners[0]], tint(rng, ((210, 206, 198), (60, 96, 140), (168, 66, 54))[int(rng.integers(3))]))
+    hazards(canvas, ground)
+    return canvas
+
+
+def _rooms(spec: mujoco.MjSpec, rng: np.random.Generator, plan: Plan, ground: Heightfield) -> Furnishing:
+    """Walls and what is fixed to them, and what must stay clear of furniture."""
+    furnishing = Furnishing(ground, plan.outline)
+    add_walls(spec, rng, plan.outline, plan.doors, (WALL_THICKNESS, WALL_HEIGHT))
+    furnishing.take(add_partition(spec, rng, "partition", plan.partition, (0.16, 2.3)))
+    for k, opening in enumerate(plan.openings):
+        for post in add_frame(spec, rng, f"frame{k}", opening, WALL_HEIGHT):
+            furnishing.take(post)
+        furnishing.keep_clear(rectangle(opening.mean(axis=0), (0.2, 0.2)), 1.6)
+    for area in (plan.stair, *plan.ramp_areas):
+        furnishing.keep_clear(area, 0.9)
+    low, high = plan.outline.min(axis=0), plan.outline.max(axis=0)
+    for k, x in enumerate(np.linspace(-4.5, 4.5, 3) + rng.uniform(-0.8, 0.8, 3)):
+        add_beam(spec, rng, f"beam{k}", [(x, low[1] + 1.5), (x, high[1] + 0.1)], WALL_HEIGHT)
+    return furnishing
+
+
+def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator, plan: Plan, furnishing: Furnishing, difficulty: float) -> None:
+    """Pillars first, then what stands along walls, then what stands about; what finds no place stays away."""
+    edges = np.stack([plan.outline, np.roll(plan.outline, -1, axis=0)], axis=1)
+    long = edges[np.hypot(*(edges[:, 1] - edges[:, 0]).T) > 2.2]
+    standing: list[Maker] = [lambda r: props.pillar(r, WALL_HEIGHT)] * 2
+    along: list[Maker] = [*[props.shelf, props.cabinet] * (3 + round(2 * difficulty)), props.table, props.table]
+    about: list[Maker] = [props.table, props.table, *[props.crates, props.barrel] * (1 + round(2 * difficulty))]
+    number = 0
+    for makers, at_wall in ((standing, False), (along, True), (about, False)):
+        for make in makers:
+            piece = make(rng)
+            place = furnishing.at_wall(rng, piece, long) if at_wall else furnishing.standing_free(rng, piece)
+            if place is None:
+                continue
+            _stand(spec, rng, furnishing, piece, place, number)
+            number += 1
+
+
+def _stand(spec: mujoco.MjSpec, rng: np.random.Generator, furnishing: Furnishing, piece: Piece, place: Place, number: int) -> None:
+    """Put a piece in its place, and chairs before a table."""
+    position, yaw = place
+    piece.stand(spec, furnishing.ground, f"{piece.kind}{number}", position, yaw)
+    furnishing.take(piece.footprint(position, yaw))
+    if piece.kind == "table":
+        width, depth = piece.size
+        for side in range(int(rng.integers(1, 3))):
+            seat = props.chair(rng)
+            where = position + turned([(side - 0.5) * 0.5 * width + rng.uniform(-0.1, 0.1), -depth / 2 - rng.uniform(0.05, 0.3)], yaw)
+            facing = yaw + rng.uniform(-0.5, 0.5)
+            seat.stand(spec, furnishing.ground, f"chair{number}-{side}", where, facing)
+            furnishing.take(seat.footprint(where, facing))
+
+
+def _check(furnishing: Furnishing, feet: Walkable, wheels: Walkable) -> None:
+    floor_area = float((~furnishing.walls).sum()) * SPACING**2
+    for name, space, share in (("feet", feet, FREE_FOR_FEET), ("wheels", wheels, FREE_FOR_WHEELS)):
+        if space.area < share * floor_area:
+            raise ValueError(f"{space.area:.1f} m² of {floor_area:.1f} m² of {NAME} are free for {name}, need {share:.0%}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from worlds.heightfield import Array
+from worlds.heightfield import Array, Heightfield, Mask
 
 
 def rectangle(centre: ArrayLike, size: ArrayLike, yaw: float = 0.0) -> Array:
@@ -43,3 +43,16 @@ def offset(corners: ArrayLike, distance: float) -> Array:
     outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.hypot(*edge.T)[:, None]
     before = np.roll(outward, 1, axis=0)
     return a + distance * (before + outward) / (1 + (before * outward).sum(axis=1, keepdims=True))
+
+
+def covered(ground: Heightfield, corners: ArrayLike, margin: float = 0.0) -> Mask:
+    """(rows, columns) which grid points of the ground lie in a polygon (k, 2) m or at most `margin` m (above 0) off it."""
+    mask = np.zeros(ground.heights.shape, dtype=bool)
+    a = np.asarray(corners, dtype=np.float64)
+    low = np.maximum(np.floor((a.min(axis=0) - margin - ground.origin) / ground.spacing), 0).astype(np.int64)
+    high = np.maximum(np.ceil((a.max(axis=0) + margin - ground.origin) / ground.spacing) + 1, 0).astype(np.int64)
+    window = mask[low[1] : high[1], low[0] : high[0]]
+    y, x = ground.y[low[1] : high[1]], ground.x[low[0] : high[0]]
+    if window.size:
+        window[:] = signed_distance(np.stack(np.meshgrid(x, y), axis=-1), a) <= margin
+    return mask

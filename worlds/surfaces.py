@@ -8,7 +8,7 @@ import numpy as np
 
 from worlds.heightfield import Array
 from worlds.noise import noise
-from worlds.painting import Canvas, tint
+from worlds.painting import Box, Canvas, tint
 
 # Each surface is a tile of that many metres, at SCALE pixels a metre; ACROSS tiles in a row.
 TILE = 1.6
@@ -78,7 +78,7 @@ _COLOURS: dict[Surface, tuple[int, int, int]] = {
 }
 
 
-def _paint(canvas: Canvas, rng: np.random.Generator, surface: Surface, box: tuple[float, float, float, float]) -> None:
+def _paint(canvas: Canvas, rng: np.random.Generator, surface: Surface, box: Box) -> None:
     canvas.fill(box, _COLOURS[surface])
     if surface in (Surface.OAK, Surface.WALNUT):
         w = canvas.window(box)
@@ -97,7 +97,7 @@ def _paint(canvas: Canvas, rng: np.random.Generator, surface: Surface, box: tupl
     canvas.speckle(rng, box, 0.22, 0.05)
 
 
-def _labels(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, float, float]) -> None:
+def _labels(canvas: Canvas, rng: np.random.Generator, box: Box) -> None:
     """Cartons: tape, labels, arrows and stamps."""
     x0, y0, x1, y1 = box
     for y in np.arange(y0 + 0.1, y1 - 0.1, 0.33):
@@ -110,7 +110,7 @@ def _labels(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, f
         canvas.fill((a, b + h - 0.015, a + w, b + h), tint(rng, (150, 60, 50), 60))
 
 
-def _books(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, float, float]) -> None:
+def _books(canvas: Canvas, rng: np.random.Generator, box: Box) -> None:
     """Backs of books and folders, shelf above shelf."""
     x0, y0, x1, y1 = box
     for y in np.arange(y0, y1 - 0.1, 0.32):
@@ -125,7 +125,7 @@ def _books(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, fl
             x += w
 
 
-def _screens(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, float, float]) -> None:
+def _screens(canvas: Canvas, rng: np.random.Generator, box: Box) -> None:
     """Windows of programs on dark glass."""
     x0, y0, x1, y1 = box
     for _ in range(24):
@@ -137,7 +137,7 @@ def _screens(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, 
         canvas.writing(rng, (a + 0.01, b + 0.01, a + w - 0.01, b + h - 0.02), ink, 0.018)
 
 
-def _drawers(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, float, float], size: float) -> None:
+def _drawers(canvas: Canvas, rng: np.random.Generator, box: Box, size: float) -> None:
     """Fronts of drawers or small parts bins, labelled."""
     x0, y0, x1, y1 = box
     bins = size < 0.2
@@ -153,7 +153,7 @@ def _drawers(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, 
             canvas.writing(rng, (middle - 0.027, front[3] - 0.042, middle + 0.027, front[3] - 0.017), (50, 50, 54), 0.014)
 
 
-def _ribs(canvas: Canvas, rng: np.random.Generator, box: tuple[float, float, float, float]) -> None:
+def _ribs(canvas: Canvas, rng: np.random.Generator, box: Box) -> None:
     """Moulded plastic or sheet metal: ribs, rims and stickers."""
     x0, y0, x1, y1 = box
     y = y0

@@ -1,53 +1,25 @@
-"""Scores of targets: hand-drawn tables with their arithmetic, laws, and equality with the field's tools."""
+"""Scores of targets: hand-drawn tables with their arithmetic, laws, and a published result. The field's tools: test_clearmot_peers.py."""
 
 from __future__ import annotations
 
-import contextlib
-import io
 import itertools
 import json
 import math
 import time
-import warnings
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tests.tracker.drawn import random_frames, table
 from tracker.clearmot import Frame, TargetScore, score, score_boxes
-from tracker.comparison import Comparison, Pairing, compare, overlap, planar_distance
+from tracker.comparison import Comparison, Pairing, overlap
 from tracker.correspondence import most_matches
 from tracker.formats.motchallenge import read_mot15
 
 CLEAR_KEYS = ("mota", "motp_m", "motp_percent", "false_positives", "misses", "switches", "fragments", "mostly_tracked", "mostly_lost")
 KEYS = [*CLEAR_KEYS, "truths", "idf1", "hota", "moda", "modp"]
-
-
-def table(truth: dict[str, str], estimates: dict[str, str], counts: dict[str, str] | None = None) -> list[Frame]:
-    """A drawn sequence: a row a person or an estimate, a letter a frame, places 10 m apart; `.` is absent, `0` in counts is ignored.
-
-    A capital letter is a place (A at x = 0 m, B at 10 m, …), a small one lies 0.4 m beside it.
-    """
-
-    def place(letter: str) -> list[float]:
-        return [10.0 * (ord(letter.upper()) - ord("A")) + 0.4 * letter.islower(), 0.0]
-
-    frames = []
-    for k in range(len(next(iter({**truth, **estimates}.values())))):
-        t = [(i, row[k], (counts or {}).get(name, "1" * 99)[k]) for i, (name, row) in enumerate(truth.items()) if row[k] != "."]
-        e = [(i, row[k]) for i, row in enumerate(estimates.values()) if row[k] != "."]
-        frames.append(
-            Frame(
-                np.array([i for i, _, _ in t], dtype=int),
-                np.array([place(c) for _, c, _ in t]).reshape(-1, 2),
-                np.array([i for i, _ in e], dtype=int),
-                np.array([place(c) for _, c in e]).reshape(-1, 2),
-                None if counts is None else np.array([c != "0" for _, _, c in t], dtype=bool),
-            )
-        )
-    return frames
 
 
 # --- drawn tables -----------------------------------------------------------------------------------------------------------------
@@ -160,36 +132,6 @@ def test_a_person_counts_in_some_frames_only() -> None:
 
 
 # --- laws -------------------------------------------------------------------------------------------------------------------------
-
-
-def random_frames(rng: np.random.Generator, *, apart: float = 0.0, gaps: bool = True, length: int = 14) -> list[Frame]:
-    """People on random walks with births, deaths and gaps; estimates with noise, misses, clutter and exchanged ids.
-
-    With `apart` > 0 people stand on a grid that wide, and noise and clutter leave every match unambiguous.
-    """
-    n, side = int(rng.integers(1, 6)), rng.uniform(2, 8)
-    home = np.stack([apart * np.arange(n), np.zeros(n)], axis=1) if apart else rng.uniform(0, side, (n, 2))
-    first, last = rng.integers(0, length // 2, n), rng.integers(length // 2, length + 1, n)
-    names, sigma, miss, clutter = list(range(10, 10 + n)), rng.uniform(0.05, 0.5), rng.choice([0.1, 0.3, 0.9]), rng.uniform(0, 1)
-    fresh, place, frames = itertools.count(50), home.copy(), []
-    for k in range(length):
-        place = home + np.clip(rng.normal(0, 0.1, (n, 2)), -0.4, 0.4) if apart else place + rng.normal(0, 0.3, (n, 2))
-        here = (first <= k) & (k < last) & ((rng.random(n) > 0.15) | (not gaps))
-        if rng.random() < 0.2:
-            i = int(rng.integers(n))
-            names[i] = next(fresh)
-        if rng.random() < 0.2:
-            i, j = rng.integers(n, size=2)
-            names[i], names[j] = names[j], names[i]
-        seen = here & (rng.random(n) > miss)
-        noise = np.clip(rng.normal(0, sigma, (n, 2)), -0.3, 0.3) if apart else rng.normal(0, sigma, (n, 2))
-        wrong = rng.poisson(clutter) if gaps or not apart else 1 + rng.poisson(clutter)
-        where = rng.uniform(0, side, (wrong, 2)) + ([0, 50] if apart else [0, 0])
-        ids = np.array([names[i] for i in np.flatnonzero(seen)] + [next(fresh) for _ in range(wrong)], dtype=int)
-        order = rng.permutation(len(ids))
-        estimate = np.concatenate([(place + noise)[seen], where])
-        frames.append(Frame(np.flatnonzero(here) + 1, place[here], ids[order], estimate[order]))
-    return frames
 
 
 def same(a: TargetScore, b: TargetScore) -> None:
@@ -358,9 +300,9 @@ def test_a_published_result_gets_its_published_score(data: Any) -> None:
     for k in range(1, 796):
         i, j = t.get(k, none), r.get(k, none)
         frames.append(Frame(truth.id[i], truth.box[i], result.id[j], result.box[j]))
-    begin = time.perf_counter()
+    begin = time.process_time()
     s = score_boxes(frames, iou=0.5)
-    assert time.perf_counter() - begin < 1
+    assert time.process_time() - begin < 1
     assert (round(s.mota, 3), s.false_positives, s.misses, s.switches, s.truths) == (0.850, 247, 420, 31, 4650)
 
 
@@ -369,155 +311,6 @@ def test_a_crowd_is_scored_in_time() -> None:
     place = rng.uniform(0, 20, (333, 74, 2))
     ids, counts = np.arange(74), rng.random((333, 74)) < 0.8
     frames = [Frame(ids, p, ids, p + rng.normal(0, 0.4, p.shape), c) for p, c in zip(place, counts, strict=True)]
-    begin = time.perf_counter()
+    begin = time.process_time()
     score(frames)
-    assert time.perf_counter() - begin < 5
-
-
-# --- peers ------------------------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def trackeval() -> dict[str, Any]:
-    """TrackEval's metrics, silent; its euclidean similarity is 1 − d / 2 m, its threshold ½ our gate of 1 m."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        metrics = pytest.importorskip("trackeval").metrics
-        quiet = {"PRINT_CONFIG": False}
-        return {"CLEAR": metrics.CLEAR(quiet), "Identity": metrics.Identity(quiet), "HOTA": metrics.HOTA()}
-
-
-def by_trackeval(metrics: dict[str, Any], comparison: Comparison) -> dict[str, Any]:
-    lengths = comparison.lengths()
-    sequence = {
-        "gt_ids": [f.truth for f in comparison.frames],
-        "tracker_ids": [f.estimate for f in comparison.frames],
-        "similarity_scores": [f.value for f in comparison.frames],
-        "num_gt_dets": int(lengths[0].sum()),
-        "num_tracker_dets": int(lengths[1].sum()),
-        "num_gt_ids": comparison.truths,
-        "num_tracker_ids": comparison.estimates,
-        "num_timesteps": len(comparison.frames),
-    }
-    with contextlib.redirect_stdout(io.StringIO()):
-        return {name: metric.eval_sequence(sequence) for name, metric in metrics.items()}
-
-
-def same_as_trackeval(s: TargetScore, peer: dict[str, Any]) -> None:
-    clear, identity, hota = peer["CLEAR"], peer["Identity"], peer["HOTA"]
-    ours = (s.matches, s.misses, s.false_positives, s.switches, s.fragments, s.mostly_tracked, s.mostly_lost, s.idtp, s.idfp, s.idfn)
-    names = ("CLR_TP", "CLR_FN", "CLR_FP", "IDSW", "Frag", "MT", "ML")
-    assert ours == (*(clear[n] for n in names), *(identity[n] for n in ("IDTP", "IDFP", "IDFN")))
-    if s.truths:
-        assert_allclose([s.idf1, s.hota], [identity["IDF1"], hota["HOTA"].mean()], atol=1e-12)
-        assert_allclose(s.hota_sums.assa, hota["AssA"], atol=1e-12)
-        if s.matches + s.false_positives:
-            assert_allclose(s.mota, clear["MOTA"], atol=1e-12)
-
-
-def test_equal_to_trackeval_on_the_ground(trackeval: dict[str, Any]) -> None:
-    rng = np.random.default_rng(6)
-    total = TargetScore()
-    for _ in range(250):
-        frames = random_frames(rng)
-        s = score(frames)
-        peer = by_trackeval(trackeval, compare(frames, planar_distance).mapped(lambda d: np.maximum(0, 1 - d / 2)))
-        same_as_trackeval(s, peer)
-        assert_allclose(s.matches - s.distance / 2, peer["CLEAR"]["MOTP_sum"], atol=1e-9)
-        total += s
-    # The sequences hold what is to be compared.
-    assert min(total.switches, total.fragments, total.misses, total.false_positives, total.mostly_lost, total.mostly_tracked) > 100
-
-
-def test_equal_to_trackeval_on_boxes(trackeval: dict[str, Any]) -> None:
-    rng = np.random.default_rng(7)
-    for _ in range(100):
-        frames = []
-        for f in random_frames(rng):
-            sizes = [np.tile([2.0, 4.0], (len(ids), 1)) * rng.uniform(0.8, 1.2, (len(ids), 2)) for ids in (f.truth_id, f.estimate_id)]
-            frames.append(Frame(f.truth_id, np.hstack([f.truth, sizes[0]]), f.estimate_id, np.hstack([f.estimate, sizes[1]])))
-        s = score_boxes(frames)
-        peer = by_trackeval(trackeval, compare(frames, overlap))
-        same_as_trackeval(s, peer)
-        assert_allclose(s.closeness, peer["CLEAR"]["MOTP_sum"], atol=1e-9)
-
-
-def test_sequences_merge_as_trackeval_merges_them(trackeval: dict[str, Any]) -> None:
-    rng = np.random.default_rng(8)
-    sequences = [random_frames(rng) for _ in range(8)]
-    peers = [by_trackeval(trackeval, compare(f, planar_distance).mapped(lambda d: np.maximum(0, 1 - d / 2))) for f in sequences]
-    s = sum((score(f) for f in sequences), TargetScore())
-    merged = {n: m.combine_sequences({str(i): p[n] for i, p in enumerate(peers)}) for n, m in trackeval.items()}
-    peer = [merged["CLEAR"]["MOTA"], merged["Identity"]["IDF1"], merged["HOTA"]["HOTA"].mean()]
-    assert_allclose([s.mota, s.idf1, s.hota], peer, atol=1e-12)
-
-
-@pytest.fixture(scope="module")
-def motmetrics() -> ModuleType:
-    pytest.importorskip("pandas")
-    return pytest.importorskip("motmetrics")
-
-
-MOT_METRICS = ["mota", "motp", "num_false_positives", "num_misses", "num_switches", "num_fragmentations", "mostly_tracked", "mostly_lost", "idf1"]
-
-
-def by_motmetrics(mm: ModuleType, frames: list[Frame]) -> dict[str, float]:
-    events = mm.MOTAccumulator(auto_id=True)
-    for f in frames:
-        d = planar_distance(f.truth, f.estimate)
-        events.update(f.truth_id.tolist(), f.estimate_id.tolist(), np.where(d <= 1, d, np.nan))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return dict(mm.metrics.create().compute(events, metrics=MOT_METRICS, return_dataframe=False))
-
-
-def test_equal_to_motmetrics_where_the_rules_agree(motmetrics: ModuleType) -> None:
-    # People 4 m apart: nobody can be matched in two ways. They have no gaps, every frame has an estimate, and nobody is followed for
-    # exactly 0.8 of his frames: all of CLEAR agrees. IDF1 knows none of those conditions: the next test.
-    rng, compared = np.random.default_rng(9), 0
-    while compared < 200:
-        frames = [f for f in random_frames(rng, apart=4.0, gaps=False, length=8) if len(f.truth_id)]
-        s, peer = score(frames), by_motmetrics(motmetrics, frames)
-        if not s.matches:
-            continue
-        compared += 1
-        # Where the share is exactly 0.8 the two disagree by their documented rules.
-        tracked = s.mostly_tracked + exactly_four_fifths(frames)
-        ours = [s.mota, s.motp_m, s.false_positives, s.misses, s.switches, s.fragments, tracked, s.mostly_lost, s.idf1]
-        assert_allclose(ours, [float(peer[name]) for name in MOT_METRICS], atol=1e-12)
-
-
-def exactly_four_fifths(frames: list[Frame]) -> int:
-    """People followed in exactly 0.8 of their frames, where nobody can be matched in two ways."""
-    length: dict[int, int] = {}
-    followed: dict[int, int] = {}
-    for f in frames:
-        near = (planar_distance(f.truth, f.estimate) <= 1).any(axis=1)
-        for i, n in zip(f.truth_id.tolist(), near.tolist(), strict=True):
-            length[i], followed[i] = length.get(i, 0) + 1, followed.get(i, 0) + n
-    return sum(5 * followed[i] == 4 * length[i] for i in length)
-
-
-def test_identity_is_equal_to_motmetrics_also_in_a_crowd(motmetrics: ModuleType) -> None:
-    rng = np.random.default_rng(10)
-    for _ in range(40):
-        frames = random_frames(rng, length=10)
-        assert_allclose(score(frames).idf1, by_motmetrics(motmetrics, frames)["idf1"], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("truth", "x", "y", "name", "ours", "theirs"),
-    [
-        ("AAAAA", "AAAA.", ".....", "mostly_tracked", 0, 1),  # exactly 0.8
-        ("AA.AA", "AA.AA", ".....", "fragments", 1, 0),  # the truth itself was away
-        ("AAA", "A.a", "..A", "switches", 1, 0),  # a match of before a gap is kept there, though another estimate is nearer
-    ],
-)
-def test_where_motmetrics_differs(motmetrics: ModuleType, truth: str, x: str, y: str, name: str, ours: int, theirs: int) -> None:
-    # A second person keeps every frame busy.
-    other = "C" * len(truth)
-    frames = table({"p": truth, "q": other}, {"x": x, "y": y, "z": other})
-    peer = by_motmetrics(motmetrics, frames)
-    here, there = getattr(score(frames), name), peer[{"fragments": "num_fragmentations", "switches": "num_switches"}.get(name, name)]
-    # The second person is tracked perfectly: mostly tracked in both.
-    base = int(name == "mostly_tracked")
-    assert (here - base, there - base) == (ours, theirs)
+    assert time.process_time() - begin < 5

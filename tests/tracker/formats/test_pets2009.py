@@ -1,0 +1,277 @@
+"""PETS 2009: cameras, truth and detections; golden numbers from the public files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tracker.formats.motchallenge import read_mot15
+from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections
+from tracker.geometry import Pose
+from tracker.ground import Flat
+
+# The tracking area of the cropped annotations, m.
+AREA = np.array([[-14.0696, -14.2740], [4.9813, 1.7335]])
+
+CAMERA = """<?xml version="1.0" encoding="UTF-8"?>
+<Camera name="View_001">
+  <Geometry width="768" height="576" ncx="795" nfx="752" dx="4.85e-3" dy="4.65e-3" dpx="5.1273271277e-03" dpy="4.65e-03"/>
+  <Intrinsic focal="5.5549183034e+00" kappa1="5.1113043639e-03" cx="3.2422149053e+02" cy="2.8256650051e+02" sx="1.0937855397e+00"/>
+  <Extrinsic tx="8.2873214225e+02" ty="-3.1754796051e+03" tz="3.5469298547e+04" rx="2.0405458695" ry="-0.89337703748" rz="-0.43056124791"/>
+</Camera>
+"""
+
+ANNOTATION = """<?xml version="1.0" encoding="utf-8"?>
+<dataset name="PETS">
+  <frame number="0">
+    <objectlist>
+      <object id="9"><box h="80" w="30" xc="500" yc="200"/></object>
+      <object id="15"><box h="88.5" w="32.5" xc="274.5" yc="263.25"/></object>
+    </objectlist>
+  </frame>
+  <frame number="1">
+    <objectlist>
+      <object id="9"><box h="80" w="30" xc="501" yc="200"/></object>
+    </objectlist>
+  </frame>
+  <frame number="2"><objectlist/></frame>
+</dataset>
+"""
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[[str], Path]:
+    def write(text: str) -> Path:
+        path = tmp_path / "file.xml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+# --- cameras ----------------------------------------------------------------------------------------------------------------------
+
+
+def test_view_001_has_its_golden_numbers(written: Callable[[str], Path]) -> None:
+    name, camera, T_world_camera = read_camera(written(CAMERA))
+    assert (name, camera.width, camera.height) == ("View_001", 768, 576)
+    assert_allclose(T_world_camera.translation, [-28.940, -19.529, 7.066], atol=5e-4)
+    pixels, inside = camera.pixels_from_bearings(T_world_camera.inverse().apply([[0, 0, 0], [0, 0, 1.8]]))
+    assert inside.all()
+    assert_allclose(pixels, [[351.9, 175.8], [349.1, 115.7]], atol=0.05)
+
+
+def test_a_camera_looks_forward_with_up_above(written: Callable[[str], Path]) -> None:
+    _, _, T = read_camera(written(CAMERA))
+    forward, _, up = T.rotation.T
+    assert forward @ (np.zeros(3) - T.translation) > 0
+    assert up[2] > 0.9
+
+
+@pytest.mark.parametrize("view", [1, 2, 3, 4, 5, 6, 7, 8])
+def test_every_real_camera_returns_its_pixels(data: Any, view: int) -> None:
+    name, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
+    assert name == f"View_00{view}"
+    assert (camera.width, camera.height) == (768 if view <= 4 else 720, 576)
+    u, v = np.meshgrid(np.linspace(0, camera.width, 25), np.linspace(0, camera.height, 19))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    inner = (pixels > 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    if camera.kappa1 < 0:
+        # The model folds back at 1/√(−3 κ1) mm, in View_007 alone within the image: its left corners share their directions with pixels within.
+        radius = np.hypot((pixels[:, 0] - camera.cx) * camera.dpx / camera.sx, (pixels[:, 1] - camera.cy) * camera.dpy)
+        folded = radius > 1 / np.sqrt(-3 * camera.kappa1)
+        assert folded.any() == (view == 7)
+        assert folded.mean() < 0.02
+        pixels, inner = pixels[~folded], inner[~folded]
+    again, inside = camera.pixels_from_bearings(camera.bearings_from_pixels(pixels) * 7.0)
+    assert_allclose(again, pixels, atol=1e-5)
+    assert inside[inner].all()
+    assert 1 < T.translation[2] < 10
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ('focal="5.5549183034e+00" ', "", "line 4: field Intrinsic.focal is missing"),
+        ('rz="-0.43056124791"', "", "line 5: field Extrinsic.rz is missing"),
+        ('kappa1="5.1113043639e-03"', 'kappa1="nan"', "line 4: field Intrinsic.kappa1 is 'nan', needs a finite number"),
+        ('tz="3.5469298547e+04"', 'tz="far"', "line 5: field Extrinsic.tz is 'far', needs a finite number"),
+        ('width="768"', 'width="768.5"', "line 3: field Geometry.width is 768.5, needs a whole number"),
+        ('width="768"', 'width="0"', "field image size is 0 x 576"),
+        ('sx="1.0937855397e+00"', 'sx="-1"', "field sx is -1.0, needs more than 0"),
+        (' name="View_001"', "", "line 2: field Camera.name is missing"),
+        ("Extrinsic", "Extra", "line 2: field Extrinsic is missing in Camera"),
+        ("Camera", "Kamera", "field Camera is missing"),
+        ("</Camera>", "", "is not XML"),
+        (CAMERA, "1,2,3\n", "is not XML"),
+        (CAMERA, "", "is not XML"),
+        ('encoding="UTF-8"', 'encoding="UTF-99"', "is not XML"),
+    ],
+)
+def test_what_is_wrong_with_a_camera_is_named(written: Callable[[str], Path], old: str, new: str, text: str) -> None:
+    assert old in CAMERA
+    path = written(CAMERA.replace(old, new))
+    with pytest.raises(ValueError, match=r"field|is not XML") as error:
+        read_camera(path)
+    assert str(error.value).startswith(f"{path}:")
+    assert text in str(error.value)
+
+
+def test_document_types_entities_and_depth_are_refused(written: Callable[[str], Path], tmp_path: Path) -> None:
+    bomb = '<!DOCTYPE b [<!ENTITY a "aaaaaaaaaa"><!ENTITY c "&a;&a;&a;&a;">]><dataset>&c;</dataset>'
+    for text in (bomb, '<!DOCTYPE dataset SYSTEM "file:///etc/passwd"><dataset/>'):
+        with pytest.raises(ValueError, match="document type or an entity"):
+            read_annotations(written(text))
+    with pytest.raises(ValueError, match="nested deeper"):
+        read_annotations(written("<dataset>" + "<a>" * 1000 + "</a>" * 1000 + "</dataset>"))
+    (tmp_path / "bytes.xml").write_bytes(b'<?xml version="1.0" encoding="utf-8"?><dataset>\xff\xfe</dataset>')
+    with pytest.raises(ValueError, match="is not XML"):
+        read_annotations(tmp_path / "bytes.xml")
+    with (tmp_path / "large.xml").open("wb") as large:
+        large.truncate(65 * 2**20)
+    with pytest.raises(ValueError, match="bytes, needs at most"):
+        read_annotations(tmp_path / "large.xml")
+
+
+# --- annotations ------------------------------------------------------------------------------------------------------------------
+
+
+def test_annotations_are_boxes_by_their_corner(written: Callable[[str], Path]) -> None:
+    frames = read_annotations(written(ANNOTATION))
+    assert list(frames) == [0, 1, 2]
+    assert_array_equal(frames[0][0], [9, 15])
+    assert_array_equal(frames[0][1], [[485, 160, 30, 80], [258.25, 219, 32.5, 88.5]])
+    assert frames[2][0].shape == (0,)
+    assert frames[2][1].shape == (0, 4)
+
+
+def test_the_older_spelling_says_the_same(written: Callable[[str], Path]) -> None:
+    new = read_annotations(written(ANNOTATION))
+    old = read_annotations(written(ANNOTATION.replace("xc=", "x=").replace("yc=", "y=")))
+    for k in new:
+        assert_array_equal(old[k][1], new[k][1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ('number="1"', 'number="0"', "line 9: field frame.number 0 comes twice"),
+        ('number="1"', 'number="-1"', "line 9: field frame.number -1 is below 0"),
+        ('number="1"', "", "line 9: field frame.number is missing"),
+        ('id="15"', 'id="9"', "line 6: field object.id 9 comes twice in frame 0"),
+        ('id="15"', 'id="x"', "line 6: field object.id is 'x'"),
+        ('w="32.5"', 'w="-32.5"', "line 6: field box.w is -32.5, needs more than 0"),
+        ('h="88.5"', 'h="0"', "line 6: field box.h is 0.0, needs more than 0"),
+        ('xc="274.5"', 'xc="nan"', "line 6: field box.xc is 'nan'"),
+        ('yc="263.25"', "", "line 6: field box.yc is missing"),
+        ('<box h="88.5" w="32.5" xc="274.5" yc="263.25"/>', "", "line 6: field box is missing in object"),
+        ("</dataset>", "", "is not XML"),
+    ],
+)
+def test_what_is_wrong_with_an_annotation_is_named(written: Callable[[str], Path], old: str, new: str, text: str) -> None:
+    assert old in ANNOTATION
+    path = written(ANNOTATION.replace(old, new))
+    with pytest.raises(ValueError, match=r"field|is not XML") as error:
+        read_annotations(path)
+    assert str(error.value).startswith(f"{path}:")
+    assert text in str(error.value)
+
+
+def test_feet_on_slanted_sight_lines_by_hand(written: Callable[[str], Path]) -> None:
+    # The feet that a camera sees on the ground are cast back to where they were.
+    _, camera, T = read_camera(written(CAMERA))
+    feet = np.array([[0.0, 0, 0], [-8, -5, 0], [3, 1, 0]])
+    pixels, _ = camera.pixels_from_bearings(T.inverse().apply(feet))
+    boxes = np.column_stack([pixels - [10, 60], np.full(3, 20.0), np.full(3, 60.0)])
+    found = ground_truth({4: (np.array([1, 2, 3]), boxes)}, camera, T, Flat())
+    assert_array_equal(found[4][0], [1, 2, 3])
+    assert_allclose(found[4][1], feet, atol=1e-6)
+
+
+def test_feet_in_the_sky_are_refused(written: Callable[[str], Path]) -> None:
+    _, camera, T = read_camera(written(CAMERA))
+    with pytest.raises(ValueError, match="frame 3: the feet of id 8"):
+        ground_truth({3: (np.array([8]), np.array([[300.0, -900, 20, 10]]))}, camera, T, Flat())
+
+
+def truth_in_the_area(data: Any) -> tuple[dict[int, Any], dict[int, Any], Any, Pose]:
+    _, camera, T = read_camera(data("pets2009", "calibration", "View_001.xml"))
+    whole = read_annotations(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1.xml"))
+    cropped = read_annotations(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1-cropped.xml"))
+    return whole, cropped, camera, T
+
+
+def test_the_crop_is_the_area_by_these_feet(data: Any) -> None:
+    # The annotators cropped by ground position: with the middle of the box's lower edge, cast by this model, every one of 4650 boxes falls on
+    # the side where they have it. One pixel more or less gets a dozen wrong.
+    whole, cropped, camera, T = truth_in_the_area(data)
+    assert (len(whole), len(cropped), sum(len(ids) for ids, _ in whole.values())) == (795, 795, 4650)
+    kept = 0
+    for frame, (ids, feet) in ground_truth(whole, camera, T, Flat()).items():
+        inside = ((feet[:, :2] >= AREA[0]) & (feet[:, :2] <= AREA[1])).all(axis=1)
+        assert inside.sum() == len(cropped[frame][0])
+        same = np.abs(whole[frame][1][:, None] - cropped[frame][1][None]).max(axis=2) < 1e-3
+        assert_array_equal(same.any(axis=1), inside)
+        kept += len(ids[inside])
+    assert kept == 3955
+
+
+def test_the_challenges_positions_are_these_feet_but_for_its_rounding(data: Any) -> None:
+    # MOT15 has the same boxes rounded to whole pixels, and its x, y are those boxes' feet, rounded down and less 1 pixel.
+    whole, _, camera, T = truth_in_the_area(data)
+    rows = read_mot15(data("pets2009", "S2.L1", "mot15", "gt.txt"))
+    ours = ground_truth(whole, camera, T, Flat())
+    apart = []
+    for frame, k in rows.by_frame().items():
+        ids, feet = ours[frame - 1]
+        order = np.argsort(ids)[np.searchsorted(np.sort(ids), rows.id[k])]
+        assert_array_equal(ids[order], rows.id[k])
+        assert np.abs(whole[frame - 1][1][order] - rows.box[k]).max() < 0.51
+        apart.append(np.linalg.norm(feet[order, :2] - rows.position[k, :2], axis=1))
+    assert np.median(np.concatenate(apart)) < 0.13
+    assert np.concatenate(apart).max() < 0.4
+    shown = np.floor(rows.box[:, :2] + rows.box[:, 2:] * [0.5, 1.0]) - 1
+    boxes = {1: (rows.id, np.column_stack([shown - [5, 10], np.full((len(rows), 2), 10.0)]))}
+    assert_allclose(ground_truth(boxes, camera, T, Flat())[1][1][:, :2], rows.position[:, :2], atol=2e-3)
+
+
+# --- detections -------------------------------------------------------------------------------------------------------------------
+
+
+def test_detections_by_frame(tmp_path: Path) -> None:
+    path = tmp_path / "View_001.txt"
+    path.write_text("3,-1,1,2,3,4,0.5,-1,-1,-1\n1,-1,5,6,7,8,0.9,-1,-1,-1\n3,-1,9,9,9,9,0.25,-1,-1,-1\n")
+    found = read_detections(path)
+    assert list(found) == [1, 3]
+    assert_array_equal(found[3][0], [[1, 2, 3, 4], [9, 9, 9, 9]])
+    assert_array_equal(found[3][1], [0.5, 0.25])
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("1,-1,1,2,3,4,0.5,-1,-1", "line 2: 9 values, needs 10"),
+        ("1,-1,1,2,nan,4,0.5,-1,-1,-1", "line 2: width is nan"),
+        ("0,-1,1,2,3,4,0.5,-1,-1,-1", "line 2: frame is 0"),
+        ("1,-1,-1,-1,-1,-1,0.5,1,2,0", "frame 1 has a detection without a box"),
+    ],
+)
+def test_what_is_wrong_with_a_detection_is_named(tmp_path: Path, line: str, text: str) -> None:
+    path = tmp_path / "View_001.txt"
+    path.write_text("1,-1,5,6,7,8,0.9,-1,-1,-1\n" + line + "\n")
+    with pytest.raises(ValueError, match="needs") as error:
+        read_detections(path)
+    assert str(error.value).startswith(f"{path}:")
+    assert text in str(error.value)
+
+
+@pytest.mark.parametrize("view", [1, 3, 4, 5, 6, 7, 8])
+def test_the_real_detections_cover_every_frame(data: Any, view: int) -> None:
+    found = read_detections(data("pets2009", "S2.L1", "detections", f"View_00{view}.txt"))
+    assert list(found) == list(range(1, 796))
+    assert all((boxes[:, 2:] > 0).all() and (confidence >= 0.05).all() for boxes, confidence in found.values())

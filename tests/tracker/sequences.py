@@ -1,0 +1,55 @@
+"""Small sequences for tests, made by hand: two robots with tiny panoramas on a slope, two people who walk."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tracker.cameras import Panorama
+from tracker.geometry import Pose
+from tracker.ground import Grid
+from tracker.measurements import Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
+from tracker.sequence import Boxes, SequenceWriter
+
+FRAMES = 3
+CAMERA = Panorama(64, 32)
+
+
+def setup() -> Setup:
+    heights = np.add.outer(np.zeros(21), 0.05 * np.arange(21))
+    mounts = {f"robot_{k}_camera": Mount(CAMERA, Pose.planar(0, 0, 0.0, 1.3), f"robot_{k}") for k in range(2)}
+    starts: dict[str, Start | None] = {f"robot_{k}": Start(Pose.planar(k, 2 * k, 0.3 * k), 0.01 * np.eye(6)) for k in range(2)}
+    return Setup(mounts, Grid(heights, np.array([-5.0, -5.0]), 0.5), starts, 1 / 6)
+
+
+def tick(k: int, rng: np.random.Generator) -> Tick:
+    views = []
+    for name in setup().mounts:
+        bearing = rng.normal(size=(k + 1, 3))
+        bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+        n = len(bearing)
+        covariance = np.tile(np.array([[2e-5, 1e-6], [1e-6, 3e-5]]), (n, 1, 1))
+        found = Detections(bearing, rng.uniform(0.1, 0.5, (n, 2)), rng.uniform(0.5, 1, n), covariance, np.zeros((n, 0)))
+        odometry = Odometry(Pose.exp(rng.normal(0, 0.1, 6)), 0.001 * np.eye(6), np.array([0.0, 0.0, 1.0]), 0.01) if k else None
+        views.append(View(name, found, odometry=odometry, image=rng.integers(0, 255, (32, 64, 3), dtype=np.uint8)))
+    return Tick(k, k / 6, tuple(views))
+
+
+def truth(k: int) -> Truth:
+    robots = {f"robot_{r}": Pose.planar(r + 0.1 * k, 2 * r, 0.3 * r) for r in range(2)}
+    return Truth(k, robots, np.array([4, 9]), np.array([[1.0 + k, 2.0, 0.5], [3.0, 1.0 - k, 0.25]]), np.array([[0.5, 1.0], [0.0, 0.125]]))
+
+
+def write(folder: Path, seed: int = 0) -> list[Tick]:
+    """Write the sequence into `folder`; returns its ticks."""
+    rng = np.random.default_rng(seed)
+    ticks = [tick(k, rng) for k in range(FRAMES)]
+    tops = setup().ground
+    assert isinstance(tops, Grid)
+    with SequenceWriter(folder, setup(), Grid(tops.heights + 0.5, tops.origin, tops.spacing)) as writer:
+        for k, one in enumerate(ticks):
+            box = np.array([[60.0, 10.0, 66.0, 20.0], [0.0, 0.0, 0.0, 0.0]])
+            boxes = {name: Boxes(np.array([4, 9]), box, box + 1.0, np.array([0.5, 0.0])) for name in setup().mounts}
+            instances = {name: np.full((32, 64), 4, np.uint16) for name in setup().mounts}
+            writer.add(one, truth(k), instances, boxes)
+        writer.finish({"seed": seed}, {"pilsim": "test"})
+    return ticks

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tracker.gaussian import block_diagonal, condition, gate, joseph, kalman_gain, mahalanobis2, nees, robust_weights
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def positive(rng: np.random.Generator, n: int) -> np.ndarray:
+    A = rng.normal(size=(n, n))
+    return A @ A.T + 0.1 * np.eye(n)
+
+
+def test_gate_is_the_quantile_of_chi_square() -> None:
+    # With two degrees of freedom the distribution is 1 − exp(−x/2).
+    assert gate(2, 0.99) == pytest.approx(-2 * np.log(0.01))
+
+
+@pytest.mark.parametrize(("dof", "probability"), [(0, 0.9), (2, 1.0), (2, 0.0), (2, float("nan"))])
+def test_gate_refuses(dof: int, probability: float) -> None:
+    with pytest.raises(ValueError, match="gate of"):
+        gate(dof, probability)
+
+
+def test_joseph_is_the_long_form_for_any_gain(rng: np.random.Generator) -> None:
+    n, m = 9, 4
+    P, R, H = positive(rng, n), positive(rng, m), rng.normal(size=(m, n))
+    S = H @ P @ H.T + R
+    for K in (kalman_gain(H @ P, S), rng.normal(size=(n, m))):
+        got, A = P.copy(), np.eye(n) - K @ H
+        joseph(got, H @ P, K, S)
+        np.testing.assert_allclose(got, A @ P @ A.T + K @ R @ K.T, atol=1e-10)
+        np.testing.assert_array_equal(got, got.T)
+
+
+def test_joseph_writes_into_a_view(rng: np.random.Generator) -> None:
+    store = np.zeros((8, 8))
+    P, H = positive(rng, 5), rng.normal(size=(2, 5))
+    store[:5, :5] = P
+    S = H @ P @ H.T + np.eye(2)
+    joseph(store[:5, :5], H @ P, kalman_gain(H @ P, S), S)
+    np.testing.assert_allclose(store[:5, :5], condition(P, H, np.zeros(2), np.eye(2))[1], atol=1e-12)
+    assert not store[5:].any()
+    assert not store[:, 5:].any()
+
+
+def test_condition_is_the_product_of_two_gaussians() -> None:
+    # Two scalars of variance 1 and 3: mean = 3/4 · 0 + 1/4 · 8 = 2, variance = 1/(1 + 1/3) = 3/4.
+    change, P = condition([[1.0]], [[1.0]], [8.0], [[3.0]])
+    assert change == pytest.approx([2.0])
+    assert pytest.approx(0.75) == P[0, 0]
+
+
+def test_condition_in_the_information_form(rng: np.random.Generator) -> None:
+    P, R, H, r = positive(rng, 6), positive(rng, 3), rng.normal(size=(3, 6)), rng.normal(size=3)
+    change, after = condition(P, H, r, R)
+    information = np.linalg.inv(P) + H.T @ np.linalg.solve(R, H)
+    np.testing.assert_allclose(after, np.linalg.inv(information), atol=1e-10)
+    np.testing.assert_allclose(change, np.linalg.solve(information, H.T @ np.linalg.solve(R, r)), atol=1e-10)
+
+
+def test_nees_is_one_on_average(rng: np.random.Generator) -> None:
+    P = positive(rng, 6)
+    errors = rng.multivariate_normal(np.zeros(6), P, 4000)
+    assert np.mean([nees(e, P) for e in errors]) == pytest.approx(1.0, abs=0.03)
+    np.testing.assert_allclose(mahalanobis2(errors[:5], P) / 6, [nees(e, P) for e in errors[:5]])
+
+
+def test_weights_are_one_without_outliers_and_without_a_threshold(rng: np.random.Generator) -> None:
+    noise = np.tile(np.eye(2), (5, 1, 1))
+    H = rng.normal(size=(10, 3))
+    spread = H @ H.T
+    assert robust_weights(spread, noise, np.full(10, 1e3), np.inf) == pytest.approx(1.0)
+    assert robust_weights(spread, noise, 0.1 * rng.normal(size=10), 3.0) == pytest.approx(1.0)
+
+
+def test_weights_find_the_outlier_that_the_state_could_explain(rng: np.random.Generator) -> None:
+    """The prior is so wide that every innovation passes a gate; only together they show which one is wrong."""
+    H, noise = rng.normal(size=(20, 3)), np.tile(np.eye(2) * 0.01, (10, 1, 1))
+    innovation = H @ np.array([5.0, -3.0, 2.0]) + 0.1 * rng.normal(size=20)
+    innovation[6:8] += 4.0
+    weights = robust_weights(H @ H.T * 100, noise, innovation, 3.0)
+    assert weights[3] < 0.01
+    assert (np.delete(weights, 3) > 0.5).all()
+
+
+def test_block_diagonal() -> None:
+    np.testing.assert_array_equal(block_diagonal(np.array([[[1.0, 2], [3, 4]], [[5.0, 6], [7, 8]]])), [[1, 2, 0, 0], [3, 4, 0, 0], [0, 0, 5, 6], [0, 0, 7, 8]])

@@ -1,0 +1,144 @@
+"""Write∘read of a Sequence, and what is said of a damaged one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.tracker import sequences
+from tracker.ground import Grid
+from tracker.sequence import SequenceWriter, read_boxes, read_sequence
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    written = sequences.write(tmp_path / "s")
+    read = read_sequence(tmp_path / "s")
+    assert read.provenance == {"seed": 0}
+    assert len(read.ticks) == len(written)
+    for a, b in zip(written, read.ticks, strict=True):
+        assert (a.index, a.time) == (b.index, b.time)
+        for u, v in zip(a.views, b.views, strict=True):
+            assert u.camera == v.camera
+            for name in ("bearing", "extent", "confidence", "covariance"):
+                np.testing.assert_allclose(getattr(u.detections, name), getattr(v.detections, name), rtol=1e-8, atol=1e-9)
+            assert (u.odometry is None) == (v.odometry is None)
+            if u.odometry and v.odometry:
+                np.testing.assert_allclose(u.odometry.T_before_now.log(), v.odometry.T_before_now.log(), atol=1e-8)
+                np.testing.assert_allclose(u.odometry.covariance, v.odometry.covariance)
+            assert v.image is not None
+            assert v.image.shape == (32, 64, 3)
+    assert read.truth is not None
+    for k, frame in enumerate(read.truth):
+        expected = sequences.truth(k)
+        np.testing.assert_array_equal(frame.person_id, expected.person_id)
+        np.testing.assert_allclose(frame.feet, expected.feet)
+        np.testing.assert_allclose(frame.visible, expected.visible)
+        for robot, pose in expected.T_world_robot.items():
+            np.testing.assert_allclose(frame.T_world_robot[robot].log(), pose.log(), atol=1e-8)
+
+
+def test_setup_comes_back(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    setup, expected = read_sequence(tmp_path / "s").setup, sequences.setup()
+    assert list(setup.mounts) == list(expected.mounts)
+    assert isinstance(setup.ground, Grid)
+    points = np.random.default_rng(0).uniform(-5, 5, (50, 2))
+    np.testing.assert_allclose(setup.ground.height_at(points), expected.ground.height_at(points))
+    assert setup.occluders is not None
+    np.testing.assert_allclose(setup.occluders.height_at(points), expected.ground.height_at(points) + 0.5)
+    for name, start in expected.starts.items():
+        got = setup.starts[name]
+        assert got is not None
+        assert start is not None
+        np.testing.assert_allclose(got.T_world_robot.log(), start.T_world_robot.log(), atol=1e-9)
+        np.testing.assert_allclose(got.covariance, start.covariance)
+
+
+def test_boxes_come_back(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    boxes = read_boxes(tmp_path / "s")
+    assert len(boxes) == 2 * sequences.FRAMES
+    np.testing.assert_allclose(boxes[1, "robot_1_camera"].seen[0], [60, 10, 66, 20])
+
+
+def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "a")
+    sequences.write(tmp_path / "b")
+    sequences.write(tmp_path / "c", seed=1)
+    a, b, c = ((tmp_path / name / "manifest.json").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_an_error_leaves_nothing(tmp_path: Path) -> None:
+    tops = sequences.setup().ground
+    assert isinstance(tops, Grid)
+    with pytest.raises(RuntimeError), SequenceWriter(tmp_path / "s", sequences.setup(), tops):
+        raise RuntimeError("the light went out")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "message"),
+    [
+        ("manifest.json", b"{", r"manifest.json:1: not JSON"),
+        ("manifest.json", None, r"manifest.json: no such file"),
+        ("truth/people.csv", None, r"people.csv: missing"),
+        ("odometry.csv", b"x", r"odometry.csv: 1 bytes, the manifest says \d+: truncated"),
+        ("images/robot_0_camera/000001.jpg", b"", r"000001.jpg: 0 bytes, the manifest says \d+: truncated"),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, name: str, damage: bytes | None, message: str) -> None:
+    sequences.write(tmp_path / "s")
+    path = tmp_path / "s" / name
+    path.unlink() if damage is None else path.write_bytes(damage)
+    with pytest.raises(ValueError, match=message):
+        read_sequence(tmp_path / "s")
+
+
+def test_a_flipped_byte_in_an_image_is_named(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    path = tmp_path / "s" / "images" / "robot_1_camera" / "000002.jpg"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+    sequence = read_sequence(tmp_path / "s")
+    with pytest.raises(ValueError, match=r"robot_1_camera/000002.jpg: its SHA-256 is not the manifest's"):
+        list(sequence.ticks)
+
+
+def edit(folder: Path, name: str, change: object) -> None:
+    """Change a text file and its entry in the manifest, as somebody who edits by hand would."""
+    path, manifest = folder / name, json.loads((folder / "manifest.json").read_text())
+    path.write_text(change(path.read_text()))  # type: ignore[operator]
+    manifest["files"][name]["bytes"] = path.stat().st_size
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("truth/people.csv", "0,9,3,", "0,4,3,", r"people.csv:3: frame 0 has person 4 twice"),
+        ("truth/people.csv", "0,9,3,", "0,9,nan,", r"people.csv:3: x is nan, needs a finite number"),
+        ("truth/people.csv", "0,9,3,", "0,9,three,", r"people.csv:3: x is 'three', needs a number"),
+        ("truth/people.csv", "0,9,3,", "0,9,", r"people.csv:3: 6 values, needs 7"),
+        ("truth/people.csv", "frame,person", "frame,who", r"people.csv:1: columns are"),
+        ("calibration.json", '"period"', '"pause"', r"calibration.json: field 'period' is missing"),
+        ("truth/robots.csv", "\n2,", "\n3,", r"robots.csv: frames are not 0 to 2 without a gap"),
+    ],
+)
+def test_wrong_fields_are_named(tmp_path: Path, name: str, old: str, new: str, message: str) -> None:
+    sequences.write(tmp_path / "s")
+    assert old in (tmp_path / "s" / name).read_text()
+    edit(tmp_path / "s", name, lambda text: text.replace(old, new))
+    with pytest.raises(ValueError, match=message):
+        read_sequence(tmp_path / "s")
+
+
+def test_another_schema_is_refused(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    path = tmp_path / "s" / "manifest.json"
+    path.write_text(path.read_text().replace('"schema": 1', '"schema": 99'))
+    with pytest.raises(ValueError, match="schema is 99, this version reads 1"):
+        read_sequence(tmp_path / "s")
