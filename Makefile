@@ -42,7 +42,7 @@ bench: .venv/installed-test gl
 	$(BIN)/pip install -q --disable-pip-version-check -e .
 	@touch $@
 
-# motmetrics and trackeval are oracles for our scores; without --no-deps they drag a second OpenCV in.
+# motmetrics and trackeval are oracles for our scores (they need pandas and xmltodict); without --no-deps they drag a second OpenCV in.
 .venv/installed-test: .venv/installed pyproject.toml
 	$(BIN)/pip install -q --disable-pip-version-check -e '.[test]'
 	$(BIN)/pip install -q --disable-pip-version-check --no-deps motmetrics trackeval

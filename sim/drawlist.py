@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.cubemap import frustum_planes
+from sim.tiles import tiles_of
 from tracker.geometry import Array, Pose
 
 Indices = NDArray[np.int64]
@@ -49,35 +50,39 @@ class DrawList:
 
     def __init__(self, model: mujoco.MjModel, instance_of_geom: NDArray[np.uint16], face: int) -> None:
         self.tiles = [tiles_of(model, k) for k in range(model.nhfield)]
-        self._lists: list[NDArray[np.int32]] = []
+        self._names = [np.zeros(len(tiles), np.int32) for tiles in self.tiles]
+        self._boxes = [np.array([tile.box for tile in tiles]) for tiles in self.tiles]
         self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + sum(len(tiles) for tiles in self.tiles) + SPARE)
-        self.instances = np.zeros(0, np.uint16)
+        self.instance_of_code = np.zeros(1, np.uint16)
         self._model, self._instance_of_geom = model, instance_of_geom
         self._planes = frustum_planes(face).reshape(30, 3)
         self._places = _places(self.scene)
         self._option, self._eye = _plain_option(), mujoco.MjvCamera()
 
-    @property
-    def instance_of_code(self) -> NDArray[np.uint16]:
-        """The instance of every colour code: 0, where nothing is drawn, and geom + 1."""
-        return np.concatenate([np.zeros(1, np.uint16), self.instances])
+    def name_tiles(self, names: list[list[int]]) -> None:
+        """Tell under which numbers, in place of its height field's, each of `tiles` is drawn. To be called before the first `update`."""
+        self._names = [np.array(of_field, dtype=np.int32) for of_field in names]
 
     def update(self, data: mujoco.MjData) -> None:
-        """Take geoms and lights from `data`. Raises ValueError where the scene holds fewer geoms than are needed."""
+        """Take geoms and lights from `data`. Raises ValueError where the scene holds fewer geoms than are needed.
+
+        `instance_of_code` then has the instance of every colour code: 0, where nothing is drawn, and MuJoCo's geom + 1.
+        """
         every = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, data, self._option, None, self._eye, every, self.scene)
         if self.scene.status:
             raise ValueError(f"the scene needs more geoms than the {self.scene.maxgeom} that it holds")
-        # As bytes: a copy by fields would leave behind what GEOM does not name.
-        self._bytes = self._places[: self.scene.ngeom].copy()
-        self._geoms = self._bytes.view(GEOM)[:, 0]
-        self._geoms["segid"] = np.arange(self.scene.ngeom)
+        geoms = self._places[: self.scene.ngeom].view(GEOM)[:, 0]
+        geoms["segid"] = np.arange(self.scene.ngeom)
         # Only one reflecting geom is ever drawn as such, and leaving others out would change which.
-        self._geoms["reflectance"] = 0
-        modelled = self._geoms["objtype"] == mujoco.mjtObj.mjOBJ_GEOM.value
-        number = np.where(modelled, self._geoms["objid"], 0)
-        self.instances = np.where(modelled, self._instance_of_geom[number], 0).astype(np.uint16)
-        self._place_boxes(modelled, self._model.geom_aabb[number])
+        geoms["reflectance"] = 0
+        modelled = geoms["objtype"] == mujoco.mjtObj.mjOBJ_GEOM.value
+        number = np.where(modelled, geoms["objid"], 0)
+        boxes = np.where(modelled[:, None], self._model.geom_aabb[number], [0, 0, 0, 1e10, 1e10, 1e10])
+        instances = np.where(modelled, self._instance_of_geom[number], 0).astype(np.uint16)
+        self.instance_of_code = np.concatenate([np.zeros(1, np.uint16), instances])
+        origin = self._cut_up(geoms, boxes)
+        self._instances = instances[origin]
         self._place_lights()
 
     def seen_from(self, pose: Pose) -> Choice:
@@ -98,7 +103,7 @@ class DrawList:
 
     def geoms_of(self, instance: int) -> Indices:
         """The geoms of an instance, as indices into the list."""
-        return np.flatnonzero(self.instances == instance)
+        return np.flatnonzero(self._instances == instance)
 
     def show(self, pose: Pose, shown: Indices, coded: bool) -> None:
         """Put the listed geoms on the scene, to be drawn in colour or as codes."""
@@ -112,15 +117,25 @@ class DrawList:
         for flag in (flags.mjRND_SEGMENT, flags.mjRND_IDCOLOR) if coded else (flags.mjRND_SHADOW, flags.mjRND_SKYBOX, flags.mjRND_HAZE):
             self.scene.flags[flag.value] = 1
 
-    def _place_boxes(self, modelled: NDArray[np.bool_], boxes: Array) -> None:
-        """The oriented box about every geom: centre (n, 3), half edges as columns (n, 3, 3), m, world. Infinite for what is no geom."""
-        axes = self._geoms["mat"].astype(np.float64)
+    def _cut_up(self, geoms: NDArray[np.void], boxes: Array) -> Indices:
+        """Make the list from MuJoCo's geoms and their boxes (n, 6), height fields in tiles; the geom (m,) that every entry is of."""
+        fields = np.flatnonzero(geoms["type"] == mujoco.mjtGeom.mjGEOM_HFIELD.value)
+        parts = np.ones(len(geoms), np.int64)
+        parts[fields] = [len(self.tiles[k]) for k in geoms["dataid"][fields]]
+        origin = np.repeat(np.arange(len(geoms)), parts)
+        # As bytes: a copy by fields would leave behind what GEOM does not name.
+        self._bytes, boxes = self._places[origin], boxes[origin]
+        self._geoms = self._bytes.view(GEOM)[:, 0]
+        for geom in fields:
+            entries, field = origin == geom, geoms["dataid"][geom]
+            self._geoms["dataid"][entries], boxes[entries] = self._names[field], self._boxes[field]
         flat = self._geoms["type"] == mujoco.mjtGeom.mjGEOM_PLANE.value
-        middle, half = boxes[:, :3].copy(), boxes[:, 3:].copy()
-        middle[flat, 2] = half[flat, 2] = 0.0  # MuJoCo's box of a plane is all that lies below it
-        half[~modelled] = 1e10
-        self._centres = self._geoms["pos"] + np.einsum("nij,nj->ni", axes, middle)
-        self._halves = axes * half[:, None, :]
+        boxes[flat, 2] = boxes[flat, 5] = 0.0  # MuJoCo's box of a plane is all that lies below it
+        axes = self._geoms["mat"].astype(np.float64)
+        # The oriented box about every entry: centre (m, 3), half edges as columns (m, 3, 3), m, world.
+        self._centres = self._geoms["pos"] + np.einsum("nij,nj->ni", axes, boxes[:, :3])
+        self._halves = axes * boxes[:, None, 3:]
+        return origin
 
     def _place_lights(self) -> None:
         """Prepare the head light, and learn how far shadows reach: `_sweeps`, per light (n, 3) m from every geom to its shadow's end."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sim.cubemap import FACES, CubeTable, half_tangent
 from sim.drawlist import DrawList
-from sim.gl import GLInformation, gl_information, largest_buffer, open_context
+from sim.gl import GLInformation, draw_list, gl_information, largest_buffer, open_context
 from sim.windows import Window, around, columns, layers, tight
 from tracker.cameras import Panorama
 from tracker.geometry import Array, Pose
@@ -84,6 +84,9 @@ class PanoramaRenderer:
             raise ValueError(f"face is {side} px, six of them need {6 * side} px, OpenGL's limit is {limit} px")
         self._mjr = _drawing_context(model, side)
         held.append(self._mjr)
+        # MuJoCo finds a height field's display list by its number after a base: ours have numbers beyond those of its own.
+        base = self._mjr.baseHField
+        self._list.name_tiles([[draw_list(tile.corners, tile.normals) - base for tile in tiles] for tiles in self._list.tiles])
 
     def __enter__(self) -> PanoramaRenderer:
         return self

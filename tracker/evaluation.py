@@ -63,8 +63,8 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
 def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, Any]:
     """Scores of one MOT15 file against another: boxes that overlap by `iou`, or places within 1 m where it is None.
 
-    Rows of the truth with confidence 0 lie outside the tracking area: as places they are ignored both ways, as boxes they count like
-    all others (so do the published scores of S2.L1). Raises ValueError where a row has no place and places are asked for.
+    Rows of the truth with confidence 0 are people that do not count: as places they are ignored both ways. As boxes they count like all
+    others, for so do the published scores of S2.L1. Raises ValueError where a row has no place and places are asked for.
     """
     true, given = read_mot15(truth), read_mot15(result)
     for path, rows in ((truth, true), (result, given)):

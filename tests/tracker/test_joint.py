@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tracker.bearings import gravity, residual
 from tracker.gaussian import condition
-from tracker.geometry import Pose
+from tracker.geometry import Pose, skew
 from tracker.joint import Joint, Linear
 from tracker.measurements import Odometry, Start
 
@@ -55,7 +56,7 @@ def test_a_clone_is_the_robot_until_it_moves(rng: np.random.Generator) -> None:
     noise = odometry(rng)
     state.predict(1, noise)
     M = noise.T_before_now
-    F = np.block([[M.rotation.T, -M.rotation.T @ np.cross(np.eye(3), M.translation).T], [np.zeros((3, 3)), M.rotation.T]])
+    F = np.block([[M.rotation.T, -M.rotation.T @ skew(M.translation)], [np.zeros((3, 3)), M.rotation.T]])
     np.testing.assert_allclose(state.P[a : a + 6, b : b + 6], F @ state.P[b : b + 6, b : b + 6], atol=1e-12)
 
 
@@ -129,8 +130,6 @@ def test_an_iterated_update_finds_the_least_squares_of_a_curved_measurement() ->
     noise = np.tile(0.05 * np.eye(2), (1, 1, 1))
 
     def linearise() -> Linear:
-        from tracker.bearings import gravity
-
         r, H = gravity(state.rotation[0], up)
         return Linear(0, np.arange(6), H, r, noise)
 
@@ -138,8 +137,6 @@ def test_an_iterated_update_finds_the_least_squares_of_a_curved_measurement() ->
     found = (prior.T_world_robot.inverse() @ Pose(state.rotation[0], state.translation[0])).log()
 
     def cost(xi: np.ndarray) -> float:
-        from tracker.bearings import residual
-
         r = residual(up, (prior.T_world_robot @ Pose.exp(xi)).rotation[2])
         return float(xi @ np.linalg.solve(prior.covariance, xi) + r @ r / 0.05)
 
