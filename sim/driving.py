@@ -82,7 +82,7 @@ class Driver:
         if drive.retreat > 0:
             return self._retreat(drive, motion, traffic, dt)
         drive = replace(drive, passed=_passed(drive.route, drive.passed, motion.position))
-        aim = _along(drive.route, drive.passed + LOOKAHEAD)
+        aim = _along(drive.route, np.array([drive.passed + LOOKAHEAD]))[0]
         distance = max(float(np.hypot(*(aim - motion.position))), 0.2)
         error = float(wrap(math.atan2(*(aim - motion.position)[::-1]) - motion.yaw))
         speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
@@ -97,7 +97,9 @@ class Driver:
 
     def _retreat(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
         """Back up with a turn, as far as there is room, then go elsewhere."""
-        speed = -min(0.3, _free_speed(motion, traffic, -1.0))
+        behind = motion.position - 0.4 * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
+        room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
+        speed = -min(0.3, _free_speed(motion, traffic, -1.0)) if room else 0.0
         drive = _towards(drive, speed, 0.5 if drive.visit % 2 else -0.5, dt)
         left = drive.retreat - dt
         return self._next(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
@@ -116,7 +118,7 @@ class Driver:
 
 def make_driver(room: Walkable, rng: np.random.Generator) -> Driver:
     """A driver with eight goals of its own in this room. Raises ValueError where nothing is free."""
-    return Driver(room, np.concatenate([room.sample(rng, 1, 0.0, 0.0) for _ in range(8)]))
+    return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]))
 
 
 def room_to_turn(wheels: Walkable) -> Walkable:
@@ -159,16 +161,11 @@ def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
 def _passed(route: Array, passed: float, position: Array) -> float:
     """m of the route passed: the nearest place within the next metre and a half, never backwards."""
     steps = passed + np.linspace(0.0, 1.5, 31)
-    places = np.array([_along(route, step) for step in steps])
-    return float(min(steps[int(np.argmin(((places - position) ** 2).sum(axis=1)))], _length(route)))
+    nearest = int(np.argmin(((_along(route, steps) - position) ** 2).sum(axis=1)))
+    return float(min(steps[nearest], np.hypot(*np.diff(route, axis=0).T).sum()))
 
 
-def _along(route: Array, passed: float) -> Array:
-    """The place (2,) m after `passed` m of the route; its end beyond."""
-    legs = np.hypot(*np.diff(route, axis=0).T)
-    marks = np.concatenate([[0.0], np.cumsum(legs)])
-    return np.array([np.interp(passed, marks, route[:, 0]), np.interp(passed, marks, route[:, 1])])
-
-
-def _length(route: Array) -> float:
-    return float(np.hypot(*np.diff(route, axis=0).T).sum())
+def _along(route: Array, passed: Array) -> Array:
+    """The places (n, 2) m after `passed` (n,) m of the route; its end beyond."""
+    marks = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    return np.column_stack([np.interp(passed, marks, route[:, 0]), np.interp(passed, marks, route[:, 1])])

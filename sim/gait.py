@@ -127,9 +127,9 @@ def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
     unsettled = ~footing.standing.all(axis=1) | (offset.max(axis=1) > 0.08) | (turned.max(axis=1) > 0.4)
     # Who stops in the middle of a stride pulls the far foot up at once.
     adjusting = _ADJUSTING_RATE + np.clip(4 * (offset.max(axis=1) - 0.15), 0.0, 0.7)
-    rate = np.maximum(speed / (2 * step), adjusting * unsettled)
+    rate = np.maximum(speed / (2 * step), adjusting * unsettled * np.clip((0.4 - speed) / 0.3, 0.0, 1.0))
     behind = np.where(footing.standing, offset, 0.0).max(axis=1) / (0.5 * bodies.stature)
-    return rate * (1 + np.clip(4 * (behind - 0.68), 0.0, 1.0))
+    return rate * (1 + np.clip(4 * (behind - 0.78), 0.0, 1.0))
 
 
 def _own_phase(phase: Array) -> Array:

@@ -87,7 +87,19 @@ def open_context() -> Any:
     # The backends raise ImportError, RuntimeError, AttributeError or PyOpenGL's own errors, according to what is missing.
     except Exception as error:
         raise GLUnavailable(f"{INSTALL} (MUJOCO_GL={backend}: {' '.join(str(error).split())[:200]})") from error
+    _check(backend)
     return context
+
+
+def _check(backend: str) -> None:
+    """Raises GLUnavailable where the current context answers nothing, or where PyOpenGL, imported before, is bound to another platform."""
+    from OpenGL import GL, platform
+
+    if GL.glGetString(GL.GL_VERSION) is None:
+        raise GLUnavailable(f"{INSTALL} (MUJOCO_GL={backend}: its context is dead)")
+    bound = type(platform.PLATFORM).__name__.removesuffix("Platform")
+    if backend in ("egl", "osmesa") and bound.lower() != backend:
+        raise GLUnavailable(f"PyOpenGL was imported before and is bound to {bound}: set PYOPENGL_PLATFORM={backend} before it is imported")
 
 
 def gl_information(context: Any) -> GLInformation:

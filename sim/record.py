@@ -29,6 +29,8 @@ from worlds.world import World
 
 # What is known of where a robot starts: standard deviations in metres and radians of its right tangent.
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
+# m over the floor: what ends above hides nobody.
+HEADROOM = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +58,38 @@ def setup_of(scenario: Scenario, simulation: Simulation) -> Setup:
 
 
 def tops(world: World) -> Grid:
-    """The terrain with everything that stands on it, as heights on the terrain's own grid, by rays from above."""
+    """The terrain with what stands on it, as heights on the terrain's own grid, by rays from above.
+
+    What hangs higher than people are tall (beams, lintels) hides nobody and is left out; what they could see under (a table) is not.
+    """
     model = world.spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     ground = world.ground
     heights = ground.heights.copy()
-    down, geom, above = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32), float(ground.heights.max()) + 50.0
     for i, j in np.ndindex(*heights.shape):
         x, y = ground.origin[0] + j * ground.spacing, ground.origin[1] + i * ground.spacing
-        distance = mujoco.mj_ray(model, data, np.array([x, y, above]), down, None, 1, -1, geom, None)
-        if distance >= 0:
-            heights[i, j] = max(heights[i, j], above - distance)
+        heights[i, j] = _top(model, data, x, y, float(heights[i, j]))
     return Grid(heights, ground.origin, ground.spacing)
+
+
+def _top(model: mujoco.MjModel, data: mujoco.MjData, x: float, y: float, floor: float) -> float:
+    """Height of the highest thing over (x, y) that reaches down among people, else of the floor."""
+    down, geom, z = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32), floor + 50.0
+    entered: dict[int, float] = {}
+    while True:
+        distance = mujoco.mj_ray(model, data, np.array([x, y, z]), down, None, 1, -1, geom, None)
+        surface = z - distance
+        if distance < 0 or surface <= floor + 0.01:
+            # Whatever was entered and not left goes into the ground.
+            return max(entered.values(), default=floor)
+        if int(geom[0]) not in entered:
+            entered[int(geom[0])] = surface
+        else:
+            top = entered.pop(int(geom[0]))
+            if surface < floor + HEADROOM:
+                return max(top, *entered.values()) if entered else top
+        z = surface - 1e-4
 
 
 def run(scenario: Scenario, simulation: Simulation, setup: Setup) -> Iterator[Moment]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
@@ -20,7 +22,10 @@ CROWD_STEP = 0.05
 """s: people and commands move on at the step nearest to this that divides a frame."""
 SETTLING = 1.0
 """s that the rovers are given to come to rest before frame 0."""
-TIPPED = np.cos(np.pi / 4)
+APART = 1.5
+"""m between the starts of rovers."""
+TIPPED = math.cos(math.pi / 4)
+"""The least z of a rover's up axis."""
 
 
 class Simulation:
@@ -123,7 +128,7 @@ class Simulation:
         """Rovers apart from each other on the ground, as it slopes, heading anywhere."""
         rng = self.scenario.stream("robots/start")
         room = driving.room_to_turn(self.world.wheels)
-        places = room.sample(rng, len(self.robots), 0.0, 1.5)
+        places = room.sample(rng, len(self.robots), 0.1, APART)
         for index, place, yaw in zip(self._poses, places, rng.uniform(-np.pi, np.pi, len(places)), strict=True):
             self.data.qpos[index] = self._resting(place, yaw)
         self._drivers = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
@@ -148,21 +153,14 @@ class Simulation:
 
     def _place_people(self, people: list[np.random.Generator]) -> None:
         """People apart from each other and from the rovers."""
-        rng, robots = self.scenario.stream("people/start"), self.data.qpos[self._poses[:, :2]]
-        wanted = len(people)
-        places = np.zeros((0, 2))
-        if wanted:
-            # More places than people, for some are too near to a rover.
-            for more in (3 * len(robots), len(robots), 0):
-                try:
-                    places = self.world.feet.sample(rng, wanted + more, 0.05, 0.9)
-                except ValueError:
-                    if not more:
-                        raise
-                    continue
-                near = np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1)
-                places = places[np.argsort(near < 1.1, kind="stable")][:wanted]
-                break
+        rng, wanted = self.scenario.stream("people/start"), len(people)
+        robots = self.data.qpos[self._poses[:, :2]]
+        # About three places may be too near to each rover.
+        places = self.world.feet.sample(rng, wanted + 3 * len(robots) if wanted else 0, 0.1, 0.8)
+        clear = np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > 1.0
+        places = places[clear][:wanted]
+        if len(places) < wanted:
+            raise ValueError(f"people is {wanted}, needs at most {len(places)}: more do not fit beside {len(robots)} robots")
         heading = rng.uniform(-np.pi, np.pi, wanted)
         self._crowd = Crowd(self.world.feet, self.world.ground, make_plans(self.world.feet, people, self.scenario.stream("people/goals")))
         self._crowd_state: CrowdState = self._crowd.start(places, heading)

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from worlds.heightfield import Array, Heightfield
-from worlds.noise import fractal, noise
+from worlds.heightfield import Array, Heightfield, Mask
+from worlds.noise import Pattern, fractal, noise
 from worlds.painting import Canvas, tint
 from worlds.polygon import signed_distance
 
@@ -74,8 +74,7 @@ def _scuff(canvas: Canvas, rng: np.random.Generator) -> None:
 
 def planks(canvas: Canvas, rng: np.random.Generator, ground: Heightfield, corners: ArrayLike) -> None:
     """Plywood or timber over a polygon (k, 2) m of the ground: boards side by side, each with its grain."""
-    region, inside = _region(canvas, ground, corners)
-    w = region
+    w, inside = _region(canvas, ground, corners)
     rows, columns = w.shape[:2]
     board = int(rng.uniform(0.18, 0.3) * SCALE)
     lanes = np.arange(rows) // board
@@ -132,7 +131,7 @@ def _spread(heights: Array, axis: int) -> Array:
     return np.maximum(before, np.pad(rise, pad))
 
 
-def _region(canvas: Canvas, ground: Heightfield, corners: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def _region(canvas: Canvas, ground: Heightfield, corners: ArrayLike) -> tuple[Pattern, Mask]:
     """The pixels in a polygon's bounding box, and which of them lie in the polygon."""
     polygon = np.asarray(corners, dtype=np.float64) - ground.origin
     low, high = np.maximum(polygon.min(axis=0), 0), polygon.max(axis=0)

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
-from scipy.sparse import csgraph
 
+from worlds.eikonal import distance, links
 from worlds.heightfield import Array, Heightfield, Mask
 
 # Ways keep off obstacles: a metre right beside one counts as many as 1 + SHYNESS, a metre this far from all counts one.
@@ -17,9 +17,6 @@ SHYNESS = 2.0
 SHY_DISTANCE = 0.5
 # The length over which a slope is felt, m: about a stride of a walker and the wheelbase of a rover.
 STRIDE = 0.6
-
-# (row, column) steps to half of the eight neighbours; the other half is the way back.
-_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +77,9 @@ class Walkable:
     def distance_to(self, goal: ArrayLike) -> Array:
         """(2,) m → (rows, columns) m of the shortest way from each grid point to the goal; inf where there is none.
 
-        Metres beside obstacles count more (SHYNESS), so that ways keep off walls. Dijkstra on the eight neighbours, then relaxed to
-        the eikonal equation |∇T| = cost (Sethian 1996; Godunov's upwind scheme), which has no favourite directions. A goal that is
-        not free raises ValueError.
+        Metres beside obstacles count more (SHYNESS), so that ways keep off walls. Raises ValueError where the goal is not free.
         """
-        start = self._node(goal, "goal")
-        field = csgraph.dijkstra(self._graph, directed=False, indices=start).reshape(self.free.shape)
-        return _relaxed(field, self._cost * self.spacing)
+        return distance(self._links, self._cost * self.spacing, self._node(goal, "goal"))
 
     def direction_at(self, field: Array, points: ArrayLike) -> Array:
         """Points (n, 2) m → (n, 2) unit direction of descent of a field (rows, columns) from distance_to; zero at its goal.
@@ -101,8 +94,8 @@ class Walkable:
         for axis, step in ((0, 1), (1, columns)):
             before, after = flat[np.maximum(index - step, 0)], flat[np.minimum(index + step, flat.size - 1)]
             lower = np.minimum(before, after)
-            fall = np.where(lower < here, here - np.where(np.isfinite(lower), lower, here), 0.0)
-            slope[..., axis] = np.where(np.isfinite(fall), fall, 0.0) * np.where(before < after, -1.0, 1.0)
+            fall = np.subtract(here, lower, out=np.zeros_like(here), where=np.isfinite(here) & (lower < here))
+            slope[..., axis] = np.where(before < after, -fall, fall)
         weight = np.where(np.isfinite(here), weight, 0.0)
         direction = _unit((slope * weight[..., None]).sum(axis=1))
         lost = weight.sum(axis=1) <= 0
@@ -112,10 +105,16 @@ class Walkable:
 
     def route(self, start: ArrayLike, goal: ArrayLike) -> Array:
         """A way from start (2,) to goal (2,) m as a polyline (k, 2) within free space. ValueError where there is none."""
-        columns = self.free.shape[1]
         field = self.distance_to(goal)
-        node = self._node(start, "start")
+        between = self._descent(field, self._node(start, "start"))[1:-1]
+        ends = np.asarray(start, dtype=np.float64), np.asarray(goal, dtype=np.float64)
+        return self._straightened(np.concatenate([[ends[0]], between, [ends[1]]]))
+
+    def _descent(self, field: Array, node: int) -> Array:
+        """Grid points (k, 2) m down a field from distance_to, from a flat index to the goal, each a neighbour of the one before."""
+        columns = self.free.shape[1]
         nodes = [node]
+        reach = np.array([[np.sqrt(2), 1, np.sqrt(2)], [1, 1, 1], [np.sqrt(2), 1, np.sqrt(2)]])
         while field.ravel()[node] > 0:
             i, j = divmod(node, columns)
             window = field[i - 1 : i + 2, j - 1 : j + 2].copy()
@@ -123,14 +122,11 @@ class Walkable:
             for a, b in ((0, 0), (0, 2), (2, 0), (2, 2)):
                 if not (np.isfinite(window[1, b]) and np.isfinite(window[a, 1])):
                     window[a, b] = np.inf
-            fall = (field[i, j] - window) / np.array([[np.sqrt(2), 1, np.sqrt(2)], [1, 1, 1], [np.sqrt(2), 1, np.sqrt(2)]])
-            di, dj = divmod(int(np.argmax(fall)), 3)
+            di, dj = divmod(int(np.argmax((field[i, j] - window) / reach)), 3)
             node = (i + di - 1) * columns + j + dj - 1
             nodes.append(node)
         i, j = np.divmod(np.array(nodes), columns)
-        points = self.origin + self.spacing * np.stack([j, i], axis=1)
-        points = np.concatenate([[np.asarray(start, dtype=np.float64)], points[1:-1], [np.asarray(goal, dtype=np.float64)]])
-        return self._straightened(points)
+        return self.origin + self.spacing * np.stack([j, i], axis=1)
 
     def sample(self, rng: np.random.Generator, n: int, clearance: float, apart: float) -> Array:
         """n random places (n, 2) m with that clearance m and at least `apart` m from each other. ValueError where n do not fit."""
@@ -159,22 +155,8 @@ class Walkable:
         return 1 + SHYNESS * near**2
 
     @cached_property
-    def _graph(self) -> sparse.csr_matrix:
-        """Free grid points, each linked with its free neighbours by the cost of the way between; no cutting of corners."""
-        rows, columns = self.free.shape
-        number = np.arange(rows * columns).reshape(rows, columns)
-        starts, ends, costs = [], [], []
-        for di, dj in _NEIGHBOURS:
-            here = (slice(0, rows - di), slice(max(0, -dj), columns - max(0, dj)))
-            there = (slice(di, rows), slice(max(0, dj), columns - max(0, -dj)))
-            open_ = self.free[here] & self.free[there]
-            if di and dj:
-                open_ &= self.free[here[0], there[1]] & self.free[there[0], here[1]]
-            starts.append(number[here][open_])
-            ends.append(number[there][open_])
-            costs.append(np.hypot(di, dj) * self.spacing * 0.5 * (self._cost[here] + self._cost[there])[open_])
-        shape = (rows * columns, rows * columns)
-        return sparse.csr_matrix((np.concatenate(costs), (np.concatenate(starts), np.concatenate(ends))), shape=shape)
+    def _links(self) -> sparse.csr_matrix:
+        return links(self.free, self._cost * self.spacing)
 
     def _node(self, point: ArrayLike, name: str) -> int:
         p = np.asarray(point, dtype=np.float64).reshape(1, 2)
@@ -196,15 +178,18 @@ class Walkable:
         return index, weight, np.hypot(*(p - q).T) * self.spacing
 
     def _straightened(self, points: Array) -> Array:
-        """Fewer corners: straight ahead as far as no place of it is nearer to obstacles than the way that it replaces (or SHY_DISTANCE)."""
-        clearance = np.minimum(self.clearance_at(points), SHY_DISTANCE)
+        """Fewer corners: straight ahead as far as that stays free and comes no nearer to obstacles than the way that it replaces.
+
+        Half a cell nearer is no nearer, and what is SHY_DISTANCE off is far enough.
+        """
+        clearance = np.minimum(self.clearance_at(points), SHY_DISTANCE) - 0.5 * self.spacing
         kept = [0]
         while kept[-1] < len(points) - 1:
             a, b = kept[-1], kept[-1] + 1
             for c in range(len(points) - 1, a + 1, -1):
                 steps = max(2, int(np.hypot(*(points[c] - points[a])) / self.spacing * 4))
                 line = points[a] + np.linspace(0, 1, steps)[:, None] * (points[c] - points[a])
-                if self.clearance_at(line).min() >= clearance[a : c + 1].min() and self.free_at(line).all():
+                if self.free_at(line).all() and self.clearance_at(line).min() >= clearance[a : c + 1].min():
                     b = c
                     break
             kept.append(b)
@@ -243,27 +228,6 @@ def _too_steep(ground: Heightfield, max_slope: float, max_step: float) -> Mask:
     smooth = ndimage.uniform_filter(z, max(1, round(STRIDE / spacing)), mode="nearest")
     slope = np.hypot(*np.gradient(smooth, spacing))
     return steep | (slope > np.tan(max_slope))
-
-
-def _relaxed(field: Array, cost: Array) -> Array:
-    """The field lowered, from all sides at once, until |∇T| = cost holds by Godunov's upwind differences; cost a cell."""
-    T = np.pad(field, 1, constant_values=np.inf)
-    reached = np.isfinite(field) & (field > 0)
-    inner = T[1:-1, 1:-1]
-    for _ in range(2 * sum(field.shape)):
-        a = np.minimum(T[1:-1, :-2], T[1:-1, 2:])[reached]
-        b = np.minimum(T[:-2, 1:-1], T[2:, 1:-1])[reached]
-        c = cost[reached]
-        gap = np.where(np.isfinite(a) & np.isfinite(b), np.abs(a - np.where(np.isfinite(b), b, 0.0)), np.inf)
-        one = np.minimum(a, b) + c
-        close = gap < c
-        both = np.where(close, a + b, 0.0) * 0.5 + 0.5 * np.sqrt(np.maximum(2 * c**2 - np.where(close, gap, 0.0) ** 2, 0.0))
-        new = np.minimum(inner[reached], np.where(close, both, one))
-        change = float((inner[reached] - new).max(initial=0.0))
-        inner[reached] = new
-        if change < 1e-4:
-            break
-    return inner.copy()
 
 
 def _unit(vectors: Array) -> Array:

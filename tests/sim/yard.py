@@ -1,0 +1,28 @@
+"""A small fenced yard of rolling ground: a world for tests that must not depend on the ready ones."""
+
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from worlds.heightfield import Heightfield
+from worlds.walkable import free_space
+from worlds.world import World
+
+HALF = 6.0
+
+
+@lru_cache(maxsize=4)
+def yard(relief: float = 0.05) -> World:
+    """12 m square, hills of `relief` m, walls 1 m high, one block in the middle."""
+    ground = Heightfield.flat([[-HALF, -HALF], [HALF, HALF]], 0.1)
+    x, y = ground.nodes[..., 0], ground.nodes[..., 1]
+    ground = ground.with_heights(relief * np.sin(1.1 * x + 0.5) * np.cos(0.9 * y))
+    spec = mujoco.MjSpec()
+    ground.add_to(spec, "ground")
+    for k, (cx, cy, a, b) in enumerate([(0, -HALF, HALF, 0.1), (0, HALF, HALF, 0.1), (-HALF, 0, 0.1, HALF), (HALF, 0, 0.1, HALF), (0, 0, 0.5, 0.5)]):
+        spec.worldbody.add_geom(name=f"wall{k}", type=mujoco.mjtGeom.mjGEOM_BOX, size=[a, b, 0.5], pos=[cx, cy, 0.5], group=1)
+    blocked = (np.maximum(np.abs(x), np.abs(y)) > HALF - 0.15) | (np.maximum(np.abs(x), np.abs(y)) < 0.55)
+    feet = free_space(ground, blocked, np.deg2rad(35), 0.2, 0.25)
+    wheels = free_space(ground, blocked, np.deg2rad(20), 0.05, 0.3)
+    return World("yard", spec, ground, feet, wheels, np.array([[[-4.0, -4.0], [-3.0, -3.0]]]))
