@@ -88,15 +88,27 @@ class CubeTable:
         A code is one geom, red its lowest byte. Depth is OpenGL's, reversed: 1 at `near`, 0 at `far` m, linear in the inverse of the
         planar depth, hence interpolated as it is, which is exact on planes, where the four neighbours are of one geom; the nearest elsewhere.
         """
-        return _geometry(codes, depth, instance_of_code, self.x, self.y, self.nearest, self.stretch, near, far)
+        line = inverse_depth(near, far)
+        return _geometry(codes, depth, instance_of_code, self.x, self.y, self.nearest, self.stretch, *line)
+
+
+def inverse_depth(near: float, far: float) -> tuple[float, float]:
+    """Slope and offset with 1 / planar depth = slope · depth + offset, 1/m.
+
+    They come from the projection matrix as OpenGL has it, in single precision: its rounding, and not that of the depth buffer, would
+    else be the greatest error, 3e-4 at 160 m (MuJoCo's own renderer does likewise).
+    """
+    n, f = np.float32(near), np.float32(far)
+    flat, steep = -(f + n) / (f - n), np.float32(-2) * f * n / (f - n)
+    half = np.float32(-0.5)
+    return 1 / float(half * steep), float(half * flat + half) / float(half * steep)
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _geometry(codes, depth, instance_of_code, x, y, nearest, stretch, near, far):  # type: ignore[no-untyped-def]
+def _geometry(codes, depth, instance_of_code, x, y, nearest, stretch, slope, offset):  # type: ignore[no-untyped-def]
     (height, width), face = x.shape, codes.shape[1]
     instances = np.empty((height, width), np.uint16)
     distance = np.empty((height, width), np.float32)
-    slope, offset = (far - near) / (far * near), 1 / far
     for i in range(height):
         for j in range(width):
             x0, y0 = int(np.floor(x[i, j])), int(np.floor(y[i, j]))

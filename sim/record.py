@@ -92,35 +92,33 @@ def _top(model: mujoco.MjModel, data: mujoco.MjData, x: float, y: float, floor: 
         z = surface - 1e-4
 
 
-def run(scenario: Scenario, simulation: Simulation, setup: Setup) -> Iterator[Moment]:
-    """The frames of a scenario, from the first on. The renderer is closed when the iterator ends or is closed."""
-    camera = Panorama(scenario.width, scenario.height)
-    detector = Detector.of(scenario)
-    streams = {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
+def open_renderer(scenario: Scenario, simulation: Simulation) -> PanoramaRenderer:
+    """The renderer for all robots of a simulation; people are its instances. Close it, or use it as a context."""
+    return PanoramaRenderer(simulation.model, Panorama(scenario.width, scenario.height), simulation.person_of_geom.astype(np.uint16))
+
+
+def run(scenario: Scenario, simulation: Simulation, setup: Setup, renderer: PanoramaRenderer) -> Iterator[Moment]:
+    """The frames of a scenario, from the first on."""
+    detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
     persons = [int(p) for p in simulation.persons]
-    with PanoramaRenderer(simulation.model, camera, simulation.person_of_geom.astype(np.uint16)) as renderer:
-        for index in range(scenario.frames):
-            odometry = {}
-            if index:
-                simulation.step()
-                odometry = simulation.odometry()
-            robots = {robot: simulation.T_world_robot(robot) for robot in simulation.robots}
-            poses = [robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
-            shots = renderer.render(simulation.data, poses)
-            alone = renderer.alone(simulation.data, poses, persons)
-            boxes = {name: true_boxes(shot.instances, persons, bodies) for name, shot, bodies in zip(setup.mounts, shots, alone, strict=True)}
-            views = tuple(
-                View(
-                    name,
-                    detector.detect(camera, boxes[name], scenario.camera_height, streams[name]),
-                    odometry=odometry.get(mount.robot),
-                    image=shot.colour,
-                )
-                for (name, mount), shot in zip(setup.mounts.items(), shots, strict=True)
-            )
-            truth = Truth(index, robots, np.array(persons, dtype=np.int64), simulation.feet(), _fractions(persons, list(boxes.values())))
-            instances = {name: shot.instances for name, shot in zip(setup.mounts, shots, strict=True)}
-            yield Moment(Tick(index, index * scenario.period, views), truth, instances, boxes)
+    for index in range(scenario.frames):
+        if index:
+            simulation.step()
+        odometry = simulation.odometry() if index else {}
+        robots = {robot: simulation.T_world_robot(robot) for robot in simulation.robots}
+        poses = [robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
+        shots = dict(zip(setup.mounts, renderer.render(simulation.data, poses), strict=True))
+        alone = dict(zip(setup.mounts, renderer.alone(simulation.data, poses, persons), strict=True))
+        boxes = {name: true_boxes(shot.instances, persons, alone[name]) for name, shot in shots.items()}
+        views = []
+        for name, shot in shots.items():
+            mount = setup.mounts[name]
+            assert isinstance(mount.camera, Panorama)
+            found = detector.detect(mount.camera, boxes[name], scenario.camera_height, streams[name])
+            views.append(View(name, found, odometry=odometry.get(mount.robot), image=shot.colour))
+        truth = Truth(index, robots, np.array(persons, dtype=np.int64), simulation.feet(), _fractions(persons, list(boxes.values())))
+        instances = {name: shot.instances for name, shot in shots.items()}
+        yield Moment(Tick(index, index * scenario.period, tuple(views)), truth, instances, boxes)
 
 
 def _fractions(persons: list[int], boxes: list[Boxes]) -> Array:
@@ -142,11 +140,10 @@ def record(scenario: Scenario, folder: Path, progress: Any = None) -> None:
         raise ValueError(f"{folder}: is there already")
     simulation = Simulation(scenario)
     setup = setup_of(scenario, simulation)
-    moments: Iterable[Moment] = run(scenario, simulation, setup)
-    assert setup.occluders is not None
     occluders = setup.occluders
     assert isinstance(occluders, Grid)
-    with SequenceWriter(folder, setup, occluders) as writer:
+    with open_renderer(scenario, simulation) as renderer, SequenceWriter(folder, setup, occluders) as writer:
+        moments: Iterable[Moment] = run(scenario, simulation, setup, renderer)
         for moment in progress(moments, total=scenario.frames) if progress else moments:
             writer.add(moment.tick, moment.truth, moment.instances, moment.boxes)
         writer.finish(json.loads(scenario.to_json()), versions())

@@ -19,6 +19,8 @@ from worlds.surfaces import Surface
 COLOURS = (Surface.BLUE, Surface.RED, Surface.GREEN, Surface.YELLOW, Surface.DARK)
 # Things sink this far below the lowest ground under them: feet of furniture never hover.
 SINK = 0.02
+# Thickness of the painted foot of a pillar, m: enough for a depth buffer to tell it from the pillar.
+PAINT = 0.012
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ def _laden(rng: np.random.Generator, shape: Shape, across: tuple[float, float], 
         w = min(rng.uniform(0.18, 0.5), across[1] - x)
         kind = rng.uniform()
         if kind < 0.35:
-            y = rng.uniform(0.05, 0.2)
+            y = rng.uniform(0.05, min(0.2, depth / 2 - 0.03))
             shape += box(rng, Surface.DARK, (x + 0.4 * w, y - 0.02, top), (x + 0.6 * w, y + 0.02, top + 0.15))
             shape += box(rng, Surface.DARK, (x, y - 0.06, top + 0.12), (x + w, y - 0.02, top + 0.14 + 0.62 * w), front=Surface.SCREEN)
         elif kind < 0.8:
@@ -142,12 +144,12 @@ def pillar(rng: np.random.Generator, height: float) -> Piece:
     """A column, round or square, up to a ceiling that is not drawn, with a painted foot."""
     if rng.uniform() < 0.5:
         r = rng.uniform(0.17, 0.25)
-        foot = column(rng, Surface.YELLOW, r + 0.012, rng.uniform(0.7, 1.1))
-        return Piece("pillar", column(rng, Surface.CONCRETE, r, height) + foot, (2 * r + 0.02, 2 * r + 0.02))
+        foot = column(rng, Surface.YELLOW, r + PAINT, rng.uniform(0.7, 1.1))
+        return Piece("pillar", column(rng, Surface.CONCRETE, r, height) + foot, (2 * r + 2 * PAINT, 2 * r + 2 * PAINT))
     r = rng.uniform(0.16, 0.24)
     shape = box(rng, Surface.CONCRETE, (-r, -r, 0), (r, r, height), front=Surface.LABELS if rng.uniform() < 0.3 else None)
-    shape += box(rng, Surface.YELLOW, (-r - 0.012, -r - 0.012, 0), (r + 0.012, r + 0.012, rng.uniform(0.5, 1.0)))
-    return Piece("pillar", shape, (2 * r + 0.02, 2 * r + 0.02))
+    shape += box(rng, Surface.YELLOW, (-r - PAINT, -r - PAINT, 0), (r + PAINT, r + PAINT, rng.uniform(0.5, 1.0)))
+    return Piece("pillar", shape, (2 * r + 2 * PAINT, 2 * r + 2 * PAINT))
 
 
 def barrel(rng: np.random.Generator) -> Piece:

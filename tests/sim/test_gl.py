@@ -15,7 +15,7 @@ INFORM = "context = sim.gl.open_context(); print(sim.gl.gl_information(context))
 
 def python(program: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a program of its own with none of our GL settings but those given."""
-    kept = {key: value for key, value in os.environ.items() if key not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
+    kept = {key: value for key, value in os.environ.items() if key not in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "WAYLAND_DISPLAY")}
     return subprocess.run([sys.executable, "-c", program], env=kept | environment, cwd=ROOT, capture_output=True, text=True, check=False)
 
 

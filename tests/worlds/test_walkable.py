@@ -53,15 +53,18 @@ def test_clearance_falls_on_outside_of_the_grid() -> None:
     assert outside == pytest.approx(inside - 2.0)
 
 
-def test_away_leads_to_more_clearance() -> None:
-    space = maze(1)
-    p = nodes(space)[space.free & (space.clearance < 0.3)]
+@pytest.mark.parametrize("seed", range(3))
+def test_away_leads_to_more_clearance(seed: int) -> None:
+    """But on the ridge between two walls, which a step crosses."""
+    space = maze(seed)
+    p = np.random.default_rng(seed).uniform(space.origin, space.origin + [7.9, 5.9], (5000, 2))
+    p = p[np.abs(space.clearance_at(p)) < 0.3]
     away = space.away_at(p)
     length = np.linalg.norm(away, axis=1)
     assert np.all((np.abs(length - 1) < 1e-9) | (length == 0))
-    gain = space.clearance_at(p + 0.1 * away) - space.clearance_at(p)
-    assert np.mean(gain > 0) > 0.9
-    assert gain.min() > -0.05
+    gain = space.clearance_at(p + 0.02 * away) - space.clearance_at(p)
+    assert np.mean(gain > 0.005) > 0.93
+    assert np.median(gain) > 0.019
 
 
 def test_away_is_nothing_in_the_middle() -> None:
@@ -80,7 +83,8 @@ def test_distance_in_the_open_is_the_straight_one_but_for_walls() -> None:
     far = middle & (straight > 1.0)
     direction = space.direction_at(field, p[far])
     cosine = (direction * (goal - p[far])).sum(axis=1) / straight[far]
-    assert cosine.min() > np.cos(np.deg2rad(6))
+    assert cosine.min() > np.cos(np.deg2rad(9))
+    assert cosine.mean() > np.cos(np.deg2rad(4))
 
 
 def test_distance_is_infinite_only_where_nobody_can_be() -> None:

@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+
+from sim.crowd import ARRIVED, BODY_RADIUS, DT, Crowd, CrowdState, Obstacles, Plans, make_plans
+from sim.scenario import Scenario
+from tests.sim.yard import yard
+from worlds import catalogue
+from worlds.heightfield import Heightfield
+from worlds.walkable import free_space
+from worlds.world import World
+
+
+def crowd_of(world: World, seed: int, n: int) -> tuple[Crowd, CrowdState]:
+    scenario = Scenario(seed=seed, people=n)
+    crowd = Crowd(world.feet, world.ground, make_plans(world.feet, [scenario.stream(f"person_{i}") for i in range(n)], scenario.stream("goals")))
+    return crowd, crowd.start(world.feet.sample(scenario.stream("start"), n, 0.1, 0.8), np.zeros(n))
+
+
+def history(crowd: Crowd, state: CrowdState, seconds: float, obstacles: Obstacles | None = None) -> list[CrowdState]:
+    states = [state]
+    for _ in range(round(seconds / DT)):
+        states.append(crowd.step(states[-1], obstacles or Obstacles.none(), DT))
+    return states
+
+
+def distances(position: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(position[:, None] - position, axis=2)[np.triu_indices(len(position), 1)]
+
+
+def field(slope: float = 0.0) -> World:
+    """An open place 20 m by 6 m that rises along x."""
+    ground = Heightfield.flat([[-10, -3], [10, 3]], 0.1)
+    ground = ground.with_heights(slope * ground.nodes[..., 0])
+    feet = free_space(ground, np.zeros(ground.heights.shape, dtype=bool), np.deg2rad(45), 0.2, 0.25)
+    return World("field", yard().spec, ground, feet, feet, np.array([[[-1.0, -1.0], [1.0, 1.0]]]))
+
+
+def crossing(world: World, starts: np.ndarray, goals: np.ndarray) -> tuple[Crowd, CrowdState]:
+    """As many people as starts, each with one goal and 1.2 m/s."""
+    m = len(starts)
+    plans = Plans(np.full(m, 1.2), goals, np.arange(m)[:, None], np.full((m, 1), 60.0))
+    crowd = Crowd(world.feet, world.ground, plans)
+    return crowd, crowd.start(starts, np.zeros(m))
+
+
+@pytest.mark.parametrize("place", ["yard", "pilsun"])
+def test_ten_people_keep_to_free_space_and_apart_and_get_about(place):
+    world = yard() if place == "yard" else catalogue.build("pilsun", Scenario().stream("world"), 0.5)
+    crowd, state = crowd_of(world, 0, 10)
+    states = history(crowd, state, 40.0)
+    for s in states:
+        assert world.feet.clearance_at(s.position).min() > 0
+    deep = sum(int((distances(s.position) < 2 * BODY_RADIUS - 0.05).sum()) for s in states)
+    assert deep <= len(states) // 200
+    way = np.linalg.norm(np.diff([s.position for s in states], axis=0), axis=2).sum(axis=0)
+    assert way.min() > 5.0
+    assert (states[-1].visit >= 1).all()
+    speed = np.array([np.linalg.norm(s.velocity, axis=1) for s in states])
+    assert speed.max() < 2.6
+    assert 0.6 < speed[speed > 0.3].mean() < 1.5
+
+
+def test_the_same_start_gives_the_same_end_and_states_stay():
+    crowd, state = crowd_of(yard(), 3, 6)
+    position = state.position.copy()
+    first, again = history(crowd, state, 5.0)[-1], history(crowd_of(yard(), 3, 6)[0], state, 5.0)[-1]
+    np.testing.assert_array_equal(first.position, again.position)
+    np.testing.assert_array_equal(first.velocity, again.velocity)
+    np.testing.assert_array_equal(state.position, position)
+
+
+def test_one_more_person_leaves_the_plans_of_the_others():
+    few, many = crowd_of(yard(), 3, 4)[0].plans, crowd_of(yard(), 3, 5)[0].plans
+    np.testing.assert_array_equal(few.itinerary, many.itinerary[:4])
+    np.testing.assert_array_equal(few.speed, many.speed[:4])
+    np.testing.assert_array_equal(few.goals, many.goals)
+
+
+def test_a_lone_walker_reaches_the_preferred_speed_and_the_goal():
+    crowd, state = crossing(field(), np.array([[-8.0, 0.0]]), np.array([[8.0, 0.0]]))
+    states = history(crowd, state, 16.0)
+    speed = np.array([np.linalg.norm(s.velocity) for s in states])
+    assert abs(speed[60:180].mean() - 1.2) < 0.03
+    assert np.linalg.norm(states[-1].position - [8.0, 0.0]) < ARRIVED
+    assert speed[-1] < 0.05
+    assert states[-1].pause[0] > 0
+
+
+def test_two_who_meet_head_on_pass():
+    crowd, state = crossing(field(), np.array([[-6.0, 0.0], [6.0, 0.02]]), np.array([[6.0, 0.0], [-6.0, 0.0]]))
+    states = history(crowd, state, 14.0)
+    assert min(distances(s.position)[0] for s in states) > 2 * BODY_RADIUS
+    assert states[-1].position[0, 0] > 5.0
+    assert states[-1].position[1, 0] < -5.0
+
+
+def test_a_robot_in_the_way_is_walked_around():
+    robot = Obstacles(np.array([[0.0, 0.05]]), np.zeros((1, 2)), np.array([0.5]))
+    crowd, state = crossing(field(), np.array([[-6.0, 0.0]]), np.array([[6.0, 0.0]]))
+    states = history(crowd, state, 16.0, robot)
+    gap = min(float(np.linalg.norm(s.position[0] - robot.position[0])) for s in states)
+    assert gap >= BODY_RADIUS + 0.5 - 1e-6
+    assert states[-1].position[0, 0] > 5.0
+
+
+def test_slopes_are_climbed_slower_than_tobler_allows_on_the_level():
+    for slope in (0.2, -0.2):
+        crowd, state = crossing(field(slope), np.array([[-8.0, 0.0]]), np.array([[8.0, 0.0]]))
+        speed = np.array([np.linalg.norm(s.velocity) for s in history(crowd, state, 8.0)])[60:].mean()
+        assert abs(speed / 1.2 - np.exp(-3.5 * (abs(slope + 0.05) - 0.05))) < 0.03
+
+
+def test_heading_turns_no_faster_than_a_body_can():
+    crowd, state = crossing(field(), np.array([[6.0, 0.0]]), np.array([[-6.0, 0.0]]))
+    heading = np.unwrap([s.heading[0] for s in history(crowd, state, 4.0)])
+    assert np.abs(np.diff(heading)).max() <= 2.5 * DT + 1e-9
+    assert abs(abs(heading[-1]) - np.pi) < 0.2
+
+
+def test_who_was_put_into_a_wall_comes_out():
+    world = yard()
+    crowd, state = crossing(world, np.array([[0.0, 0.62]]), np.array([[4.0, 4.0]]))
+    assert world.feet.clearance_at(state.position)[0] < 0
+    assert world.feet.clearance_at(history(crowd, state, 3.0)[-1].position)[0] > 0
+
+
+def test_nobody_is_a_crowd_too():
+    crowd, state = crowd_of(yard(), 0, 0)
+    assert history(crowd, state, 1.0)[-1].position.shape == (0, 2)

@@ -1,0 +1,82 @@
+import math
+
+import numpy as np
+
+from sim.driving import ACCELERATION, TOP_SPEED, TOP_YAW_RATE, Drive, Driver, Motion, Traffic, make_driver, room_to_turn
+from tests.sim.yard import yard
+
+DT = 0.05
+NOBODY = Traffic(np.zeros((0, 2)), np.zeros(0))
+
+
+def drive(
+    driver: Driver, start: tuple[float, float, float], seconds: float, traffic: Traffic = NOBODY, stuck_wheels: bool = False
+) -> tuple[np.ndarray, list[Drive]]:
+    """Poses (n, 3) x, y, yaw of an ideal rover that does what it is told, and the plans."""
+    x, y, yaw = start
+    plan = driver.start(np.array([x, y]))
+    poses, plans = [], []
+    for _ in range(round(seconds / DT)):
+        moving = 0.0 if stuck_wheels and plan.retreat <= 0 else 1.0
+        motion = Motion(np.array([x, y]), yaw, moving * plan.speed, moving * plan.yaw_rate)
+        plan = driver.step(plan, motion, traffic, DT)
+        yaw += moving * plan.yaw_rate * DT
+        x, y = x + moving * plan.speed * math.cos(yaw) * DT, y + moving * plan.speed * math.sin(yaw) * DT
+        poses.append((x, y, yaw))
+        plans.append(plan)
+    return np.array(poses), plans
+
+
+def test_it_reaches_goal_after_goal_and_stays_in_the_room():
+    room = room_to_turn(yard().wheels)
+    driver = Driver(room, np.array([[4.0, 4.0], [-4.0, -4.0], [4.0, -4.0]]))
+    poses, plans = drive(driver, (-4.0, 4.0, 3.0), 60.0)
+    assert plans[-1].visit >= 2
+    assert room.clearance_at(poses[:, :2]).min() > -0.1
+
+
+def test_commands_are_bounded_and_smooth():
+    driver = make_driver(room_to_turn(yard().wheels), np.random.default_rng(2))
+    _, plans = drive(driver, (-4.0, 4.0, 0.0), 60.0)
+    speed, turn = np.array([p.speed for p in plans]), np.array([p.yaw_rate for p in plans])
+    assert speed.max() <= TOP_SPEED
+    assert np.abs(turn).max() <= TOP_YAW_RATE
+    assert np.diff(speed).max() <= ACCELERATION * DT + 1e-9
+    assert np.diff(speed).min() >= -2 * ACCELERATION * DT - 1e-9
+
+
+def test_it_stops_before_somebody_and_then_goes_elsewhere():
+    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
+    person = Traffic(np.array([[0.0, 3.0]]), np.array([0.22]))
+    poses, plans = drive(driver, (-4.0, 3.0, 0.0), 9.0, person)
+    assert (np.linalg.norm(poses[:, :2] - person.position, axis=1) > 0.22 + 0.45).all()
+    assert any(p.retreat > 0 for p in plans)
+    assert any(p.visit > 0 for p in drive(driver, (-4.0, 3.0, 0.0), 14.0, person)[1])
+
+
+def test_people_beside_the_lane_do_not_stop_it():
+    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
+    beside = Traffic(np.array([[0.0, 4.6], [-5.5, 3.0]]), np.array([0.22, 0.22]))
+    assert drive(driver, (-4.0, 3.0, 0.0), 9.0, beside)[0][-1, 0] > 1.0
+
+
+def test_wheels_that_get_nowhere_make_it_back_up():
+    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
+    _, plans = drive(driver, (-4.0, 3.0, 0.0), 6.0, stuck_wheels=True)
+    assert min(p.speed for p in plans) < -0.1
+    assert plans[-1].visit == 1
+
+
+def test_a_start_beside_the_room_is_no_trouble():
+    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 4.0]]))
+    assert not driver.wheels.free_at(np.array([[-5.7, 0.0]]))[0]
+    poses, _ = drive(driver, (-5.7, 0.0, 1.0), 6.0)
+    assert driver.wheels.free_at(poses[-1:, :2])[0]
+
+
+def test_room_to_turn_is_inside_of_free_space():
+    wheels = yard().wheels
+    room = room_to_turn(wheels)
+    assert not (room.free & ~wheels.free).any()
+    assert wheels.clearance[room.free].min() >= 0.19
+    assert room.area > 0.5 * wheels.area
