@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -107,7 +108,7 @@ class Crowd:
         force += _social_force(state.position, state.velocity, obstacles.position, obstacles.velocity, obstacles.radius)
         velocity = state.velocity + force * dt
         speed = np.hypot(*velocity.T)
-        velocity *= np.minimum(1.0, 1.3 * self.plans.speed / np.maximum(speed, 1e-9))[:, None]
+        velocity *= np.minimum(1.0, 1.3 * self.plans.speed * _turned(state.heading, velocity) / np.maximum(speed, 1e-9))[:, None]
         # Who stands is not pushed about by people that only pass.
         velocity[~walking & (np.hypot(*velocity.T) < 0.12)] = 0.0
         position = _apart(state.position + velocity * dt, obstacles.position, obstacles.radius)
@@ -115,24 +116,34 @@ class Crowd:
         return self._decided(replace(state, velocity=(position - state.position) / dt, position=position), wanted, dt)
 
     def _direction(self, state: CrowdState) -> Array:
-        """(m, 2) unit, the way to the goal, between the grid points of free space."""
+        """(m, 2) unit, the way to the goal."""
         goal = self.goal(state)
+        way = np.zeros_like(state.position)
         for number in map(int, np.unique(goal)):
             if number not in self._ways:
-                self._ways[number] = self._way(self.plans.goals[number])
-        rows, columns = self.feet.free.shape
-        p = np.clip((state.position - self.feet.origin) / self.feet.spacing, 0.0, [columns - 1.001, rows - 1.001])
-        cell = p.astype(np.int64)
-        (u, v), (j, i) = (p - cell).T[..., None], cell.T
-        ways = np.stack([self._ways[int(g)][i[k] : i[k] + 2, j[k] : j[k] + 2] for k, g in enumerate(goal)])
-        way = (1 - v) * ((1 - u) * ways[:, 0, 0] + u * ways[:, 0, 1]) + v * ((1 - u) * ways[:, 1, 0] + u * ways[:, 1, 1])
+                self._ways[number] = self.feet.direction_at(self.feet.distance_to(self.plans.goals[number]), self._nodes).reshape(*self._shape, 2)
+            mine = goal == number
+            way[mine] = self._between(self._ways[number], state.position[mine])
         return way / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
 
-    def _way(self, goal: Array) -> Array:
-        """(rows, columns, 2) unit, the way to a goal from each grid point; where blocked, back to free space."""
-        i, j = np.indices(self.feet.free.shape).reshape(2, -1)
-        nodes = self.feet.origin + self.feet.spacing * np.stack([j, i], axis=1)
-        return self.feet.direction_at(self.feet.distance_to(goal), nodes).reshape(*self.feet.free.shape, 2)
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        return self.feet.free.shape
+
+    @property
+    def _nodes(self) -> Array:
+        """(rows · columns, 2) m: the grid points of free space."""
+        i, j = np.indices(self._shape).reshape(2, -1)
+        return self.feet.origin + self.feet.spacing * np.stack([j, i], axis=1)
+
+    @cached_property
+    def _walls(self) -> Array:
+        """(rows, columns, 3): clearance m and the unit direction away from walls at each grid point."""
+        return np.column_stack([self.feet.clearance_at(self._nodes), self.feet.away_at(self._nodes)]).reshape(*self._shape, 3)
+
+    def _between(self, values: Array, points: Array) -> Array:
+        """(n, k) of values (rows, columns, k) on the grid of free space, at points (n, 2) m."""
+        return _bilinear(values, (points - self.feet.origin) / self.feet.spacing)
 
     def _slope_factor(self, position: Array, direction: Array) -> Array:
         """(m,) of walking speed, from the slope of the next stride (Tobler 1993: exp(−3.5 |slope + 0.05|))."""
@@ -140,17 +151,17 @@ class Crowd:
         return np.maximum(np.exp(-3.5 * (np.abs(rise / 0.7 + 0.05) - 0.05)), 0.3)
 
     def _wall_force(self, position: Array) -> Array:
-        clearance = np.maximum(self.feet.clearance_at(position), 0.0)
-        return self.feet.away_at(position) * (_WALL_PUSH * np.exp(-clearance / _WALL_RANGE))[:, None]
+        walls = self._between(self._walls, position)
+        return walls[:, 1:] * (_WALL_PUSH * np.exp(-np.maximum(walls[:, :1], 0.0) / _WALL_RANGE))
 
     def _freed(self, position: Array, before: Array) -> Array:
         """position (m, 2) m, brought back to free space where it has left it; `before` where that fails."""
         for _ in range(3):
-            clearance = self.feet.clearance_at(position)
-            blocked = clearance < _CLEAR
-            if not blocked.any():
+            walls = self._between(self._walls, position)
+            short = np.maximum(_CLEAR - walls[:, :1], 0.0)
+            if not short.any():
                 return position
-            position = position + np.where(blocked, _CLEAR + 0.01 - clearance, 0.0)[:, None] * self.feet.away_at(position)
+            position = position + (short + 0.01 * (short > 0)) * walls[:, 1:]
         lost = self.feet.clearance_at(position) <= 0
         return np.where(lost[:, None], before, position)
 
@@ -189,6 +200,28 @@ def make_plans(feet: Walkable, rngs: list[np.random.Generator], goal_rng: np.ran
         # Half of the goals are only passed; at the others people stay for some seconds.
         pauses[i] = np.where(rng.random(length) < 0.5, 0.1, rng.uniform(1.5, 6.0, length))
     return Plans(speed, goals, itinerary, pauses)
+
+
+def _turned(heading: Array, velocity: Array) -> Array:
+    """(m,) the share of the top speed that a body reaches which faces `heading`: people turn first, sideways and backwards is slow."""
+    along = velocity[:, 0] * np.cos(heading) + velocity[:, 1] * np.sin(heading)
+    return np.clip(0.3 + 0.7 * along / np.maximum(np.hypot(*velocity.T), 1e-9), 0.3, 1.0)
+
+
+@njit(cache=True)
+def _bilinear(values: Array, places: Array) -> Array:
+    """values (rows, columns, k) at places (n, 2), column and row counted from 0, the nearest inside outside → (n, k)."""
+    rows, columns, k = values.shape
+    out = np.empty((len(places), k))
+    for n in range(len(places)):
+        x, y = min(max(places[n, 0], 0.0), columns - 1.0), min(max(places[n, 1], 0.0), rows - 1.0)
+        j, i = min(int(x), columns - 2), min(int(y), rows - 2)
+        u, v = x - j, y - i
+        for c in range(k):
+            low = (1 - u) * values[i, j, c] + u * values[i, j + 1, c]
+            high = (1 - u) * values[i + 1, j, c] + u * values[i + 1, j + 1, c]
+            out[n, c] = (1 - v) * low + v * high
+    return out
 
 
 @njit(cache=True)

@@ -104,7 +104,7 @@ def inverse_depth(near: float, far: float) -> tuple[float, float]:
     return 1 / float(half * steep), float(half * flat + half) / float(half * steep)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _geometry(codes, depth, instance_of_code, x, y, nearest, stretch, slope, offset):  # type: ignore[no-untyped-def]
     (height, width), face = x.shape, codes.shape[1]
     instances = np.empty((height, width), np.uint16)

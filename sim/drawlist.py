@@ -26,11 +26,12 @@ SPARE = 16
 SHOWN = (mujoco.mjtVisFlag.mjVIS_TEXTURE, mujoco.mjtVisFlag.mjVIS_STATIC, mujoco.mjtVisFlag.mjVIS_SKIN, mujoco.mjtVisFlag.mjVIS_FLEXSKIN)
 """All else that MuJoCo would draw beside geoms is decoration that no camera sees: sites, tendons, rangefinder beams."""
 
+OFFSETS = {"type": 0, "dataid": 4, "objtype": 8, "objid": 12, "segid": 36, "size": 40, "pos": 52, "mat": 64, "rgba": 100, "reflectance": 128}
 GEOM = np.dtype(
     {
-        "names": ["type", "dataid", "objtype", "objid", "segid", "size", "pos", "mat", "rgba", "reflectance"],
+        "names": list(OFFSETS),
         "formats": ["i4", "i4", "i4", "i4", "i4", ("f4", 3), ("f4", 3), ("f4", (3, 3)), ("f4", 4), "f4"],
-        "offsets": [0, 4, 8, 12, 36, 40, 52, 64, 100, 128],
+        "offsets": list(OFFSETS.values()),
         "itemsize": 256,
     }
 )
@@ -180,11 +181,11 @@ def _places(scene: mujoco.MjvScene) -> NDArray[np.uint8]:
     mujoco.mjv_initGeom(sample, mujoco.mjtGeom.mjGEOM_BOX.value, np.array([1.0, 2, 3]), np.array([4.0, 5, 6]), np.arange(9.0), np.arange(4.0))
     sample.objtype, sample.objid, sample.segid, sample.reflectance = 21, 22, 23, 24.0
     pitch = sample.size.ctypes.data - scene.geoms[0].size.ctypes.data
-    offset = sample.pos.ctypes.data - sample.size.ctypes.data + GEOM.fields["size"][1]
-    if pitch == GEOM.itemsize and offset == GEOM.fields["pos"][1]:
-        start = scene.geoms[0].size.ctypes.data - GEOM.fields["size"][1]
+    offset = sample.pos.ctypes.data - sample.size.ctypes.data + OFFSETS["size"]
+    if pitch == GEOM.itemsize and offset == OFFSETS["pos"]:
+        start = scene.geoms[0].size.ctypes.data - OFFSETS["size"]
         places = np.frombuffer((ctypes.c_char * (pitch * scene.maxgeom)).from_address(start), dtype=np.uint8).reshape(-1, pitch)
         seen = places.view(GEOM)[1, 0]
-        if all(np.array_equal(seen[name], np.reshape(getattr(sample, name), GEOM[name].shape)) for name in GEOM.names or ()):
+        if all(np.array_equal(seen[name], np.reshape(getattr(sample, name), GEOM[name].shape)) for name in OFFSETS):
             return places
     raise RuntimeError(f"mjvGeom of mujoco {mujoco.__version__} lies in memory otherwise than in 4.0.0, needs a new layout in {__name__}")

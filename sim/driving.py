@@ -24,10 +24,12 @@ LOOKAHEAD = 0.6
 ARRIVED = 0.5
 TURNING_ROOM = 0.2
 """m between the half width for which wheels are free and the circle that a rover turns in."""
-HALF_LANE = 0.42
+HALF_LANE = 0.37
 """m: half the width of what the rover sweeps ahead, with some room."""
-PATIENCE, RETREAT = 3.0, 1.6
+PATIENCE, RETREAT = 2.0, 1.6
 """s without getting on before it backs up, s of backing up."""
+_DETOURS = np.array([0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2])
+"""rad off the wanted heading, in the order in which they are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ class Driver:
         drive = replace(drive, passed=_passed(drive.route, drive.passed, motion.position))
         aim = _along(drive.route, np.array([drive.passed + LOOKAHEAD]))[0]
         distance = max(float(np.hypot(*(aim - motion.position))), 0.2)
-        error = float(wrap(math.atan2(*(aim - motion.position)[::-1]) - motion.yaw))
+        error = float(wrap(self._way_round(motion, math.atan2(*(aim - motion.position)[::-1]), traffic) - motion.yaw))
         speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
         free = min(speed, _free_speed(motion, traffic, 1.0))
         turn = 2 * free * math.sin(error) / distance if speed else math.copysign(0.6, error)
@@ -94,6 +96,15 @@ class Driver:
         if stuck > PATIENCE:
             return replace(drive, stuck=0.0, retreat=RETREAT)
         return replace(drive, stuck=stuck)
+
+    def _way_round(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
+        """The heading nearest to the wanted one that is clear of others for a while and stays in the room; the wanted one where none is."""
+        headings = wanted + _DETOURS
+        ahead = np.column_stack([np.cos(headings), np.sin(headings)])
+        clear = _gap(motion.position, headings, traffic) > 0.8
+        for reach in (0.5, 1.0):
+            clear[1:] &= self.wheels.free_at(motion.position + reach * ahead[1:])
+        return float(headings[int(np.argmax(clear))])
 
     def _retreat(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
         """Back up with a turn, as far as there is room, then go elsewhere."""
@@ -148,14 +159,17 @@ def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
 
 def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
     """m/s that leaves time to stop before whoever is in the lane, ahead (direction 1) or behind (−1)."""
-    if not len(traffic.position):
-        return TOP_SPEED
-    relative = traffic.position - motion.position
-    c, s = math.cos(motion.yaw), math.sin(motion.yaw)
-    ahead, aside = direction * (relative @ np.array([c, s])), np.abs(relative @ np.array([-s, c]))
+    yaw = motion.yaw if direction > 0 else motion.yaw + math.pi
+    return float(np.clip(0.8 * (_gap(motion.position, np.array([yaw]), traffic)[0] - 0.25), 0.0, TOP_SPEED))
+
+
+def _gap(position: Array, headings: Array, traffic: Traffic) -> Array:
+    """(k,) m before a rover at position (2,) m reaches somebody when it goes towards headings (k,) rad; inf where nobody is in the lane."""
+    relative = traffic.position - position
+    ahead = np.cos(headings)[:, None] * relative[:, 0] + np.sin(headings)[:, None] * relative[:, 1]
+    aside = np.abs(np.cos(headings)[:, None] * relative[:, 1] - np.sin(headings)[:, None] * relative[:, 0])
     in_lane = (ahead > 0) & (aside < HALF_LANE + traffic.radius)
-    gap = np.where(in_lane, ahead - traffic.radius - FOOTPRINT_RADIUS, np.inf).min()
-    return float(np.clip(0.8 * (gap - 0.25), 0.0, TOP_SPEED))
+    return np.where(in_lane, ahead - traffic.radius - FOOTPRINT_RADIUS, np.inf).min(axis=1, initial=np.inf)
 
 
 def _passed(route: Array, passed: float, position: Array) -> float:

@@ -128,8 +128,9 @@ def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
     # Who stops in the middle of a stride pulls the far foot up at once.
     adjusting = _ADJUSTING_RATE + np.clip(4 * (offset.max(axis=1) - 0.15), 0.0, 0.7)
     rate = np.maximum(speed / (2 * step), adjusting * unsettled * np.clip((0.4 - speed) / 0.3, 0.0, 1.0))
-    behind = np.where(footing.standing, offset, 0.0).max(axis=1) / (0.5 * bodies.stature)
-    return rate * (1 + np.clip(4 * (behind - 0.78), 0.0, 1.0))
+    # A foot is left behind by (1 − SWING − AHEAD) of a stride; more, as when somebody brakes or is pushed, hastens the next step.
+    behind = np.where(footing.standing, offset, 0.0).max(axis=1) / ((1 - SWING - AHEAD) * 2 * step)
+    return rate * (1 + np.clip(3 * (behind - 1.2), 0.0, 1.5))
 
 
 def _own_phase(phase: Array) -> Array:

@@ -25,7 +25,7 @@ PROBE = "from mujoco.{0} import GLContext; context = GLContext(8, 8); context.ma
 PROBE_SECONDS = 20.0
 
 
-class GLUnavailable(RuntimeError):
+class GLUnavailable(RuntimeError):  # noqa: N818  it is a state of the computer
     """No OpenGL context can be made; the message is one line and says what to install."""
 
 

@@ -33,7 +33,8 @@ _GRAVITY = 9.81
 
 @dataclass(frozen=True, eq=False)
 class Wear:
-    """What is wrong with one rover for good: radius (2,) of left and right wheels over the nominal; gyro_bias (3,) rad/s; gyro_scale (3,)."""
+    """What is wrong with one rover for good: radius (2,), what it takes for the left and right wheels' radius over the true one;
+    gyro_bias (3,) rad/s; gyro_scale (3,)."""
 
     radius: Array
     gyro_bias: Array
@@ -67,12 +68,10 @@ def measure(ride: Ride, wear: Wear, rng: np.random.Generator) -> Odometry:
     for rate in ride.rates * wear.gyro_scale + wear.gyro_bias + noise:
         R = R @ exp_so3(rate * ride.dt)
     turn = Pose(R, np.zeros(3)).log()[3:]
-    # An encoder counts edges from a place of its own: the fraction of a count that is lost is new each time.
     count = 2 * math.pi / TICKS
-    turned = np.floor(ride.wheels / count + rng.random(4)) * count
+    turned = np.floor(ride.wheels / count) * count
     left_right = (turned[1] - turned[0]).reshape(2, 2).mean(axis=0)
-    # A larger wheel turns less for the same way: the way reckoned with the nominal radius is short by that factor.
-    distance = float((WHEEL_RADIUS * left_right / wear.radius).mean())
+    distance = float((WHEEL_RADIUS * wear.radius * left_right).mean())
     move = exp_so3(turn / 2) @ np.array([distance, 0.0, 0.0])
     tilt = rng.normal(0.0, GRAVITY_NOISE, 3)
     up = ride.up + np.cross(tilt, ride.up) + ACCELERATION_LEFT * ride.acceleration / _GRAVITY

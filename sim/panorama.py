@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sim.cubemap import FACES, CubeTable, half_tangent
 from sim.drawlist import DrawList
-from sim.gl import GLInformation, draw_list, gl_information, largest_buffer, open_context
+from sim.gl import GLInformation, GLUnavailable, draw_list, gl_information, largest_buffer, open_context
 from sim.windows import Window, around, columns, layers, tight
 from tracker.cameras import Panorama
 from tracker.geometry import Array, Pose
@@ -69,8 +69,6 @@ class PanoramaRenderer:
         self._list = DrawList(model, instances.copy(), self._table.face)
         self._far = float(model.vis.map.zfar * model.stat.extent)
         side = self._table.face
-        self._codes = np.zeros((6 * side, side, 3), np.uint8)
-        self._depth = np.zeros((6 * side, side), np.float32)
         self._gl = open_context()
         self._mjr: Any = None
         # Bound to neither self nor its methods, or the renderer would never be collected. It must also run before the backend's own
@@ -81,7 +79,9 @@ class PanoramaRenderer:
         limit = largest_buffer(self._gl)
         if 6 * side > limit:
             self.close()
-            raise ValueError(f"face is {side} px, six of them need {6 * side} px, OpenGL's limit is {limit} px")
+            raise ValueError(f"panorama of {camera.width} px has faces of {side} px, six of which need {6 * side} px; OpenGL's limit is {limit} px")
+        self._codes = np.zeros((6 * side, side, 3), np.uint8)
+        self._depth = np.zeros((6 * side, side), np.float32)
         self._mjr = _drawing_context(model, side)
         held.append(self._mjr)
         # MuJoCo finds a height field's display list by its number after a base: ours have numbers beyond those of its own.
@@ -192,6 +192,8 @@ def _drawing_context(model: mujoco.MjModel, side: int) -> Any:
         setattr(owner, name, value)
     try:
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50.value)
+    except mujoco.FatalError as error:
+        raise GLUnavailable(f"MuJoCo cannot draw with this OpenGL: {error}") from error
     finally:
         for (owner, name, _), value in zip(wanted, before, strict=True):
             setattr(owner, name, value)

@@ -77,8 +77,9 @@ def pose(stature: Array, footing: Footing, position: Array, heading: Array, grou
     stagger = np.einsum("mi,mi->m", feet.ankle[:, 1, :2] - feet.ankle[:, 0, :2], forward) / (2 * (THIGH + SHIN) * stature)
     pelvis_turn = _rotation("zx", np.stack([heading + 0.25 * stagger, 0.0 * stagger], axis=1))
     hip_offset = pelvis_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_HIPS * stature)[:, None, None])
-    pelvis = np.column_stack([position, _pelvis_height(stature, feet.ankle, position, hip_offset)])
+    pelvis = np.column_stack([position, _pelvis_height(stature, feet.ankle, footing.swing, position[:, None] + hip_offset[..., :2])])
     hips = pelvis[:, None] + hip_offset
+    feet = _within_reach(stature, hips, feet)
     knees, thighs, shins = _legs(stature, hips, feet)
     lean = 0.03 + 0.12 * np.abs(stagger)
     torso_turn = _rotation("zy", np.stack([heading - 0.3 * stagger, lean], axis=1))
@@ -155,12 +156,23 @@ def _roll(footing: Footing, place: Array, position: Array, heading: Array, statu
     return np.where(footing.standing, of(footing.planted), (1 - share) * of(footing.lifted) + share * of(place))
 
 
-def _pelvis_height(stature: Array, ankle: Array, position: Array, hip_offset: Array) -> Array:
-    """(m,) m: the height at which both legs reach their ankles, a little bent; smooth where the shorter one changes."""
+def _pelvis_height(stature: Array, ankle: Array, swing: Array, hips: Array) -> Array:
+    """(m,) m: the height at which both legs reach their ankles (m, 2, 3) from hips over (m, 2, 2) m, hardly bent.
+
+    A foot in the middle of its swing does not hold the body down.
+    """
     leg = 0.993 * (THIGH + SHIN) * stature[:, None]
-    across = np.linalg.norm(position[:, None] + hip_offset[..., :2] - ankle[..., :2], axis=2)
-    reach = ankle[..., 2] + np.sqrt(np.maximum(leg**2 - across**2, (0.4 * leg) ** 2)) - hip_offset[..., 2]
-    return reach.min(axis=1)
+    across = np.linalg.norm(hips - ankle[..., :2], axis=2)
+    reach = ankle[..., 2] + np.sqrt(np.maximum(leg**2 - across**2, (0.4 * leg) ** 2))
+    return (reach + stature[:, None] * np.clip(3 * np.minimum(swing, 1 - swing), 0.0, 1.0)).min(axis=1)
+
+
+def _within_reach(stature: Array, hips: Array, feet: _Feet) -> _Feet:
+    """The feet with ankles that a leg does not reach drawn up to the hip."""
+    down = feet.ankle - hips
+    length = np.linalg.norm(down, axis=2)
+    share = np.minimum(1.0, 0.999 * (THIGH + SHIN) * stature[:, None] / length)
+    return _Feet(hips + share[..., None] * down, feet.rotation)
 
 
 def _legs(stature: Array, hips: Array, feet: _Feet) -> tuple[Array, Array, Array]:

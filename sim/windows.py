@@ -70,7 +70,7 @@ def tight(mask: NDArray[np.bool_], window: Window, width: int) -> Array:
     first, last = across[0], across[-1] + 1
     if window[2] - window[0] == width:
         gaps = np.diff(across, append=across[0] + width)
-        widest = int(np.argmax(gaps))
+        widest = len(gaps) - 1 - int(np.argmax(gaps[::-1]))
         first = across[(widest + 1) % len(across)]
         last = first + width - gaps[widest] + 1
     u0 = (window[0] + first) % width

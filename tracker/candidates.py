@@ -12,21 +12,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.geometry import Array
+from tracker.geometry import Array, tangent_basis
 from tracker.landmarks import Floats, Indices, dissimilarity
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a candidate must show. parallax: rad between two of its rays; sightings: how many ticks it was followed; window: rad about the last
-    direction in which it is looked for, unlike and ratio as in association.Gate; misses in a row that end it; probability: gate of the misfit of its
-    rays; doubt: largest standard deviation of the range over the range; nearest, farthest: m; under: m below the known ground
+    """What a candidate must show. parallax: rad between two of its rays; sightings: how many ticks it was followed; strip: rad about the way that
+    its direction can have gone since it was seen; unlike and ratio as in association.Gate; misses in a row that end it; probability: gate of the
+    misfit of its rays; doubt: largest standard deviation of the range over the range; nearest, farthest: m; under: m below the known ground
     that are still believed; limit: how many a camera follows.
     """
 
     parallax: float = 0.06
     sightings: int = 3
-    window: float = 0.12
+    strip: float = 0.012
     unlike: float = 0.6
     ratio: float = 0.8
     misses: int = 2
@@ -39,12 +39,13 @@ class Trial:
 
 
 class Candidates:
-    """What one camera follows. Rows are candidates: direction (n, 3) in the world when last seen, descriptor (n, d), subject, hits, missed (n,);
+    """What one camera follows. Rows are candidates: direction (n, 3) in the world and origin (n, 3) m of the camera when last seen, descriptor (n, d),
+    subject, hits, missed (n,);
     held (n, c): whether the candidate was seen from clone c; bearing (n, c, 3), covariance (n, c, 2, 2) of it there.
     """
 
     def __init__(self, clones: int) -> None:
-        self.direction = np.zeros((0, 3))
+        self.direction, self.origin = np.zeros((2, 0, 3))
         self.descriptor: Floats = np.zeros((0, 0), dtype=np.float32)
         self.subject, self.hits, self.missed = (np.zeros(0, dtype=np.intp) for _ in range(3))
         self.held = np.zeros((0, clones), dtype=bool)
@@ -54,13 +55,16 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.direction)
 
-    def follow(self, direction: Array, descriptor: Floats, subject: Indices, rule: Trial) -> Indices:
-        """Find the candidates among sightings with directions (m, 3) in the world: (n,) the sighting of each, or −1."""
+    def follow(self, eye: Array, direction: Array, looks: tuple[Floats, Indices], rule: Trial) -> Indices:
+        """Find the candidates among sightings from the camera at eye (3,) m in directions (m, 3) of the world with looks = descriptors (m, d) and
+        subjects (m,): (n,) the sighting of each, or −1.
+        """
         match = np.full(len(self), -1, dtype=np.intp)
         if len(self) == 0:
             return match
+        descriptor, subject = looks
         if len(direction):
-            near = self.direction @ direction.T > np.cos(rule.window)
+            near = self._off_the_way(eye, direction, rule.nearest) < rule.strip
             unlike = np.where(near, dissimilarity(self.descriptor[:, None], self.subject, descriptor, subject), np.inf)
             best = unlike.argmin(axis=1)
             rows = np.arange(len(self))
@@ -72,12 +76,24 @@ class Candidates:
         seen = match >= 0
         self.hits[seen] += 1
         self.missed = np.where(seen, 0, self.missed + 1)
-        self.direction[seen], self.descriptor[seen] = direction[match[seen]], descriptor[match[seen]]
+        self.direction[seen], self.descriptor[seen], self.origin[seen] = direction[match[seen]], descriptor[match[seen]], eye
         return match
+
+    def _off_the_way(self, eye: Array, direction: Array, nearest: float) -> Array:
+        """How far (n, m) rad directions lie from where candidates may have gone: a thing that stands still at range r has moved by −t/r across its
+        old direction when the camera has moved by t, so between 0 (far) and −t/nearest. Infinite more than 90° away.
+        """
+        basis = tangent_basis(self.direction)
+        offset = basis @ direction.T
+        way = (basis @ ((self.origin - eye) / nearest)[:, :, None])[:, :, 0]
+        along = np.einsum("nim,ni->nm", offset, way) / np.maximum((way**2).sum(axis=1), 1e-12)[:, None]
+        rest = offset - np.clip(along, 0, 1)[:, None] * way[:, :, None]
+        out: Array = np.where(self.direction @ direction.T > 0, np.hypot(rest[:, 0], rest[:, 1]), np.inf)
+        return out
 
     def keep(self, alive: NDArray[np.bool_]) -> None:
         """Drop all others."""
-        for name in ("direction", "descriptor", "subject", "hits", "missed", "held", "bearing", "covariance"):
+        for name in ("direction", "origin", "descriptor", "subject", "hits", "missed", "held", "bearing", "covariance"):
             setattr(self, name, getattr(self, name)[alive])
 
     def hold(self, clone: int, rows: Indices, bearing: Array, covariance: Array) -> None:
@@ -86,14 +102,18 @@ class Candidates:
         self.held[rows, clone] = True
         self.bearing[rows, clone], self.covariance[rows, clone] = bearing, covariance
 
-    def born(self, clone: int, seen: tuple[Array, Array, Array], descriptor: Floats, subject: Indices) -> None:
-        """New candidates seen from `clone`: directions (k, 3) in the world, bearings (k, 3) in the camera and covariances (k, 2, 2)."""
+    def born(self, clone: int, eye: Array, seen: tuple[Array, Array, Array], looks: tuple[Floats, Indices]) -> None:
+        """New candidates seen from `clone`, the camera at eye (3,) m: directions (k, 3) in the world, bearings (k, 3) in the camera and covariances
+        (k, 2, 2); looks as in follow.
+        """
         direction, bearing, covariance = seen
+        descriptor, subject = looks
         k, clones = len(direction), self.held.shape[1]
         old = len(self)
         if old == 0:
             self.descriptor = np.zeros((0, descriptor.shape[1]), dtype=np.float32)
         self.direction = np.concatenate([self.direction, direction])
+        self.origin = np.concatenate([self.origin, np.tile(eye, (k, 1))])
         self.descriptor = np.concatenate([self.descriptor, descriptor])
         self.subject = np.concatenate([self.subject, subject])
         self.hits = np.concatenate([self.hits, np.ones(k, dtype=np.intp)])

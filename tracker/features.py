@@ -33,7 +33,7 @@ class Extraction:
     contrast: float = 0.03
     columns: int = 16
     rows: int = 5
-    sigma: float = 0.003
+    sigma: float = 0.004
     enlarge: float = 1.2
     pad: int = 48
     largest: float = 0.1

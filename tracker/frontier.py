@@ -35,7 +35,7 @@ class Frontier:
         """Follow the candidates among the sightings `free` and make at most `room` landmarks of those that are ripe."""
         c, sight = self.candidates, self.joint.sight(self.robot, self.mount)
         direction = seen.bearing[free] @ sight.rotation.T
-        match = c.follow(direction, unit_rows(seen.descriptor[free]), seen.subject[free], self.rule)
+        match = c.follow(sight.origin, direction, (unit_rows(seen.descriptor[free]), seen.subject[free]), self.rule)
         earlier = [self.joint.sight(self.robot, self.mount, p) for p in self._poses()]
         found = match >= 0
         wide = c.parallax(np.stack([s.rotation for s in earlier])) > self.rule.parallax
@@ -64,8 +64,9 @@ class Frontier:
         c.hold(clone, rows, seen.bearing[at], seen.covariance[at])
         azimuth, _ = angles_from_bearing(seen.bearing[self._new])
         new = self._new[spread(azimuth, np.zeros(len(azimuth)), max(0, self.rule.limit - len(c)))]
-        direction = seen.bearing[new] @ self.joint.sight(self.robot, self.mount).rotation.T
-        c.born(clone, (direction, seen.bearing[new], seen.covariance[new]), unit_rows(seen.descriptor[new]), seen.subject[new])
+        sight = self.joint.sight(self.robot, self.mount)
+        rays = (seen.bearing[new] @ sight.rotation.T, seen.bearing[new], seen.covariance[new])
+        c.born(clone, sight.origin, rays, (unit_rows(seen.descriptor[new]), seen.subject[new]))
         self._seen = None
 
     def _poses(self) -> list[int]:

@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 class FusionParameters:
     """What is assumed of boxes and feet."""
 
-    foot_spread: float = 0.15  # m, the lowest point of a walking body strays this far from the ground under its middle
+    foot_spread: float = 0.25  # m, the lowest point of a walking body strays this far from the ground under its middle
     reach: float = 60.0  # m, feet farther away are not believed
     edge: float = 0.012  # rad, an occluder this near under the lower edge may hide the feet
     gate: float = 3.5  # standard deviations between two feet of one person

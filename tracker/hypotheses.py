@@ -35,7 +35,7 @@ class TargetParameters:
     gate: float = 4.0  # standard deviations of the innovation
     hidden_feet: float = 0.15  # how often a box ends above the feet for no reason that is known
     delta_a: float = 9 / 7  # s, longest gap that is bridged
-    n_conf: int = 3  # frames until a track may be believed
+    n_conf: int = 2  # frames until a track may be believed
     believe: float = 6.0  # score from which it is
     same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
     offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off

@@ -199,11 +199,11 @@ class Slam:
         azimuth, _ = angles_from_bearing(seen.bearing[m.sighting])
         chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
+        self._account(name, m, tick)
         good = self._correct(name, (mount, landmark, seen.bearing[sighting], seen.covariance[sighting])) > 0.3
         book.seen(landmark[good], descriptor[sighting[good]], robot, tick)
         book.refused[landmark[~good]] += 1
         self._counters["outlier"] += int((~good).sum())
-        self._account(name, m)
         free = np.ones(len(seen), dtype=bool)
         free[m.sighting] = free[m.refused_sighting] = False
         self._counters["no match"] += int(free.sum())
@@ -238,7 +238,7 @@ class Slam:
         rows = k + (level is not None)
         return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])
 
-    def _account(self, name: str, m: Matches) -> None:
+    def _account(self, name: str, m: Matches, tick: int) -> None:
         """Book refusals and misses, and doubt a robot anew whose sightings are refused for too long: the gate must open again."""
         book, robot = self._map, self._team[name]
         book.refused[m.refused] += 1
@@ -247,7 +247,9 @@ class Slam:
         book.missed[: book.count][absent & (book.by[: book.count] == robot)] += 1
         self._counters["matched"] += len(m.landmark)
         self._counters["gated"] += len(m.refused)
-        locked = len(m.refused) >= 6 and len(m.refused) > len(m.landmark)
+        # Only landmarks that this robot saw within the last second: what others mapped may look different from here, or alike by chance.
+        fresh = (book.by[: book.count] == robot) & (book.last[: book.count] >= tick - round(1 / self.setup.period))
+        locked = fresh[m.refused].sum() > max(5, fresh[m.landmark].sum())
         self._refusing[name] = self._refusing[name] + 1 if locked else 0
         if self._refusing[name] >= self.parameters.reopen:
             self._joint.inflate(robot, np.repeat(self.parameters.reopen_sigma, 3))

@@ -25,7 +25,7 @@ class MotionParameters:
 
     acceleration: float = 1.2  # m/s², spectral: variance of the velocity grows by its square a second
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
-    foot_spread: float = 0.15  # m, the feet stray this far from the ground under the body
+    foot_spread: float = 0.25  # m, the feet stray this far from the ground under the body
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,7 +120,7 @@ def cabinet(rng: np.random.Generator) -> Piece:
     body = (Surface.STEEL, Surface.WHITE, Surface.OAK, Surface.GREEN, Surface.BLUE)[int(rng.integers(5))]
     front = (Surface.DRAWERS, Surface.PARTS, body, Surface.BOOKS)[int(rng.integers(4))]
     shape = box(rng, body, (-w / 2, -d / 2, 0), (w / 2, d / 2, h), front=front)
-    for x in np.arange(-w / 2, w / 2 - 0.1, 0.45):
+    for x in np.arange(-w / 2, w / 2 - 0.35, 0.45):
         shape += box(rng, Surface.DARK, (x + 0.3, -d / 2 - 0.02, 0.5 * h), (x + 0.32, -d / 2, 0.5 * h + 0.14))
     return Piece("cabinet", _laden(rng, shape, (-w / 2 + 0.03, w / 2 - 0.03), d, h), (w, d + 0.04))
 

@@ -58,11 +58,12 @@ def add_ground(spec: mujoco.MjSpec, material: str, n: int = 61) -> None:
 def add_person(spec: mujoco.MjSpec, number: int, x: float, y: float, rng: np.random.Generator) -> None:
     body = spec.worldbody.add_body(name=f"person_{number}", pos=[x, y, 0.2], mocap=True)
     looks = {"contype": 0, "conaffinity": 0, "rgba": [*rng.uniform(0.1, 0.9, 3), 1.0]}
-    for side in (-0.1, 0.1):
-        body.add_geom(name=f"person_{number}/leg{side}", type=G.mjGEOM_CAPSULE, fromto=[0, side, 0.1, 0.1 * side, side, 0.8], size=[0.07, 0, 0], **looks)
-        body.add_geom(name=f"person_{number}/arm{side}", type=G.mjGEOM_CAPSULE, fromto=[0, 2.5 * side, 0.8, 0, 2 * side, 1.3], size=[0.05, 0, 0], **looks)
-    body.add_geom(name=f"person_{number}/trunk", type=G.mjGEOM_CAPSULE, fromto=[0, 0, 0.9, 0, 0, 1.3], size=[0.16, 0, 0], **looks)
-    body.add_geom(name=f"person_{number}/head", type=G.mjGEOM_SPHERE, pos=[0, 0, 1.6], size=[0.11, 0, 0], **looks)
+    limbs = {"trunk": ((0, 0, 0.9, 0, 0, 1.3), 0.16), "head": ((0, 0, 1.58, 0, 0, 1.6), 0.11)}
+    for side in (-1, 1):
+        limbs[f"leg{side}"] = (0, 0.1 * side, 0.1, 0, 0.1 * side, 0.8), 0.07
+        limbs[f"arm{side}"] = (0, 0.25 * side, 0.8, 0, 0.2 * side, 1.3), 0.05
+    for limb, (ends, radius) in limbs.items():
+        body.add_geom(name=f"person_{number}/{limb}", type=G.mjGEOM_CAPSULE, fromto=ends, size=[radius, 0, 0], **looks)
 
 
 def compiled(spec: mujoco.MjSpec, poses: list[Pose]) -> Scene:
@@ -81,8 +82,9 @@ def court() -> Scene:
     spec = spec_with_sky()
     ground, wall = add_material(spec, "earth", rng), add_material(spec, "wall", rng)
     add_ground(spec, ground)
-    boxes = [(0, -10, 8, 0.1, 1.5), (0, 10, 8, 0.1, 1.5), (-9, 0, 0.1, 7, 1.5), (9, 0, 0.1, 7, 1.5), (-2, 3.5, 0.8, 0.05, 1.2), (3, -2, 0.3, 0.3, 0.4)]
-    for x, y, a, b, c in boxes:
+    walls = [(0, -10, 8, 0.1, 1.5), (0, 10, 8, 0.1, 1.5), (-9, 0, 0.1, 7, 1.5), (9, 0, 0.1, 7, 1.5)]
+    board, box = (-2, 3.5, 0.8, 0.05, 1.2), (3, -2, 0.3, 0.3, 0.4)
+    for x, y, a, b, c in [*walls, board, box]:
         spec.worldbody.add_geom(type=G.mjGEOM_BOX, size=[a, b, c], pos=[x, y, c], material=wall, euler=[0, 0, 0.1])
     for number, (x, y) in enumerate([(3, 1), (2.5, 1.4), (-2.2, 4.6), (-3, 0), (0.5, -4)], start=1):
         add_person(spec, number, x, y, rng)

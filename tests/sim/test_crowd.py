@@ -103,7 +103,7 @@ def test_a_robot_in_the_way_is_walked_around():
     assert states[-1].position[0, 0] > 5.0
 
 
-def test_slopes_are_climbed_slower_than_tobler_allows_on_the_level():
+def test_slopes_slow_people_down_as_tobler_has_it():
     for slope in (0.2, -0.2):
         crowd, state = crossing(field(slope), np.array([[-8.0, 0.0]]), np.array([[8.0, 0.0]]))
         speed = np.array([np.linalg.norm(s.velocity) for s in history(crowd, state, 8.0)])[60:].mean()

@@ -107,7 +107,7 @@ def test_no_part_leaves_the_footprint(lot):
         if geom.name != "floor":
             reach = np.hypot(*lot.data.geom_xpos[k, :2])
             assert reach < rover.FOOTPRINT_RADIUS
-    corner = np.abs(rover.wheel_positions()[0, :2]) + [rover.WHEEL_RADIUS, 0.045]
+    corner = np.abs(rover.wheel_positions()[0, :2]) + np.array([rover.WHEEL_RADIUS, 0.045])
     assert np.hypot(*corner) < rover.FOOTPRINT_RADIUS
 
 

@@ -40,8 +40,9 @@ def small() -> Simulation:
 
 def test_rovers_get_about_and_stay_upright(run):
     way = [np.linalg.norm(np.diff([p.translation for p in poses], axis=0), axis=1).sum() for poses in run.poses.values()]
-    assert max(way) > 5.0
-    assert min(way) > 3.0
+    # One may have to wait long for people in a narrow place.
+    assert np.median(way) > 3.0
+    assert min(way) > 0.5
     assert not any(run.tipped)
     tilt = np.degrees(np.arccos([p.rotation[2, 2] for poses in run.poses.values() for p in poses]))
     assert tilt.mean() < 4.0

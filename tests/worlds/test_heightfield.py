@@ -65,7 +65,7 @@ def test_grid_points_have_their_own_heights_and_outside_the_nearest() -> None:
     field = random_field(np.random.default_rng(1))
     np.testing.assert_allclose(field.height_at(field.nodes.reshape(-1, 2)), field.heights.ravel(), atol=1e-12)
     corner, opposite = field.extent
-    np.testing.assert_allclose(field.height_at([corner - 3.0, opposite + [1, 9]]), [field.heights[0, 0], field.heights[-1, -1]], atol=1e-12)
+    np.testing.assert_allclose(field.height_at([corner - 3.0, opposite + np.array([1, 9])]), [field.heights[0, 0], field.heights[-1, -1]], atol=1e-12)
 
 
 def test_slope_is_that_of_a_plane_and_the_steepest_around() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -57,7 +59,7 @@ def test_clearance_falls_on_outside_of_the_grid() -> None:
 def test_away_leads_to_more_clearance(seed: int) -> None:
     """But on the ridge between two walls, which a step crosses."""
     space = maze(seed)
-    p = np.random.default_rng(seed).uniform(space.origin, space.origin + [7.9, 5.9], (5000, 2))
+    p = np.random.default_rng(seed).uniform(space.origin, space.origin + np.array([7.9, 5.9]), (5000, 2))
     p = p[np.abs(space.clearance_at(p)) < 0.3]
     away = space.away_at(p)
     length = np.linalg.norm(away, axis=1)
@@ -120,7 +122,7 @@ def test_a_route_stays_in_free_space_and_is_no_longer_than_the_field_says(seed: 
     start, goal = space.sample(np.random.default_rng(seed), 2, 0.1, 2.0)
     route = space.route(start, goal)
     np.testing.assert_array_equal(route[[0, -1]], [start, goal])
-    line = np.concatenate([np.linspace(a, b, 200) for a, b in zip(route[:-1], route[1:], strict=True)])
+    line = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(route)])
     assert space.free_at(line).all()
     length = np.hypot(*np.diff(route, axis=0).T).sum()
     field = space.distance_to(goal)
