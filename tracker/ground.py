@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -76,53 +77,64 @@ class Grid:
         """
         if not np.isfinite(limit):
             raise ValueError(f"limit is {limit} m, needs to be finite")
-        o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        # The first place where a ray can touch: the highest point of the grid.
-        top = float(self.heights.max()) + 1e-6
-        start = np.where((o[:, 2] > top) & (d[:, 2] < 0), (o[:, 2] - top) / np.maximum(-d[:, 2], 1e-12), 0.0)
-        lines = _MeshLines.of((o[:, :2] - self.origin) / self.spacing, d[:, :2] / self.spacing, start)
-        low, over = start.copy(), self._over(o + start[:, None] * d)
-        hit = np.zeros(len(o), dtype=bool)
-        active = np.flatnonzero(start < limit)
-        while len(active):
-            high = np.minimum(lines.advance(active), limit)
-            p = o[active] + high[:, None] * d[active]
-            now = self._over(p)
-            below = now <= 0
-            # Rays that cross: the line between the two heights falls to zero here.
-            k = active[below]
-            before = np.maximum(over[k], 0.0)
-            low[k] += before / np.maximum(before - now[below], 1e-300) * (high[below] - low[k])
-            hit[k] = True
-            low[active[~below]], over[active[~below]] = high[~below], now[~below]
-            active = active[~below & (high < limit) & ((d[active, 2] < 0) | (p[:, 2] <= top))]
-        return o + np.where(hit, low, 0.0)[:, None] * d, hit
-
-    def _over(self, points: Array) -> Array:
-        """How high points (n, 3) m stand over the ground, (n,) m."""
-        return np.asarray(points[:, 2] - self.height_at(points))
+        o, d = (np.ascontiguousarray(v, dtype=np.float64) for v in (origins, directions))
+        distance = _march(self.heights, self.origin, self.spacing, float(self.heights.max()) + 1e-6, o, d, float(limit))
+        hit = distance >= 0
+        return o + np.where(hit, distance, 0.0)[:, None] * d, hit
 
 
-class _MeshLines:
-    """Where rays over a unit grid cross its lines: x whole, y whole, and x − y whole, the diagonals of the cells.
+@numba.njit(cache=True)
+def _height(heights, spacing, x, y):  # type: ignore[no-untyped-def]
+    """The height at x, y m from the grid's first point."""
+    rows, columns = heights.shape
+    x, y = min(max(x / spacing, 0.0), columns - 1.0), min(max(y / spacing, 0.0), rows - 1.0)
+    j, i = min(int(x), columns - 2), min(int(y), rows - 2)
+    u, v = x - j, y - i
+    z00, z11 = heights[i, j], heights[i + 1, j + 1]
+    if u >= v:
+        return z00 + u * (heights[i, j + 1] - z00) + v * (z11 - heights[i, j + 1])
+    return z00 + v * (heights[i + 1, j] - z00) + u * (z11 - heights[i + 1, j])
 
-    coordinate (n, 3) of each ray in those three, rate (n, 3) its change along the ray, line (n, 3) the next whole number to be crossed.
+
+@numba.njit(cache=True)
+def _march(heights, origin, spacing, top, origins, directions, limit):  # type: ignore[no-untyped-def]
+    """How far along each ray (n,) m the ground is met, −1 where it is not.
+
+    A ray steps over the lines x whole, y whole and x − y whole (the diagonals) of a grid with unit cells.
     """
-
-    def __init__(self, coordinate: Array, rate: Array, line: Array) -> None:
-        self.coordinate, self.rate, self.line = coordinate, rate, line
-
-    @staticmethod
-    def of(origins: Array, directions: Array, start: Array) -> _MeshLines:
-        coordinate, rate = (np.column_stack([v, v[:, 0] - v[:, 1]]) for v in (origins, directions))
-        here = coordinate + start[:, None] * rate
-        return _MeshLines(coordinate, rate, np.where(rate > 0, np.floor(here) + 1, np.ceil(here) - 1))
-
-    def advance(self, rays: NDArray[np.int64]) -> Array:
-        """Step `rays` (k,) to their next line; returns how far along the ray it lies (k,), inf where there is none."""
-        rate = self.rate[rays]
-        still = np.abs(rate) < 1e-12
-        distance = np.where(still, np.inf, (self.line[rays] - self.coordinate[rays]) / np.where(still, 1.0, rate))
-        nearest = distance.argmin(axis=1)
-        self.line[rays, nearest] += np.sign(rate[np.arange(len(rays)), nearest])
-        return np.asarray(distance[np.arange(len(rays)), nearest])
+    out = np.full(len(origins), -1.0)
+    here, rate, line = np.empty(3), np.empty(3), np.empty(3)
+    for n in range(len(origins)):
+        ox, oy, oz = origins[n, 0] - origin[0], origins[n, 1] - origin[1], origins[n, 2]
+        dx, dy, dz = directions[n]
+        # The first place where the ray can touch: the highest point of the grid.
+        low = (oz - top) / max(-dz, 1e-12) if oz > top and dz < 0 else 0.0
+        if low >= limit:
+            continue
+        here[0], here[1], here[2] = ox / spacing, oy / spacing, (ox - oy) / spacing
+        rate[0], rate[1], rate[2] = dx / spacing, dy / spacing, (dx - dy) / spacing
+        for axis in range(3):
+            at = here[axis] + low * rate[axis]
+            line[axis] = np.floor(at) + 1 if rate[axis] > 0 else np.ceil(at) - 1
+        over = oz + low * dz - _height(heights, spacing, ox + low * dx, oy + low * dy)
+        high = low
+        while high < limit:
+            nearest, high = 0, np.inf
+            for axis in range(3):
+                if abs(rate[axis]) > 1e-12:
+                    distance = (line[axis] - here[axis]) / rate[axis]
+                    if distance < high:
+                        nearest, high = axis, distance
+            line[nearest] += 1.0 if rate[nearest] > 0 else -1.0
+            high = min(high, limit)
+            z = oz + high * dz
+            now = z - _height(heights, spacing, ox + high * dx, oy + high * dy)
+            if now <= 0:
+                # The line between the two heights falls to zero here.
+                before = max(over, 0.0)
+                out[n] = low + before / max(before - now, 1e-300) * (high - low)
+                break
+            if dz >= 0 and z > top:
+                break
+            low, over = high, now
+    return out
