@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -17,6 +18,8 @@ from tracker.pipeline import Parameters, track
 from tracker.results import Results, read_results, write_results
 from tracker.sequence import Sequence, read_json, read_sequence
 
+PICTURES = ("contact_sheet.png", "plan.png", "video.mp4")
+
 
 def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     """Returns the scores. What is in `out` of the same scenario is used again, each part by itself.
@@ -28,6 +31,11 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     if not folder.exists():
         record(scenario, folder, partial(tqdm, desc="panoramas", unit="frame"))
     sequence = read_sequence(folder)
+    if (out / "track").exists() and read_results(out / "track").run.get("parameters") != repr(Parameters()):
+        print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
+        shutil.rmtree(out / "track")
+        for name in PICTURES:
+            (out / name).unlink(missing_ok=True)
     results = tracked(sequence, out / "track", {"source": "sequence"})
     scores = evaluate(sequence, results)
     write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.cameras import Panorama
+from tracker.evaluation import dead_reckoning
 from tracker.geometry import Array, Pose
 from tracker.ground import Grid
 from tracker.measurements import Image, Mount, Tick
@@ -179,13 +180,43 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
 
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
-    """Frames (720, 1280, 3) RGB: up to four panoramas with boxes beside the plan so far."""
-    relief = Relief.of(sequence, (SIDE[0] - 20, SIDE[1] - 220))
+    """Frames (720, 1280, 3) RGB: up to four panoramas with boxes beside the plan so far and how far the robots are off."""
+    relief = Relief.of(sequence, (SIDE[0] - 20, SIDE[1] - 320))
+    off = {"by SLAM": _off(sequence, results.poses), "dead reckoning": _off(sequence, dead_reckoning(sequence))}
     for tick in ticks:
         strips = [_strip(image) for image in list(annotated(sequence, results, tick).values())[:4]]
         while len(strips) < 4:
             strips.append(np.full((STRIP[1], STRIP[0], 3), 24, np.uint8))
-        yield np.ascontiguousarray(np.hstack([np.vstack(strips), _plan_so_far(sequence, results, relief, tick)]))
+        side = _plan_so_far(sequence, results, relief, tick)
+        _chart(side, off, tick.index, len(sequence.ticks))
+        yield np.ascontiguousarray(np.hstack([np.vstack(strips), side]))
+
+
+def _off(sequence: Sequence, poses: dict[str, list[Pose | None]]) -> Array:
+    """(frames,) m: mean over the robots of the distance to where they are."""
+    out = []
+    for k, frame in enumerate(sequence.truth or ()):
+        errors = [np.linalg.norm(p.translation - frame.T_world_robot[r].translation) for r, ps in poses.items() if (p := ps[k]) is not None]
+        out.append(np.mean(errors) if errors else np.nan)
+    return np.array(out)
+
+
+def _chart(side: Image, lines: dict[str, Array], upto: int, frames: int) -> None:
+    """Draw the lines until a frame into the lower part of the side panel, one colour each, on a common scale."""
+    if not all(len(values) for values in lines.values()):
+        return
+    left, right, top, bottom = 62, SIDE[0] - 16, SIDE[1] - 190, SIDE[1] - 36
+    high = max(0.1, *(float(np.nanmax(values)) for values in lines.values()))
+    _text(side, "robots' mean error [m]", (left - 46, top - 14), 0.5, (200, 200, 200))
+    for share in (0.0, 0.5, 1.0):
+        y = round(bottom - share * (bottom - top))
+        cv2.line(side, (left, y), (right, y), (70, 70, 76), 1)
+        _text(side, f"{share * high:.2f}", (left - 46, y + 5), 0.42, (170, 170, 170))
+    for k, ((name, values), colour) in enumerate(zip(lines.items(), ((220, 20, 60), (150, 150, 160)), strict=True)):
+        x = left + (right - left) * np.arange(upto + 1) / max(frames - 1, 1)
+        y_of = bottom - (bottom - top) * values[: upto + 1] / high
+        cv2.polylines(side, [np.column_stack([x, y_of]).round().astype(np.int32)], False, colour, 2, cv2.LINE_AA)
+        _text(side, name, (left + 150 * k, bottom + 24), 0.48, colour)
 
 
 def _strip(image: Image) -> Image:

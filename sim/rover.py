@@ -90,9 +90,9 @@ def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
     top = centre - HEAD_GAP
     looks = {"contype": 0, "conaffinity": 0, "group": _GROUP}
     capsule, cylinder = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
-    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.018, 0, 0), fromto=(0, 0, 0.1, 0, 0, top - 0.06), rgba=_METAL, mass=0.5, **looks)
-    chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.045, 0.02, 0), pos=(0, 0, top - 0.04), rgba=_METAL, mass=0.15, **looks)
-    chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.032, 0.01, 0), pos=(0, 0, top - 0.01), rgba=_LENS, mass=0.05, **looks)
+    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=(0, 0, 0.1, 0, 0, top - 0.06), rgba=_METAL, mass=0.5, **looks)
+    chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.018, 0.02, 0), pos=(0, 0, top - 0.06), rgba=_METAL, mass=0.15, **looks)
+    chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.009, 0.02, 0), pos=(0, 0, top - 0.02), rgba=_LENS, mass=0.05, **looks)
     # People and rovers must not walk through the mast; it is thin, so that it collides as a thicker rod that is not drawn.
     chassis.add_geom(
         name=f"{name}/mast_guard",

@@ -128,7 +128,10 @@ class Simulation:
         """Rovers apart from each other on the ground, as it slopes, heading anywhere."""
         rng = self.scenario.stream("robots/start")
         room = driving.room_to_turn(self.world.wheels)
-        places = room.sample(rng, len(self.robots), 0.1, APART)
+        try:
+            places = room.sample(rng, len(self.robots), 0.1, APART)
+        except ValueError as error:
+            raise ValueError(f"robots is {len(self.robots)}, more than {self.scenario.world} holds: {error}") from None
         for index, place, yaw in zip(self._poses, places, rng.uniform(-np.pi, np.pi, len(places)), strict=True):
             self.data.qpos[index] = self._resting(place, yaw)
         self._drivers = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
@@ -156,7 +159,10 @@ class Simulation:
         rng, wanted = self.scenario.stream("people/start"), len(people)
         robots = self.data.qpos[self._poses[:, :2]]
         # About three places may be too near to each rover.
-        places = self.world.feet.sample(rng, wanted + 3 * len(robots) if wanted else 0, 0.1, 0.8)
+        try:
+            places = self.world.feet.sample(rng, wanted + 3 * len(robots) if wanted else 0, 0.1, 0.8)
+        except ValueError as error:
+            raise ValueError(f"people is {wanted}, more than {self.scenario.world} holds: {error}") from None
         clear = np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > 1.0
         places = places[clear][:wanted]
         if len(places) < wanted:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from tracker.bearings import Sight
 from tracker.gaussian import block_diagonal, joseph, kalman_gain, robust_weights
-from tracker.geometry import Array, exp_so3, log_so3
-from tracker.measurements import Mount, Odometry, Start
+from tracker.geometry import Array, Pose, exp_so3, log_so3
+from tracker.measurements import Mount, Start
 from tracker.motion import compose, retract, retraction_jacobian, right_jacobian
 
 Indices = NDArray[np.intp]
@@ -42,7 +42,7 @@ class Joint:
     rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; point (capacity, 3) m, of which the first `count` are alive.
     """
 
-    def __init__(self, clones: int, capacity: int, correction_sigma: float | None) -> None:
+    def __init__(self, clones: int, capacity: int, correction_sigma: tuple[float, float, float] | None) -> None:
         self.robots, self.clones, self.capacity, self.count = 0, clones, capacity, 0
         self.stride = 6 if correction_sigma is None else 9
         self._correction_sigma = correction_sigma
@@ -67,7 +67,7 @@ class Joint:
         at = self.stride * robot
         P[at : at + 6, at : at + 6] = start.covariance
         if self._correction_sigma is not None:
-            P[range(at + 6, at + 9), range(at + 6, at + 9)] = self._correction_sigma**2
+            P[range(at + 6, at + 9), range(at + 6, at + 9)] = np.square(self._correction_sigma)
         T, empty = start.T_world_robot, self.clones
         self.rotation = np.concatenate([np.insert(self.rotation, robot, T.rotation, axis=0), np.tile(np.eye(3), (empty, 1, 1))])
         self.translation = np.concatenate([np.insert(self.translation, robot, T.translation, axis=0), np.zeros((empty, 3))])
@@ -105,12 +105,12 @@ class Joint:
         """The number of the pose that is clone k of a robot."""
         return self.robots + robot * self.clones + k
 
-    def predict(self, robot: int, odometry: Odometry) -> None:
-        """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot (METHOD.md, eq. 10)."""
+    def predict(self, robot: int, motion: Pose, Q: Array) -> None:
+        """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot (METHOD.md, eq. 10): T_before_now and the covariance (6, 6) of its right tangent."""
         at = slice(self.offset(robot), self.offset(robot) + 6)
-        self.rotation[robot], self.translation[robot], F = compose(self.rotation[robot], self.translation[robot], odometry)
+        self.rotation[robot], self.translation[robot], F = compose(self.rotation[robot], self.translation[robot], motion)
         self._transform(at, F)
-        self.P[at, at] += odometry.covariance
+        self.P[at, at] += Q
 
     def drift(self, sigma: float) -> None:
         """One step of the corrections' random walk, sigma rad an axis."""
@@ -118,10 +118,10 @@ class Joint:
             rows = np.arange(self.offset(i) + 6, self.offset(i) + 9)
             self.P[rows, rows] += sigma**2
 
-    def inflate(self, robot: int, sigma: Array) -> None:
-        """Add independent doubt to a robot's pose, sigma (6,) m and rad."""
+    def inflate(self, robot: int, variance: Array) -> None:
+        """Add independent doubt to a robot's pose, variance (6,) m² and rad²."""
         rows = np.arange(self.offset(robot), self.offset(robot) + 6)
-        self.P[rows, rows] += sigma**2
+        self.P[rows, rows] += variance
 
     def clone(self, robot: int, k: int) -> int:
         """Remember the robot's present pose as its clone k, in the place of what was there; returns the number of the pose."""

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from tracker.geometry import Array, skew
-from tracker.measurements import Odometry
+from tracker.geometry import Array, Pose, skew
 
 
-def compose(rotation: Array, translation: Array, odometry: Odometry) -> tuple[Array, Array, Array]:
-    """T · T_before_now of one pose: rotation (3, 3), translation (3,), and the Jacobian F (6, 6) of its error in the error before.
+def compose(rotation: Array, translation: Array, motion: Pose) -> tuple[Array, Array, Array]:
+    """T · motion of one pose, motion = T_before_now: rotation (3, 3), translation (3,), and the Jacobian F (6, 6) of its error in the error before.
 
     The covariance after it is F P Fᵀ + Q with Q the odometry's own, which is in the right tangent of the motion and so of the new pose.
     With o, M the translation and rotation of the motion: ρ' = Mᵀ(ρ − [o]× φ) + η_ρ, φ' = Mᵀ φ + η_φ (from (R Exp φ)(o + M η) to first order).
     """
-    M, o = odometry.T_before_now.rotation, odometry.T_before_now.translation
+    M, o = motion.rotation, motion.translation
     F = np.zeros((6, 6))
     F[:3, :3] = F[3:, 3:] = M.T
     F[:3, 3:] = -M.T @ skew(o)

@@ -19,7 +19,7 @@ from tracker.features import Extraction, extract
 from tracker.frontier import Frontier
 from tracker.geometry import Array, Pose, angles_from_bearing
 from tracker.joint import Indices, Joint, Linear
-from tracker.landmarks import Landmarks, Survival, dissimilarity, spread, unit_rows
+from tracker.landmarks import Floats, Landmarks, Survival, dissimilarity, spread, unit_rows
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
 
 Seen = tuple[Mount, Indices, Array, Array]
@@ -28,16 +28,17 @@ Seen = tuple[Mount, Indices, Array, Array]
 
 @dataclass(frozen=True)
 class SlamParameters:
-    """iterations: linearisations of an update. correction: keep a correction factor a robot; correction_sigma rad an axis at the start,
+    """iterations: linearisations of an update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
     correction_walk rad an axis a square root of a second. robust: residuals beyond so many standard deviations lose weight (inf: never).
     seen: landmarks a camera updates at once; capacity: landmarks in the map. clones: earlier poses kept a robot, a new one each `stride` m.
     growth: new landmarks a camera a tick; robot_radius m: nothing becomes or matches a landmark so near to the middle of another robot's line of sight. extraction: from images, at most so many.
-    reopen: ticks in a row with more refused than matched after which a robot's pose is doubted anew, by reopen_sigma (m, rad).
+    reopen: a robot's pose is doubted by reopen_sigma (m, rad) where the landmarks that it saw in the last `reopen` ticks are mostly refused.
     """
 
     iterations: int = 2
     correction: bool = True
-    correction_sigma: float = 0.02
+    correction_sigma: tuple[float, float, float] = (0.012, 0.012, 0.004)
+    odometry_scale: float = 1.0
     correction_walk: float = 0.0005
     robust: float = 3.0
     seen: int = 50
@@ -70,7 +71,6 @@ class Slam:
         self._frontier: dict[str, Frontier] = {}
         self._cloned: dict[str, int] = {}
         self._odometry: dict[str, Odometry | None] = {}
-        self._refusing: Counter[str] = Counter()
         self._counters: Counter[str] = Counter()
 
     def step(self, tick: Tick) -> None:
@@ -143,7 +143,7 @@ class Slam:
         odometry = next((v.odometry for v in views if v.odometry is not None), None)
         self._odometry[name] = odometry
         if odometry is not None:
-            self._joint.predict(self._team[name], odometry)
+            self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance * self.parameters.odometry_scale**2)
 
     def _look(self, name: str, views: list[View], tick: int) -> None:
         """All that one robot sees at one tick: update, forget what fails, follow what is new."""
@@ -195,11 +195,11 @@ class Slam:
         robot, joint, book = self._team[name], self._joint, self._map
         descriptor = unit_rows(seen.descriptor)
         unlike = dissimilarity(book.look, book.subject[: book.count], descriptor, seen.subject)
-        m = associate(joint, robot, joint.sight(robot, mount), (seen.bearing, seen.covariance), unlike, self.parameters.gate)
+        m = self._associate(robot, mount, seen, unlike, tick)
         azimuth, _ = angles_from_bearing(seen.bearing[m.sighting])
         chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
-        self._account(name, m, tick)
+        self._account(robot, m)
         good = self._correct(name, (mount, landmark, seen.bearing[sighting], seen.covariance[sighting])) > 0.3
         book.seen(landmark[good], descriptor[sighting[good]], robot, tick)
         book.refused[landmark[~good]] += 1
@@ -238,23 +238,39 @@ class Slam:
         rows = k + (level is not None)
         return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])
 
-    def _account(self, name: str, m: Matches, tick: int) -> None:
-        """Book refusals and misses, and doubt a robot anew whose sightings are refused for too long: the gate must open again."""
-        book, robot = self._map, self._team[name]
+    def _associate(self, robot: int, mount: Mount, seen: Sightings, unlike: Floats, tick: int) -> Matches:
+        """Matches with the map; where most of what the robot saw a moment ago is refused, it is the pose that is wrong (a wheel slipped, a rover
+        was pushed): it is doubted by reopen_sigma at once, and the doubt stays if more landmarks agree then.
+        """
+        joint, book, rule = self._joint, self._map, self.parameters
+
+        def attempt() -> tuple[Matches, int, int]:
+            m = associate(joint, robot, joint.sight(robot, mount), (seen.bearing, seen.covariance), unlike, rule.gate)
+            # What others mapped may look different from here, or alike by chance.
+            fresh = (book.by[: book.count] == robot) & (book.last[: book.count] >= tick - rule.reopen)
+            return m, int(fresh[m.landmark].sum()), int(fresh[m.refused].sum())
+
+        m, agreed, refused = attempt()
+        if refused <= max(5, agreed):
+            return m
+        doubt = np.repeat(rule.reopen_sigma, 3) ** 2
+        joint.inflate(robot, doubt)
+        again, more, _ = attempt()
+        if more > 1.5 * agreed:
+            self._counters["reopened"] += 1
+            return again
+        joint.inflate(robot, -doubt)
+        return m
+
+    def _account(self, robot: int, m: Matches) -> None:
+        """Book refusals, and misses of the robot that should know the landmark best."""
+        book = self._map
         book.refused[m.refused] += 1
         absent = m.expected.copy()
         absent[m.landmark] = absent[m.refused] = False
         book.missed[: book.count][absent & (book.by[: book.count] == robot)] += 1
         self._counters["matched"] += len(m.landmark)
         self._counters["gated"] += len(m.refused)
-        # Only landmarks that this robot saw within the last second: what others mapped may look different from here, or alike by chance.
-        fresh = (book.by[: book.count] == robot) & (book.last[: book.count] >= tick - round(1 / self.setup.period))
-        locked = fresh[m.refused].sum() > max(5, fresh[m.landmark].sum())
-        self._refusing[name] = self._refusing[name] + 1 if locked else 0
-        if self._refusing[name] >= self.parameters.reopen:
-            self._joint.inflate(robot, np.repeat(self.parameters.reopen_sigma, 3))
-            self._counters["reopened"] += 1
-            self._refusing[name] = 0
 
     def _forget(self, landmark: int, reason: str) -> None:
         self._counters[reason] += 1
