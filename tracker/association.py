@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.bearings import Sight, jacobians, predict
+from tracker.cameras import Mask
 from tracker.gaussian import gate
 from tracker.geometry import Array, tangent_basis
 from tracker.joint import Joint
@@ -19,12 +20,14 @@ Indices = NDArray[np.intp]
 @dataclass(frozen=True)
 class Gate:
     """probability: of a right sighting to pass; window: rad about the prediction within which a look-alike that fails counts as refused;
-    unlike: largest distance of unit descriptors; ratio: the best over the second best in the window; nearest m: closer landmarks are left alone.
+    unlike: largest distance of unit descriptors, stranger: the same for a landmark that this robot has not seen yet (from another side half of the
+    matches beyond 0.4 are wrong); ratio: the best over the second best in the window; nearest m: closer landmarks are left alone.
     """
 
     probability: float = 0.999
     window: float = 0.15
-    unlike: float = 0.7
+    unlike: float = 0.6
+    stranger: float = 0.4
     ratio: float = 0.85
     nearest: float = 0.3
 
@@ -39,7 +42,7 @@ class Matches:
     sighting: Indices
     refused: Indices
     refused_sighting: Indices
-    expected: NDArray[np.bool_]
+    expected: Mask
 
 
 def innovation_covariance(joint: Joint, robot: int, sight: Sight) -> Array:
@@ -57,13 +60,15 @@ def innovation_covariance(joint: Joint, robot: int, sight: Sight) -> Array:
     return S + H_point @ points @ H_point.transpose(0, 2, 1)
 
 
-def associate(joint: Joint, robot: int, sight: Sight, seen: tuple[Array, Array], unlike: Floats, rule: Gate) -> Matches:
-    """One camera's sightings, seen = bearings (m, 3) and covariances (m, 2, 2), against the map; `unlike` (n, m) from landmarks.dissimilarity.
+def associate(joint: Joint, robot: int, sight: Sight, seen: tuple[Array, Array], looks: tuple[Floats, Mask], rule: Gate) -> Matches:
+    """One camera's sightings, seen = bearings (m, 3) and covariances (m, 2, 2), against the map; looks = how unlike (n, m) landmarks and sightings
+    are (landmarks.dissimilarity), and which landmarks (n,) the robot has seen before.
 
     A pair stands where each is the other's best look among those inside the Mahalanobis gate, and the landmark has no second sighting in the wide
     window that looks nearly as much like it. The ratio is asked in that direction only: the map may hold a place twice.
     """
     bearing, covariance = seen
+    unlike, known = looks
     n, m = joint.count, len(bearing)
     none = np.zeros(0, dtype=np.intp)
     if n == 0 or m == 0:
@@ -75,7 +80,7 @@ def associate(joint: Joint, robot: int, sight: Sight, seen: tuple[Array, Array],
     near = predicted @ bearing.T > np.cos(rule.window)
     d2 = _distances2(e, S, covariance)
     inside = near & (d2 < gate(2, rule.probability))
-    alike = (unlike < rule.unlike) & expected[:, None]
+    alike = (unlike < np.where(known, rule.unlike, rule.stranger)[:, None]) & expected[:, None]
     landmark, sighting = _mutual(np.where(inside & alike, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
     free = near & alike & ~inside
     free[landmark] = False

@@ -18,8 +18,8 @@ from tracker.geometry import Array, exp_so3, skew, tangent_basis
 class Sight:
     """Where a camera is: the body's rotation (3, 3) and translation (3,) m in the world, the mount's in the body, and the correction factor.
 
-    correction (3,) rad is a rotation vector w of the camera in the body: T_world_camera = T_world_body · Exp(w) about the mount's place:
-    R_world_camera = R_world_body Exp(w) R_body_camera.
+    correction (3,) rad is a rotation vector w of the camera in the body, about the mount's place: R_world_camera = R_world_body Exp(w) R_body_camera.
+    The body may come in rows, (n, 3, 3) and (n, 3): one pose a landmark.
     """
 
     body_rotation: Array
@@ -35,17 +35,22 @@ class Sight:
 
     @property
     def rotation(self) -> Array:
-        """R_world_camera, (3, 3)."""
+        """R_world_camera, (3, 3) or (n, 3, 3)."""
         return self.body_rotation @ self.turn
 
     @property
     def origin(self) -> Array:
-        """The camera in the world, (3,) m."""
+        """The camera in the world, (3,) or (n, 3) m."""
         return self.body_translation + self.body_rotation @ self.mount_translation
 
     def points(self, landmarks: Array) -> Array:
         """Landmarks (n, 3) m in the world → (n, 3) m in the camera's frame."""
-        return (landmarks - self.origin) @ self.rotation
+        return _rows(landmarks - self.origin, self.rotation)
+
+
+def _rows(vectors: Array, rotation: Array) -> Array:
+    """Row vectors (n, 3) times a matrix (3, 3) or one each (n, 3, 3)."""
+    return (vectors[..., None, :] @ rotation)[..., 0, :]
 
 
 def residual(measured: Array, predicted: Array) -> Array:
@@ -76,10 +81,10 @@ def jacobians(sight: Sight, landmarks: Array) -> tuple[Array, Array, Array]:
     bearing, distance = predict(sight, landmarks)
     B = tangent_basis(bearing) / distance[:, None, None]
     across = B @ sight.turn.T
-    q = (landmarks - sight.body_translation) @ sight.body_rotation
+    q = _rows(landmarks - sight.body_translation, sight.body_rotation)
     u = (q - sight.mount_translation) @ exp_so3(sight.correction)
     body = np.concatenate([-across, across @ skew(q)], axis=2)
-    return body, across @ sight.body_rotation.T, B @ sight.mount_rotation.T @ skew(u)
+    return body, across @ np.swapaxes(sight.body_rotation, -1, -2), B @ sight.mount_rotation.T @ skew(u)
 
 
 def gravity(rotation: Array, up: Array) -> tuple[Array, Array]:
@@ -120,35 +125,32 @@ def intersect(origins: Array, directions: Array) -> tuple[Array, NDArray[np.bool
     return point, sound & (depth > 0).all(axis=1)
 
 
-def place(sights: list[Sight], bearings: Array, covariances: Array, start: Array) -> Placed:
+def place(sights: Sight, bearings: Array, covariances: Array, start: Array) -> Placed:
     """The inverse measurement model: the point that k bearings (k, 3) with covariances (k, 2, 2) rad² mean, from a `start` (3,) m near it.
 
-    Two steps of Gauss-Newton on the sum of squares Σ |z − h|²; the Jacobians come from its stationarity: with H_l = Q [C; 0] of the whitened rows
-    the first three rows of Qᵀ fix the point and the others are free of it (the null-space projection of Mourikis & Roumeliotis 2007).
+    The sights come in k rows. Two steps of Gauss-Newton on the sum of squares Σ |z − h|²; the Jacobians come from its stationarity: with
+    H_l = Q [C; 0] of the whitened rows the first three rows of Qᵀ fix the point and the others are free of it (the null-space projection of
+    Mourikis & Roumeliotis 2007).
     """
-    point = start
+    point, k = start, len(bearings)
     white = np.linalg.inv(np.linalg.cholesky(covariances))
-    for _ in range(3):
-        rows = [jacobians(s, point[None]) for s in sights]
-        r = np.stack([residual(z, predict(s, point[None])[0][0]) for s, z in zip(sights, bearings, strict=True)])
-        r = (white @ r[..., None]).reshape(-1)
-        H_l = (white @ np.concatenate([row[1] for row in rows])).reshape(-1, 3)
-        Q, C = np.linalg.qr(H_l, mode="complete")
+    for _ in range(2):
+        points = np.tile(point, (k, 1))
+        body, place, correction = (white @ H for H in jacobians(sights, points))
+        r = (white @ residual(bearings, predict(sights, points)[0])[..., None]).reshape(-1)
+        Q, C = np.linalg.qr(place.reshape(-1, 3), mode="complete")
         inverse = np.linalg.inv(C[:3])
         point = point + inverse @ (Q[:, :3].T @ r)
-    k = len(sights)
-    H_body = np.zeros((k, 2, k, 6))
-    for i, row in enumerate(rows):
-        H_body[i, :, i] = white[i] @ row[0][0]
-    H_body = H_body.reshape(2 * k, k, 6)
-    H_w = (white @ np.concatenate([row[2] for row in rows])).reshape(-1, 3)
+    spread = np.zeros((k, 2, k, 6))
+    spread[np.arange(k), :, np.arange(k)] = body
+    H_body, H_w = spread.reshape(-1, 6 * k), correction.reshape(-1, 3)
     gain, rest = inverse @ Q[:, :3].T, Q[:, 3:].T
     return Placed(
         point=point,
-        G_body=-np.tensordot(gain, H_body, 1),
+        G_body=(-gain @ H_body).reshape(3, k, 6),
         G_correction=-gain @ H_w,
         own=inverse @ inverse.T,
         misfit=rest @ r,
-        misfit_body=np.tensordot(rest, H_body, 1),
+        misfit_body=(rest @ H_body).reshape(-1, k, 6),
         misfit_correction=rest @ H_w,
     )

@@ -9,7 +9,7 @@ from collections import Counter
 
 import numpy as np
 
-from tracker.bearings import Placed, Sight, intersect, place
+from tracker.bearings import Placed, intersect, place
 from tracker.candidates import Candidates, Trial
 from tracker.gaussian import gate, mahalanobis2
 from tracker.geometry import Array, angles_from_bearing
@@ -36,14 +36,14 @@ class Frontier:
         c, sight = self.candidates, self.joint.sight(self.robot, self.mount)
         direction = seen.bearing[free] @ sight.rotation.T
         match = c.follow(sight.origin, direction, (unit_rows(seen.descriptor[free]), seen.subject[free]), self.rule)
-        earlier = [self.joint.sight(self.robot, self.mount, p) for p in self._poses()]
+        earlier = self.joint.sight(self.robot, self.mount, self._clones())
         found = match >= 0
-        wide = c.parallax(np.stack([s.rotation for s in earlier])) > self.rule.parallax
+        wide = c.parallax(earlier.rotation) > self.rule.parallax
         self.counters["little parallax"] += int((found & ~wide).sum())
         done = np.zeros(len(c), dtype=bool)
         for row in np.flatnonzero(found & wide & (c.hits >= self.rule.sightings)):
             if room > 0:
-                reason = self._grow(int(row), [*earlier, sight], seen, int(free[match[row]]), tick)
+                reason = self._grow(int(row), seen, int(free[match[row]]), tick)
                 self.counters[reason] += 1
                 room -= reason == "new"
                 done[row] = reason != "little parallax"
@@ -69,30 +69,32 @@ class Frontier:
         c.born(clone, sight.origin, rays, (unit_rows(seen.descriptor[new]), seen.subject[new]))
         self._seen = None
 
-    def _poses(self) -> list[int]:
-        return [self.joint.clone_slot(self.robot, k) for k in range(self.joint.clones)]
+    def _clones(self) -> Indices:
+        """The numbers of the robot's clones in the joint state."""
+        return np.array([self.joint.clone_slot(self.robot, k) for k in range(self.joint.clones)])
 
-    def _grow(self, row: int, sights: list[Sight], seen: Sightings, sighting: int, tick: int) -> str:
+    def _grow(self, row: int, seen: Sightings, sighting: int, tick: int) -> str:
         """Place one candidate and add it to the map: "new", or the reason why not."""
         c = self.candidates
         held = np.flatnonzero(c.held[row])
         bearing = np.concatenate([c.bearing[row, held], seen.bearing[sighting][None]])
         covariance = np.concatenate([c.covariance[row, held], seen.covariance[sighting][None]])
-        used = [sights[k] for k in held] + [sights[-1]]
-        start, ahead = intersect(np.stack([s.origin for s in used])[None], np.einsum("kij,kj->ki", [s.rotation for s in used], bearing)[None])
+        poses = np.append(self._clones()[held], self.robot)
+        sights = self.joint.sight(self.robot, self.mount, poses)
+        start, ahead = intersect(sights.origin[None], (sights.rotation @ bearing[:, :, None])[None, :, :, 0])
         if not ahead[0]:
             return "behind"
-        placed = place(used, bearing, covariance, start[0])
-        columns, G = self._dependence(placed, [self._poses()[k] for k in held] + [self.robot])
-        reason = self._verdict(placed, columns, sights[-1].origin)
+        placed = place(sights, bearing, covariance, start[0])
+        columns, G = self._dependence(placed, poses)
+        reason = self._verdict(placed, columns, sights.origin[-1])
         if not reason:
             self.joint.add(placed.point, columns, G, placed.own)
             self.book.add(int(c.subject[row]), c.descriptor[row], self.robot, tick, int(c.hits[row]))
         return reason or "new"
 
-    def _dependence(self, placed: Placed, poses: list[int]) -> tuple[Indices, Array]:
+    def _dependence(self, placed: Placed, poses: Indices) -> tuple[Indices, Array]:
         """The state's columns that the rays came from (poses, then the correction) and the landmark's Jacobian (3, c) in them."""
-        columns = [np.arange(6) + self.joint.offset(p) for p in poses]
+        columns = [np.arange(6) + self.joint.offset(int(p)) for p in poses]
         G = placed.G_body.reshape(3, -1)
         if self.joint.stride == 9:
             columns.append(np.arange(6, 9) + self.joint.offset(self.robot))

@@ -6,6 +6,8 @@ product the cheap way and hands it over.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
@@ -15,6 +17,7 @@ from scipy.stats import chi2
 from tracker.geometry import Array
 
 
+@cache
 def gate(dof: int, probability: float) -> float:
     """The squared Mahalanobis distance that a right measurement of `dof` numbers stays under with `probability` in (0, 1)."""
     if dof < 1 or not 0 < probability < 1:

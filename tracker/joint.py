@@ -76,8 +76,8 @@ class Joint:
         self.robots, self._P = robot + 1, P
         return robot
 
-    def sight(self, robot: int, mount: Mount, pose: int | None = None) -> Sight:
-        """A camera of a robot, now or at one of its clones (`pose`, a number), with the correction as it is believed now."""
+    def sight(self, robot: int, mount: Mount, pose: int | Indices | None = None) -> Sight:
+        """A camera of a robot, now or at its clones (`pose`, a number, or several for rows), with the correction as it is believed now."""
         p, T = robot if pose is None else pose, mount.T_body_camera
         return Sight(self.rotation[p], self.translation[p], T.rotation, T.translation, self.correction[robot])
 

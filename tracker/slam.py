@@ -38,12 +38,11 @@ class SlamParameters:
     iterations: int = 2
     correction: bool = True
     correction_sigma: tuple[float, float, float] = (0.012, 0.012, 0.004)
-    odometry_scale: float = 1.0
     correction_walk: float = 0.0005
     robust: float = 3.0
-    seen: int = 50
+    seen: int = 32
     growth: int = 12
-    capacity: int = 300
+    capacity: int = 160
     clones: int = 4
     stride: float = 0.2
     robot_radius: float = 0.45
@@ -143,7 +142,7 @@ class Slam:
         odometry = next((v.odometry for v in views if v.odometry is not None), None)
         self._odometry[name] = odometry
         if odometry is not None:
-            self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance * self.parameters.odometry_scale**2)
+            self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance)
 
     def _look(self, name: str, views: list[View], tick: int) -> None:
         """All that one robot sees at one tick: update, forget what fails, follow what is new."""
@@ -195,7 +194,7 @@ class Slam:
         robot, joint, book = self._team[name], self._joint, self._map
         descriptor = unit_rows(seen.descriptor)
         unlike = dissimilarity(book.look, book.subject[: book.count], descriptor, seen.subject)
-        m = self._associate(robot, mount, seen, unlike, tick)
+        m = self._associate(robot, mount, seen, (unlike, book.look[:, robot].any(axis=1)), tick)
         azimuth, _ = angles_from_bearing(seen.bearing[m.sighting])
         chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
@@ -238,14 +237,14 @@ class Slam:
         rows = k + (level is not None)
         return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])
 
-    def _associate(self, robot: int, mount: Mount, seen: Sightings, unlike: Floats, tick: int) -> Matches:
+    def _associate(self, robot: int, mount: Mount, seen: Sightings, looks: tuple[Floats, Mask], tick: int) -> Matches:
         """Matches with the map; where most of what the robot saw a moment ago is refused, it is the pose that is wrong (a wheel slipped, a rover
         was pushed): it is doubted by reopen_sigma at once, and the doubt stays if more landmarks agree then.
         """
         joint, book, rule = self._joint, self._map, self.parameters
 
         def attempt() -> tuple[Matches, int, int]:
-            m = associate(joint, robot, joint.sight(robot, mount), (seen.bearing, seen.covariance), unlike, rule.gate)
+            m = associate(joint, robot, joint.sight(robot, mount), (seen.bearing, seen.covariance), looks, rule.gate)
             # What others mapped may look different from here, or alike by chance.
             fresh = (book.by[: book.count] == robot) & (book.last[: book.count] >= tick - rule.reopen)
             return m, int(fresh[m.landmark].sum()), int(fresh[m.refused].sum())

@@ -7,7 +7,7 @@ from tracker.bearings import gravity, residual
 from tracker.gaussian import condition
 from tracker.geometry import Pose, skew
 from tracker.joint import Joint, Linear
-from tracker.measurements import Odometry, Start
+from tracker.measurements import Start
 
 
 @pytest.fixture
@@ -20,21 +20,24 @@ def start(rng: np.random.Generator, sigma: float = 0.1) -> Start:
     return Start(Pose.exp(rng.normal(size=6)), A @ A.T + sigma**2 * np.eye(6))
 
 
-def odometry(rng: np.random.Generator) -> Odometry:
-    return Odometry(Pose.exp(0.3 * rng.normal(size=6)), 1e-4 * np.eye(6))
+def motion(rng: np.random.Generator) -> Pose:
+    return Pose.exp(0.3 * rng.normal(size=6))
 
 
-def joint(rng: np.random.Generator, robots: int = 2, correction: float | None = 0.02) -> Joint:
+Sigma = tuple[float, float, float] | None
+
+
+def joint(rng: np.random.Generator, robots: int = 2, correction: Sigma = (0.02, 0.02, 0.01)) -> Joint:
     state = Joint(clones=2, capacity=6, correction_sigma=correction)
     for _ in range(robots):
         state.join(start(rng))
     return state
 
 
-def grown(rng: np.random.Generator, correction: float | None = 0.02) -> Joint:
+def grown(rng: np.random.Generator, correction: Sigma = (0.02, 0.02, 0.01)) -> Joint:
     state = joint(rng, correction=correction)
     state.clone(0, 1)
-    state.predict(0, odometry(rng))
+    state.predict(0, motion(rng), 1e-4 * np.eye(6))
     for robot in (0, 1, 0):
         columns = state.columns(robot, np.zeros(0, dtype=np.intp))
         state.add(rng.normal(size=3), columns, rng.normal(size=(3, len(columns))), 0.01 * np.eye(3))
@@ -53,9 +56,8 @@ def test_a_clone_is_the_robot_until_it_moves(rng: np.random.Generator) -> None:
     difference = np.zeros((6, len(state.P)))
     difference[range(6), range(a, a + 6)], difference[range(6), range(b, b + 6)] = 1, -1
     np.testing.assert_allclose(difference @ state.P @ difference.T, 0, atol=1e-15)
-    noise = odometry(rng)
-    state.predict(1, noise)
-    M = noise.T_before_now
+    M = motion(rng)
+    state.predict(1, M, 1e-4 * np.eye(6))
     F = np.block([[M.rotation.T, -M.rotation.T @ skew(M.translation)], [np.zeros((3, 3)), M.rotation.T]])
     np.testing.assert_allclose(state.P[a : a + 6, b : b + 6], F @ state.P[b : b + 6, b : b + 6], atol=1e-12)
 
@@ -104,8 +106,8 @@ def test_a_full_map_refuses(rng: np.random.Generator) -> None:
             state.add(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
 
 
-@pytest.mark.parametrize("correction", [None, 0.02])
-def test_one_iteration_is_the_plain_update(rng: np.random.Generator, correction: float | None) -> None:
+@pytest.mark.parametrize("correction", [None, (0.02, 0.02, 0.01)])
+def test_one_iteration_is_the_plain_update(rng: np.random.Generator, correction: Sigma) -> None:
     state = grown(rng, correction)
     columns = state.columns(0, np.array([2, 0]))
     H, r, noise = rng.normal(size=(4, len(columns))), 1e-4 * rng.normal(size=4), np.tile(1e-2 * np.eye(2), (2, 1, 1))

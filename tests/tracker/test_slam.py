@@ -143,7 +143,7 @@ class PlainEkf:
 
     def step(self, odometry: Odometry, mount: Pose, seen: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]]) -> None:
         n = len(self.P)
-        R, t, block = compose(self.pose.rotation, self.pose.translation, odometry)
+        R, t, block = compose(self.pose.rotation, self.pose.translation, odometry.T_before_now)
         F, Q = np.eye(n), np.zeros((n, n))
         F[:6, :6], Q[:6, :6] = block, odometry.covariance
         self.pose, self.P = Pose(R, t), F @ self.P @ F.T + Q
