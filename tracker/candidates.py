@@ -24,8 +24,8 @@ class Trial:
     that are still believed; limit: how many a camera follows.
     """
 
-    parallax: float = 0.06
-    sightings: int = 3
+    parallax: float = 0.07
+    sightings: int = 4
     strip: float = 0.012
     unlike: float = 0.6
     ratio: float = 0.8
@@ -39,9 +39,9 @@ class Trial:
 
 
 class Candidates:
-    """What one camera follows. Rows are candidates: direction (n, 3) in the world and origin (n, 3) m of the camera when last seen, descriptor (n, d),
-    subject, hits, missed (n,);
-    held (n, c): whether the candidate was seen from clone c; bearing (n, c, 3), covariance (n, c, 2, 2) of it there.
+    """What one camera follows. Rows are candidates: direction (n, 3) in the world and origin (n, 3) m of the camera when last seen,
+    descriptor (n, d), subject, hits, missed (n,); held (n, c): whether the candidate was seen from clone c;
+    bearing (n, c, 3), covariance (n, c, 2, 2) of it there.
     """
 
     def __init__(self, clones: int) -> None:

@@ -71,7 +71,7 @@ def extract(image: Image, camera: Panorama, up: Array, people: Detections, rule:
     top, grey = _band(image, R_camera_level, camera, rule)
     sift: Any = cv2.SIFT_create(contrastThreshold=rule.contrast, enable_precise_upscale=True)  # type: ignore[attr-defined]
     keypoints = [k for k in _detect(sift, grey, rule.largest / np.pi * camera.height) if rule.pad <= k.pt[0] + 0.5 < rule.pad + camera.width]
-    pixel = np.array([k.pt for k in keypoints]).reshape(-1, 2) + [0.5 - rule.pad, 0.5 + top]
+    pixel = np.array([k.pt for k in keypoints]).reshape(-1, 2) + np.array([0.5 - rule.pad, 0.5 + top])
     response = np.array([k.response for k in keypoints])
     bearing = camera.bearings_from_pixels(pixel) @ R_camera_level.T
     chosen = np.flatnonzero(~inside_boxes(bearing, people, rule.enlarge))
@@ -122,7 +122,7 @@ def _band(image: Image, R_camera_level: Array, camera: Panorama, rule: Extractio
         grey = cv2.remap(grey, *_source(R_camera_level, camera, top, bottom), cv2.INTER_LINEAR)
     else:
         grey = grey[top:bottom]
-    return top, cv2.copyMakeBorder(grey, 0, 0, rule.pad, rule.pad, cv2.BORDER_WRAP)
+    return top, np.asarray(cv2.copyMakeBorder(grey, 0, 0, rule.pad, rule.pad, cv2.BORDER_WRAP), dtype=np.uint8)
 
 
 def _source(R_camera_level: Array, camera: Panorama, top: int, bottom: int) -> tuple[Floats, Floats]:
@@ -143,9 +143,9 @@ def inside_boxes(bearing: Array, boxes: Detections, enlarge: float) -> Mask:
     if len(boxes) and len(bearing):
         azimuth, elevation = angles_from_bearing(bearing)
         centre, middle = angles_from_bearing(boxes.bearing)
-        width = boxes.extent[:, 0] / np.maximum(np.cos(middle), 1e-6)
         across = np.abs(np.mod(azimuth[:, None] - centre + np.pi, 2 * np.pi) - np.pi)
-        inside = ((across <= enlarge * width / 2) & (np.abs(elevation[:, None] - middle) <= enlarge * boxes.extent[:, 1] / 2)).any(axis=1)
+        above = np.abs(elevation[:, None] - middle)
+        inside |= ((across <= enlarge * boxes.extent[:, 0] / 2) & (above <= enlarge * boxes.extent[:, 1] / 2)).any(axis=1)
     return inside
 
 

@@ -89,7 +89,7 @@ class Joint:
 
     def active(self) -> Indices:
         """The rows of P that stand for something."""
-        poses = [np.arange(self.offset(p), self.offset(p) + (self.stride if p < self.robots else 6)) for p in np.flatnonzero(self.used)]
+        poses = [np.arange(self.offset(p), self.offset(p) + (self.stride if p < self.robots else 6)) for p in np.flatnonzero(self.used).tolist()]
         return np.concatenate([*poses, np.arange(self.base, self.base + 3 * self.count)])
 
     def offset(self, pose: int) -> int:

@@ -25,7 +25,8 @@ Quaternions are wxyz. Poses are T_world_robot unless it says otherwise: x, y, z 
 
 * `manifest.json`: schema version, versions of the programs, SHA-256 and size of every other file.
 * `scenario.json`: all that made this sequence; `calibration.json`: period [s], cameras and where they sit on the robots
-  (T_body_camera), where the robots start (pose and covariance 6×6 of the right tangent [translation m, rotation rad]), the band of people's heights [m].
+  (T_body_camera), where the robots start (pose and covariance 6×6 of the right tangent [translation m, rotation rad]),
+  the band of people's heights [m].
 * `terrain.npz`: `heights` (rows, columns) m, row 0 at the lowest y, `origin` x, y of heights[0, 0], `spacing` m; between grid points two
   triangles a cell, split along (i, j)→(i+1, j+1). `tops`: the same grid with walls and furniture on it.
 * `odometry.csv`: motion of a robot's body since the frame before (T_before_now), covariance c00…c55 (upper triangle, right tangent),

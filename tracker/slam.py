@@ -31,7 +31,8 @@ class SlamParameters:
     """iterations: linearisations of an update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
     correction_walk rad an axis a square root of a second. robust: residuals beyond so many standard deviations lose weight (inf: never).
     seen: landmarks a camera updates at once; capacity: landmarks in the map. clones: earlier poses kept a robot, a new one each `stride` m.
-    growth: new landmarks a camera a tick; robot_radius m: nothing becomes or matches a landmark so near to the middle of another robot's line of sight. extraction: from images, at most so many.
+    growth: new landmarks a camera a tick; robot_radius m: nothing becomes or matches a landmark so near to the middle of another robot's
+    line of sight. extraction: from images, at most so many.
     reopen: a robot's pose is doubted by reopen_sigma (m, rad) where the landmarks that it saw in the last `reopen` ticks are mostly refused.
     """
 
@@ -42,7 +43,7 @@ class SlamParameters:
     robust: float = 3.0
     seen: int = 32
     growth: int = 12
-    capacity: int = 160
+    capacity: int = 240
     clones: int = 4
     stride: float = 0.2
     robot_radius: float = 0.45
@@ -191,10 +192,10 @@ class Slam:
 
     def _update(self, name: str, mount: Mount, seen: Sightings, tick: int) -> tuple[Indices, int]:
         """Associate and update; returns the sightings that belong to no landmark, and how many did."""
-        robot, joint, book = self._team[name], self._joint, self._map
+        robot, book = self._team[name], self._map
         descriptor = unit_rows(seen.descriptor)
         unlike = dissimilarity(book.look, book.subject[: book.count], descriptor, seen.subject)
-        m = self._associate(robot, mount, seen, (unlike, book.look[:, robot].any(axis=1)), tick)
+        m = self._associate(robot, mount, seen, (unlike, np.asarray(book.look[:, robot].any(axis=1))), tick)
         azimuth, _ = angles_from_bearing(seen.bearing[m.sighting])
         chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]

@@ -44,13 +44,13 @@ def test_truth_projects_onto_the_instances(folder: Path) -> None:
             for person, feet, visible in zip(truth.person_id, truth.feet, truth.visible[:, column], strict=True):
                 if visible < 0.95:
                     continue
-                sight = T_camera_world.apply(feet + [0.0, 0.0, 1.15])
+                sight = T_camera_world.apply([*feet, 0.0, 0.0, 1.15])
                 pixel, _ = mount.camera.pixels_from_bearings(sight[None] / np.linalg.norm(sight))
                 u, v = pixel[0].astype(int)
                 assert (image[v - 1 : v + 2, max(u - 1, 0) : u + 2] == person).any(), (truth.index, name, person)
                 checked += 1
             for person, box in zip(boxes[truth.index, name].person, boxes[truth.index, name].seen, strict=True):
-                rows, columns = np.nonzero(image == person)
+                rows, _columns = np.nonzero(image == person)
                 if len(rows):
                     assert (rows.min(), rows.max() + 1) == (box[1], box[3])
                     assert box[2] - box[0] <= 512

@@ -133,7 +133,8 @@ def test_place_recovers_the_point_and_its_jacobians(rng: np.random.Generator, k:
     for i in range(k):
         for axis in range(6):
             d = np.eye(6)[axis] * step
-            up, down = (place(rows([moved(s, sign * d) if j == i else s for j, s in enumerate(sights)]), bearings, covariances, point) for sign in (1, -1))
+            shifted = ([moved(s, sign * d) if j == i else s for j, s in enumerate(sights)] for sign in (1, -1))
+            up, down = (place(rows(one), bearings, covariances, point) for one in shifted)
             np.testing.assert_allclose(placed.G_body[:, i, axis], (up.point - down.point) / (2 * step), atol=1e-3)
             # The misfit falls as the poses rise towards the truth: residual = measured − predicted.
             np.testing.assert_allclose(placed.misfit_body[:, i, axis] ** 2, ((down.misfit - up.misfit) / (2 * step)) ** 2, atol=2.0, rtol=1e-2)

@@ -140,8 +140,8 @@ def test_match_is_symmetric_and_mutual() -> None:
     i, j = match(a, b)
     np.testing.assert_array_equal(i, order[j])
     assert len(i) >= 18
-    k, l = match(b, a)
-    assert {(x, y) for x, y in zip(i, j, strict=True)} == {(y, x) for x, y in zip(k, l, strict=True)}
+    m, n = match(b, a)
+    assert {(x, y) for x, y in zip(i, j, strict=True)} == {(y, x) for x, y in zip(m, n, strict=True)}
 
 
 def test_match_drops_what_looks_twice_alike() -> None:

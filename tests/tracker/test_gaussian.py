@@ -90,4 +90,5 @@ def test_weights_find_the_outlier_that_the_state_could_explain(rng: np.random.Ge
 
 
 def test_block_diagonal() -> None:
-    np.testing.assert_array_equal(block_diagonal(np.array([[[1.0, 2], [3, 4]], [[5.0, 6], [7, 8]]])), [[1, 2, 0, 0], [3, 4, 0, 0], [0, 0, 5, 6], [0, 0, 7, 8]])
+    blocks = np.array([[[1.0, 2], [3, 4]], [[5.0, 6], [7, 8]]])
+    np.testing.assert_array_equal(block_diagonal(blocks), [[1, 2, 0, 0], [3, 4, 0, 0], [0, 0, 5, 6], [0, 0, 7, 8]])

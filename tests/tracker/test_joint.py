@@ -101,9 +101,10 @@ def test_remove_marginalises_and_renumbers(rng: np.random.Generator) -> None:
 def test_a_full_map_refuses(rng: np.random.Generator) -> None:
     state = grown(rng)
     columns = state.columns(0, np.zeros(0, dtype=np.intp))
+    while state.count < state.capacity:
+        state.add(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
     with pytest.raises(ValueError, match="map holds 6"):
-        for _ in range(4):
-            state.add(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
+        state.add(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
 
 
 @pytest.mark.parametrize("correction", [None, (0.02, 0.02, 0.01)])

@@ -48,5 +48,5 @@ def test_missing_folder_and_wrong_schema(tmp_path: Path) -> None:
         read_results(tmp_path / "r")
     write_results(tmp_path / "r", Results.of(estimates(), {}))
     (tmp_path / "r" / "run.json").write_text("{}")
-    with pytest.raises(ValueError, match="run.json: schema"):
+    with pytest.raises(ValueError, match=r"run\.json: schema"):
         read_results(tmp_path / "r")

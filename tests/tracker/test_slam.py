@@ -179,7 +179,8 @@ def test_one_iteration_without_correction_is_the_plain_ekf() -> None:
     s = view.sightings
     assert s is not None
     assert view.odometry is not None
-    plain.step(view.odometry, setup.mounts["c0"].T_body_camera, [(i, s.bearing[j], s.covariance[j]) for i in range(n) for j in np.flatnonzero(s.subject == names[i])])
+    seen = [(i, s.bearing[j], s.covariance[j]) for i in range(n) for j in np.flatnonzero(s.subject == names[i])]
+    plain.step(view.odometry, setup.mounts["c0"].T_body_camera, seen)
     slam.step(ticks[k + 1])
     np.testing.assert_allclose(slam.pose("r0").translation, plain.pose.translation, atol=1e-9)
     np.testing.assert_allclose(slam.pose("r0").rotation, plain.pose.rotation, atol=1e-9)
