@@ -29,17 +29,19 @@ Seen = tuple[Mount, Indices, Array, Array]
 @dataclass(frozen=True)
 class SlamParameters:
     """iterations: linearisations of an update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
-    correction_walk rad an axis a square root of a second. robust: residuals beyond so many standard deviations lose weight (inf: never).
-    seen: landmarks a camera updates at once; capacity: landmarks in the map. clones: earlier poses kept a robot, a new one each `stride` m.
-    growth: new landmarks a camera a tick; robot_radius m: nothing becomes or matches a landmark so near to the middle of another robot's
-    line of sight. extraction: from images, at most so many.
-    reopen: a robot's pose is doubted by reopen_sigma (m, rad) where the landmarks that it saw in the last `reopen` ticks are mostly refused.
+    correction_walk rad an axis a square root of a second. gravity_scale: of the accelerometer's sigma, because what acceleration leaves in it
+    lasts for many ticks and is no white noise. robust: residuals beyond so many standard deviations lose weight (inf: never).
+
+    seen: landmarks a camera updates at once; capacity: landmarks in the map; growth: new ones a camera a tick. clones: earlier poses kept a robot,
+    a new one each `stride` m. robot_radius m: nothing without a name becomes or matches a landmark so near to another robot's middle. reopen: a
+    robot's pose is doubted by reopen_sigma (m, rad) where the landmarks that it saw in the last `reopen` ticks are mostly refused.
     """
 
     iterations: int = 2
     correction: bool = True
     correction_sigma: tuple[float, float, float] = (0.012, 0.012, 0.004)
     correction_walk: float = 0.0005
+    gravity_scale: float = 3.0
     robust: float = 3.0
     seen: int = 32
     growth: int = 12
@@ -234,7 +236,7 @@ class Slam:
             r[:k], noise[:k] = residual(seen[2], predict(sight, point)[0]), seen[3]
         if level is not None and level.gravity is not None:
             r[k], H[k, :, :6] = gravity(joint.rotation[robot], level.gravity / np.linalg.norm(level.gravity))
-            noise[k] = np.eye(2) * level.gravity_sigma**2
+            noise[k] = np.eye(2) * (self.parameters.gravity_scale * level.gravity_sigma) ** 2
         rows = k + (level is not None)
         return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])
 
