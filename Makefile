@@ -5,14 +5,13 @@ PYTEST := $(BIN)/python -m pytest
 JOBS ?= 2
 GL_CHECK := $(BIN)/python -c 'import sys, sim.gl; sys.tracebacklimit = 0; sim.gl.choose_gl()'
 
-.PHONY: demo test test-all lint bench gl clean help
+.PHONY: demo test test-all lint gl clean help
 
 help:
 	@echo "make demo      simulate, track, score and draw; pictures in runs/demo"
 	@echo "make test      the tests, under 10 minutes on 2 cores"
 	@echo "make test-all  what is too long for make test"
 	@echo "make lint      ruff and mypy"
-	@echo "make bench     measurements in pairs, on an idle machine"
 
 demo: .venv/installed gl
 	$(BIN)/pilsim demo
@@ -26,9 +25,6 @@ test-all: .venv/installed-test gl
 lint: .venv/installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-
-bench: .venv/installed-test gl
-	$(PYTEST) tests/benchmarks -p no:xdist -s --benchmark
 
 .venv/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pilsim needs Python 3.11 or newer: make PYTHON=python3.12 …"; exit 1; }

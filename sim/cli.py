@@ -1,4 +1,4 @@
-"""The command `pilsim`. Every fault of what the user gave is one line, `error: …`, and exit code 2."""
+"""Irregular worlds, people and panoramic robots: simulate, track, score. Bad input is one line, `error: …`, and exit code 2."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tyro.conf import Positional, arg
@@ -109,9 +109,9 @@ class Score:
         from tracker.results import read_results
         from tracker.sources import open_source
 
-        if self.source and self.results and not (self.truth or self.result or self.iou):
+        if self.source and self.results and not (self.truth or self.result) and self.iou is None:
             results = read_results(self.results)
-            scores = evaluate(open_source(self.source, results.run.get("views", [])), results)
+            scores = evaluate(open_source(self.source, _views(results.run)), results)
         elif self.truth and self.result and not (self.source or self.results):
             scores = evaluate_files(self.truth, self.result, self.iou)
         else:
@@ -131,6 +131,13 @@ class Doctor:
 
         report = examine()
         print(json.dumps(report, indent=1) if self.json else describe(report))
+
+
+def _views(run: dict[str, Any]) -> list[int]:
+    views = run.get("views", [])
+    if not isinstance(views, list) or not all(isinstance(view, int) for view in views):
+        raise ValueError(f"run.json: views is {views!r}, needs a list of numbers")
+    return views
 
 
 def _numbers(text: str) -> list[int]:

@@ -18,7 +18,6 @@ from tracker.geometry import Array, frozen, wrap
 from worlds.heightfield import Heightfield
 from worlds.walkable import Walkable
 
-DT = 0.05
 """s: about how far the crowd is moved at once."""
 BODY_RADIUS = 0.23
 """m: bodies closer than twice this overlap."""
@@ -33,7 +32,6 @@ PATIENCE = 4.0
 TURN_RATE = 2.5
 """rad/s: how fast a body turns to where it goes."""
 _WALL_PUSH, _WALL_RANGE = 3.0, 0.1
-_COMFORT = 0.6
 _CLEAR = 0.02
 
 

@@ -33,10 +33,10 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     sequence = read_sequence(folder)
     if (out / "track").exists() and read_results(out / "track").run.get("parameters") != repr(Parameters()):
         print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
-        shutil.rmtree(out / "track")
         for name in PICTURES:
             (out / name).unlink(missing_ok=True)
-    results = tracked(sequence, out / "track", {"source": "sequence"})
+        shutil.rmtree(out / "track")
+    results = tracked(sequence, out / "track", {"source": "sequence", "views": []})
     scores = evaluate(sequence, results)
     write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")
     draw(sequence, results, scores, out)
@@ -62,6 +62,8 @@ def check_folder(scenario: Scenario, out: Path) -> None:
     stated = out / "sequence" / "scenario.json"
     if stated.exists():
         there, wanted = read_json(stated), json.loads(scenario.to_json())
+        if not isinstance(there, dict):
+            raise ValueError(f"{stated}: no scenario")
         different = [f"{name} {there.get(name)} there, {value} asked for" for name, value in wanted.items() if there.get(name) != value]
         if different:
             raise ValueError(f"{out}: holds another run ({different[0]}); choose another --out or remove it")
@@ -75,7 +77,7 @@ def tracked(sequence: Sequence, folder: Path, run: dict[str, Any], parameters: P
     Raises ValueError where `folder` holds another run.
     """
     run = json.loads(json.dumps(run | {"provenance": sequence.provenance, "parameters": repr(parameters or Parameters())}))
-    if folder.exists():
+    if folder.exists() and any(folder.iterdir()):
         if not (folder / "run.json").exists():
             raise ValueError(f"{folder}: is there already and holds no run; choose another --out or remove it")
         there = read_results(folder)
@@ -84,6 +86,8 @@ def tracked(sequence: Sequence, folder: Path, run: dict[str, Any], parameters: P
         return there
     estimates = track(sequence.setup, sequence.ticks, parameters)
     results = Results.of(tqdm(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), run)
+    if folder.exists():
+        folder.rmdir()
     write_results(folder, results)
     return results
 

@@ -134,10 +134,10 @@ class Relief:
         return np.column_stack([p[:, 0], self.image.shape[0] - p[:, 1]]).round().astype(np.int64)
 
 
-def _paths(results: Results, upto: int) -> dict[int, Array]:
-    """Id → (n, 4) frame, x, y, z of its estimates until a frame."""
+def _paths(results: Results, first: int, last: int) -> dict[int, Array]:
+    """Id → (n, 4) frame, x, y, z of its estimates from a frame to another."""
     rows: dict[int, list[Array]] = {}
-    for frame in range(upto + 1):
+    for frame in range(max(first, 0), last + 1):
         ids, places = results.tracks.get(frame, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
         for identity, place in zip(ids.tolist(), places, strict=True):
             rows.setdefault(identity, []).append(np.array([frame, *place]))
@@ -160,7 +160,7 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
             people.setdefault(person, []).append(feet[:2])
     for k, feet_of_one in enumerate(people.values()):
         axes.plot(*np.array(feet_of_one).T, color="black", linewidth=1.0, label="people, true" if k == 0 else None)
-    for identity, walked in _paths(results, results.frames).items():
+    for identity, walked in _paths(results, 0, results.frames).items():
         colour = np.array(colour_of(identity)) / 255 * 0.85
         axes.plot(walked[:, 1], walked[:, 2], color=colour, linewidth=2.2, alpha=0.8)
         axes.annotate(str(identity), (walked[-1, 1], walked[-1, 2]), color=colour, weight="bold", fontsize=11)
@@ -175,8 +175,10 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
     axes.plot([], [], color="tab:blue", linewidth=2.2, label="people, estimated (a colour an id)")
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title, aspect="equal")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)
-    figure.savefig(path, dpi=110)
+    part = path.with_name(path.name + ".part")
+    figure.savefig(part, dpi=110, format="png")
     plt.close(figure)
+    part.replace(path)
 
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
@@ -229,8 +231,7 @@ def _plan_so_far(sequence: Sequence, results: Results, relief: Relief, tick: Tic
     side = np.full((SIDE[1], SIDE[0], 3), 24, np.uint8)
     canvas = relief.image.copy()
     truth = sequence.truth[tick.index] if sequence.truth else None
-    for identity, walked in _paths(results, tick.index).items():
-        recent = walked[walked[:, 0] > tick.index - 18]
+    for identity, recent in _paths(results, tick.index - 17, tick.index).items():
         cv2.polylines(canvas, [relief.pixels(recent[:, 1:]).astype(np.int32)], False, colour_of(identity), 2, cv2.LINE_AA)
         if len(recent) and recent[-1, 0] == tick.index:
             at = relief.pixels(recent[-1:, 1:])[0]
@@ -271,4 +272,6 @@ def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
         writer.release()
         part.replace(path)
     finally:
+        if writer is not None:
+            writer.release()
         part.unlink(missing_ok=True)

@@ -52,13 +52,12 @@ def _box(rows: NDArray[np.int64], columns: NDArray[np.int64], width: int) -> Arr
     """Edges left, top, right, bottom of some pixels; around the seam where the body lies over it; zeros where there is no pixel."""
     if not len(rows):
         return np.zeros(4)
-    if columns.min() == 0 and columns.max() == width - 1:
-        # The widest gap between columns is what lies beside the body.
-        used = np.unique(columns)
-        gap = int(np.argmax(np.diff(used))) if len(used) < width else 0
-        left, right = (int(used[gap + 1]), int(used[gap]) + width) if len(used) < width else (0, width - 1)
-    else:
-        left, right = int(columns.min()), int(columns.max())
+    used = np.unique(columns)
+    # The widest gap between columns, around the seam too, is what lies beside the body.
+    gaps = np.diff(used, append=used[0] + width)
+    gap = int(np.argmax(gaps))
+    left = int(used[(gap + 1) % len(used)])
+    right = int(used[gap]) + (width if used[gap] < left else 0)
     return np.array([left, rows.min(), right + 1, rows.max() + 1], dtype=np.float64)
 
 
@@ -78,7 +77,7 @@ class Detector:
     def detect(self, camera: Panorama, boxes: Boxes, camera_height: float, rng: np.random.Generator) -> Detections:
         """What is reported of the true boxes in one view; camera_height m is the lens over the ground, for the false boxes' feet.
 
-        The same number of random draws is taken for the same number of people, so that a miss does not move the noise of the next.
+        In a frame the draws of one person do not depend on whether another was missed.
         """
         n = len(boxes.person)
         found = (rng.random(n) >= self.misses) & (boxes.visible >= self.min_visible) & (boxes.seen[:, 2] > boxes.seen[:, 0])

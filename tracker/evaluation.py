@@ -36,11 +36,13 @@ def who_counts(truth: tuple[Truth, ...], period: float) -> list[Mask]:
 def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
     """Scores as JSON values: `targets`, `everybody` (nobody ignored; the same where all were seen), `robots` and `dead_reckoning` or None.
 
-    Raises ValueError where the sequence has no truth or the numbers of frames differ.
+    Raises ValueError where the sequence has no truth or the results are of another source or have fewer frames.
     """
     truth = sequence.truth
     if truth is None:
         raise ValueError("this source has no truth to score against (annotations/*-cropped.xml)")
+    if results.run.get("provenance", sequence.provenance) != sequence.provenance:
+        raise ValueError("these results were made from another source, or from other views or files of it")
     if results.frames < len(truth):
         raise ValueError(f"results have {results.frames} frames, the truth has {len(truth)}: made from another source?")
     nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
@@ -73,7 +75,7 @@ def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, An
     by_frame = true.by_frame(), given.by_frame()
     none = np.zeros(0, dtype=np.int64)
     frames = []
-    for number in range(1, max([*by_frame[0], *by_frame[1]], default=0) + 1):
+    for number in sorted({*by_frame[0], *by_frame[1]}):
         t, e = by_frame[0].get(number, none), by_frame[1].get(number, none)
         if iou is not None:
             frames.append(Frame(true.id[t], true.box[t], given.id[e], given.box[e]))

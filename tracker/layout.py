@@ -16,6 +16,18 @@ BOXES = {"frame": int, "camera": str, "person": int} | dict.fromkeys(
     ["left", "top", "right", "bottom", "full_left", "full_top", "full_right", "full_bottom", "visible"], float
 )
 
+NEEDED = (
+    "README.md",
+    "calibration.json",
+    "detections.csv",
+    "odometry.csv",
+    "scenario.json",
+    "terrain.npz",
+    "truth/boxes.csv",
+    "truth/people.csv",
+    "truth/robots.csv",
+)
+
 README = """# A sequence made by pilsim
 
 World: right-handed, z up, metres, seconds, radians; the origin is the world's own. Bodies and cameras: x forward, y left, z up.

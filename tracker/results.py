@@ -19,6 +19,7 @@ from tracker.sequence import read_json
 from tracker.tables import read_table, write_table
 
 SCHEMA = 1
+MAX_FRAMES = 10_000_000
 ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER}
 
 
@@ -77,10 +78,14 @@ def read_results(folder: Path) -> Results:
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder")
     run = read_json(folder / "run.json")
-    if not isinstance(run, dict) or run.get("schema") != SCHEMA or not isinstance(run.get("frames"), int):
+    if not isinstance(run, dict) or run.get("schema") != SCHEMA or not isinstance(run.get("frames"), int) or not 0 <= run["frames"] <= MAX_FRAMES:
         raise ValueError(f"{folder / 'run.json'}: schema or frames is missing or not of version {SCHEMA}")
     frames = int(run["frames"])
     rows = read_mot15(folder / "tracks.txt")
+    if not rows.positioned.all():
+        raise ValueError(f"{folder / 'tracks.txt'}: row {int(np.argmin(rows.positioned)) + 1} has no x, y, z")
+    if len(rows) and rows.frame.max() > frames:
+        raise ValueError(f"{folder / 'tracks.txt'}: frame is {rows.frame.max()}, needs at most {frames}")
     tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}
     table = read_table(folder / "robots.csv", ROBOTS)
     poses: dict[str, list[Pose | None]] = {}

@@ -8,7 +8,9 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
+import zipfile
+import zlib
+from collections.abc import Container, Iterator
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +24,7 @@ from numpy.typing import NDArray
 from tracker.cameras import Panorama
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.ground import Grid
-from tracker.layout import BOXES, DETECTIONS, ODOMETRY, POSE, README, ROBOTS, SCHEMA, UPPER
+from tracker.layout import BOXES, DETECTIONS, NEEDED, ODOMETRY, POSE, README, ROBOTS, SCHEMA, UPPER
 from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Start, Tick, Truth, View
 from tracker.tables import read_table, write_table
 
@@ -89,18 +91,19 @@ class SequenceWriter:
     def __init__(self, folder: Path, setup: Setup, tops: Grid) -> None:
         self.folder, self.setup = folder, setup
         self.partial = folder.with_name(f".{folder.name}.partial")
+        self.tops = tops
+        self._rows: dict[str, list[list[object]]] = {name: [] for name in ("odometry", "detections", "robots", "people", "boxes")}
+
+    def __enter__(self) -> SequenceWriter:
         if self.partial.exists():
             shutil.rmtree(self.partial)
         (self.partial / "truth").mkdir(parents=True)
-        for camera in setup.mounts:
+        for camera in self.setup.mounts:
             (self.partial / "images" / camera).mkdir(parents=True)
             (self.partial / "instances" / camera).mkdir(parents=True)
-        self._rows: dict[str, list[list[object]]] = {name: [] for name in ("odometry", "detections", "robots", "people", "boxes")}
-        assert isinstance(setup.ground, Grid)
-        ground = setup.ground
-        np.savez(self.partial / "terrain.npz", heights=ground.heights, origin=ground.origin, spacing=ground.spacing, tops=tops.heights)
-
-    def __enter__(self) -> SequenceWriter:
+        ground = self.setup.ground
+        assert isinstance(ground, Grid)
+        np.savez(self.partial / "terrain.npz", heights=ground.heights, origin=ground.origin, spacing=ground.spacing, tops=self.tops.heights)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -147,7 +150,7 @@ class SequenceWriter:
         _write_json(root / "scenario.json", provenance)
         _write_json(root / "calibration.json", _calibration(self.setup))
         files = {
-            path.relative_to(root).as_posix(): {"sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "bytes": path.stat().st_size}
+            path.relative_to(root).as_posix(): {"sha256": _sha256(path.read_bytes()), "bytes": path.stat().st_size}
             for path in sorted(root.rglob("*"))
             if path.is_file()
         }
@@ -156,7 +159,7 @@ class SequenceWriter:
 
 
 def _write_json(path: Path, value: object) -> None:
-    path.write_text(json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _people_columns(setup: Setup) -> dict[str, type]:
@@ -194,6 +197,38 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not a text file") from None
+    except RecursionError:
+        raise ValueError(f"{path}: nested too deep") from None
+
+
+def _read_manifest(folder: Path) -> dict[str, dict[str, Any]]:
+    """File name → its SHA-256 and size, checked: the files are there, of that size, and all but the images of that sum."""
+    path = folder / "manifest.json"
+    manifest = read_json(path)
+    schema = manifest.get("schema") if isinstance(manifest, dict) else None
+    if schema != SCHEMA or not isinstance(manifest.get("files"), dict):
+        raise ValueError(f"{path}: schema is {schema}, this version reads {SCHEMA}")
+    for name, entry in manifest["files"].items():
+        if not isinstance(entry, dict) or not isinstance(entry.get("bytes"), int) or not isinstance(entry.get("sha256"), str):
+            raise ValueError(f"{path}: entry {name[:80]!r} has no sha256 and bytes")
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise ValueError(f"{path}: entry {name[:80]!r} lies outside the folder")
+        file = folder / name
+        if not file.is_file():
+            raise ValueError(f"{file}: missing, though the manifest names it")
+        if file.stat().st_size != entry["bytes"]:
+            raise ValueError(f"{file}: {file.stat().st_size} bytes, the manifest says {entry['bytes']}: truncated or changed")
+        # Images are many: each is checked when it is read.
+        if Path(name).parts[0] not in ("images", "instances") and _sha256(file.read_bytes()) != entry["sha256"]:
+            raise ValueError(f"{file}: its SHA-256 is not the manifest's: changed")
+    missing = [name for name in NEEDED if name not in manifest["files"]]
+    if missing:
+        raise ValueError(f"{path}: does not name {missing[0]}")
+    return dict(manifest["files"])
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def read_sequence(folder: Path) -> Sequence:
@@ -201,23 +236,15 @@ def read_sequence(folder: Path) -> Sequence:
 
     Raises ValueError that names the file, and the line or field, of what is missing, damaged or of another schema version.
     """
-    manifest = read_json(folder / "manifest.json")
-    schema = manifest.get("schema") if isinstance(manifest, dict) else None
-    if schema != SCHEMA or not isinstance(manifest.get("files"), dict):
-        raise ValueError(f"{folder / 'manifest.json'}: schema is {schema}, this version reads {SCHEMA}")
-    for name, entry in manifest["files"].items():
-        path = folder / name
-        if not path.is_file():
-            raise ValueError(f"{path}: missing, though the manifest names it")
-        if path.stat().st_size != entry["bytes"]:
-            raise ValueError(f"{path}: {path.stat().st_size} bytes, the manifest says {entry['bytes']}: truncated or changed")
+    files = _read_manifest(folder)
     try:
         setup = _read_setup(folder)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{folder / 'calibration.json'}: field {error} is missing or of the wrong kind") from None
     truth = _read_truth(folder, setup)
-    ticks = _DiskTicks(folder, setup, len(truth), manifest["files"])
-    return Sequence(setup, ticks, truth, read_json(folder / "scenario.json"))
+    ticks = _DiskTicks(folder, setup, len(truth), files)
+    provenance = {"scenario": read_json(folder / "scenario.json"), "manifest": _sha256((folder / "manifest.json").read_bytes())}
+    return Sequence(setup, ticks, truth, provenance)
 
 
 def _read_setup(folder: Path) -> Setup:
@@ -226,7 +253,7 @@ def _read_setup(folder: Path) -> Setup:
         with np.load(folder / "terrain.npz", allow_pickle=False) as terrain:
             origin, spacing = terrain["origin"], float(terrain["spacing"])
             ground, tops = Grid(terrain["heights"], origin, spacing), Grid(terrain["tops"], origin, spacing)
-    except (OSError, EOFError, KeyError) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{folder / 'terrain.npz'}: {error}") from None
     mounts = {
         name: Mount(Panorama(entry["width"], entry["height"]), _pose_from(entry["T_body_camera"]), entry["robot"])
@@ -240,13 +267,18 @@ def _read_setup(folder: Path) -> Setup:
     return Setup(mounts, ground, starts, calibration["period"], height=(low, high), occluders=tops)
 
 
-def _rows_by_frame(path: Path, columns: dict[str, type], key: tuple[str, ...] = ()) -> dict[int, list[dict[str, Any]]]:
-    """Rows of a table by frame; `key` columns must tell the rows of a frame apart, else ValueError with the line."""
+def _rows_by_frame(
+    path: Path, columns: dict[str, type], key: tuple[str, ...] = (), known_values: dict[str, Container[Any]] | None = None
+) -> dict[int, list[dict[str, Any]]]:
+    """Rows of a table by frame; `key` columns must tell the rows of a frame apart and values be known ones, else ValueError with the line."""
     table = read_table(path, columns)
     frames: dict[int, list[dict[str, Any]]] = {}
     seen = set()
     for line, values in enumerate(zip(*table.values(), strict=True), 2):
         row = dict(zip(columns, values, strict=True))
+        for name, known in (known_values or {}).items():
+            if row[name] not in known:
+                raise ValueError(f"{path}:{line}: {name} is {row[name]}, the sequence does not have it")
         if key:
             identity = tuple(row[name] for name in ("frame", *key))
             if identity in seen:
@@ -257,10 +289,13 @@ def _rows_by_frame(path: Path, columns: dict[str, type], key: tuple[str, ...] = 
 
 
 def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
-    robots = _rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",))
+    robots = _rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",), {"robot": setup.starts})
     people = _rows_by_frame(folder / "truth" / "people.csv", _people_columns(setup), ("person",))
     if sorted(robots) != list(range(len(robots))):
         raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {len(robots) - 1} without a gap")
+    for k, rows in robots.items():
+        if len(rows) != len(setup.starts):
+            raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frame {k} has {len(rows)} robots, needs {len(setup.starts)}")
     visible = [f"visible_{camera}" for camera in setup.mounts]
     return tuple(
         Truth(
@@ -298,8 +333,9 @@ class _DiskTicks:
 
     def __init__(self, folder: Path, setup: Setup, count: int, files: dict[str, Any]) -> None:
         self.folder, self.setup, self.count, self.files = folder, setup, count, files
-        self._odometry = _rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",))
-        self._detections = _rows_by_frame(folder / "detections.csv", DETECTIONS)
+        frames = range(count)
+        self._odometry = _rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
+        self._detections = _rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
 
     def __len__(self) -> int:
         return self.count
@@ -330,9 +366,9 @@ class _DiskTicks:
         if name not in self.files:
             raise ValueError(f"{path}: the manifest does not name it")
         data = path.read_bytes()
-        if hashlib.sha256(data).hexdigest() != self.files[name]["sha256"]:
+        if _sha256(data) != self.files[name]["sha256"]:
             raise ValueError(f"{path}: its SHA-256 is not the manifest's: truncated or changed")
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
         size = (mount.camera.height, mount.camera.width)
         if image is None or image.shape[:2] != size:
             raise ValueError(f"{path}: {'no image' if image is None else image.shape[:2]}, needs {size}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,6 +19,7 @@ from tracker.sequence import Sequence, TicksInMemory, read_sequence
 # The tracking area of the cropped annotations, metres (PETS 2009; Milan's truth).
 PETS_AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
 PETS_RATE = 7.0  # frames a second
+MAX_FRAMES = 1_000_000
 FOOT_PIXELS = 2.0  # px, error of a box's edge ...
 FOOT_SHARE = 0.02  # ... and as a share of its height
 
@@ -60,11 +62,15 @@ def _read_pets(path: Path, wanted: list[int]) -> Sequence:
         cameras[name], boxes[name] = (camera, pose), read_detections(found[number])
     truth = _pets_truth(path, calibration, len(cameras))
     frames = max([max(frames, default=0) for frames in boxes.values()] + [len(truth or ())])
+    if frames > MAX_FRAMES:
+        raise ValueError(f"{path}: frame {frames}, needs at most {MAX_FRAMES}")
     mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
     starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
     setup = Setup(mounts, Flat(), starts, 1 / PETS_RATE, area=np.array(PETS_AREA))
     ticks = TicksInMemory(tuple(_pets_tick(index, cameras, boxes) for index in range(frames)), mounts)
-    return Sequence(setup, ticks, truth, {"source": "PETS 2009", "folder": path.name, "views": list(cameras)})
+    read = [found[n] for n in wanted or found] + sorted((path / "annotations").glob("*-cropped.xml"))
+    sums = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in read}
+    return Sequence(setup, ticks, truth, {"source": "PETS 2009", "views": list(cameras), "files": sums})
 
 
 def _pets_tick(index: int, cameras: dict[str, tuple[Camera, Pose]], boxes: dict[str, dict[int, tuple[Array, Array]]]) -> Tick:
@@ -85,7 +91,10 @@ def _pets_truth(path: Path, calibration: Path, cameras: int) -> tuple[Truth, ...
     _, camera, pose = read_camera(calibration / "View_001.xml")
     people = ground_truth(read_annotations(files[0]), camera, pose, Flat())
     out = []
-    for index in range(max(people, default=-1) + 1):
+    last = max(people, default=-1)
+    if last >= MAX_FRAMES:
+        raise ValueError(f"{files[0]}: frame {last}, needs less than {MAX_FRAMES}")
+    for index in range(last + 1):
         ids, feet = people.get(index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
         out.append(Truth(index, {}, ids, feet, np.ones((len(ids), cameras))))
     return tuple(out)

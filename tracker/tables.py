@@ -59,6 +59,8 @@ def _parse(kind: type, cell: str, where: str) -> Any:
         value = kind(cell)
     except ValueError:
         raise ValueError(f"{where} is {cell[:40]!r}, needs {'a whole number' if kind is int else 'a number'}") from None
+    if kind is int and abs(value) >= 1 << 62:
+        raise ValueError(f"{where} is {cell[:40]}, needs less than 2^62")
     if kind is float and not math.isfinite(value):
         raise ValueError(f"{where} is {cell}, needs a finite number")
     return value

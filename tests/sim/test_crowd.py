@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sim.crowd import ARRIVED, BODY_RADIUS, DT, Crowd, CrowdState, Obstacles, Plans, make_plans
+from sim.crowd import ARRIVED, BODY_RADIUS, Crowd, CrowdState, Obstacles, Plans, make_plans
 from sim.scenario import Scenario
 from tests.sim.yard import yard
 from worlds import catalogue
@@ -9,6 +9,7 @@ from worlds.heightfield import Heightfield
 from worlds.walkable import free_space
 from worlds.world import World
 
+DT = 0.05
 
 def crowd_of(world: World, seed: int, n: int) -> tuple[Crowd, CrowdState]:
     scenario = Scenario(seed=seed, people=n)

@@ -53,7 +53,7 @@ def test_truth_projects_onto_the_instances(folder: Path) -> None:
                 rows, _columns = np.nonzero(image == person)
                 if len(rows):
                     assert (rows.min(), rows.max() + 1) == (box[1], box[3])
-                    assert box[2] - box[0] <= 512
+                    assert box[2] - box[0] <= 200
     assert checked > 10
 
 

@@ -39,6 +39,13 @@ def test_true_boxes() -> None:
     np.testing.assert_array_equal(boxes.seen, [[200, 80, 210, 100], [354, 85, 364, 95], [100, 80, 110, 120], [0, 0, 0, 0]])
 
 
+def test_a_body_over_the_seam_with_a_hidden_column_keeps_its_width() -> None:
+    instances, persons, alone = scene()
+    instances[:, 0] = instances[:, 359] = 0
+    boxes = true_boxes(instances, persons, alone)
+    np.testing.assert_array_equal(boxes.seen[1], [354, 85, 364, 95])
+
+
 def test_a_perfect_detector_reports_the_visible_boxes_and_nothing_else() -> None:
     boxes = true_boxes(*scene())
     found = Detector(0.0, 0.0, 0.0, 0.2).detect(CAMERA, boxes, 1.5, np.random.default_rng(0))

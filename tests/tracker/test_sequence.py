@@ -1,5 +1,6 @@
 """Write∘read of a Sequence, and what is said of a damaged one."""
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -7,14 +8,16 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
+from tracker.geometry import Pose
 from tracker.ground import Grid
+from tracker.measurements import Mount, Setup
 from tracker.sequence import SequenceWriter, read_boxes, read_sequence
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     written = sequences.write(tmp_path / "s")
     read = read_sequence(tmp_path / "s")
-    assert read.provenance == {"seed": 0}
+    assert read.provenance["scenario"] == {"seed": 0}
     assert len(read.ticks) == len(written)
     for a, b in zip(written, read.ticks, strict=True):
         assert (a.index, a.time) == (b.index, b.time)
@@ -112,7 +115,7 @@ def edit(folder: Path, name: str, change: object) -> None:
     """Change a text file and its entry in the manifest, as somebody who edits by hand would."""
     path, manifest = folder / name, json.loads((folder / "manifest.json").read_text())
     path.write_text(change(path.read_text()))  # type: ignore[operator]
-    manifest["files"][name]["bytes"] = path.stat().st_size
+    manifest["files"][name] = {"bytes": path.stat().st_size, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     (folder / "manifest.json").write_text(json.dumps(manifest))
 
 
@@ -142,3 +145,38 @@ def test_another_schema_is_refused(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('"schema": 1', '"schema": 99'))
     with pytest.raises(ValueError, match="schema is 99, this version reads 1"):
         read_sequence(tmp_path / "s")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[]", "schema is None"),
+        ("[" * 100_000, "nested too deep|not JSON"),
+        ('{"schema": 1, "files": {"a": "b"}}', "entry 'a' has no sha256 and bytes"),
+        ('{"schema": 1, "files": {"../../etc/passwd": {"sha256": "", "bytes": 1}}}', "lies outside the folder"),
+        ('{"schema": 1, "files": {}}', "does not name README.md"),
+    ],
+)
+def test_hostile_manifests(tmp_path: Path, text: str, message: str) -> None:
+    sequences.write(tmp_path / "s")
+    (tmp_path / "s" / "manifest.json").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_sequence(tmp_path / "s")
+
+
+def test_a_changed_digit_in_the_truth_is_named(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    path = tmp_path / "s" / "truth" / "people.csv"
+    path.write_text(path.read_text().replace("0,9,3,", "0,9,4,"))
+    with pytest.raises(ValueError, match=r"people.csv: its SHA-256 is not the manifest's"):
+        read_sequence(tmp_path / "s")
+
+
+def test_more_than_ten_cameras_keep_their_order(tmp_path: Path) -> None:
+    mounts = {f"camera_{k}": Mount(sequences.CAMERA, Pose.identity(), f"robot_{k}") for k in range(12)}
+    starts = {f"robot_{k}": None for k in range(12)}
+    ground = sequences.setup().ground
+    assert isinstance(ground, Grid)
+    with SequenceWriter(tmp_path / "s", Setup(mounts, ground, {**starts}, 0.1), ground) as writer:
+        writer.finish({}, {})
+    assert list(read_sequence(tmp_path / "s").setup.mounts) == list(mounts)
