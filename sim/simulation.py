@@ -78,7 +78,7 @@ class Simulation:
     def feet(self) -> Array:
         """(m, 3) m: the ground under the middle of each body, in the order of `persons`."""
         position = self._crowd_state.position
-        return np.column_stack([position, self.world.ground.height_at(position)])
+        return np.column_stack([position, self.world.terrain.height_at(position)])
 
     def joints(self) -> Array:
         """(m, 17, 3) m: key points in the order of pedestrian.COCO, world frame."""
@@ -144,7 +144,7 @@ class Simulation:
     def _resting(self, place: Array, yaw: float) -> Array:
         """(7,) position and quaternion of a rover with its wheels a little above the ground at place (2,) m."""
         wheels = rover.wheel_positions()[:, :2] @ rotation_z(yaw)[:2, :2].T
-        height = self.world.ground.height_at(place + wheels)
+        height = self.world.terrain.height_at(place + wheels)
         A = np.column_stack([wheels, np.ones(4)])
         east, north, middle = np.linalg.lstsq(A, height, rcond=None)[0]
         up = np.array([-east, -north, 1.0]) / np.sqrt(1 + east**2 + north**2)
@@ -168,7 +168,7 @@ class Simulation:
         if len(places) < wanted:
             raise ValueError(f"people is {wanted}, needs at most {len(places)}: more do not fit beside {len(robots)} robots")
         heading = rng.uniform(-np.pi, np.pi, wanted)
-        self._crowd = Crowd(self.world.feet, self.world.ground, make_plans(self.world.feet, people, self.scenario.stream("people/goals")))
+        self._crowd = Crowd(self.world.feet, self.world.terrain, make_plans(self.world.feet, people, self.scenario.stream("people/goals")))
         self._crowd_state: CrowdState = self._crowd.start(places, heading)
         self._footing = gait.stand(places, heading, self._stature)
         self._pose_people()
@@ -220,7 +220,7 @@ class Simulation:
     def _pose_people(self) -> None:
         """All limbs where they are now."""
         state = self._crowd_state
-        poses = pedestrian.pose(self._stature, self._footing, state.position, state.heading, self.world.ground)
+        poses = pedestrian.pose(self._stature, self._footing, state.position, state.heading, self.world.terrain)
         self.data.mocap_pos[self._limbs], self.data.mocap_quat[self._limbs] = poses.position, poses.quaternion
         self.data.mocap_pos[self._colliders] = self.feet()
         self._joints = poses.joints

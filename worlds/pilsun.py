@@ -22,16 +22,13 @@ from worlds.props import Piece
 from worlds.relief import plateau, ramp, rubble, swell
 from worlds.rooms import add_beam, add_frame, add_partition, add_walls
 from worlds.surfaces import atlas
-from worlds.walkable import Walkable, free_space
+from worlds.walkable import FEET, WHEELS, Walkable, free_space
 from worlds.world import World
 
 Maker = Callable[[np.random.Generator], Piece]
 
 NAME = "pilsun"
 SPACING = 0.125
-# Steepest slope rad, highest step m, half width m. Of people; and of a rover with wheels of 0.10 m radius, 0.4 m apart.
-FEET = (np.deg2rad(40), 0.25, 0.25)
-WHEELS = (np.deg2rad(20), 0.05, 0.30)
 # At least this share of the floor must be free for feet, and a room's worth of it for wheels.
 FREE_FOR_FEET, FREE_FOR_WHEELS = 0.6, 0.3
 
@@ -51,7 +48,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     set_view(spec, ground.extent)
     furnishing = _rooms(spec, rng, plan, ground)
     _furnish(spec, rng, plan, furnishing, difficulty)
-    feet, wheels = (free_space(ground, furnishing.blocked, *limits) for limits in (FEET, WHEELS))
+    feet, wheels = (free_space(ground, furnishing.blocked, limits) for limits in (FEET, WHEELS))
     _check(furnishing, feet, wheels)
     return World(NAME, spec, ground, feet, wheels, plan.spawn)
 

@@ -19,6 +19,20 @@ SHY_DISTANCE = 0.5
 STRIDE = 0.6
 
 
+@dataclass(frozen=True)
+class Limits:
+    """What a walker climbs and needs: the steepest slope rad, the highest step m, half_width m of its body."""
+
+    slope: float
+    step: float
+    half_width: float
+
+
+FEET = Limits(float(np.deg2rad(40)), 0.25, 0.25)
+WHEELS = Limits(float(np.deg2rad(20)), 0.05, 0.30)
+"""Of a person; and of a small rover with wheels of 0.1 m radius."""
+
+
 @dataclass(frozen=True, eq=False)
 class Walkable:
     """Where the middle of a walker may be: free (rows, columns), row 0 at the lowest y; origin (2,) m; spacing m.
@@ -196,29 +210,29 @@ class Walkable:
         return points[kept]
 
 
-def free_space(ground: Heightfield, obstacles: Mask, max_slope: float, max_step: float, clearance: float) -> Walkable:
-    """The largest connected place where a walker of radius `clearance` m may be, on the ground's own grid.
+def free_space(ground: Heightfield, obstacles: Mask, limits: Limits) -> Walkable:
+    """The largest connected place where a walker with these limits may be, on the ground's own grid.
 
     obstacles (rows, columns): grid points that something stands on. A grid point is blocked too where the rise to a neighbour is above
-    both max_step m and what max_slope rad explains, or where the ground averaged over a STRIDE is steeper than max_slope rad: a walker climbs
+    both limits.step and what limits.slope explains, or where the ground averaged over a STRIDE is steeper than limits.slope: a walker climbs
     a step and a slope, not a slope as steep as a step. Raises ValueError where nothing is left or the shapes differ.
     """
     if obstacles.shape != ground.heights.shape:
         raise ValueError(f"obstacles have shape {obstacles.shape}, need that of the ground, {ground.heights.shape}")
-    blocked = obstacles | _too_steep(ground, max_slope, max_step)
+    blocked = obstacles | _too_steep(ground, limits)
     blocked[[0, -1]] = blocked[:, [0, -1]] = True
     distance = ndimage.distance_transform_edt(~blocked) * ground.spacing
     # The obstacle's own edge lies up to half a cell before its first blocked grid point.
-    labels, count = ndimage.label(distance > clearance + 0.5 * ground.spacing)
+    labels, count = ndimage.label(distance > limits.half_width + 0.5 * ground.spacing)
     if count == 0:
-        raise ValueError(f"no place has {clearance} m clearance: nothing is free")
+        raise ValueError(f"no place has {limits.half_width} m clearance: nothing is free")
     sizes = np.bincount(labels.ravel())[1:]
     return Walkable(labels == 1 + int(np.argmax(sizes)), ground.origin, ground.spacing)
 
 
-def _too_steep(ground: Heightfield, max_slope: float, max_step: float) -> Mask:
+def _too_steep(ground: Heightfield, limits: Limits) -> Mask:
     z, spacing = ground.heights, ground.spacing
-    limit = max(max_step, spacing * np.tan(max_slope)) + 1e-9
+    limit = max(limits.step, spacing * np.tan(limits.slope)) + 1e-9
     steep = np.zeros(z.shape, dtype=bool)
     east, north = np.abs(np.diff(z, axis=1)) > limit, np.abs(np.diff(z, axis=0)) > limit
     steep[:, :-1] |= east
@@ -227,7 +241,7 @@ def _too_steep(ground: Heightfield, max_slope: float, max_step: float) -> Mask:
     steep[1:] |= north
     smooth = ndimage.uniform_filter(z, max(1, round(STRIDE / spacing)), mode="nearest")
     slope = np.hypot(*np.gradient(smooth, spacing))
-    return steep | (slope > np.tan(max_slope))
+    return steep | (slope > np.tan(limits.slope))
 
 
 def _unit(vectors: Array) -> Array:

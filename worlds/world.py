@@ -27,6 +27,11 @@ class World:
     wheels: Walkable
     spawn: Array
 
+    @property
+    def terrain(self) -> Heightfield:
+        """What feet and wheels stand on: height_at and normal_at of it."""
+        return self.ground
+
     def __post_init__(self) -> None:
         spawn = np.array(self.spawn, dtype=np.float64)
         if spawn.ndim != 3 or spawn.shape[1:] != (2, 2) or not len(spawn):

@@ -8,7 +8,7 @@ import pytest
 
 from worlds import catalogue
 from worlds.heightfield import Heightfield
-from worlds.walkable import free_space
+from worlds.walkable import FEET, free_space
 from worlds.world import World
 
 
@@ -25,7 +25,7 @@ def test_difficulty_is_a_share(difficulty: float) -> None:
 
 def test_people_must_have_where_to_enter() -> None:
     ground = Heightfield.flat([[0, 0], [4, 3]], 0.1)
-    space = free_space(ground, np.zeros(ground.heights.shape, dtype=bool), 0.6, 0.2, 0.25)
+    space = free_space(ground, np.zeros(ground.heights.shape, dtype=bool), FEET)
     spec = mujoco.MjSpec()
     world = World("meadow", spec, ground, space, space, [[[1, 1], [2, 2]]])
     assert world.spawn.shape == (1, 2, 2)

@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 
 from worlds.heightfield import Heightfield
-from worlds.walkable import Walkable, free_space
+from worlds.walkable import FEET, WHEELS, Limits, Walkable, free_space
 
 SPACING = 0.1
 
@@ -160,7 +160,7 @@ def ground(heights: np.ndarray) -> Heightfield:
     return Heightfield(heights, np.zeros(2), SPACING)
 
 
-LIMITS = {"feet": (np.deg2rad(40), 0.25, 0.2), "wheels": (np.deg2rad(20), 0.05, 0.2)}
+LIMITS = {"feet": FEET, "wheels": WHEELS}
 
 
 @pytest.mark.parametrize(("step", "who"), [(0.04, ("feet", "wheels")), (0.13, ("feet",)), (0.35, ())])
@@ -168,7 +168,7 @@ def test_who_climbs_which_step(step: float, who: tuple[str, ...]) -> None:
     field = Heightfield.flat([[0, 0], [6, 3]], SPACING)
     stepped = field.with_heights(np.where(field.nodes[..., 0] > 4, step, 0.0))
     for walker, limits in LIMITS.items():
-        space = free_space(stepped, np.zeros(stepped.heights.shape, dtype=bool), *limits)
+        space = free_space(stepped, np.zeros(stepped.heights.shape, dtype=bool), limits)
         assert space.free_at([[1.0, 1.5]])[0]
         assert space.free_at([[5.0, 1.5]])[0] == (walker in who)
 
@@ -178,20 +178,20 @@ def test_who_climbs_which_slope(degrees: float, who: tuple[str, ...]) -> None:
     field = Heightfield.flat([[0, 0], [9, 3]], SPACING)
     rise = np.clip(field.nodes[..., 0] - 4, 0, 2) * np.tan(np.deg2rad(degrees))
     for walker, limits in LIMITS.items():
-        space = free_space(field.with_heights(rise), np.zeros(field.heights.shape, dtype=bool), *limits)
+        space = free_space(field.with_heights(rise), np.zeros(field.heights.shape, dtype=bool), limits)
         assert space.free_at([[8.0, 1.5]])[0] == (walker in who)
 
 
 def test_obstacles_are_kept_off_by_the_clearance_and_only_the_largest_region_stays() -> None:
     field = Heightfield.flat([[0, 0], [6, 3]], SPACING)
     wall = np.abs(field.nodes[..., 0] - 4) < 0.15
-    space = free_space(field, wall, 0.5, 0.1, 0.3)
+    space = free_space(field, wall, Limits(0.5, 0.1, 0.3))
     x = nodes(space)[space.free][:, 0]
     assert 4 - x.max() >= 0.3 + 0.1
     with pytest.raises(ValueError, match="nothing is free"):
-        free_space(field, np.ones_like(wall), 0.5, 0.1, 0.3)
+        free_space(field, np.ones_like(wall), Limits(0.5, 0.1, 0.3))
     with pytest.raises(ValueError, match="shape"):
-        free_space(field, wall[1:], 0.5, 0.1, 0.3)
+        free_space(field, wall[1:], Limits(0.5, 0.1, 0.3))
 
 
 def test_free_space_must_be_one_piece_within_a_frame() -> None:

@@ -1,0 +1,36 @@
+"""What a geom is: semantic classes, read off its name.
+
+Every geom of a world is named after its kind, then a number, then whatever tells its parts apart: `tree3`, `wall0-left`, `frame1-lintel`.
+"""
+
+from __future__ import annotations
+
+import re
+
+CLASSES = ("sky", "ground", "wall", "structure", "furniture", "rock", "vegetation", "pole", "person", "robot")
+"""Class numbers are places in this list; 0 is where nothing is."""
+
+KINDS = {
+    "ground": "ground",
+    "wall": "wall",
+    "partition": "wall",
+    "beam": "structure",
+    "frame": "structure",
+    "pillar": "structure",
+    "shelf": "furniture",
+    "cabinet": "furniture",
+    "table": "furniture",
+    "chair": "furniture",
+    "crates": "furniture",
+    "barrel": "furniture",
+}
+"""Kind of thing → class. A new kind is named here."""
+
+
+def class_of(geom: str) -> int:
+    """The class number of a world's geom of that name. Raises ValueError for a kind that is not in KINDS."""
+    kind = re.match(r"[a-z_]*", geom)
+    assert kind is not None
+    if kind.group() not in KINDS:
+        raise ValueError(f"geom {geom!r} is of the kind {kind.group()!r}, needs one of {', '.join(KINDS)}")
+    return CLASSES.index(KINDS[kind.group()])
