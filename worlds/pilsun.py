@@ -64,7 +64,7 @@ def _ground(rng: np.random.Generator, plan: Plan, difficulty: float) -> Heightfi
         *(ramp(nodes, foot, top, RAMP_WIDTH, plan.height) for foot, top in plan.ramps),
         rubble(rng, nodes, plan.rough, 1.3, 0.02 + 0.04 * difficulty),
     ]
-    uneven = swell(rng, nodes, 3.5, 0.02 + 0.03 * difficulty) + swell(rng, nodes, 1.3, 0.006 + 0.012 * difficulty)
+    uneven = swell(rng, nodes, 3.5, 0.02 + 0.06 * difficulty) + swell(rng, nodes, 1.4, 0.01 + 0.075 * np.sqrt(difficulty))
     return ground.with_heights(np.maximum.reduce(built) + uneven)
 
 

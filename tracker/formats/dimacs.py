@@ -1,0 +1,62 @@
+"""Weighted graphs in the DIMACS clique format: `p edge N M`, `n VERTEX WEIGHT`, `e A B`, comments by `c`; vertices count from 1."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tracker.clique import Graph
+
+
+def read_graph(path: Path) -> Graph:
+    """The graph of a file; a vertex without an `n` line weighs 1.
+
+    Raises ValueError with file and line for a line that is none of the four, a count that is wrong, a self-loop, or a weight that is not above 0;
+    FileNotFoundError where there is no file.
+    """
+    weight: np.ndarray | None = None
+    edges: list[tuple[int, int]] = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        words = line.split()
+        if not words or words[0] == "c":
+            continue
+        try:
+            if words[0] == "p" and weight is None:
+                weight = np.ones(int(words[2]))
+            elif words[0] == "n" and weight is not None:
+                vertex = _vertex(words[1], len(weight))
+                weight[vertex] = float(words[2])
+                if not 0 < weight[vertex] < np.inf:
+                    raise ValueError(f"weight is {words[2]}, needs more than 0")
+            elif words[0] == "e" and weight is not None:
+                a, b = (_vertex(word, len(weight)) for word in words[1:3])
+                if a == b:
+                    raise ValueError(f"vertex {words[1]} has an edge to itself")
+                edges.append((a, b))
+            else:
+                raise ValueError(f"{line!r} is none of `p edge N M` (first, once), `n VERTEX WEIGHT`, `e A B`, `c …`")
+        except (ValueError, IndexError) as error:
+            raise ValueError(f"{path}, line {number}: {error}") from None
+    if weight is None:
+        raise ValueError(f"{path}: has no line `p edge N M`")
+    return Graph.from_edges(weight, np.array(edges, dtype=np.int64).reshape(-1, 2))
+
+
+def write_graph(path: Path, graph: Graph) -> None:
+    """Write a graph so that read_graph reads it back; under a temporary name first."""
+    n = len(graph)
+    together = ~np.eye(n, dtype=bool)
+    together[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = False
+    edges = np.argwhere(np.triu(together)) + 1
+    lines = [f"p edge {n} {len(edges)}", *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())), *(f"e {a} {b}" for a, b in edges)]
+    part = path.with_name(path.name + ".part")
+    part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    part.replace(path)
+
+
+def _vertex(word: str, count: int) -> int:
+    vertex = int(word)
+    if not 1 <= vertex <= count:
+        raise ValueError(f"vertex is {vertex}, needs 1 to {count}")
+    return vertex - 1
