@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles, skew, tangent_basis
+from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles, skew, tangent_basis, wrap
 from tracker.measurements import Detections, Mount, Setup
 
 Mask = NDArray[np.bool_]
@@ -107,7 +107,7 @@ def _hidden(
     """Whether the lower edge of each box may be an occluder's: a box that reaches lower in front of it, or something standing there."""
     half = detections.extent[:, 0] / 2
     high = low + detections.extent[:, 1]
-    beside = np.abs(np.angle(np.exp(1j * (azimuth[:, None] - azimuth[None, :])))) < 0.7 * half[:, None] + half[None, :]
+    beside = np.abs(wrap(azimuth[:, None] - azimuth[None, :])) < 0.7 * half[:, None] + half[None, :]
     nearer = (low[None, :] < low[:, None] - 1e-3) & (high[None, :] > low[:, None] - parameters.edge)
     hidden = (beside & nearer).any(axis=1)
     if setup.occluders is None or not len(foot):

@@ -53,8 +53,8 @@ class Hypotheses:
         self._next_tree = 1
         self._together: dict[tuple[int, int], int] = {}
 
-    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks:
-        """Take one tick; cameras: model and T_world_camera of each view. Returns the believed tracks, the best hypothesis."""
+    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> tuple[Tracks, Mask]:
+        """Take one tick; cameras: model and T_world_camera of each view. All tracks, and which of them the best hypothesis holds."""
         q = self.parameters
         self.tracks = predict(self.tracks, self.setup.period, q.motion)
         taken = [feet.confidence < q.min_confidence for feet in views]
@@ -66,7 +66,7 @@ class Hypotheses:
         free = [~t & (f.confidence >= q.birth_confidence) for t, f in zip(taken, views, strict=True)]
         self._bear(views, free, seen)
         self._prune()
-        return self.tracks.select(self.believed & (self.tracks.misses * self.setup.period <= q.delta_a))
+        return self.tracks, self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
 
     def _assign(self, v: int, feet: Feet, taken: Mask, seen: Mask) -> None:
         """Give each track at most one box of this view, by the highest sum of log-likelihood ratios, and correct it."""

@@ -1,21 +1,22 @@
 """The whole tracker, a tick at a time: robots place themselves, boxes become feet on the ground, feet become people.
 
 `track` is told the setup once and is then handed ticks; it is never handed the truth, and what it says of a tick depends on that
-tick and those before it. A fixed camera is a robot that never moves; nothing here tells PETS 2009 from the simulator.
+tick and those before it, and on as many after it as the delay has. A fixed camera is a robot that never moves; nothing here tells
+PETS 2009 from the simulator.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-
-import numpy as np
+from dataclasses import dataclass, field, replace
 
 from tracker.fusion import stand
-from tracker.geometry import Array
 from tracker.hypotheses import Hypotheses, TargetParameters
-from tracker.measurements import Estimate, Ints, Setup, Tick
+from tracker.measurements import Estimate, Setup, Tick
+from tracker.naming import Names
 from tracker.slam import Slam, SlamParameters
+from tracker.smoothing import Lag
 from tracker.trees import Tracks
 
 
@@ -25,16 +26,20 @@ class Parameters:
 
     slam: SlamParameters = field(default_factory=SlamParameters)
     targets: TargetParameters = field(default_factory=TargetParameters)
+    delay: int = 0  # ticks after which a tick is spoken of; people are smoothed by what came since
 
 
 def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None) -> Iterator[Estimate]:
-    """One Estimate a tick, as soon as the tick has come.
+    """One Estimate a tick, as soon as the tick has come, or `delay` ticks later.
 
     Raises ValueError where a tick names a camera that the setup does not have, or comes before the one that was handed in last.
     """
     tracker = Tracker(setup, parameters or Parameters())
     for tick in ticks:
-        yield tracker.step(tick)
+        if estimate := tracker.step(tick):
+            yield estimate
+    while estimate := tracker.finish():
+        yield estimate
 
 
 class Tracker:
@@ -44,10 +49,13 @@ class Tracker:
         self.setup, self.parameters = setup, parameters
         self.slam = Slam(setup, parameters.slam)
         self.hypotheses = Hypotheses(setup, parameters.targets)
-        self._names = _Names(setup)
+        self._lag = Lag(parameters.delay, setup.period, parameters.targets.motion)
+        self._names = Names(setup)
+        self._waiting: deque[Estimate] = deque()
         self._last = -1
 
-    def step(self, tick: Tick) -> Estimate:
+    def step(self, tick: Tick) -> Estimate | None:
+        """Take a tick; what is said of the tick `delay` ticks before it, None where there was none."""
         self._check(tick)
         self.slam.step(tick)
         poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts}
@@ -57,17 +65,19 @@ class Tracker:
             pose = poses[mount.robot]
             feet.append(stand(self.setup, view.camera, view.detections, pose, self.parameters.targets.fusion))
             cameras.append((mount.camera, pose[0] @ mount.T_body_camera))
-        people = self.hypotheses.step(feet, cameras)
+        placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
+        self._waiting.append(Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters)))
+        return self._told(self._lag.feed(*self.hypotheses.step(feet, cameras)))
+
+    def finish(self) -> Estimate | None:
+        """What is said of the oldest tick that is waiting, when no more ticks come; None where none is."""
+        return self._told(self._lag.drain())
+
+    def _told(self, people: Tracks | None) -> Estimate | None:
+        if people is None:
+            return None
         ids, position, covariance = self._names.report(people)
-        return Estimate(
-            tick.index,
-            {robot: pose for robot, (pose, _) in poses.items()},
-            {robot: P for robot, (_, P) in poses.items()},
-            ids,
-            position,
-            covariance,
-            dict(self.slam.counters),
-        )
+        return replace(self._waiting.popleft(), target_id=ids, position=position, covariance=covariance)
 
     def _check(self, tick: Tick) -> None:
         if tick.index <= self._last:
@@ -77,31 +87,3 @@ class Tracker:
                 raise ValueError(f"tick {tick.index} has a view of camera {view.camera!r}, setup has {', '.join(self.setup.mounts)}")
         self._last = tick.index
 
-
-class _Names:
-    """Ids of people as they are reported: the id of the tree, and a new one for who left the area and came back."""
-
-    def __init__(self, setup: Setup) -> None:
-        self.setup = setup
-        self._name: dict[int, int] = {}
-        self._outside: dict[int, int] = {}
-        self._next = 1
-
-    def report(self, people: Tracks) -> tuple[Ints, Array, Array]:
-        """Ids (k,), places on the ground (k, 3) m and covariances (k, 3, 3) of the people in the area."""
-        place = people.state[:, :2]
-        inside = np.ones(len(people), dtype=bool)
-        if self.setup.area is not None:
-            inside = ((place >= self.setup.area[0]) & (place <= self.setup.area[1])).all(axis=1)
-        for tree, here in zip(people.tree.tolist(), inside, strict=True):
-            self._outside[tree] = 0 if here else self._outside.get(tree, 0) + 1
-            if tree not in self._name or (self._outside[tree] == 2 and self._name[tree]):
-                # 0 marks a tree that has to be named anew when it comes in.
-                self._name[tree] = 0
-            if here and not self._name[tree]:
-                self._name[tree], self._next = self._next, self._next + 1
-        chosen = people.select(inside)
-        covariance = np.zeros((len(chosen), 3, 3))
-        covariance[:, :2, :2] = chosen.covariance[:, :2, :2]
-        ids = np.array([self._name[tree] for tree in chosen.tree.tolist()], dtype=np.int64)
-        return ids, np.column_stack([chosen.state[:, :2], self.setup.ground.height_at(chosen.state[:, :2])]), covariance

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.fusion import Combination, Feet
-from tracker.geometry import Array, angles_from_bearing, tangent_basis
+from tracker.geometry import Array, angles_from_bearing, tangent_basis, wrap
 from tracker.ground import Ground
 from tracker.measurements import Ints
 
@@ -60,11 +60,16 @@ class Tracks:
 _COLUMNS = tuple(Tracks.__dataclass_fields__)
 
 
-def predict(tracks: Tracks, dt: float, motion: MotionParameters) -> Tracks:
-    """One step of `dt` seconds with white acceleration (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-12)."""
+def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:
+    """F and Q (4, 4) of `dt` seconds with white acceleration (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-12)."""
     F = np.eye(4)
     F[0, 2] = F[1, 3] = dt
-    Q = np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)) * motion.acceleration**2
+    return F, np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)) * motion.acceleration**2
+
+
+def predict(tracks: Tracks, dt: float, motion: MotionParameters) -> Tracks:
+    """All tracks `dt` seconds on."""
+    F, Q = transition(dt, motion)
     return replace(tracks, state=tracks.state @ F.T, covariance=F @ tracks.covariance @ F.T + Q, age=tracks.age + 1)
 
 
@@ -142,6 +147,6 @@ def body_points(tracks: Tracks, ground: Ground, heights: tuple[float, ...]) -> A
 def shadowed(points: Array, origin: Array, distance: Array, half_width: float = 0.25) -> Mask:
     """Which tracks (t,) have another track's body in front of them, seen from `origin`: points (t, 3) at the chest, distance (t,) m."""
     azimuth, _ = angles_from_bearing(points - origin)
-    apart = np.abs(np.angle(np.exp(1j * (azimuth[:, None] - azimuth[None, :]))))
+    apart = np.abs(wrap(azimuth[:, None] - azimuth[None, :]))
     nearer = distance[None, :] < distance[:, None] - 0.3
     return (nearer & (apart < np.arctan(half_width / distance)[None, :])).any(axis=1)

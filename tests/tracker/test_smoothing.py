@@ -1,0 +1,100 @@
+"""The fixed lag: nothing is lost, what is said of a tick uses what came after it, and smoothing is the batch estimate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tracker.smoothing import Lag
+from tracker.trees import MotionParameters, Tracks, predict, transition
+
+MOTION = MotionParameters(acceleration=0.8)
+PERIOD = 0.2
+
+
+def tracks_of(tree: list[int], state: np.ndarray, covariance: np.ndarray, misses: list[int]) -> Tracks:
+    n = len(tree)
+    ones = np.ones(n, dtype=np.int64)
+    return Tracks(np.array(tree), state.reshape(n, 4), covariance.reshape(n, 4, 4), np.zeros(n), ones, np.array(misses), ones)
+
+
+def filtered(rng: np.random.Generator, steps: int) -> tuple[list[Tracks], np.ndarray, np.ndarray]:
+    """A Kalman filter on places of one walker: its tracks, the measurements (steps, 2), their covariance."""
+    R = 0.09 * np.eye(2)
+    x = np.array([0.0, 0.0, 1.0, 0.3])
+    F, Q = transition(PERIOD, MOTION)
+    H = np.eye(2, 4)
+    state, P = np.zeros(4), np.diag([4.0, 4.0, 1.0, 1.0])
+    out, measured = [], []
+    for k in range(steps):
+        if k:
+            x = F @ x + np.linalg.cholesky(Q + 1e-12 * np.eye(4)) @ rng.normal(size=4)
+            state, P = F @ state, F @ P @ F.T + Q
+        z = x[:2] + rng.normal(0, 0.3, 2)
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        state, P = state + K @ (z - H @ state), P - K @ H @ P
+        measured.append(z)
+        out.append(tracks_of([7], state, P, [0]))
+    return out, np.array(measured), R
+
+
+def test_the_smoothed_state_is_the_batch_estimate() -> None:
+    steps = 8
+    tracks, measured, R = filtered(np.random.default_rng(0), steps)
+    lag = Lag(steps - 1, PERIOD, MOTION)
+    told = [lag.feed(t, np.ones(1, dtype=bool)) for t in tracks]
+    assert all(people is None for people in told[:-1])
+    first = told[-1]
+    assert first is not None
+    # The same by least squares over all states at once: prior, motion and measurements.
+    F, Q = transition(PERIOD, MOTION)
+    information, vector = np.zeros((4 * steps, 4 * steps)), np.zeros(4 * steps)
+    information[:4, :4] += np.linalg.inv(np.diag([4.0, 4.0, 1.0, 1.0]))
+    for k in range(steps):
+        information[4 * k : 4 * k + 2, 4 * k : 4 * k + 2] += np.linalg.inv(R)
+        vector[4 * k : 4 * k + 2] += np.linalg.solve(R, measured[k])
+        if k:
+            A = np.zeros((4, 4 * steps))
+            A[:, 4 * k - 4 : 4 * k], A[:, 4 * k : 4 * k + 4] = -F, np.eye(4)
+            information += A.T @ np.linalg.solve(Q, A)
+    np.testing.assert_allclose(first.state[0], np.linalg.solve(information, vector)[:4], atol=1e-6)
+    np.testing.assert_allclose(first.covariance[0], np.linalg.inv(information)[:4, :4], atol=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0, 3, 20])
+def test_every_tick_is_told_once(delay: int) -> None:
+    tracks, _, _ = filtered(np.random.default_rng(1), 10)
+    lag = Lag(delay, PERIOD, MOTION)
+    told = [people for t in tracks if (people := lag.feed(t, np.ones(1, dtype=bool))) is not None]
+    assert len(told) == max(0, 10 - delay)
+    while (people := lag.drain()) is not None:
+        told.append(people)
+    assert len(told) == 10
+    np.testing.assert_allclose(told[-1].state, tracks[-1].state)
+
+
+def test_without_a_delay_nothing_is_changed() -> None:
+    tracks, _, _ = filtered(np.random.default_rng(2), 5)
+    lag = Lag(0, PERIOD, MOTION)
+    for t in tracks:
+        people = lag.feed(t, np.ones(1, dtype=bool))
+        assert people is not None
+        np.testing.assert_array_equal(people.state, t.state)
+
+
+def test_who_is_believed_later_was_there_and_who_is_not_seen_again_had_gone() -> None:
+    state, P = np.zeros((3, 4)), np.tile(np.eye(4), (3, 1, 1))
+    lag = Lag(2, PERIOD, MOTION)
+    now = tracks_of([1, 2, 3], state, P, [0, 4, 4])
+    later = predict(tracks_of([1, 2, 3], state, P, [0, 0, 5]), PERIOD, MOTION)
+    assert lag.feed(now, np.array([False, True, True])) is None
+    lag.feed(later, np.array([True, True, True]))
+    people = lag.feed(later, np.array([True, True, False]))
+    assert people is not None
+    # 1 was not believed yet, 2 was out of sight for a while, 3 never came back.
+    assert people.tree.tolist() == [1, 2]
+
+
+def test_a_negative_delay_is_refused() -> None:
+    with pytest.raises(ValueError, match="delay is -1 ticks"):
+        Lag(-1, PERIOD, MOTION)

@@ -1,0 +1,87 @@
+"""A fixed lag: what is said of a tick some ticks later, when it is known who came, who had gone, and which way people went on.
+
+Smoothing: Rauch, Tung, Striebel (1965), Maximum likelihood estimates of linear dynamic systems, over the filtered states of the window.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array
+from tracker.trees import MotionParameters, Tracks, transition
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Moment:
+    """All tracks after a tick, and which of them are believed."""
+
+    tracks: Tracks
+    believed: Mask
+
+
+@final
+class Lag:
+    """The last `delay` ticks of all tracks. A delay of 0 reports at once."""
+
+    def __init__(self, delay: int, period: float, motion: MotionParameters) -> None:
+        """delay in ticks of `period` s. Raises ValueError where it is below 0."""
+        if delay < 0:
+            raise ValueError(f"delay is {delay} ticks, needs 0 or more")
+        self.delay, self.period, self.motion = delay, period, motion
+        self._window: deque[_Moment] = deque()
+
+    def feed(self, tracks: Tracks, believed: Mask) -> Tracks | None:
+        """Take the tracks after a tick; the people of the tick `delay` before it, None where there was none yet."""
+        self._window.append(_Moment(tracks, believed))
+        return self.drain() if len(self._window) > self.delay else None
+
+    def drain(self) -> Tracks | None:
+        """The people of the oldest tick that was not reported yet, by what is known now; None where all are."""
+        if not self._window:
+            return None
+        people = self._oldest()
+        self._window.popleft()
+        return people
+
+    def _oldest(self) -> Tracks:
+        """Who was there at the oldest tick: believed by now, and seen then or again since, or not yet given up."""
+        first, last = self._window[0], self._window[-1]
+        known, seen = set(first.tracks.tree[first.believed].tolist()), set(first.tracks.tree[first.tracks.misses == 0].tolist())
+        for later in list(self._window)[1:]:
+            known |= set(later.tracks.tree[later.believed].tolist())
+            seen |= set(later.tracks.tree[later.tracks.misses == 0].tolist())
+        seen |= set(last.tracks.tree[last.believed].tolist())
+        chosen = np.array([tree in known and tree in seen for tree in first.tracks.tree.tolist()], dtype=bool)
+        return self._smoothed(first.tracks.select(chosen))
+
+    def _smoothed(self, tracks: Tracks) -> Tracks:
+        """The tracks of the oldest tick with what came after taken into their states."""
+        states = [tracks]
+        for later in list(self._window)[1:]:
+            place = {tree: k for k, tree in enumerate(later.tracks.tree.tolist())}
+            rows = [place[tree] for tree in states[-1].tree.tolist() if tree in place]
+            states.append(later.tracks.select(np.array(rows, dtype=np.int64)))
+        after = states.pop()
+        F, Q = transition(self.period, self.motion)
+        while states:
+            now = states.pop()
+            goes_on = np.isin(now.tree, after.tree)
+            x, P = now.state.copy(), now.covariance.copy()
+            x[goes_on], P[goes_on] = _back(now.select(goes_on), after, F, Q)
+            after = replace(now, state=x, covariance=P)
+        return after
+
+
+def _back(now: Tracks, after: Tracks, F: Array, Q: Array) -> tuple[Array, Array]:
+    """One step of the smoother for rows of the same trees: states (n, 4) and covariances (n, 4, 4)."""
+    predicted = F @ now.covariance @ F.T + Q
+    C = np.linalg.solve(predicted, F @ now.covariance).transpose(0, 2, 1)
+    x = now.state + (C @ (after.state - now.state @ F.T)[:, :, None])[:, :, 0]
+    return x, now.covariance + C @ (after.covariance - predicted) @ C.transpose(0, 2, 1)
