@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from worlds import pilsun
+from worlds import campus, forest, hills, pilsun, quarry, ruins, tunnel
 from worlds.world import World
 
 Build = Callable[[np.random.Generator, float], World]
 
-WORLDS: dict[str, Build] = {pilsun.NAME: pilsun.build}
+WORLDS: dict[str, Build] = {place.NAME: place.build for place in (campus, forest, hills, pilsun, quarry, ruins, tunnel)}
 
 
 def build(name: str, rng: np.random.Generator, difficulty: float = 0.5) -> World:

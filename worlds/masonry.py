@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from worlds.noise import fractal, noise
 from worlds.painting import Canvas, tint
 
 # Pixels a metre: from 1.5 m away a panorama of 1024 pixels sees about 110 of them in a metre.
@@ -67,3 +69,50 @@ def skirting(canvas: Canvas, rng: np.random.Generator) -> None:
     board = (0, canvas.base, canvas.width, 0.12)
     canvas.fill(board, tint(rng, (92, 88, 82), 8))
     canvas.mottle(rng, board, 0.3, 0.5, 5)
+
+
+def rock(rng: np.random.Generator, colour: ArrayLike, size: float = 8.0) -> Canvas:
+    """Bare rock, size x size m, that can be laid beside itself without a seam: beds, cracks and stains."""
+    canvas = Canvas(size, size, SCALE, tint(rng, colour, 8))
+    shape = canvas.pixels.shape[:2]
+    canvas.shade(canvas.box, 0.16 * noise(rng, shape, (14.0, 160.0)) + 0.30 * fractal(rng, shape, 1.3 * SCALE, 7))
+    # A crack is where a pattern goes through 0, faces lie on either side of where another one does.
+    canvas.shade(canvas.box, -0.4 * np.exp(-((fractal(rng, shape, 1.1 * SCALE, 6) / 0.012) ** 2)))
+    canvas.shade(canvas.box, 0.14 * np.tanh(fractal(rng, shape, 0.6 * SCALE, 6) / 0.04))
+    warm = np.clip(fractal(rng, shape, 0.9 * SCALE, 5), 0, 1)[..., None]
+    canvas.pixels += warm * np.array([26, 8, -16], dtype=np.float32)
+    canvas.speckle(rng, canvas.box, 0.25, 0.07)
+    return _seamless(canvas)
+
+
+def ashlar(rng: np.random.Generator, colour: ArrayLike, size: float = 8.0) -> Canvas:
+    """Courses of hewn stones, size x size m, that can be laid beside itself without a seam; no stone like another."""
+    canvas = Canvas(size, size, SCALE, np.asarray(colour) * 0.62)
+    y = 0.0
+    while y < size - 0.02:
+        high = min(rng.uniform(0.2, 0.36), size - y)
+        x = shift = -rng.uniform(0, 0.5)
+        while x < size + shift - 0.02:
+            long = min(rng.uniform(0.28, 0.75), size + shift - x)
+            tone = tint(rng, colour, 5) * rng.uniform(0.74, 1.14)
+            # What sticks out on the left comes in again on the right.
+            for left in (x, x + size):
+                canvas.fill((left + 0.012, y + 0.012, left + long - 0.004, y + high - 0.004), tone)
+                canvas.shade((left + 0.012, y + high - 0.03, left + long - 0.004, y + high - 0.004), 0.12)
+            x += long
+        y += high
+    grain = Canvas(size, size, SCALE, (255, 255, 255))
+    grain.mottle(rng, grain.box, 0.32, 1.3, 7)
+    grain.speckle(rng, grain.box, 0.25, 0.07)
+    canvas.pixels *= _seamless(grain).pixels / 255
+    return canvas
+
+
+def _seamless(canvas: Canvas) -> Canvas:
+    """The picture, blended near its edges into itself moved by half its size: it goes on where it begins again."""
+    rows, columns, _ = canvas.pixels.shape
+    moved = np.roll(canvas.pixels, (rows // 2, columns // 2), axis=(0, 1))
+    y, x = (np.minimum(np.arange(n), n - 1 - np.arange(n)) / (0.12 * n) for n in (rows, columns))
+    own = np.clip(np.minimum(y[:, None], x[None]), 0, 1).astype(np.float32)[..., None]
+    canvas.pixels[:] = own * canvas.pixels + (1 - own) * moved
+    return canvas

@@ -23,6 +23,21 @@ KINDS = {
     "chair": "furniture",
     "crates": "furniture",
     "barrel": "furniture",
+    "bench": "furniture",
+    "car": "structure",
+    "pole": "pole",
+    "tree": "vegetation",
+    "hedge": "vegetation",
+    "deck": "structure",
+    "lamp": "structure",
+    "arch": "structure",
+    "column": "structure",
+    "vault": "rock",
+    "ledge": "rock",
+    "rock": "rock",
+    "bush": "vegetation",
+    "stump": "vegetation",
+    "log": "vegetation",
 }
 """Kind of thing → class. A new kind is named here."""
 

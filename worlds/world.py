@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import mujoco
 import numpy as np
 
 from worlds.heightfield import Array, Heightfield
+from worlds.terrain import Decks, Terrain
 from worlds.walkable import Walkable
 
 
@@ -17,7 +19,8 @@ class World:
 
     spec: not compiled; the simulation copies it and adds robots and people to its world body. ground: the terrain, the same surface as the geom
     "ground" of the spec. feet, wheels: free space of a walking person and of a small rover. spawn: (k, 2, 2) areas [[xmin, ymin], [xmax, ymax]] m
-    where people enter. Raises ValueError where a spawn area is not free for feet, or where there is none.
+    where people enter. decks: what of meshes lies over the ground, to be walked on or under.
+    Raises ValueError where a spawn area is not free for feet, or where there is none.
     """
 
     name: str
@@ -26,11 +29,12 @@ class World:
     feet: Walkable
     wheels: Walkable
     spawn: Array
+    decks: Decks = field(default_factory=Decks)
 
-    @property
-    def terrain(self) -> Heightfield:
+    @cached_property
+    def terrain(self) -> Terrain:
         """What feet and wheels stand on: height_at and normal_at of it."""
-        return self.ground
+        return Terrain(self.ground, self.decks)
 
     def __post_init__(self) -> None:
         spawn = np.array(self.spawn, dtype=np.float64)
