@@ -12,12 +12,12 @@ import matplotlib.patches
 import mujoco
 import numpy as np
 
-from sim.panorama import PanoramaRenderer
+from sim.panorama import PanoramaRenderer, Shot
 from sim.pictures import save_png
 from sim.scenario import Scenario
 from sim.simulation import Simulation
 from tracker.cameras import Panorama, pinhole
-from tracker.geometry import Pose
+from tracker.geometry import Pose, rotation_z
 from tracker.measurements import Image
 from worlds.measures import Measures, measure
 from worlds.tops import tops
@@ -46,7 +46,7 @@ def preview(scenario: Scenario, path: Path) -> Measures:
     with PanoramaRenderer(simulation.model, [PANORAMA, BIRD], simulation.person_of_geom.astype(np.uint16)) as renderer:
         shots = renderer.render(simulation.data, eyes)
         best = int(np.argmax([(shot.instances > 0).sum() for shot in shots]))
-        other = eyes[best - 1] if _roofed(simulation) else _above(simulation.world)
+        other = _ahead(eyes[best - 1], shots[best - 1]) if _roofed(simulation) else _above(simulation.world)
         bird = renderer.render(simulation.data, [other], which=[1])[0].colour
     high, low = ((90 - elevation) / 180 * PANORAMA.height for elevation in BAND)
     measures = measure(simulation.world)
@@ -64,6 +64,15 @@ def _roofed(simulation: Simulation) -> bool:
     eyes = np.column_stack([places, heights + 2.0])
     groups = np.array([1, 1, 0, 0, 0, 0], dtype=np.uint8)
     return sum(mujoco.mj_ray(simulation.model, simulation.data, eye, up, groups, 1, -1, geom, None) > 0 for eye in eyes) > 10
+
+
+def _ahead(eye: Pose, shot: Shot) -> Pose:
+    """The eye turned to where it sees farthest, over a twelfth of the panorama."""
+    band = np.minimum(shot.range[PANORAMA.height * 4 // 9 : PANORAMA.height * 5 // 9], 30.0).mean(axis=0)
+    wide = PANORAMA.width // 12
+    smooth = np.convolve(np.concatenate([band, band[:wide]]), np.ones(wide), "valid")[: len(band)]
+    azimuth = np.pi - 2 * np.pi * (int(np.argmax(smooth)) + wide / 2) / PANORAMA.width
+    return eye @ Pose(rotation_z(float(azimuth)), np.zeros(3))
 
 
 def _above(world: World) -> Pose:
