@@ -5,12 +5,13 @@ PYTEST := $(BIN)/python -m pytest
 JOBS ?= 2
 GL_CHECK := $(BIN)/python -c 'import sys, sim.gl; sys.tracebacklimit = 0; sim.gl.choose_gl()'
 
-.PHONY: demo test test-all lint gl clean help
+.PHONY: demo test test-all bench lint gl clean help
 
 help:
 	@echo "make demo      simulate, track, score and draw; pictures in runs/demo"
 	@echo "make test      the tests, under 10 minutes on 2 cores"
 	@echo "make test-all  what is too long for make test"
+	@echo "make bench     speed, beside other programs that do the same"
 	@echo "make lint      ruff and mypy"
 
 demo: .venv/installed gl
@@ -21,6 +22,11 @@ test: .venv/installed-test gl
 
 test-all: .venv/installed-test gl
 	$(PYTEST) -n $(JOBS) -m slow
+
+# Peers of the benchmarks, without what they would drag in (jupedsim: PySide6 and VTK).
+bench: .venv/installed-test gl
+	$(BIN)/pip install -q --disable-pip-version-check --no-deps jupedsim pysocialforce py360convert shapely deprecated wrapt
+	$(BIN)/python -m tests.benchmarks
 
 lint: .venv/installed-test
 	$(BIN)/ruff check .

@@ -7,7 +7,7 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 from tyro.conf import Positional, arg
@@ -120,6 +120,48 @@ class Score:
 
 
 @dataclass(frozen=True)
+class Generate:
+    """Generate a sequence: the twin of a PETS 2009 sequence, its people on their real paths before the real cameras and before rovers.
+
+    Example: pilsim generate twin --annotations S2.L1/annotations/PETS2009-S2L1.xml --calibration calibration --views 1,5,7 --out runs/twin
+    """
+
+    preset: Positional[Literal["twin"]]
+    """What kind of sequence."""
+    annotations: Annotated[Path, arg(metavar="FILE")]
+    """Who walked where: the CVML file of any PETS 2009 sequence, boxes in View_001."""
+    calibration: Annotated[Path, arg(metavar="DIR")]
+    """Folder of View_001.xml and so on (Tsai)."""
+    out: Out
+    """Where the sequence goes; must not be there yet."""
+    views: str = "1"
+    """Numbers of the PETS cameras that look on, as in 1,5,7."""
+    frames: int | None = None
+    """How many of the annotated frames, from the first on; all where it is not given."""
+    robots: int = 2
+    """Rovers with a panoramic camera each."""
+    width: int = 1024
+    """Of a panorama in pixels."""
+    seed: int = 0
+    """Of everything random."""
+
+    def run(self) -> None:
+        from functools import partial
+
+        from tqdm import tqdm
+
+        from sim.twin import Twin, generate, likeness
+
+        views = tuple(_numbers(self.views))
+        twin = Twin(self.annotations, self.calibration, views, self.frames, self.robots, self.width, self.seed)
+        generate(twin, self.out, progress=partial(tqdm, desc="frames", unit="frame"))
+        print(f"{self.out}: a sequence (README.md in it); `pilsim track {self.out}` tracks it")
+        if 1 in views:
+            alike = sorted(likeness(twin, self.out).tolist())
+            print(f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {alike[len(alike) // 2]:.3f}")
+
+
+@dataclass(frozen=True)
 class Doctor:
     """Say what this computer has: versions, the OpenGL that renders, whether it is a GPU, and measured panoramas per second."""
 
@@ -131,6 +173,72 @@ class Doctor:
 
         report = examine()
         print(json.dumps(report, indent=1) if self.json else describe(report))
+
+
+@dataclass(frozen=True)
+class Worlds:
+    """List the worlds with their measures, draw them, or give one away for other programs.
+
+    Examples: pilsim worlds
+              pilsim worlds --preview runs/worlds --difficulty 1
+              pilsim worlds quarry --seed 3 --export quarry.glb
+    """
+
+    name: Positional[str | None] = None
+    """One world; all where there is none."""
+    difficulty: float = 0.5
+    """Of relief, steps, clutter and occlusion, from 0 (gentle) to 1 (rovers begin to fail)."""
+    seed: int = 0
+    """Another seed is another place of the same kind."""
+    preview: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Draw NAME.png into this folder: as a rover sees it, from above, and the plan."""
+    export: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Write the scene of the named world; the ending says how: .glb, .obj, .ply, .xml (MJCF and its files), .mjz (MuJoCo's archive)."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from sim.gallery import describe, survey
+
+        rows = survey(self.name, self.difficulty, self.seed, self.preview, self.export)
+        print(json.dumps(rows, indent=1) if self.json else describe(rows))
+
+
+@dataclass(frozen=True)
+class Clique:
+    """Find the heaviest clique of a weighted graph in the DIMACS format, by breakout local search or exactly.
+
+    Vertices count from 1, as in the file. Example: pilsim clique C500.9.clq --seconds 10 --seed 1 --target 6955 --json
+    """
+
+    file: Positional[Path]
+    """Lines `p edge N M`, `n VERTEX WEIGHT` (1 where there is none), `e A B`."""
+    seconds: float = 10.0
+    """Search for so long, or prove for so long."""
+    seed: int = 0
+    """Of the search; the same seed makes the same moves."""
+    target: float | None = None
+    """Stop at a clique of at least this weight."""
+    exact: bool = False
+    """Prove the best one, for small graphs."""
+    json: bool = False
+    """Print JSON alone: weight, moves, seconds, clique."""
+
+    def run(self) -> None:
+        from tracker.clique import Limits, search
+        from tracker.exact_clique import exact
+        from tracker.formats.dimacs import read_graph
+
+        graph = read_graph(self.file)
+        search(graph, Limits(moves=1))  # compiles: not part of the seconds
+        found = exact(graph, self.seconds) if self.exact else search(graph, Limits(seconds=self.seconds, target=self.target), self.seed)
+        clique = [int(v) + 1 for v in found.vertices]
+        if self.json:
+            print(json.dumps({"weight": found.weight, "moves": found.moves, "seconds": round(found.seconds, 6), "clique": clique}))
+        else:
+            kind = "the heaviest clique" if self.exact else "a clique"
+            print(f"{kind} of weight {found.weight:g}, {len(clique)} of {len(graph)} vertices, after {found.moves} moves in {found.seconds:.3f} s")
+            print(*clique)
 
 
 def _views(run: dict[str, Any]) -> list[int]:
@@ -151,6 +259,9 @@ Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Track, tyro.conf.subcommand("track")]
     | Annotated[Score, tyro.conf.subcommand("score")]
+    | Annotated[Worlds, tyro.conf.subcommand("worlds")]
+    | Annotated[Clique, tyro.conf.subcommand("clique")]
+    | Annotated[Generate, tyro.conf.subcommand("generate")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 

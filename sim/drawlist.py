@@ -1,191 +1,200 @@
-"""What there is to draw: MuJoCo's scene as an array, and which of its geoms matter to which face of a cube.
+"""What there is to draw: every geom of a model as records for the drawing, and which of them, how finely, matter to which face.
 
-MuJoCo's drawing loop does not cull; it draws every geom once for codes, and for colour once and twice more for every light with
-shadows. Here the geoms outside a face's frustum are left out, but for those whose shadow may fall into it: the picture is the same.
+A record is a geom, or a tile of a height field. Its transform changes with the moment, the rest does not.
 """
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.cubemap import frustum_planes
-from sim.tiles import tiles_of
+from sim.solids import DRAWN, G, Solids
 from tracker.geometry import Array, Pose
 
 Indices = NDArray[np.int64]
 
-GROUPS = (1, 1, 1, 1, 0, 0)
-"""Geom groups that are drawn: 0 to 2, and 3 of the robots; 4 holds invisible collision shapes."""
-SPARE = 16
-"""Places in the scene beyond the model's geoms."""
-SHOWN = (mujoco.mjtVisFlag.mjVIS_TEXTURE, mujoco.mjtVisFlag.mjVIS_STATIC, mujoco.mjtVisFlag.mjVIS_SKIN, mujoco.mjtVisFlag.mjVIS_FLEXSKIN)
-"""All else that MuJoCo would draw beside geoms is decoration that no camera sees: sites, tendons, rangefinder beams."""
+GROUPS = (0, 1, 2, 3)
+"""Geom groups that are drawn: ground, props, people, robots; 4 holds invisible collision shapes."""
+ABSENT = 5
+"""The group of what is not drawn now and may be later: a geom may go from here to GROUPS and back from one moment to the next."""
+EXACTNESS = 5.0
+"""Triangles of a round shape per pixel of its radius: a ball of n triangles is off by 3.6 r / n, so by 0.7 pixel at most."""
+SLACK = 1e-3
+"""m: what is so near to a face's edge is drawn, for rounding."""
+OPAQUE = 0.995
+PLAIN, PICTURE, CUBE, FACETS, PICTURE_FACETS = range(5)
+"""Kinds of surface: without a texture, with a flat one, with one on a cube about the shape; and the first two where triangles are lit flat."""
 
-OFFSETS = {"type": 0, "dataid": 4, "objtype": 8, "objid": 12, "segid": 36, "size": 40, "pos": 52, "mat": 64, "rgba": 100, "reflectance": 128}
-GEOM = np.dtype(
-    {
-        "names": list(OFFSETS),
-        "formats": ["i4", "i4", "i4", "i4", "i4", ("f4", 3), ("f4", 3), ("f4", (3, 3)), ("f4", 4), "f4"],
-        "offsets": list(OFFSETS.values()),
-        "itemsize": 256,
-    }
+RECORD = np.dtype(
+    [("rows", "f4", (3, 4)), ("scale", "f4", 4), ("rgba", "f4", 4), ("shine", "f4", 4), ("mapping", "f4", 4), ("code", "u4"), ("slot", "u4")]
 )
-"""mjvGeom of MuJoCo 4 (mjvisualize.h), as far as it is needed; `_places` checks it against the bindings."""
+"""rows: from the shape's frame to the world; scale: x, y, z and half the distance of a capsule's halves; shine: emission, specular, shininess,
+0; mapping: texture coordinates per unit along x, y, z, and 1 where they come from the place instead of the mesh; code: geom + 1."""
+COMMAND = np.dtype([("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base", "i4"), ("record", "u4")])
+"""OpenGL's DrawElementsIndirectCommand."""
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """Per face the geoms that it sees, and those that its colours need: seen, or casting a shadow into it. Indices into the list."""
+class Batch:
+    """Commands `first` to `last` of a list that share kind and texture (−1 for none); blended where they are seen through."""
 
-    seen: list[Indices]
-    coloured: list[Indices]
+    kind: int
+    texture: int
+    blended: bool
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """What is drawn through one face, near things first: commands, and in which batches."""
+
+    commands: NDArray[np.void]
+    batches: tuple[Batch, ...]
 
 
 class DrawList:
-    """The geoms and lights of one moment, and the choice of what is drawn next. `scene` is what MuJoCo draws."""
+    """The records of a model. `update` takes in a moment; `seen_from` chooses for a camera."""
 
-    def __init__(self, model: mujoco.MjModel, instance_of_geom: NDArray[np.uint16], face: int) -> None:
-        self.tiles = [tiles_of(model, k) for k in range(model.nhfield)]
-        self._names = [np.zeros(len(tiles), np.int32) for tiles in self.tiles]
-        self._boxes = [np.array([tile.box for tile in tiles]) for tiles in self.tiles]
-        self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + sum(len(tiles) for tiles in self.tiles) + SPARE)
-        self.instance_of_code = np.zeros(1, np.uint16)
-        self._model, self._instance_of_geom = model, instance_of_geom
-        self._planes = frustum_planes(face).reshape(30, 3)
-        self._places = _places(self.scene)
-        self._option, self._eye = _plain_option(), mujoco.MjvCamera()
-
-    def name_tiles(self, names: list[list[int]]) -> None:
-        """Tell under which numbers, in place of its height field's, each of `tiles` is drawn. To be called before the first `update`."""
-        self._names = [np.array(of_field, dtype=np.int32) for of_field in names]
+    def __init__(self, model: mujoco.MjModel) -> None:
+        if model.nflex or model.nskin:
+            raise ValueError(f"the model has {model.nflex} flexes and {model.nskin} skins, which are not drawn: needs 0")
+        self.solids = Solids.of(model)
+        shown = np.isin(model.geom_group, (*GROUPS, ABSENT)) & np.isin(model.geom_type, [int(kind) for kind in DRAWN])
+        colour = _colours(model)
+        shown &= colour[:, 3] > 0
+        shapes = [_shapes(model, self.solids, k) if shown[k] else [] for k in range(model.ngeom)]
+        self._groups = model.geom_group
+        self.geom = np.repeat(np.arange(model.ngeom), [len(of) for of in shapes])
+        self._shape = np.array([shape for of in shapes for shape in of], dtype=np.int64)
+        self.records = np.zeros(len(self.geom), RECORD)
+        self.records["rgba"] = colour[self.geom]
+        self.records["code"] = self.geom + 1
+        self.kind, self.texture = _surfaces(model, self.geom, self.records, colour)
+        self.blended = colour[self.geom, 3] < OPAQUE
+        self.casting = model.geom_castshadow[self.geom].astype(bool) & ~self.blended
+        self._family = self.solids.family[self._shape]
+        self._triangles = self.solids.count[self._family] // 3
+        self._boxes = np.where(np.isnan(self.solids.boxes[self._shape]), model.geom_aabb[self.geom], self.solids.boxes[self._shape])
+        flat = model.geom_type[self.geom] == G.mjGEOM_PLANE
+        # MuJoCo's box of a plane is all that lies below it, and 0 stands for a plane without an edge.
+        edges = np.where(model.geom_size[self.geom, :2] > 0, model.geom_size[self.geom, :2], 2 * model.vis.map.zfar * model.stat.extent)
+        self._boxes[flat] = np.concatenate([np.zeros((flat.sum(), 3)), edges[flat], np.zeros((flat.sum(), 1))], axis=1)
+        self.endless = flat & (model.geom_size[self.geom, :2] <= 0).any(axis=1)
+        self.records["scale"] = _scales(model, self.geom)
+        self.records["scale"][flat, :2] = edges[flat]
 
     def update(self, data: mujoco.MjData) -> None:
-        """Take geoms and lights from `data`. Raises ValueError where the scene holds fewer geoms than are needed.
+        """Take in where everything is, and what is there at all: `present` (m,)."""
+        self.present = np.isin(self._groups[self.geom], GROUPS)
+        rotation, self._place = data.geom_xmat[self.geom].reshape(-1, 3, 3), data.geom_xpos[self.geom]
+        self.records["rows"][:, :, :3], self.records["rows"][:, :, 3] = rotation, self._place
+        # The oriented box about every record: centre (m, 3), half edges as columns (m, 3, 3), m, world.
+        self.centres = self._place + np.einsum("nij,nj->ni", rotation, self._boxes[:, :3])
+        self.halves = rotation * self._boxes[:, None, 3:]
+        self.radius = np.linalg.norm(self._boxes[:, 3:], axis=1)
 
-        `instance_of_code` then has the instance of every colour code: 0, where nothing is drawn, and MuJoCo's geom + 1.
+    def seen_from(self, pose: Pose, planes: Array, fineness: float, among: Indices | None = None) -> list[Strokes]:
+        """What each face, of planes (n, 5, 3), of a camera at `pose` (T_world_camera) sees, near things first.
+
+        fineness: pixels a radian. among: the records to choose from, all where None.
         """
-        every = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(self._model, data, self._option, None, self._eye, every, self.scene)
-        if self.scene.status:
-            raise ValueError(f"the scene needs more geoms than the {self.scene.maxgeom} that it holds")
-        geoms = self._places[: self.scene.ngeom].view(GEOM)[:, 0]
-        geoms["segid"] = np.arange(self.scene.ngeom)
-        # Only one reflecting geom is ever drawn as such, and leaving others out would change which.
-        geoms["reflectance"] = 0
-        modelled = geoms["objtype"] == mujoco.mjtObj.mjOBJ_GEOM.value
-        number = np.where(modelled, geoms["objid"], 0)
-        boxes = np.where(modelled[:, None], self._model.geom_aabb[number], [0, 0, 0, 1e10, 1e10, 1e10])
-        instances = np.where(modelled, self._instance_of_geom[number], 0).astype(np.uint16)
-        self.instance_of_code = np.concatenate([np.zeros(1, np.uint16), instances])
-        origin = self._cut_up(geoms, boxes)
-        self._instances = instances[origin]
-        self._place_lights()
+        records = np.flatnonzero(self.present) if among is None else among[self.present[among]]
+        normals = planes.reshape(-1, 3) @ pose.rotation.T
+        away = self.centres[records] - pose.translation
+        reach = away @ normals.T + np.abs(np.einsum("nij,fi->nfj", self.halves[records], normals)).sum(axis=2)
+        seen = (reach.reshape(len(records), len(planes), 5) > -SLACK).all(axis=2)
+        distance = np.maximum(np.linalg.norm(away, axis=1) - self.radius[records], 1e-3)
+        commands = self.commands(records, fineness * self.radius[records] / distance)
+        order = _ordered(self.kind[records], self.texture[records], self.blended[records], distance)
+        return [self._strokes(commands[chosen], records[chosen]) for chosen in (order[face[order]] for face in seen.T)]
 
-    def seen_from(self, pose: Pose) -> Choice:
-        """What each face of a cube at `pose` (T_world_camera) sees and needs."""
-        normals = self._planes @ pose.rotation.T
-        reach = (self._centres - pose.translation) @ normals.T + np.abs(np.einsum("nij,fi->nfj", self._halves, normals)).sum(axis=2)
-        seen = _within(reach)
-        coloured = seen.copy()
-        for sweep in self._sweeps:
-            coloured |= _within(reach + np.maximum(sweep @ normals.T, 0.0))
-        coloured |= self._spreading
-        return Choice([np.flatnonzero(face) for face in seen.T], [np.flatnonzero(face) for face in coloured.T])
+    def commands(self, records: Indices, pixels: Array) -> NDArray[np.void]:
+        """How the records are drawn whose radius takes so many pixels each: in the coarsest form that is exact enough."""
+        needed = EXACTNESS * np.minimum(pixels, 1e6)
+        enough = (self._triangles[records] >= needed[:, None]).sum(axis=1)
+        shape = self._family[records, np.maximum(enough - 1, 0)]
+        commands = np.zeros(len(records), COMMAND)
+        commands["count"], commands["first"], commands["base"] = self.solids.count[shape], self.solids.first[shape], self.solids.base[shape]
+        commands["instances"], commands["record"] = 1, records
+        return commands
 
-    def balls(self, pose: Pose, instance: int) -> tuple[Array, Array]:
-        """Balls that hold an instance's geoms: centres (n, 3) in the camera's frame and radii (n,), m."""
-        members = self.geoms_of(instance)
-        return (self._centres[members] - pose.translation) @ pose.rotation, np.linalg.norm(self._halves[members], axis=(1, 2))
-
-    def geoms_of(self, instance: int) -> Indices:
-        """The geoms of an instance, as indices into the list."""
-        return np.flatnonzero(self._instances == instance)
-
-    def show(self, pose: Pose, shown: Indices, coded: bool) -> None:
-        """Put the listed geoms on the scene, to be drawn in colour or as codes."""
-        self._places[: len(shown)] = self._bytes[shown]
-        self.scene.ngeom = len(shown)
-        for light in self._headlights:
-            light.pos = pose.translation
-        flags = mujoco.mjtRndFlag
-        self.scene.flags[:] = 0
-        self.scene.flags[flags.mjRND_CULL_FACE.value] = 1
-        for flag in (flags.mjRND_SEGMENT, flags.mjRND_IDCOLOR) if coded else (flags.mjRND_SHADOW, flags.mjRND_SKYBOX, flags.mjRND_HAZE):
-            self.scene.flags[flag.value] = 1
-
-    def _cut_up(self, geoms: NDArray[np.void], boxes: Array) -> Indices:
-        """Make the list from MuJoCo's geoms and their boxes (n, 6), height fields in tiles; the geom (m,) that every entry is of."""
-        fields = np.flatnonzero(geoms["type"] == mujoco.mjtGeom.mjGEOM_HFIELD.value)
-        parts = np.ones(len(geoms), np.int64)
-        parts[fields] = [len(self.tiles[k]) for k in geoms["dataid"][fields]]
-        origin = np.repeat(np.arange(len(geoms)), parts)
-        # As bytes: a copy by fields would leave behind what GEOM does not name.
-        self._bytes, boxes = self._places[origin], boxes[origin]
-        self._geoms = self._bytes.view(GEOM)[:, 0]
-        for geom in fields:
-            entries, field = origin == geom, geoms["dataid"][geom]
-            self._geoms["dataid"][entries], boxes[entries] = self._names[field], self._boxes[field]
-        flat = self._geoms["type"] == mujoco.mjtGeom.mjGEOM_PLANE.value
-        boxes[flat, 2] = boxes[flat, 5] = 0.0  # MuJoCo's box of a plane is all that lies below it
-        axes = self._geoms["mat"].astype(np.float64)
-        # The oriented box about every entry: centre (m, 3), half edges as columns (m, 3, 3), m, world.
-        self._centres = self._geoms["pos"] + np.einsum("nij,nj->ni", axes, boxes[:, :3])
-        self._halves = axes * boxes[:, None, 3:]
-        return origin
-
-    def _place_lights(self) -> None:
-        """Prepare the head light, and learn how far shadows reach: `_sweeps`, per light (n, 3) m from every geom to its shadow's end."""
-        lights = self.scene.lights[: self.scene.nlight]
-        self._headlights = [light for light in lights if light.headlight]
-        for light in self._headlights:
-            # The light of a camera that looks everywhere is a lamp at its place, not a beam along one of its faces.
-            light.type, light.cutoff, light.exponent = mujoco.mjtLightType.mjLIGHT_SPOT.value, 180.0, 0.0
-            light.attenuation = (1.0, 0.0, 0.0)
-        height = np.abs(self._halves[:, 2]).sum(axis=1)
-        top, floor = self._centres[:, 2] + height, (self._centres[:, 2] - height).min(initial=np.inf)
-        farthest = 4 * self._model.stat.extent
-        casting = [light for light in lights if light.castshadow]
-        parallel = [light.dir for light in casting if light.type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL.value]
-        # The rays of a spot spread: its shadows may fall anywhere.
-        self._spreading = len(casting) > len(parallel)
-        self._sweeps = [np.minimum((top - floor) / max(-along[2], 1e-6), farthest)[:, None] * along for along in parallel]
+    def _strokes(self, commands: NDArray[np.void], records: Indices) -> Strokes:
+        key = np.stack([self.kind[records], self.texture[records], self.blended[records]], axis=1)
+        cuts = np.flatnonzero((key[1:] != key[:-1]).any(axis=1)) + 1
+        bounds = [0, *cuts, len(records)] if len(records) else [0]
+        batches = [Batch(int(key[a, 0]), int(key[a, 1]), bool(key[a, 2]), int(a), int(b)) for a, b in pairwise(bounds)]
+        return Strokes(commands, tuple(batches))
 
 
-def _within(reach: Array) -> NDArray[np.bool_]:
-    """(n, 30) m of reach inwards of the planes of six faces → (n, 6) whether a face may see it; 1 mm for rounding."""
-    return np.asarray((reach.reshape(-1, 6, 5) > -1e-3).all(axis=2))
+def _ordered(kind: Indices, texture: Indices, blended: NDArray[np.bool_], distance: Array) -> Indices:
+    """An order in which what shares its surface is together, surfaces and things in them go from near to far, and what is seen through is last."""
+    group = (texture + 1) * 5 + kind
+    nearest = np.full(group.max(initial=0) + 1, np.inf)
+    np.minimum.at(nearest, group[~blended], distance[~blended])
+    order = np.lexsort((distance, group, nearest[group], blended))
+    last = np.flatnonzero(blended)
+    # Far to near, whatever the surface: each is laid over what is behind it.
+    return np.concatenate([order[: len(order) - len(last)], last[np.argsort(-distance[last], kind="stable")]])
 
 
-def _plain_option() -> mujoco.MjvOption:
-    option = mujoco.MjvOption()
-    option.geomgroup[:] = GROUPS
-    for groups in (option.sitegroup, option.jointgroup, option.tendongroup, option.actuatorgroup):
-        groups[:] = 0
-    option.flags[:] = 0
-    for flag in SHOWN:
-        option.flags[flag.value] = 1
-    return option
+def _colours(model: mujoco.MjModel) -> NDArray[np.float32]:
+    """(ngeom, 4) rgba: the geom's own, or, where it has the default, its material's."""
+    material = model.geom_matid
+    default = (model.geom_rgba == np.array([0.5, 0.5, 0.5, 1.0], np.float32)).all(axis=1)
+    inherited = (material >= 0) & default
+    colours = model.geom_rgba.copy()
+    colours[inherited] = model.mat_rgba[material[inherited]]
+    return colours
 
 
-def _places(scene: mujoco.MjvScene) -> NDArray[np.uint8]:
-    """The scene's buffer of geoms as bytes (maxgeom, 256) over the same memory: one assignment instead of thousands of attributes.
+def _shapes(model: mujoco.MjModel, solids: Solids, geom: int) -> list[int]:
+    kind, number = int(model.geom_type[geom]), int(model.geom_dataid[geom])
+    if kind == G.mjGEOM_HFIELD:
+        return solids.hfield[number]
+    return [int(solids.mesh[number])] if kind == G.mjGEOM_MESH else [solids.plain[kind]]
 
-    Raises RuntimeError where the memory is not as GEOM says, before anything is written.
-    """
-    sample = scene.geoms[1]
-    mujoco.mjv_initGeom(sample, mujoco.mjtGeom.mjGEOM_BOX.value, np.array([1.0, 2, 3]), np.array([4.0, 5, 6]), np.arange(9.0), np.arange(4.0))
-    sample.objtype, sample.objid, sample.segid, sample.reflectance = 21, 22, 23, 24.0
-    pitch = sample.size.ctypes.data - scene.geoms[0].size.ctypes.data
-    offset = sample.pos.ctypes.data - sample.size.ctypes.data + OFFSETS["size"]
-    if pitch == GEOM.itemsize and offset == OFFSETS["pos"]:
-        start = scene.geoms[0].size.ctypes.data - OFFSETS["size"]
-        places = np.frombuffer((ctypes.c_char * (pitch * scene.maxgeom)).from_address(start), dtype=np.uint8).reshape(-1, pitch)
-        seen = places.view(GEOM)[1, 0]
-        if all(np.array_equal(seen[name], np.reshape(getattr(sample, name), GEOM[name].shape)) for name in OFFSETS):
-            return places
-    raise RuntimeError(f"mjvGeom of mujoco {mujoco.__version__} lies in memory otherwise than in 4.0.0, needs a new layout in {__name__}")
+
+def _scales(model: mujoco.MjModel, geom: Indices) -> Array:
+    """(m, 4): half sizes along x, y, z, and half the distance of a capsule's halves."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    scale = np.ones((len(geom), 4))
+    scale[:, 3] = 0
+    for drawn, columns in ((G.mjGEOM_SPHERE, (0, 0, 0)), (G.mjGEOM_CAPSULE, (0, 0, 0)), (G.mjGEOM_CYLINDER, (0, 0, 1)),
+                           (G.mjGEOM_ELLIPSOID, (0, 1, 2)), (G.mjGEOM_BOX, (0, 1, 2))):  # fmt: skip
+        scale[kind == drawn, :3] = size[kind == drawn][:, columns]
+    scale[kind == G.mjGEOM_CAPSULE, 3] = size[kind == G.mjGEOM_CAPSULE, 1]
+    return scale
+
+
+def _surfaces(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], colour: NDArray[np.float32]) -> tuple[Indices, Indices]:
+    """Kind and texture (m,) of every record; fills in shine and mapping as MuJoCo has them."""
+    material, kind = model.geom_matid[geom], model.geom_type[geom]
+    has = material >= 0
+    records["shine"] = np.array([0.0, 0.5, 64.0, 0.0])
+    records["shine"][has, 0] = model.mat_emission[material[has]]
+    records["shine"][has, 1] = model.mat_specular[material[has]]
+    records["shine"][has, 2] = 128 * model.mat_shininess[material[has]]
+    texture = np.where(has, model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] if model.nmat else -1, -1)
+    cubic = (texture >= 0) & (model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D if model.ntex else False)
+    repeat = np.where(has[:, None], model.mat_texrepeat[material] if model.nmat else 1, 1)
+    uniform = (has & (model.mat_texuniform[material].astype(bool) if model.nmat else False))[:, None]
+    field, size = kind == G.mjGEOM_HFIELD, model.geom_size[geom].copy()
+    size[field] = model.hfield_size[model.geom_dataid[geom[field]], :3]
+    size[size <= 0] = 1
+    # Shapes that are scaled from a unit are mapped before they are scaled; meshes, height fields and planes lie in metres.
+    metric = np.isin(kind, [int(G.mjGEOM_MESH), int(G.mjGEOM_HFIELD)])[:, None]
+    flat = repeat / np.where(metric, size[:, :2], 1) * np.where(uniform, size[:, :2], 1)
+    records["mapping"][:, :2] = flat * [0.5, -0.5]
+    own = kind == G.mjGEOM_MESH
+    own[own] = model.mesh_texcoordadr[model.geom_dataid[geom[own]]] >= 0
+    records["mapping"][:, 3] = ~own
+    records["mapping"][cubic, :3] = np.where(uniform, size, 1)[cubic]
+    surface = np.where(texture < 0, PLAIN, np.where(cubic & ~own, CUBE, PICTURE))
+    faceted = field & (surface != CUBE)
+    surface[faceted] = np.where(texture[faceted] < 0, FACETS, PICTURE_FACETS)
+    return surface, texture

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from scipy import ndimage
 
 from sim.rover import FOOTPRINT_RADIUS
@@ -22,13 +23,19 @@ ACCELERATION, YAW_ACCELERATION = 0.6, 1.6
 LOOKAHEAD = 0.6
 """m along the way to the point that is aimed at."""
 ARRIVED = 0.5
+STOP = 0.12
+"""m that it leaves to others, beside what its footprint leaves already."""
+_CLEAR = 0.7
+"""m that a lane must be clear ahead for a rover to take it."""
 TURNING_ROOM = 0.2
 """m between the half width for which wheels are free and the circle that a rover turns in."""
 HALF_LANE = 0.37
 """m: half the width of what the rover sweeps ahead, with some room."""
-PATIENCE, RETREAT = 2.0, 1.6
+PATIENCE, RETREAT = 1.5, 1.4
 """s without getting on before it backs up, s of backing up."""
-_DETOURS = np.array([0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2])
+ON_THE_SPOT = 0.7
+"""rad/s of a rover that looks too far off its way to drive."""
+_DETOURS = np.array([0.4, -0.4, 0.8, -0.8, 1.2, -1.2])
 """rad off the wanted heading, in the order in which they are tried."""
 
 
@@ -51,20 +58,32 @@ class Traffic:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
-    """The plan of one rover: route (k, 2) m, passed m of it; visit, how many goals are behind it; the command speed m/s and yaw_rate rad/s that
-    it follows; stuck s, retreat s still to back up."""
+class Route:
+    """A way: points (k, 2) m and marks (k,) m, how far along it each lies."""
 
-    route: Array
+    points: Array
+    marks: Array
+
+    @staticmethod
+    def through(points: Array) -> Route:
+        """The way from point to point (k, 2) m."""
+        marks = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+        return Route(frozen(points, (None, 2), "route"), frozen(marks, (len(points),), "marks"))
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The plan of one rover: route, passed m of it; visit, how many goals are behind it; the command speed m/s and yaw_rate rad/s that it follows;
+    stuck s, retreat s still to back up, swing the way round that it turns then (1 to the left, −1)."""
+
+    route: Route
     passed: float
     visit: int
     speed: float
     yaw_rate: float
     stuck: float
     retreat: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "route", frozen(self.route, (None, 2), "route"))
+    swing: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,52 +98,61 @@ class Driver:
 
     def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
         """The plan `dt` s later; its speed and yaw_rate are what the wheels are to do now."""
-        if np.hypot(*(drive.route[-1] - motion.position)) < ARRIVED:
+        if math.dist(drive.route.points[-1], motion.position) < ARRIVED:
             drive = self._next(drive, motion)
         if drive.retreat > 0:
             return self._retreat(drive, motion, traffic, dt)
-        drive = replace(drive, passed=_passed(drive.route, drive.passed, motion.position))
-        aim = _along(drive.route, np.array([drive.passed + LOOKAHEAD]))[0]
-        distance = max(float(np.hypot(*(aim - motion.position))), 0.2)
+        passed, x, y = _progress(drive.route.points, drive.route.marks, drive.passed, motion.position)
+        drive = replace(drive, passed=passed)
+        aim = np.array([x, y])
+        distance = max(math.dist(aim, motion.position), 0.2)
         error = float(wrap(self._way_round(motion, math.atan2(*(aim - motion.position)[::-1]), traffic) - motion.yaw))
         speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
         free = min(speed, _free_speed(motion, traffic, 1.0))
-        turn = 2 * free * math.sin(error) / distance if speed else math.copysign(0.6, error)
+        turn = 2 * free * math.sin(error) / distance if speed else math.copysign(ON_THE_SPOT, error)
         drive = _towards(drive, free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
         waits = min(free, abs(motion.speed)) < 0.25 * speed if speed else abs(motion.yaw_rate) < 0.1
         stuck = drive.stuck + dt if waits else max(drive.stuck - dt, 0.0)
         if stuck > PATIENCE:
-            return replace(drive, stuck=0.0, retreat=RETREAT)
+            return replace(drive, stuck=0.0, retreat=RETREAT, swing=self._wider_side(motion))
         return replace(drive, stuck=stuck)
 
     def _way_round(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
         """The heading nearest to the wanted one that is clear of others for a while and stays in the room; the wanted one where none is."""
+        if _gap(motion.position, np.array([wanted]), traffic.position, traffic.radius)[0] > _CLEAR:
+            return wanted
         headings = wanted + _DETOURS
         ahead = np.column_stack([np.cos(headings), np.sin(headings)])
-        clear = _gap(motion.position, headings, traffic) > 0.8
+        clear = _gap(motion.position, headings, traffic.position, traffic.radius) > _CLEAR
         for reach in (0.5, 1.0):
-            clear[1:] &= self.wheels.free_at(motion.position + reach * ahead[1:])
-        return float(headings[int(np.argmax(clear))])
+            clear &= self.wheels.free_at(motion.position + reach * ahead)
+        return float(headings[int(np.argmax(clear))]) if clear.any() else wanted
+
+    def _wider_side(self, motion: Motion) -> float:
+        """1 where there is more room to the left of the rover than to the right, else −1."""
+        left = np.array([-math.sin(motion.yaw), math.cos(motion.yaw)])
+        room = self.wheels.clearance_at(motion.position + np.array([[0.5], [-0.5]]) * left)
+        return 1.0 if room[0] > room[1] else -1.0
 
     def _retreat(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
         """Back up with a turn, as far as there is room, then go elsewhere."""
         behind = motion.position - 0.4 * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
         room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
         speed = -min(0.3, _free_speed(motion, traffic, -1.0)) if room else 0.0
-        drive = _towards(drive, speed, 0.5 if drive.visit % 2 else -0.5, dt)
+        drive = _towards(drive, speed, 0.6 * drive.swing, dt)
         left = drive.retreat - dt
         return self._next(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
 
     def _next(self, drive: Drive, motion: Motion) -> Drive:
         return replace(drive, route=self._route(motion.position, drive.visit + 1), passed=0.0, visit=drive.visit + 1)
 
-    def _route(self, position: Array, visit: int) -> Array:
+    def _route(self, position: Array, visit: int) -> Route:
         start = position
         if not self.wheels.free_at(position[None])[0]:
             i, j = np.nonzero(self.wheels.free)
             nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=1)
             start = nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
-        return self.wheels.route(start, self.goals[visit % len(self.goals)])
+        return Route.through(self.wheels.route(start, self.goals[visit % len(self.goals)]))
 
 
 def make_driver(room: Walkable, rng: np.random.Generator) -> Driver:
@@ -160,26 +188,39 @@ def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
 def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
     """m/s that leaves time to stop before whoever is in the lane, ahead (direction 1) or behind (−1)."""
     yaw = motion.yaw if direction > 0 else motion.yaw + math.pi
-    return float(np.clip(0.8 * (_gap(motion.position, np.array([yaw]), traffic)[0] - 0.25), 0.0, TOP_SPEED))
+    gap = _gap(motion.position, np.array([yaw]), traffic.position, traffic.radius)[0]
+    return min(max(0.8 * (float(gap) - STOP), 0.0), TOP_SPEED)
 
 
-def _gap(position: Array, headings: Array, traffic: Traffic) -> Array:
-    """(k,) m before a rover at position (2,) m reaches somebody when it goes towards headings (k,) rad; inf where nobody is in the lane."""
-    relative = traffic.position - position
-    ahead = np.cos(headings)[:, None] * relative[:, 0] + np.sin(headings)[:, None] * relative[:, 1]
-    aside = np.abs(np.cos(headings)[:, None] * relative[:, 1] - np.sin(headings)[:, None] * relative[:, 0])
-    in_lane = (ahead > 0) & (aside < HALF_LANE + traffic.radius)
-    return np.where(in_lane, ahead - traffic.radius - FOOTPRINT_RADIUS, np.inf).min(axis=1, initial=np.inf)
+@njit(cache=True)
+def _gap(position: Array, headings: Array, others: Array, radius: Array) -> Array:
+    """(k,) m before a rover at position (2,) m reaches one of others (m, 2) m, of radius (m,) m, when it goes towards headings (k,) rad; inf where
+    nobody is in the lane."""
+    out = np.full(len(headings), np.inf)
+    for k in range(len(headings)):
+        c, s = math.cos(headings[k]), math.sin(headings[k])
+        for j in range(len(others)):
+            x, y = others[j, 0] - position[0], others[j, 1] - position[1]
+            ahead, aside = c * x + s * y, abs(c * y - s * x)
+            if ahead > 0 and aside < HALF_LANE + radius[j]:
+                out[k] = min(out[k], ahead - radius[j] - FOOTPRINT_RADIUS)
+    return out
 
 
-def _passed(route: Array, passed: float, position: Array) -> float:
-    """m of the route passed: the nearest place within the next metre and a half, never backwards."""
-    steps = passed + np.linspace(0.0, 1.5, 31)
-    nearest = int(np.argmin(((_along(route, steps) - position) ** 2).sum(axis=1)))
-    return float(min(steps[nearest], np.hypot(*np.diff(route, axis=0).T).sum()))
-
-
-def _along(route: Array, passed: Array) -> Array:
-    """The places (n, 2) m after `passed` (n,) m of the route; its end beyond."""
-    marks = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
-    return np.column_stack([np.interp(passed, marks, route[:, 0]), np.interp(passed, marks, route[:, 1])])
+@njit(cache=True)
+def _progress(points: Array, marks: Array, passed: float, position: Array) -> tuple[float, float, float]:
+    """m of a route passed, the nearest place within the next metre and a half and never backwards; and x, y m of the place LOOKAHEAD after that."""
+    best, found = np.inf, passed
+    for k in range(len(points) - 1):
+        low, high = max(marks[k], passed), min(marks[k + 1], passed + 1.5)
+        length = marks[k + 1] - marks[k]
+        if low > high or length <= 0:
+            continue
+        dx, dy = (points[k + 1, 0] - points[k, 0]) / length, (points[k + 1, 1] - points[k, 1]) / length
+        along = marks[k] + (position[0] - points[k, 0]) * dx + (position[1] - points[k, 1]) * dy
+        along = min(max(along, low), high)
+        x, y = points[k, 0] + (along - marks[k]) * dx - position[0], points[k, 1] + (along - marks[k]) * dy - position[1]
+        if x * x + y * y < best - 1e-12:
+            best, found = x * x + y * y, along
+    aim = min(found + LOOKAHEAD, marks[-1])
+    return found, np.interp(aim, marks, points[:, 0]), np.interp(aim, marks, points[:, 1])

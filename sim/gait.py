@@ -7,7 +7,7 @@ A standing foot stays where it was planted, a swinging foot goes to where the bo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
 import numpy as np
@@ -84,6 +84,12 @@ class Bodies:
     velocity: Array
     heading: Array
     stature: Array
+
+
+def chosen(rows: Mask, footing: Footing, otherwise: Footing) -> Footing:
+    """The feet of `footing` in these rows (m,), and those of `otherwise` in the others."""
+    pairs = ((getattr(footing, f.name), getattr(otherwise, f.name)) for f in fields(Footing))
+    return Footing(*(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
 
 def walk(footing: Footing, bodies: Bodies, dt: float) -> Footing:

@@ -8,15 +8,13 @@ itself was imported before.
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
 import subprocess
 import sys
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")
 INSTALL = "no OpenGL: install libegl1 and libgl1-mesa-dri (EGL), or libosmesa6 (OSMesa), or set MUJOCO_GL to a backend that works"
@@ -119,18 +117,14 @@ def largest_buffer(context: Any) -> int:
     return int(min(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE), *GL.glGetIntegerv(GL.GL_MAX_VIEWPORT_DIMS)))
 
 
-def draw_list(corners: NDArray[np.float32], normals: NDArray[np.float32]) -> int:
-    """A display list of the current context that draws triangles: corners and normals (t, 3, 3). It goes when the context goes."""
-    from OpenGL import GL
+def use_reversed_depth() -> None:
+    """Let depth run from 0 to 1 in the current context, so that floating point is finest far away, where a picture needs it."""
+    from OpenGL import GL, platform
 
-    number = int(GL.glGenLists(1))
-    GL.glNewList(number, GL.GL_COMPILE)
-    for state in (GL.GL_VERTEX_ARRAY, GL.GL_NORMAL_ARRAY):
-        GL.glEnableClientState(state)
-    GL.glVertexPointer(3, GL.GL_FLOAT, 0, corners)
-    GL.glNormalPointer(GL.GL_FLOAT, 0, normals)
-    GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3 * len(corners))
-    for state in (GL.GL_VERTEX_ARRAY, GL.GL_NORMAL_ARRAY):
-        GL.glDisableClientState(state)
-    GL.glEndList()
-    return number
+    arguments = GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE
+    if GL.glClipControl:
+        GL.glClipControl(*arguments)
+    else:
+        # libOSMesa has the function, but does not list it: it must be asked for.
+        address = platform.PLATFORM.getExtensionProcedure(b"glClipControl")
+        ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_uint)(address)(*(int(argument) for argument in arguments))

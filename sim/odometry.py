@@ -1,4 +1,4 @@
-"""Dead reckoning of a low-cost rover: wheel encoders and a gyroscope, their errors, and what they say about the last frame.
+"""Dead reckoning of a low-cost rover: wheel encoders, gyroscope and accelerometer, their errors, and what they say about the last frame.
 
 Errors that stay the same for a whole run (Wear) make the reckoning drift; those drawn anew each frame are small beside them.
 """
@@ -6,9 +6,10 @@ Errors that stay the same for a whole run (Wear) make the reckoning drift; those
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 from sim.rover import WHEEL_RADIUS
 from tracker.geometry import Array, Pose, exp_so3, frozen
@@ -24,25 +25,39 @@ RADIUS_ERROR = 0.015
 """One sigma of a side's effective wheel radius over the nominal one: tyre pressure, load, wear."""
 TICKS = 1024
 """Encoder counts a turn of the wheel."""
-GRAVITY_NOISE = math.radians(0.6)
-"""rad, one sigma an axis: noise and mounting error of the accelerometer as an inclinometer, averaged over a frame."""
+ACCELEROMETER_NOISE = 400e-6 * 9.81
+"""m/s²/√Hz: noise density of the MPU-6050's accelerometer (6.2: 400 µg/√Hz)."""
+ACCELEROMETER_BIAS = 0.009 * 9.81
+"""m/s², one sigma an axis: a quarter of the ±35 mg by which the MPU-6050's zero changes from 0 to 70 °C, after it was calibrated at a standstill."""
+ACCELEROMETER_SCALE = 0.01
+"""One sigma of its scale factor, as that of the gyroscope (±3 %)."""
 ACCELERATION_LEFT = 0.15
 """The share of the real acceleration that a complementary filter leaves in what it takes for up."""
+_ACCELERATION = 0.5
+"""m/s²: what a rover usually accelerates by, one sigma."""
 _GRAVITY = 9.81
 
 
 @dataclass(frozen=True, eq=False)
 class Wear:
     """What is wrong with one rover for good: radius (2,), what it takes for the left and right wheels' radius over the true one;
-    gyro_bias (3,) rad/s; gyro_scale (3,)."""
+    gyro_bias (3,) rad/s; gyro_scale (3,); accelerometer_bias (3,) m/s²; accelerometer_scale (3,)."""
 
     radius: Array
     gyro_bias: Array
     gyro_scale: Array
+    accelerometer_bias: Array = field(default_factory=lambda: np.zeros(3))
+    accelerometer_scale: Array = field(default_factory=lambda: np.ones(3))
 
     @staticmethod
     def draw(rng: np.random.Generator) -> Wear:
-        return Wear(1 + rng.normal(0.0, RADIUS_ERROR, 2), rng.normal(0.0, GYRO_BIAS, 3), 1 + rng.normal(0.0, GYRO_SCALE, 3))
+        return Wear(
+            1 + rng.normal(0.0, RADIUS_ERROR, 2),
+            rng.normal(0.0, GYRO_BIAS, 3),
+            1 + rng.normal(0.0, GYRO_SCALE, 3),
+            rng.normal(0.0, ACCELEROMETER_BIAS, 3),
+            1 + rng.normal(0.0, ACCELEROMETER_SCALE, 3),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,19 +79,33 @@ class Ride:
 def measure(ride: Ride, wear: Wear, rng: np.random.Generator) -> Odometry:
     """The odometry of one frame: turned by the gyroscope, moved ahead by the mean of the wheels at half of the turn."""
     noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(ride.dt), ride.rates.shape)
-    R = np.eye(3)
-    for rate in ride.rates * wear.gyro_scale + wear.gyro_bias + noise:
-        R = R @ exp_so3(rate * ride.dt)
+    R = _integrated((ride.rates * wear.gyro_scale + wear.gyro_bias + noise) * ride.dt)
     turn = Pose(R, np.zeros(3)).log()[3:]
     count = 2 * math.pi / TICKS
     turned = np.floor(ride.wheels / count) * count
     left_right = (turned[1] - turned[0]).reshape(2, 2).mean(axis=0)
     distance = float((WHEEL_RADIUS * wear.radius * left_right).mean())
     move = exp_so3(turn / 2) @ np.array([distance, 0.0, 0.0])
-    tilt = rng.normal(0.0, GRAVITY_NOISE, 3)
-    up = ride.up + np.cross(tilt, ride.up) + ACCELERATION_LEFT * ride.acceleration / _GRAVITY
-    sigma = math.hypot(GRAVITY_NOISE, ACCELERATION_LEFT * 0.5 / _GRAVITY)
-    return Odometry(Pose(R, move), covariance(distance, turn, ride.dt * len(ride.rates)), up / np.linalg.norm(up), sigma)
+    period = ride.dt * len(ride.rates)
+    # The mean over a frame has a bandwidth of 1 / (2 period).
+    hiss = ACCELEROMETER_NOISE / math.sqrt(2 * period)
+    force = (ride.up * _GRAVITY + ACCELERATION_LEFT * ride.acceleration) * wear.accelerometer_scale + wear.accelerometer_bias
+    up = force + rng.normal(0.0, hiss, 3)
+    sigma = math.hypot(ACCELEROMETER_BIAS, hiss, ACCELERATION_LEFT * _ACCELERATION) / _GRAVITY
+    return Odometry(Pose(R, move), covariance(distance, turn, period), up / np.linalg.norm(up), sigma)
+
+
+@njit(cache=True)
+def _integrated(steps: Array) -> Array:
+    """(3, 3): the product of the rotations by the vectors steps (n, 3) rad, by Rodrigues' formula."""
+    R = np.eye(3)
+    for step in steps:
+        angle = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        a = math.sin(angle) / angle if angle > 1e-9 else 1.0
+        b = (1 - math.cos(angle)) / angle**2 if angle > 1e-5 else 0.5
+        W = np.array([[0.0, -step[2], step[1]], [step[2], 0.0, -step[0]], [-step[1], step[0], 0.0]])
+        R = R @ (np.eye(3) + a * W + b * (W @ W))
+    return R
 
 
 def covariance(distance: float, turn: Array, period: float) -> Array:

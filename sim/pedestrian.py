@@ -12,18 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim import gait
 from sim.gait import Footing, Terrain
+from sim.soles import Feet, feet, turn
 from tracker.geometry import Array, frozen
 
-THIGH, SHIN, ANKLE = 0.245, 0.246, 0.039
-"""Hip to knee, knee to ankle, ankle to sole."""
+THIGH, SHIN = 0.245, 0.246
+"""Hip to knee, knee to ankle."""
 HIP_HEIGHT, SHOULDER_HEIGHT, CHIN_HEIGHT = 0.530, 0.818, 0.870
 UPPER_ARM, FOREARM, HAND = 0.186, 0.146, 0.108
 HALF_HIPS, HALF_SHOULDERS = 0.050, 0.107
 """Half the distance of the hip joints and of the shoulder joints (the outer shoulder is at 0.129)."""
-HEEL, PIVOT = 0.040, 0.095
-"""From the ankle back to the heel and forward to where the shoe rolls off: the foot is 0.152 long."""
+CHILDREN, ADULTS = (1.1, 1.5), (1.5, 2.0)
+"""m: the lowest and the highest statures."""
 RADIUS = 0.22
 """m: the upright capsule that robots run into."""
 
@@ -39,7 +39,7 @@ COCO = (
 """The order of key points (Lin et al. 2014, COCO)."""
 
 _SIDES = np.array([1.0, -1.0])
-_FACE = np.array([[0.058, 0.0, 0.108], [0.048, 0.018, 0.124], [0.048, -0.018, 0.124], [0.0, 0.043, 0.117], [0.0, -0.043, 0.117]])
+_FACE = np.array([[0.070, 0.0, 0.103], [0.053, 0.018, 0.124], [0.053, -0.018, 0.124], [0.0, 0.046, 0.117], [0.0, -0.046, 0.117]])
 """Nose, eyes and ears in the head's frame, shares of stature; the head's origin is between the shoulders."""
 
 
@@ -57,12 +57,26 @@ class Poses:
         object.__setattr__(self, "joints", frozen(self.joints, (None, len(COCO), 3), "joints"))
 
 
-def statures(rng: np.random.Generator, n: int) -> Array:
-    """Body heights (n,) m of adults: normal 1.72 ± 0.09 m, drawn again outside of [1.5, 2.0]."""
+def statures(rng: np.random.Generator, n: int, children: float = 0.0) -> Array:
+    """Body heights (n,) m of adults: normal 1.72 ± 0.09 m, drawn again outside of [1.5, 2.0]; a share of `children`, 1.1 to 1.5 m (5 to 11 years)."""
     out = rng.normal(1.72, 0.09, n)
     while ((out < 1.5) | (out > 2.0)).any():
         out = np.where((out < 1.5) | (out > 2.0), rng.normal(1.72, 0.09, n), out)
-    return out
+    return np.where(rng.random(n) < children, rng.uniform(*CHILDREN, n), out) if children else out
+
+
+def head_size(stature: Array) -> Array:
+    """(m,) m: the stature of the adult whose head, neck included, is as large as that of people of stature (m,) m.
+
+    The head of a child of 1.1 m is 1.27 times as large a share of it as an adult's (0.165 against 0.130, vertex to menton, after Snyder et al. 1977,
+    Anthropometry of Infants, Children and Youths to Age 18); from there to 1.5 m the share falls to that of an adult.
+    """
+    return stature * np.interp(stature, [1.1, 1.5], [1.27, 1.0])
+
+
+def trunk_size(stature: Array) -> Array:
+    """(m,) m: the stature of the adult whose body below the shoulders is as large: what the head takes, trunk and legs lack."""
+    return (stature - (1 - SHOULDER_HEIGHT) * head_size(stature)) / SHOULDER_HEIGHT
 
 
 def pose(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> Poses:
@@ -71,89 +85,33 @@ def pose(stature: Array, footing: Footing, position: Array, heading: Array, grou
     Legs are two links from hip to ankle (law of cosines), the pelvis is as high as both legs reach, and pelvis, shoulders and arms swing with
     the distance between the feet: who stands hangs the arms.
     """
-    feet = _feet(stature, footing, position, heading, ground)
+    size = trunk_size(stature)
+    shoes = feet(size, footing, position, heading, ground)
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     # How far the right foot is ahead of the left one, as an angle of the legs.
-    stagger = np.einsum("mi,mi->m", feet.ankle[:, 1, :2] - feet.ankle[:, 0, :2], forward) / (2 * (THIGH + SHIN) * stature)
-    pelvis_turn = _rotation("zx", np.stack([heading + 0.25 * stagger, 0.0 * stagger], axis=1))
-    hip_offset = pelvis_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_HIPS * stature)[:, None, None])
-    pelvis = np.column_stack([position, _pelvis_height(stature, feet.ankle, footing.swing, position[:, None] + hip_offset[..., :2])])
+    stagger = np.einsum("mi,mi->m", shoes.ankle[:, 1, :2] - shoes.ankle[:, 0, :2], forward) / (2 * (THIGH + SHIN) * size)
+    none = np.zeros_like(heading)
+    pelvis_turn = turn(heading + 0.25 * stagger, none, none)
+    hip_offset = pelvis_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_HIPS * size)[:, None, None])
+    pelvis = np.column_stack([position, _pelvis_height(size, shoes.ankle, footing.swing, position[:, None] + hip_offset[..., :2])])
     hips = pelvis[:, None] + hip_offset
-    feet = _within_reach(stature, hips, feet)
-    knees, thighs, shins = _legs(stature, hips, feet)
+    shoes = _within_reach(size, hips, shoes)
+    knees, thighs, shins = _legs(size, hips, shoes)
     lean = 0.03 + 0.12 * np.abs(stagger)
-    torso_turn = _rotation("zy", np.stack([heading - 0.3 * stagger, lean], axis=1))
-    shoulders_middle = pelvis + torso_turn[:, :, 2] * ((SHOULDER_HEIGHT - HIP_HEIGHT) * stature)[:, None]
-    shoulders = shoulders_middle[:, None] + torso_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_SHOULDERS * stature)[:, None, None])
+    torso_turn = turn(heading - 0.3 * stagger, lean, none)
+    shoulders_middle = pelvis + torso_turn[:, :, 2] * ((SHOULDER_HEIGHT - HIP_HEIGHT) * size)[:, None]
+    shoulders = shoulders_middle[:, None] + torso_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_SHOULDERS * size)[:, None, None])
     upper, fore = _arms(heading, stagger)
-    elbows = shoulders - upper[..., 2] * (UPPER_ARM * stature)[:, None, None]
-    wrists = elbows - fore[..., 2] * (FOREARM * stature)[:, None, None]
-    head_turn = _rotation("zy", np.stack([heading, 0.4 * lean], axis=1))
-    face = shoulders_middle[:, None] + np.einsum("mij,kj->mki", head_turn, _FACE) * stature[:, None, None]
-    origins = [pelvis[:, None], pelvis[:, None], shoulders_middle[:, None], shoulders, elbows, hips, knees, feet.ankle]
-    turns = [pelvis_turn[:, None], torso_turn[:, None], head_turn[:, None], upper, fore, thighs, shins, feet.rotation]
+    elbows = shoulders - upper[..., 2] * (UPPER_ARM * size)[:, None, None]
+    wrists = elbows - fore[..., 2] * (FOREARM * size)[:, None, None]
+    head_turn = turn(heading, 0.4 * lean, none)
+    face = shoulders_middle[:, None] + np.einsum("mij,kj->mki", head_turn, _FACE) * head_size(stature)[:, None, None]
+    origins = [pelvis[:, None], pelvis[:, None], shoulders_middle[:, None], shoulders, elbows, hips, knees, shoes.ankle]
+    turns = [pelvis_turn[:, None], torso_turn[:, None], head_turn[:, None], upper, fore, thighs, shins, shoes.rotation]
     rotation = np.concatenate(turns, axis=1)
     quaternion = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(-1, len(LIMBS), 4)
-    joints = np.concatenate([face, shoulders, elbows, wrists, hips, knees, feet.ankle], axis=1)
+    joints = np.concatenate([face, shoulders, elbows, wrists, hips, knees, shoes.ankle], axis=1)
     return Poses(np.concatenate(origins, axis=1), quaternion, joints)
-
-
-@dataclass(frozen=True, eq=False)
-class _Feet:
-    """ankle (m, 2, 3) m and rotation (m, 2, 3, 3) of the shoes, world frame."""
-
-    ankle: Array
-    rotation: Array
-
-
-def _feet(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> _Feet:
-    """Shoes on the ground or in the air between two footfalls; they roll over the heel when they land and over the toes when they leave."""
-    place, yaw = gait.places(footing)
-    here, landing, leaving = (
-        _contact(p, y, stature, ground) for p, y in ((place, yaw), (footing.planted, footing.planted_yaw), (footing.lifted, footing.lifted_yaw))
-    )
-    share = (footing.swing**2 * (3 - 2 * footing.swing))[..., None]
-    moving = ~footing.standing[..., None]
-    # heel, toe and tilt of the sole on the ground, or on the line between footfalls, but never below the ground
-    sole = np.where(moving, leaving + share * (landing - leaving), here)
-    arc = gait.lift(footing, stature)[..., None]
-    sink = np.maximum((here - sole)[..., :2].max(axis=-1, keepdims=True) + 0.3 * arc, 0.0) * moving
-    sole = sole + (np.maximum(arc, np.minimum(sink, 0.5)) * np.array([1.0, 1.0, 0.0]))
-    roll_off = _roll(footing, place, position, heading, stature)
-    length = (HEEL + PIVOT) * stature[:, None]
-    slope = -np.arctan2(sole[..., 1] - sole[..., 0], length)
-    forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
-    heel = np.concatenate([place, sole[..., :1]], axis=-1) - forward * (HEEL * stature)[:, None, None]
-    flat = _rotation("zyx", np.stack([yaw, slope, sole[..., 2]], axis=-1))
-    turned = _rotation("zyx", np.stack([yaw, slope + roll_off, sole[..., 2]], axis=-1))
-    size = stature[:, None, None]
-    toe = heel + flat[..., 0] * length[..., None]
-    over_heel = heel + turned @ np.array([HEEL, 0.0, ANKLE]) * size
-    over_toe = toe + turned @ np.array([-PIVOT, 0.0, ANKLE]) * size
-    return _Feet(np.where((roll_off > 0)[..., None], over_toe, over_heel), turned)
-
-
-def _contact(place: Array, yaw: Array, stature: Array, ground: Terrain) -> Array:
-    """(m, 2, 3): the ground's height m under heel and toe, and its tilt to the left rad, where feet (m, 2, 2) stand flat."""
-    forward = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-    left = np.stack([-forward[..., 1], forward[..., 0]], axis=-1)
-    size = stature[:, None, None]
-    points = np.stack([place - HEEL * size * forward, place + PIVOT * size * forward, place + 0.04 * left, place - 0.04 * left], axis=2)
-    height = ground.height_at(points.reshape(-1, 2)).reshape(points.shape[:3])
-    return np.stack([height[..., 0], height[..., 1], np.clip(np.arctan2(height[..., 2] - height[..., 3], 0.08), -0.4, 0.4)], axis=-1)
-
-
-def _roll(footing: Footing, place: Array, position: Array, heading: Array, stature: Array) -> Array:
-    """(m, 2) rad by which the toes are down (the body has left the foot behind) or up (the foot is ahead)."""
-    forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-
-    def of(feet: Array) -> Array:
-        ahead = np.einsum("mfi,mi->mf", position[:, None] - feet, forward) / stature[:, None]
-        down, up = np.clip((ahead - 0.09) / 0.22, 0.0, 1.0), np.clip((-ahead - 0.08) / 0.10, 0.0, 1.0)
-        return 0.95 * down**1.5 - 0.33 * up
-
-    share = footing.swing**2 * (3 - 2 * footing.swing)
-    return np.where(footing.standing, of(footing.planted), (1 - share) * of(footing.lifted) + share * of(place))
 
 
 def _pelvis_height(stature: Array, ankle: Array, swing: Array, hips: Array) -> Array:
@@ -167,15 +125,15 @@ def _pelvis_height(stature: Array, ankle: Array, swing: Array, hips: Array) -> A
     return (reach + stature[:, None] * np.clip(3 * np.minimum(swing, 1 - swing), 0.0, 1.0)).min(axis=1)
 
 
-def _within_reach(stature: Array, hips: Array, feet: _Feet) -> _Feet:
+def _within_reach(stature: Array, hips: Array, feet: Feet) -> Feet:
     """The feet with ankles that a leg does not reach drawn up to the hip."""
     down = feet.ankle - hips
     length = np.linalg.norm(down, axis=2)
     share = np.minimum(1.0, 0.999 * (THIGH + SHIN) * stature[:, None] / length)
-    return _Feet(hips + share[..., None] * down, feet.rotation)
+    return Feet(hips + share[..., None] * down, feet.rotation)
 
 
-def _legs(stature: Array, hips: Array, feet: _Feet) -> tuple[Array, Array, Array]:
+def _legs(stature: Array, hips: Array, feet: Feet) -> tuple[Array, Array, Array]:
     """Knees (m, 2, 3) m, rotations of thighs and shins (m, 2, 3, 3): two links, the knee to the front, between foot and hip."""
     thigh, shin = THIGH * stature[:, None], SHIN * stature[:, None]
     down = feet.ankle - hips
@@ -194,15 +152,7 @@ def _arms(heading: Array, stagger: Array) -> tuple[Array, Array]:
     bend = 0.18 + 0.4 * np.maximum(swing, 0.0) + 0.3 * np.abs(stagger[:, None])
     away = np.broadcast_to(0.09 * _SIDES, swing.shape)
     yaw = np.repeat(heading[:, None], 2, axis=1)
-    return _rotation("zyx", np.stack([yaw, -swing, away], axis=-1)), _rotation("zyx", np.stack([yaw, -swing - bend, 0.5 * away], axis=-1))
-
-
-def _rotation(axes: str, angles: Array) -> Array:
-    """Rotations (..., 3, 3) about the body's own axes one after the other, angles (..., k) rad."""
-    flat = angles.reshape(-1, angles.shape[-1])
-    if not len(flat):
-        return np.zeros((*angles.shape[:-1], 3, 3))
-    return Rotation.from_euler(axes.upper(), flat).as_matrix().reshape(*angles.shape[:-1], 3, 3)
+    return turn(yaw, -swing, away), turn(yaw, -swing - bend, 0.5 * away)
 
 
 def _across(direction: Array, axis: Array) -> Array:

@@ -7,128 +7,151 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim import pedestrian
+from sim.exposure import Exposure
+from sim.keypoints import Sight
+from sim.labels import classes
 from sim.panorama import PanoramaRenderer
 from sim.scenario import Scenario
-from sim.sensing import Detector, true_boxes
+from sim.sensing import Detector, People, true_view
 from sim.simulation import Simulation
-from tracker.cameras import Panorama
+from tracker.annotations import ViewTruth
+from tracker.cameras import Camera, Panorama
 from tracker.geometry import Array, Pose
 from tracker.ground import Grid
-from tracker.measurements import Mount, Setup, Start, Tick, Truth, View
-from tracker.sequence import Boxes, SequenceWriter
-from worlds.world import World
+from tracker.measurements import Image, Ints, Mount, Setup, Start, Tick, Truth, View
+from tracker.recording import SequenceWriter
+from worlds.tops import tops
 
 # What is known of where a robot starts: standard deviations in metres and radians of its right tangent.
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
-# m over the floor: what ends above hides nobody.
-HEADROOM = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """One frame: the tick that the tracker gets, the truth, and by camera the instances (H, W) uint16 and the true boxes."""
+    """One frame: the tick that the tracker gets, the truth, and by camera the instances (H, W) uint16 and what is true of the view."""
 
     tick: Tick
     truth: Truth
     instances: dict[str, NDArray[np.uint16]]
-    boxes: dict[str, Boxes]
+    views: dict[str, ViewTruth]
 
 
-def setup_of(scenario: Scenario, simulation: Simulation) -> Setup:
-    """What the tracker is told of a simulation before its first frame; start poses are off by what START_SIGMA says."""
+@dataclass(frozen=True)
+class Fixed:
+    """A camera that stands still: to the tracker, a robot that never moves and is known to be at T_world_camera."""
+
+    camera: Camera
+    T_world_camera: Pose
+
+
+def setup_of(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, Fixed] | None = None) -> Setup:
+    """What the tracker is told of a simulation before its first frame; start poses of rovers are off by what START_SIGMA says.
+
+    fixed: name → camera, beside those of the rovers.
+    """
     camera = Panorama(scenario.width, scenario.height)
     ground = simulation.world.ground
-    grid = Grid(ground.heights, ground.origin, ground.spacing)
     rng = scenario.stream("starts")
     starts: dict[str, Start | None] = {}
     for robot in simulation.robots:
         error = Pose.exp(rng.normal(0.0, START_SIGMA))
         starts[robot] = Start(simulation.T_world_robot(robot) @ error, np.diag(START_SIGMA**2))
     mounts = {f"{robot}_camera": Mount(camera, simulation.T_body_camera, robot) for robot in simulation.robots}
-    return Setup(mounts, grid, starts, scenario.period, occluders=tops(simulation.world))
+    for name, one in (fixed or {}).items():
+        mounts[name], starts[name] = Mount(one.camera, Pose.identity(), name), Start(one.T_world_camera, np.zeros((6, 6)))
+    # What is walked on, decks of bridges among it, on the grid of the ground.
+    floor = ground.with_heights(simulation.world.terrain.height_at(ground.nodes.reshape(-1, 2)).reshape(ground.heights.shape))
+    terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, tops(simulation.world)))
+    band = Setup.height if not scenario.children else (Setup.height[0] - (pedestrian.ADULTS[0] - pedestrian.CHILDREN[0]), Setup.height[1])
+    return Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)
 
 
-def tops(world: World) -> Grid:
-    """The terrain with what stands on it, as heights on the terrain's own grid, by rays from above.
-
-    What hangs higher than people are tall (beams, lintels) hides nobody and is left out; what they could see under (a table) is not.
-    """
-    model = world.spec.copy().compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    ground = world.ground
-    heights = ground.heights.copy()
-    for i, j in np.ndindex(*heights.shape):
-        x, y = ground.origin[0] + j * ground.spacing, ground.origin[1] + i * ground.spacing
-        heights[i, j] = _top(model, data, x, y, float(heights[i, j]))
-    return Grid(heights, ground.origin, ground.spacing)
-
-
-def _top(model: mujoco.MjModel, data: mujoco.MjData, x: float, y: float, floor: float) -> float:
-    """Height of the highest thing over (x, y) that reaches down among people, else of the floor."""
-    down, geom, z = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32), floor + 50.0
-    entered: dict[int, float] = {}
-    while True:
-        distance = mujoco.mj_ray(model, data, np.array([x, y, z]), down, None, 1, -1, geom, None)
-        surface = z - distance
-        if distance < 0 or surface <= floor + 0.01:
-            # Whatever was entered and not left goes into the ground.
-            return max(entered.values(), default=floor)
-        if int(geom[0]) not in entered:
-            entered[int(geom[0])] = surface
-        else:
-            top = entered.pop(int(geom[0]))
-            if surface < floor + HEADROOM:
-                return max(top, *entered.values()) if entered else top
-        z = surface - 1e-4
-
-
-def open_renderer(scenario: Scenario, simulation: Simulation) -> PanoramaRenderer:
-    """The renderer for all robots of a simulation; people are its instances. Close it, or use it as a context."""
-    return PanoramaRenderer(simulation.model, Panorama(scenario.width, scenario.height), simulation.person_of_geom.astype(np.uint16))
+def open_renderer(scenario: Scenario, simulation: Simulation, others: Iterable[Camera] = ()) -> PanoramaRenderer:
+    """The renderer for all robots of a simulation, and for other cameras; people are its instances. Close it, or use it as a context."""
+    cameras = [Panorama(scenario.width, scenario.height), *others]
+    return PanoramaRenderer(simulation.model, cameras, simulation.person_of_geom.astype(np.uint16), classes(simulation.model))
 
 
 def run(scenario: Scenario, simulation: Simulation, setup: Setup, renderer: PanoramaRenderer) -> Iterator[Moment]:
-    """The frames of a scenario, from the first on."""
+    """The frames of a scenario, from the first on. The renderer must have been opened with every camera of the setup."""
     detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
-    persons = [int(p) for p in simulation.persons]
+    drifts = {name: Exposure(scenario.exposure, scenario.image_noise, scenario.period, scenario.stream(f"exposure/{name}")) for name in setup.mounts}
     for index in range(scenario.frames):
         if index:
             simulation.step()
         odometry = simulation.odometry() if index else {}
-        robots = {robot: simulation.T_world_robot(robot) for robot in simulation.robots}
-        poses = [robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
-        shots = dict(zip(setup.mounts, renderer.render(simulation.data, poses), strict=True))
-        alone = dict(zip(setup.mounts, renderer.alone(simulation.data, poses, persons), strict=True))
-        boxes = {name: true_boxes(shot.instances, persons, alone[name]) for name, shot in shots.items()}
+        robots = _poses(simulation, setup)
+        people = People(np.asarray(simulation.persons, dtype=np.int64), simulation.joints())
+        sights, colours, true = _look(simulation, setup, renderer, people)
         views = []
-        for name, shot in shots.items():
-            mount = setup.mounts[name]
-            assert isinstance(mount.camera, Panorama)
-            found = detector.detect(mount.camera, boxes[name], scenario.camera_height, streams[name])
-            views.append(View(name, found, odometry=odometry.get(mount.robot), image=shot.colour))
-        truth = Truth(index, robots, np.array(persons, dtype=np.int64), simulation.feet(), _fractions(persons, list(boxes.values())))
-        instances = {name: shot.instances for name, shot in shots.items()}
-        yield Moment(Tick(index, index * scenario.period, tuple(views)), truth, instances, boxes)
+        for name, mount in setup.mounts.items():
+            found = detector.detect(mount.camera, true[name], streams[name])
+            views.append(View(name, found, odometry=odometry.get(mount.robot), image=drifts[name].take(colours[name])))
+        tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
+        truth = Truth(index, robots, people.person, simulation.feet(), _fractions(people.person, true), people.joints, tipped)
+        instances = {name: sight.instances for name, sight in sights.items()}
+        yield Moment(Tick(index, index * scenario.period, tuple(views)), truth, instances, true)
 
 
-def _fractions(persons: list[int], boxes: list[Boxes]) -> Array:
-    """Visible fraction (m, cameras) of every person; 0 where a camera would not show the person at all."""
-    out = np.zeros((len(persons), len(boxes)))
-    row = {person: k for k, person in enumerate(persons)}
-    for c, view in enumerate(boxes):
-        for person, visible in zip(view.person, view.visible, strict=True):
-            out[row[int(person)], c] = visible
+def _poses(simulation: Simulation, setup: Setup) -> dict[str, Pose]:
+    """T_world_robot of all robots; those that the simulation does not drive stand where they started."""
+    out = {}
+    for robot, start in setup.starts.items():
+        if robot in simulation.robots:
+            out[robot] = simulation.T_world_robot(robot)
+        else:
+            assert start is not None
+            out[robot] = start.T_world_robot
     return out
+
+
+def _look(
+    simulation: Simulation, setup: Setup, renderer: PanoramaRenderer, people: People
+) -> tuple[dict[str, Sight], dict[str, Image], dict[str, ViewTruth]]:
+    """By camera, all of one moment: what it shows, its colours, and what is true of it."""
+    robots = _poses(simulation, setup)
+    poses = [robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
+    which = [renderer.cameras.index(mount.camera) for mount in setup.mounts.values()]
+    shots = renderer.render(simulation.data, poses, which)
+    alone = renderer.alone(simulation.data, poses, people.person.tolist(), which)
+    sights, true = {}, {}
+    for name, shot, pose, bodies in zip(setup.mounts, shots, poses, alone, strict=True):
+        sights[name] = Sight(setup.mounts[name].camera, pose, shot.instances, shot.range)
+        true[name] = true_view(sights[name], people, bodies, simulation.world)
+    return sights, {name: shot.colour for name, shot in zip(setup.mounts, shots, strict=True)}, true
+
+
+def _fractions(persons: Ints, views: Mapping[str, ViewTruth]) -> Array:
+    """Visible fraction (m, cameras) of every person; 0 where a camera would not show the person at all."""
+    out = np.zeros((len(persons), len(views)))
+    row = {person: k for k, person in enumerate(persons.tolist())}
+    for c, view in enumerate(views.values()):
+        for person, visible in zip(view.boxes.person.tolist(), view.boxes.visible, strict=True):
+            out[row[person], c] = visible
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What is recorded: a simulation at its first frame, cameras beside those of its rovers, and all that made them, as JSON values."""
+
+    scenario: Scenario
+    simulation: Simulation
+    fixed: Mapping[str, Fixed]
+    provenance: dict[str, Any]
+
+    @staticmethod
+    def of(scenario: Scenario) -> Stage:
+        return Stage(scenario, Simulation(scenario), {}, json.loads(scenario.to_json()))
 
 
 def record(scenario: Scenario, folder: Path, progress: Any = None) -> None:
@@ -136,17 +159,29 @@ def record(scenario: Scenario, folder: Path, progress: Any = None) -> None:
 
     progress: wraps the iterator of frames (tqdm, say), or None. Raises ValueError for a scenario that its world cannot hold.
     """
+    check_free(folder)
+    record_stage(Stage.of(scenario), folder, progress)
+
+
+def check_free(folder: Path) -> None:
+    """Raises ValueError where there is something of that name."""
     if folder.exists():
         raise ValueError(f"{folder}: is there already")
-    simulation = Simulation(scenario)
-    setup = setup_of(scenario, simulation)
+
+
+def record_stage(stage: Stage, folder: Path, progress: Any = None) -> None:
+    """As `record`, of a stage."""
+    check_free(folder)
+    scenario, simulation = stage.scenario, stage.simulation
+    setup = setup_of(scenario, simulation, stage.fixed)
     occluders = setup.occluders
     assert isinstance(occluders, Grid)
-    with open_renderer(scenario, simulation) as renderer, SequenceWriter(folder, setup, occluders) as writer:
+    others = dict.fromkeys(one.camera for one in stage.fixed.values())
+    with open_renderer(scenario, simulation, others) as renderer, SequenceWriter(folder, setup, occluders) as writer:
         moments: Iterable[Moment] = run(scenario, simulation, setup, renderer)
         for moment in progress(moments, total=scenario.frames) if progress else moments:
-            writer.add(moment.tick, moment.truth, moment.instances, moment.boxes)
-        writer.finish(json.loads(scenario.to_json()), versions())
+            writer.add(moment.tick, moment.truth, moment.instances, moment.views)
+        writer.finish(stage.provenance, versions())
 
 
 def versions() -> dict[str, str]:

@@ -19,10 +19,15 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "seed": (0, 2**63 - 1),
     "robots": (1, 64),
     "people": (0, 1000),
+    "at_once": (0, 1000),
+    "children": (0.0, 1.0),
     "frames": (1, 1_000_000),
     "rate": (0.5, 60.0),
     "width": (64, 8192),
     "camera_height": (0.5, 3.0),
+    "timestep": (0.0005, 0.01),
+    "exposure": (0.0, 4.0),
+    "image_noise": (0.0, 100.0),
     "misses": (0.0, 1.0),
     "clutter": (0.0, 100.0),
     "bearing_noise": (0.0, math.radians(10.0)),
@@ -36,7 +41,10 @@ class Scenario:
     """What is simulated and how it is seen.
 
     world: a name of worlds.catalogue; difficulty in [0, 1]; seed of every random stream; rate frames/s; width px of the panorama,
-    whose height is half of it; camera_height m above the ground.
+    whose height is half of it; camera_height m above the ground; children, the share of people who are children (from 1.1 m on, else 1.5 m);
+    at_once: how many of the people are there at once, coming and going through spawn areas; all of them throughout where it is 0;
+    timestep s of the physics, which takes the nearest to this that divides the steps of the crowd.
+    Pictures: exposure, stops (sigma of its slow drift, a view for itself); image_noise, counts of 255 (sigma in every pixel and channel).
     Detector: misses, the share of visible people not detected; clutter, the mean number of false detections a view and frame;
     bearing_noise rad (one sigma of a box's edge); min_visible, the fraction of a body below which it is never detected.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
@@ -47,10 +55,15 @@ class Scenario:
     seed: int = 0
     robots: int = 4
     people: int = 10
+    at_once: int = 0
+    children: float = 0.0
     frames: int = 60
     rate: float = 6.0
     width: int = 1024
     camera_height: float = 1.5
+    timestep: float = 0.005
+    exposure: float = 0.0
+    image_noise: float = 0.0
     misses: float = 0.1
     clutter: float = 0.05
     bearing_noise: float = math.radians(0.15)

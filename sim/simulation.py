@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from sim import clothes, driving, gait, odometry, pedestrian, rover
-from sim.crowd import Crowd, CrowdState, Obstacles, make_plans
+from sim import clothes, driving, fabrics, gait, gaze, odometry, pedestrian, rover
+from sim.crowd import Crowd, CrowdState, Obstacles, Walkers
 from sim.driving import Motion, Traffic
+from sim.itinerary import Visits, in_company, make_plans
+from sim.replay import Paths, Replay
 from sim.scenario import Scenario
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion, rotation_z
 from tracker.measurements import Ints, Odometry
 from worlds import catalogue
 from worlds.world import World
 
-TIMESTEP = 0.005
-"""s: the physics step is the nearest to this that divides a crowd step."""
 CROWD_STEP = 0.05
 """s: people and commands move on at the step nearest to this that divides a frame."""
 SETTLING = 1.0
@@ -27,24 +30,49 @@ APART = 1.5
 TIPPED = math.cos(math.pi / 4)
 """The least z of a rover's up axis."""
 
+ABSENT, PARKED = 5, 100.0
+"""The group of the geoms of people who are not there, which is never drawn; and m below the ground where they are kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A moment of a simulation: frame; the data of the scene and of what moves in it; people: crowd, footing, gaze, joints; robots: drives,
+    commands, odometry; and the states of the random streams of their sensors."""
+
+    frame: int
+    data: mujoco.MjData
+    moving: mujoco.MjData
+    people: tuple[CrowdState, gait.Footing, Array, Array]
+    robots: tuple[tuple[driving.Drive, ...], Array, dict[str, Odometry]]
+    streams: tuple[Any, ...]
+
 
 class Simulation:
     """The state of a scenario, frame by frame. model and data are at any time exactly the moment of the frame.
 
-    Raises ValueError for an unknown world or where robots and people do not fit in.
+    Limbs collide with nothing: between frames the rovers move in a model without them, which starts from data and ends in it.
+
+    paths: what the people walk in place of their own plans; their ids are then those of the people.
+    Raises ValueError for an unknown world, where robots and people do not fit in, and for paths out of the world or into a wall.
     """
 
-    def __init__(self, scenario: Scenario, world: World | None = None) -> None:
+    def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None) -> None:
         self.scenario = scenario
         self.world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty) if world is None else world
         self.robots = tuple(f"robot_{i}" for i in range(scenario.robots))
-        self.persons: Ints = np.arange(1, scenario.people + 1)
+        if paths is not None and len(paths.ids) != scenario.people:
+            raise ValueError(f"people is {scenario.people}, needs {len(paths.ids)}, as many as there are paths")
+        self._paths = paths
+        self.everybody: Ints = np.arange(1, scenario.people + 1) if paths is None else paths.ids
         self.T_body_camera = rover.camera_mount(scenario.camera_height)
         self.frame = 0
-        people = [scenario.stream(f"person_{i}") for i in self.persons]
-        self._stature = np.array([pedestrian.statures(rng, 1)[0] for rng in people])
+        people = [scenario.stream(f"person_{i}") for i in self.everybody]
+        drawn = np.array([pedestrian.statures(rng, 1, scenario.children)[0] for rng in people])
+        self._stature = drawn if paths is None or paths.stature is None else paths.stature
         self.model = self._compile(people)
         self.data = mujoco.MjData(self.model)
+        self._physics = self._rovers_and_colliders().compile()
+        self._moving = mujoco.MjData(self._physics)
         self._index()
         self._place_rovers()
         self._place_people(people)
@@ -60,9 +88,11 @@ class Simulation:
         before = self.data.qpos[self._wheel_qpos].copy()
         velocity = self.data.qvel[self._velocities].copy()
         rates = []
+        self._copy_state(self.data, self._moving)
         for _ in range(self._crowd_steps):
             self._move_people()
             rates.append(self._drive())
+        self._copy_state(self._moving, self.data)
         self.frame += 1
         self._pose_people()
         mujoco.mj_forward(self.model, self.data)
@@ -75,14 +105,18 @@ class Simulation:
         qpos = self.data.qpos[self._poses[self.robots.index(name)]]
         return Pose(rotation_from_quaternion(qpos[3:]), qpos[:3])
 
+    @property
+    def persons(self) -> Ints:
+        """(m,): the ids of the people who are present now; no id is used again once its person has gone."""
+        return self.everybody[self._crowd_state.present]
+
     def feet(self) -> Array:
         """(m, 3) m: the ground under the middle of each body, in the order of `persons`."""
-        position = self._crowd_state.position
-        return np.column_stack([position, self.world.terrain.height_at(position)])
+        return self._everybodys_feet()[self._crowd_state.present]
 
     def joints(self) -> Array:
-        """(m, 17, 3) m: key points in the order of pedestrian.COCO, world frame."""
-        return self._joints
+        """(m, 17, 3) m: key points in the order of pedestrian.COCO, world frame, in the order of `persons`."""
+        return self._joints[self._crowd_state.present]
 
     def odometry(self) -> dict[str, Odometry]:
         """Each rover's motion since the frame before; empty at frame 0."""
@@ -92,20 +126,50 @@ class Simulation:
         """Whether each rover leans by more than 45 degrees."""
         return {name: bool(self.T_world_robot(name).rotation[2, 2] < TIPPED) for name in self.robots}
 
+    def save(self) -> Snapshot:
+        """All that changes from frame to frame, to be restored to this simulation or to another one of the same scenario, world and paths."""
+        streams = tuple(rng.bit_generator.state for rng in self._noise)
+        people = (self._crowd_state, self._footing, self._gaze, self._joints)
+        robots = (tuple(self._drives), self._ctrl.copy(), dict(self._odometry))
+        return Snapshot(self.frame, copy.copy(self.data), copy.copy(self._moving), people, robots, streams)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a state that `save` gave; what follows is the same, bit by bit. Raises ValueError where it is of another model."""
+        if (snapshot.data.qpos.shape, snapshot.data.mocap_pos.shape) != (self.data.qpos.shape, self.data.mocap_pos.shape):
+            raise ValueError(f"snapshot has {len(snapshot.data.mocap_pos)} moved bodies, needs {len(self.data.mocap_pos)}, as this simulation has")
+        self.frame = snapshot.frame
+        mujoco.mj_copyData(self.data, self.model, snapshot.data)
+        mujoco.mj_copyData(self._moving, self._physics, snapshot.moving)
+        self._crowd_state, self._footing, self._gaze, self._joints = snapshot.people
+        drives, ctrl, odometry_now = snapshot.robots
+        self._drives, self._ctrl, self._odometry = list(drives), ctrl.copy(), dict(odometry_now)
+        for rng, state in zip(self._noise, snapshot.streams, strict=True):
+            rng.bit_generator.state = state
+        self._show_present()
+
     def _compile(self, people: list[np.random.Generator]) -> mujoco.MjModel:
+        """The whole scene."""
+        spec = self._rovers_and_colliders()
+        fabrics.add_fabrics(spec, self.scenario.stream("fabrics"))
+        for person, stature, rng in zip(self.everybody, self._stature, people, strict=True):
+            clothes.add_person(spec, f"person_{person}", float(stature), rng)
+        return spec.compile()
+
+    def _rovers_and_colliders(self) -> mujoco.MjSpec:
+        """The world with rovers and with what they can run into of people."""
         spec = self.world.spec.copy()
         for i, name in enumerate(self.robots):
             rover.add_rover(spec, name, i, self.scenario.camera_height)
-        for person, stature, rng in zip(self.persons, self._stature, people, strict=True):
-            clothes.add_person(spec, f"person_{person}", float(stature), rng)
+        for person, stature in zip(self.everybody, self._stature, strict=True):
+            clothes.add_collider(spec, f"person_{person}", float(stature))
         self._crowd_steps = max(1, round(self.scenario.period / CROWD_STEP))
         self._dt = self.scenario.period / self._crowd_steps
-        self._substeps = max(1, round(self._dt / TIMESTEP))
+        self._substeps = max(1, round(self._dt / self.scenario.timestep))
         spec.option.timestep = self._dt / self._substeps
         # A round friction cone: wheels that skid are held back along their skid, not along the axes of a pyramid.
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        return spec.compile()
+        return spec
 
     def _index(self) -> None:
         """Where rovers and people are in the arrays of MuJoCo."""
@@ -116,13 +180,16 @@ class Simulation:
         self._velocities = m.jnt_dofadr[joints[:, 0]][:, None] + np.arange(6)
         self._wheel_qpos = m.jnt_qposadr[joints[:, 1:]]
         self._motors = np.array([[m.actuator(f"{robot}/{wheel}").id for wheel in rover.WHEELS] for robot in self.robots])
-        limbs = [[m.body(f"person_{p}/{limb}").mocapid[0] for limb in (*pedestrian.LIMBS, "collider")] for p in self.persons]
+        limbs = [[m.body(f"person_{p}/{limb}").mocapid[0] for limb in (*pedestrian.LIMBS, "collider")] for p in self.everybody]
         mocap = np.array(limbs, dtype=np.int64).reshape(-1, len(pedestrian.LIMBS) + 1)
         self._limbs, self._colliders = mocap[:, :-1], mocap[:, -1]
-        owners = {f"person_{p}": (int(p), 0) for p in self.persons} | {robot: (0, i + 1) for i, robot in enumerate(self.robots)}
+        bodies = [self._physics.body(f"person_{p}/collider").mocapid[0] for p in self.everybody]
+        self._moving_colliders = np.array(bodies, dtype=np.int64)
+        owners = {f"person_{p}": (int(p), 0) for p in self.everybody} | {robot: (0, i + 1) for i, robot in enumerate(self.robots)}
         names = [m.body(int(body)).name.split("/")[0] for body in m.geom_bodyid]
         owner = np.array([owners.get(name, (0, 0)) for name in names], dtype=np.int64).reshape(-1, 2)
         self.person_of_geom, self.robot_of_geom = owner[:, 0].copy(), owner[:, 1].copy()
+        self._groups = m.geom_group.copy()
 
     def _place_rovers(self) -> None:
         """Rovers apart from each other on the ground, as it slopes, heading anywhere."""
@@ -139,7 +206,7 @@ class Simulation:
         self._ctrl = np.zeros(self._motors.shape)
         self._wear = [odometry.Wear.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
         self._noise = [self.scenario.stream(f"{name}/odometry") for name in self.robots]
-        self._odometry: dict[str, Odometry] = {}
+        self._odometry = {}
 
     def _resting(self, place: Array, yaw: float) -> Array:
         """(7,) position and quaternion of a rover with its wheels a little above the ground at place (2,) m."""
@@ -156,74 +223,124 @@ class Simulation:
 
     def _place_people(self, people: list[np.random.Generator]) -> None:
         """People apart from each other and from the rovers."""
-        rng, wanted = self.scenario.stream("people/start"), len(people)
-        robots = self.data.qpos[self._poses[:, :2]]
+        self._crowd, self._crowd_state = self._walkers(people)
+        state = self._crowd_state
+        self._footing, self._gaze = gait.stand(state.position, state.heading, self._stature), np.zeros(len(people))
+        self._pose_people()
+
+    def _walkers(self, people: list[np.random.Generator]) -> tuple[Walkers, CrowdState]:
+        """Who moves the people, and their first state."""
+        if self._paths is not None:
+            replay = Replay(self._paths, self.world.feet)
+            return replay, replay.start()
+        rng, feet, scenario = self.scenario.stream("people/start"), self.world.feet, self.scenario
+        visits = Visits(self.world.spawn, scenario.at_once, scenario.frames * scenario.period)
+        plans = make_plans(feet, people, scenario.stream("people/goals"), visits)
+        first = plans.at_once or len(people)
+        places = np.zeros((len(people), 2))
+        places[:first] = in_company(self._free_places(rng, first), plans.group[:first])
+        crowd = Crowd(feet, self.world.terrain, plans)
+        return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)))
+
+    def _free_places(self, rng: np.random.Generator, wanted: int) -> Array:
+        """(wanted, 2) m apart from each other and from the rovers."""
+        robots, name = self.data.qpos[self._poses[:, :2]], self.scenario.world
         # About three places may be too near to each rover.
         try:
             places = self.world.feet.sample(rng, wanted + 3 * len(robots) if wanted else 0, 0.1, 0.8)
         except ValueError as error:
-            raise ValueError(f"people is {wanted}, more than {self.scenario.world} holds: {error}") from None
+            raise ValueError(f"people is {wanted}, more than {name} holds at once beside {len(robots)} robots: {error}") from None
         clear = np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > 1.0
         places = places[clear][:wanted]
         if len(places) < wanted:
             raise ValueError(f"people is {wanted}, needs at most {len(places)}: more do not fit beside {len(robots)} robots")
-        heading = rng.uniform(-np.pi, np.pi, wanted)
-        self._crowd = Crowd(self.world.feet, self.world.terrain, make_plans(self.world.feet, people, self.scenario.stream("people/goals")))
-        self._crowd_state: CrowdState = self._crowd.start(places, heading)
-        self._footing = gait.stand(places, heading, self._stature)
-        self._pose_people()
+        return places
 
     def _settle(self) -> None:
-        for _ in range(round(SETTLING / self.model.opt.timestep)):
-            mujoco.mj_step(self.model, self.data)
-        self.data.qvel[:] = 0.0
-        self.data.time = 0.0
+        self._copy_state(self.data, self._moving)
+        for _ in range(round(SETTLING / self._physics.opt.timestep)):
+            mujoco.mj_step(self._physics, self._moving)
+        self._moving.qvel[:] = 0.0
+        self._moving.time = 0.0
+        self._copy_state(self._moving, self.data)
         mujoco.mj_forward(self.model, self.data)
+
+    @staticmethod
+    def _copy_state(source: mujoco.MjData, target: mujoco.MjData) -> None:
+        """What a step of the rovers starts from, apart from the people."""
+        target.time = source.time
+        for name in ("qpos", "qvel", "qacc_warmstart", "ctrl"):
+            getattr(target, name)[:] = getattr(source, name)
 
     def _heading(self) -> Array:
         """(robots, 2) unit directions of the rovers' x axes in the plane, and m/s along them in the third column."""
-        poses, velocity = self.data.qpos[self._poses], self.data.qvel[self._velocities]
+        poses, velocity = self._moving.qpos[self._poses], self._moving.qvel[self._velocities]
         x = np.array([rotation_from_quaternion(q)[:, 0] for q in poses[:, 3:]])
         return np.column_stack([x[:, :2], np.einsum("ri,ri->r", x, velocity[:, :3])])
 
     def _move_people(self) -> None:
         """The crowd and its colliders one crowd step on."""
-        if not len(self.persons):
+        if not len(self.everybody):
             return
-        position, velocity = self.data.qpos[self._poses[:, :2]], self.data.qvel[self._velocities[:, :2]]
+        position, velocity = self._moving.qpos[self._poses[:, :2]], self._moving.qvel[self._velocities[:, :2]]
         obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS))
         state = self._crowd.step(self._crowd_state, obstacles, self._dt)
-        self._footing = gait.walk(self._footing, gait.Bodies(state.position, state.velocity, state.heading, self._stature), self._dt)
+        bodies = gait.Bodies(state.position, state.velocity, state.heading, self._stature)
+        self._footing = gait.walk(self._footing, bodies, self._dt)
+        came = state.present & ~self._crowd_state.present
+        if came.any():
+            self._footing = gait.chosen(came, gait.stand(state.position, state.heading, self._stature), self._footing)
+        self._gaze = gaze.look(self._gaze, bodies, np.concatenate([state.position[state.present], position]), self._dt)
         self._crowd_state = state
-        self.data.mocap_pos[self._colliders] = self.feet()
+        self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
 
     def _drive(self) -> Array:
         """The rovers one crowd step on; (substeps, robots, 3) rad/s of their bodies."""
-        position, heading = self.data.qpos[self._poses[:, :2]], self._heading()
-        yaw_rate = self.data.qvel[self._velocities[:, 5]]
-        people = self._crowd_state.position
+        position, heading = self._moving.qpos[self._poses[:, :2]], self._heading()
+        yaw_rate = self._moving.qvel[self._velocities[:, 5]]
+        people = self._crowd_state.position[self._crowd_state.present]
         for i, driver in enumerate(self._drivers):
             others = np.delete(position, i, axis=0)
-            radius = np.concatenate([np.full(len(others), 0.4), np.full(len(people), pedestrian.RADIUS)])
+            radius = np.concatenate([np.full(len(others), rover.HALF_WIDTH), np.full(len(people), pedestrian.RADIUS)])
             traffic = Traffic(np.concatenate([others, people]), radius)
             motion = Motion(position[i], float(np.arctan2(heading[i, 1], heading[i, 0])), float(heading[i, 2]), float(yaw_rate[i]))
             self._drives[i] = driver.step(self._drives[i], motion, traffic, self._dt)
         goal = np.array([rover.wheel_speeds(d.speed, d.yaw_rate, w) for d, w in zip(self._drives, yaw_rate, strict=True)])
         before, self._ctrl = self._ctrl, goal
-        rates = np.empty((self._substeps, len(self.robots), 3))
+        ctrl, qvel = self._moving.ctrl, self._moving.qvel
+        commands, velocities = np.tile(ctrl, (self._substeps, 1)), np.empty((self._substeps, len(qvel)))
+        share = np.arange(1, self._substeps + 1)[:, None, None] / self._substeps
+        commands[:, self._motors] = before + (goal - before) * share
         for k in range(self._substeps):
-            self.data.ctrl[self._motors] = before + (goal - before) * (k + 1) / self._substeps
-            mujoco.mj_step(self.model, self.data)
-            rates[k] = self.data.qvel[self._velocities[:, 3:]]
-        return rates
+            ctrl[:] = commands[k]
+            mujoco.mj_step(self._physics, self._moving)
+            velocities[k] = qvel
+        return velocities[:, self._velocities[:, 3:]]
 
     def _pose_people(self) -> None:
         """All limbs where they are now."""
         state = self._crowd_state
         poses = pedestrian.pose(self._stature, self._footing, state.position, state.heading, self.world.terrain)
-        self.data.mocap_pos[self._limbs], self.data.mocap_quat[self._limbs] = poses.position, poses.quaternion
-        self.data.mocap_pos[self._colliders] = self.feet()
+        poses = gaze.turned(poses, self._gaze)
+        self.data.mocap_pos[self._limbs], self.data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
+        self.data.mocap_pos[self._colliders] = self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
+        self._show_present()
         self._joints = poses.joints
+
+    def _show_present(self) -> None:
+        absent = np.isin(self.person_of_geom, self.everybody[~self._crowd_state.present])
+        self.model.geom_group[:] = np.where(absent, ABSENT, self._groups)
+
+    def _everybodys_feet(self) -> Array:
+        """(everybody, 3) m, those who are absent included."""
+        position = self._crowd_state.position
+        return np.column_stack([position, self.world.terrain.height_at(position)])
+
+    def _parked(self, position: Array) -> Array:
+        """position (everybody, ..., 3) m with those who are absent far below the ground, where nothing meets them."""
+        out = position.copy()
+        out[~self._crowd_state.present, ..., 2] -= PARKED
+        return out
 
     def _reckon(self, rates: Array, wheels: Array, velocity: Array) -> None:
         """The odometry of the frame that has just ended."""

@@ -33,7 +33,7 @@ def test_imports_go_one_way(house: str) -> None:
 def test_only_the_renderer_knows_gl_and_only_the_simulation_steps() -> None:
     for path in (ROOT / "sim").rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        if path.name not in ("gl.py", "panorama.py"):
+        if path.name not in ("gl.py", "painter.py"):
             assert "OpenGL" not in imports(path), path
             assert "mjr_" not in text, path
         if path.name != "simulation.py":

@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 
 OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 OPTICAL_FROM_CAMERA.flags.writeable = False
+PIXEL_PITCH = 5e-3  # mm, of cameras that were never built
 
 
 class Camera(Protocol):
@@ -28,6 +29,11 @@ class Camera(Protocol):
 
     @property
     def height(self) -> int: ...
+
+    @property
+    def pixel_centre(self) -> float:
+        """u and v of the first pixel's centre: ½, or 0 where centres lie at whole numbers."""
+        ...
 
     def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
         """(n, 2) pixels u, v → (n, 3) unit directions."""
@@ -54,6 +60,10 @@ class Panorama:
         _check_size(self.width, self.height)
         if self.width != 2 * self.height:
             raise ValueError(f"panorama is {self.width} x {self.height}, needs width = 2 height")
+
+    @property
+    def pixel_centre(self) -> float:
+        return 0.5
 
     def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
         p = np.asarray(pixels, dtype=np.float64)
@@ -94,11 +104,28 @@ class Tsai:
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs more than 0")
 
-    def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
+    @property
+    def pixel_centre(self) -> float:
+        return 0.0
+
+    @property
+    def fold(self) -> float:
+        """Radius on the sensor, mm, beyond which the distortion has no inverse; inf where it always has one."""
+        return float(np.sqrt(-1 / (3 * self.kappa1))) if self.kappa1 < 0 else np.inf
+
+    def folded(self, pixels: ArrayLike) -> Mask:
+        """(n, 2) pixels → whether each lies beyond the fold: its direction is that of a pixel within, too."""
+        return np.asarray(np.hypot(*self._on_sensor(pixels).T) > self.fold)
+
+    def _on_sensor(self, pixels: ArrayLike) -> Array:
+        """(n, 2) pixels → (n, 2) mm from the optical axis, distorted."""
         p = np.asarray(pixels, dtype=np.float64)
-        distorted = np.stack([(p[:, 0] - self.cx) * self.dpx / self.sx, (p[:, 1] - self.cy) * self.dpy], axis=1)
+        return np.stack([(p[:, 0] - self.cx) * self.dpx / self.sx, (p[:, 1] - self.cy) * self.dpy], axis=1)
+
+    def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
+        distorted = self._on_sensor(pixels)
         undistorted = distorted * (1 + self.kappa1 * (distorted**2).sum(axis=1, keepdims=True))
-        optical = np.concatenate([undistorted, np.full((len(p), 1), self.focal)], axis=1)
+        optical = np.concatenate([undistorted, np.full((len(distorted), 1), self.focal)], axis=1)
         optical /= np.linalg.norm(optical, axis=1, keepdims=True)
         return optical @ OPTICAL_FROM_CAMERA
 
@@ -119,13 +146,22 @@ class Tsai:
         """Solve r (1 + κ1 r²) = ru on the branch that holds r = 0 by Newton; a negative κ1 may leave no root there."""
         ru = np.linalg.norm(undistorted, axis=1)
         r = ru.copy()
-        limit = np.inf
-        if self.kappa1 < 0:
-            limit = float(np.sqrt(-1 / (3 * self.kappa1)))
-            r = np.minimum(r, 0.99 * limit)
+        limit = self.fold
+        r = np.minimum(r, 0.99 * limit)
         for _ in range(30):
             r = r - (r * (1 + self.kappa1 * r**2) - ru) / np.maximum(1 + 3 * self.kappa1 * r**2, 1e-6)
             r = np.clip(r, 0.0, limit)
         solved = np.abs(r * (1 + self.kappa1 * r**2) - ru) < 1e-9 * (1 + ru)
         scale = np.where(ru > 1e-12, r / np.where(ru > 1e-12, ru, 1.0), 1.0)
         return undistorted * scale[:, None], solved
+
+
+def pinhole(width: int, height: int, field: float) -> Tsai:
+    """A Tsai camera without distortion (κ1 = 0, sx = 1, square pixels of 5 µm) that spans `field` rad from its left to its right edge.
+
+    Its axis goes through the middle of the image. Raises ValueError for a field of view that is not within (0, π).
+    """
+    if not 0 < field < np.pi:
+        raise ValueError(f"field of view is {field} rad, needs more than 0 and less than π")
+    focal = width / 2 / np.tan(field / 2) * PIXEL_PITCH
+    return Tsai(width, height, float(focal), 0.0, (width - 1) / 2, (height - 1) / 2, 1.0, PIXEL_PITCH, PIXEL_PITCH)

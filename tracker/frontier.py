@@ -50,7 +50,9 @@ class Frontier:
         taken = np.zeros(len(free), dtype=bool)
         taken[match[found]] = True
         alive = ~done & (c.missed <= self.rule.misses)
-        self._seen, self._match, self._new = seen, np.where(found, free[match], -1)[alive], free[~taken]
+        followed = np.full(len(match), -1)
+        followed[found] = free[match[found]]
+        self._seen, self._match, self._new = seen, followed[alive], free[~taken]
         c.keep(alive)
 
     def remember(self, clone: int) -> None:

@@ -142,6 +142,8 @@ class Tick:
 class Truth:
     """What was so at one tick. T_world_robot a robot; person_id (m,); feet (m, 3) m: the ground under the middle of the body;
     visible (m, cameras): pixels seen over the pixels that the person would cover alone, in [0, 1], cameras in the order of Setup.mounts.
+    joints (m, 17, 3) m: the key points of COCO (layout.KEYPOINT_NAMES), or None where they were not read (annotations.read_joints reads them).
+    tipped: the robots that have tipped over: their odometry and panoramas are still there, but nobody should expect much of them.
     """
 
     index: int
@@ -149,12 +151,18 @@ class Truth:
     person_id: Ints
     feet: Array
     visible: Array
+    joints: Array | None = None
+    tipped: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         n = len(self.person_id)
+        if not self.tipped <= set(self.T_world_robot):
+            raise ValueError(f"tipped is {sorted(self.tipped)}, needs robots of {sorted(self.T_world_robot)}")
         _set_ints(self, "person_id", n)
         _set(self, "feet", (n, 3))
         _set(self, "visible", (n, None))
+        if self.joints is not None:
+            _set(self, "joints", (n, 17, 3))
         if len(np.unique(self.person_id)) != n:
             raise ValueError(f"truth of frame {self.index} has a person twice")
 
@@ -221,6 +229,11 @@ class Estimate:
     position: Array
     covariance: Array
     counters: dict[str, int] = field(default_factory=dict)
+
+    @staticmethod
+    def of_robots(index: int, T_world_robot: dict[str, Pose], covariance: dict[str, Array], counters: dict[str, int]) -> Estimate:
+        """Nobody is there yet."""
+        return Estimate(index, T_world_robot, covariance, np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), counters)
 
     def __post_init__(self) -> None:
         n = len(self.target_id)

@@ -1,32 +1,31 @@
-"""A Sequence: what the tracker is given, in memory or in a folder. Writer and reader side by side.
+"""A Sequence: what the tracker is given, in memory or in a folder that tracker/recording.py wrote.
 
-The folder's own README.md (written from README below) says what every file and column is.
+The folder's own README.md (layout.README) says what every file and column is. Truth of single views is read by tracker/annotations.py.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import zipfile
 import zlib
-from collections.abc import Container, Iterator
-from collections.abc import Sequence as Items
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tracker.cameras import Panorama
-from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.annotations import Boxes, read_boxes
+from tracker.calibration import pose_from, setup_from
 from tracker.ground import Grid
-from tracker.layout import BOXES, DETECTIONS, NEEDED, ODOMETRY, POSE, README, ROBOTS, SCHEMA, UPPER
-from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Start, Tick, Truth, View
-from tracker.tables import read_table, write_table
+from tracker.layout import DETECTIONS, NEEDED, ODOMETRY, POSE, ROBOTS, SCHEMA, UPPER, people_columns
+from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Tick, Truth, View
+from tracker.recording import SequenceWriter
+from tracker.tables import rows_by_frame
+
+__all__ = ["Boxes", "Sequence", "SequenceWriter", "Ticks", "TicksInMemory", "read_boxes", "read_json", "read_sequence"]
 
 
 class Ticks(Protocol):
@@ -65,126 +64,6 @@ class Sequence:
     ticks: Ticks
     truth: tuple[Truth, ...] | None
     provenance: dict[str, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """True boxes of people in one camera: person (n,), seen and full (n, 4) left, top, right, bottom px, visible (n,) fraction."""
-
-    person: Array
-    seen: Array
-    full: Array
-    visible: Array
-
-
-def _pose_row(pose: Pose) -> list[float]:
-    return [*map(float, pose.translation), *map(float, quaternion_from_rotation(pose.rotation))]
-
-
-def _pose_from(row: Items[float]) -> Pose:
-    return Pose(rotation_from_quaternion(row[3:7]), np.array(row[:3]))
-
-
-class SequenceWriter:
-    """Writes a Sequence under a temporary name; only `finish` gives it its own. As a context it cleans up after an error."""
-
-    def __init__(self, folder: Path, setup: Setup, tops: Grid) -> None:
-        self.folder, self.setup = folder, setup
-        self.partial = folder.with_name(f".{folder.name}.partial")
-        self.tops = tops
-        self._rows: dict[str, list[list[object]]] = {name: [] for name in ("odometry", "detections", "robots", "people", "boxes")}
-
-    def __enter__(self) -> SequenceWriter:
-        if self.partial.exists():
-            shutil.rmtree(self.partial)
-        (self.partial / "truth").mkdir(parents=True)
-        for camera in self.setup.mounts:
-            (self.partial / "images" / camera).mkdir(parents=True)
-            (self.partial / "instances" / camera).mkdir(parents=True)
-        ground = self.setup.ground
-        assert isinstance(ground, Grid)
-        np.savez(self.partial / "terrain.npz", heights=ground.heights, origin=ground.origin, spacing=ground.spacing, tops=self.tops.heights)
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self.partial.exists():
-            shutil.rmtree(self.partial)
-
-    def add(self, tick: Tick, truth: Truth, instances: dict[str, NDArray[np.uint16]], boxes: dict[str, Boxes]) -> None:
-        """Append one tick; instances: camera → (H, W) uint16."""
-        k, rows = tick.index, self._rows
-        for view in tick.views:
-            robot = self.setup.mounts[view.camera].robot
-            if view.odometry is not None:
-                o = view.odometry
-                up = [*map(float, o.gravity), o.gravity_sigma] if o.gravity is not None else [0.0, 0.0, 0.0, 0.0]
-                rows["odometry"].append([k, robot, *_pose_row(o.T_before_now), *up, *(float(o.covariance[i, j]) for i, j in UPPER)])
-            d = view.detections
-            for b, e, c, s in zip(d.bearing, d.extent, d.confidence, d.covariance, strict=True):
-                rows["detections"].append([k, view.camera, *map(float, [*b, *e, c, s[0, 0], s[0, 1], s[1, 1]])])
-            assert view.image is not None
-            self._image(Path("images", view.camera, f"{k:06d}.jpg"), view.image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])
-            self._image(Path("instances", view.camera, f"{k:06d}.png"), instances[view.camera], [cv2.IMWRITE_PNG_COMPRESSION, 1])
-            t = boxes[view.camera]
-            for p, seen, full, visible in zip(t.person, t.seen, t.full, t.visible, strict=True):
-                rows["boxes"].append([k, view.camera, int(p), *map(float, [*seen, *full, visible])])
-        rows["robots"] += [[k, robot, *_pose_row(pose)] for robot, pose in truth.T_world_robot.items()]
-        for person, feet, fractions in zip(truth.person_id, truth.feet, truth.visible, strict=True):
-            rows["people"].append([k, int(person), *map(float, feet), *map(float, fractions)])
-
-    def _image(self, name: Path, image: Any, options: list[int]) -> None:
-        ok, data = cv2.imencode(name.suffix, image, options)
-        if not ok:
-            raise ValueError(f"{name}: this image cannot be written as {name.suffix}")
-        (self.partial / name).write_bytes(data.tobytes())
-
-    def finish(self, provenance: dict[str, Any], versions: dict[str, str]) -> None:
-        """Write tables, calibration and manifest, and give the folder its name."""
-        rows, root = self._rows, self.partial
-        write_table(root / "odometry.csv", list(ODOMETRY), rows["odometry"])
-        write_table(root / "detections.csv", list(DETECTIONS), rows["detections"])
-        write_table(root / "truth" / "robots.csv", list(ROBOTS), rows["robots"])
-        write_table(root / "truth" / "people.csv", list(_people_columns(self.setup)), rows["people"])
-        write_table(root / "truth" / "boxes.csv", list(BOXES), rows["boxes"])
-        (root / "README.md").write_text(README, encoding="utf-8")
-        _write_json(root / "scenario.json", provenance)
-        _write_json(root / "calibration.json", _calibration(self.setup))
-        files = {
-            path.relative_to(root).as_posix(): {"sha256": _sha256(path.read_bytes()), "bytes": path.stat().st_size}
-            for path in sorted(root.rglob("*"))
-            if path.is_file()
-        }
-        _write_json(root / "manifest.json", {"schema": SCHEMA, "versions": versions, "files": files})
-        root.rename(self.folder)
-
-
-def _write_json(path: Path, value: object) -> None:
-    path.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _people_columns(setup: Setup) -> dict[str, type]:
-    return {"frame": int, "person": int, "x": float, "y": float, "z": float} | {f"visible_{camera}": float for camera in setup.mounts}
-
-
-def _calibration(setup: Setup) -> dict[str, Any]:
-    return {
-        "period": setup.period,
-        "height": list(setup.height),
-        "cameras": {
-            name: {
-                "model": "panorama",
-                "width": mount.camera.width,
-                "height": mount.camera.height,
-                "robot": mount.robot,
-                "T_body_camera": _pose_row(mount.T_body_camera),
-            }
-            for name, mount in setup.mounts.items()
-        },
-        "starts": {
-            name: {"T_world_robot": _pose_row(start.T_world_robot), "covariance": start.covariance.tolist()} if start else None
-            for name, start in setup.starts.items()
-        },
-    }
 
 
 def read_json(path: Path) -> Any:
@@ -255,42 +134,15 @@ def _read_setup(folder: Path) -> Setup:
             ground, tops = Grid(terrain["heights"], origin, spacing), Grid(terrain["tops"], origin, spacing)
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{folder / 'terrain.npz'}: {error}") from None
-    mounts = {
-        name: Mount(Panorama(entry["width"], entry["height"]), _pose_from(entry["T_body_camera"]), entry["robot"])
-        for name, entry in calibration["cameras"].items()
-    }
-    starts = {
-        name: Start(_pose_from(entry["T_world_robot"]), np.array(entry["covariance"])) if entry else None
-        for name, entry in calibration["starts"].items()
-    }
-    low, high = calibration["height"]
-    return Setup(mounts, ground, starts, calibration["period"], height=(low, high), occluders=tops)
-
-
-def _rows_by_frame(
-    path: Path, columns: dict[str, type], key: tuple[str, ...] = (), known_values: dict[str, Container[Any]] | None = None
-) -> dict[int, list[dict[str, Any]]]:
-    """Rows of a table by frame; `key` columns must tell the rows of a frame apart and values be known ones, else ValueError with the line."""
-    table = read_table(path, columns)
-    frames: dict[int, list[dict[str, Any]]] = {}
-    seen = set()
-    for line, values in enumerate(zip(*table.values(), strict=True), 2):
-        row = dict(zip(columns, values, strict=True))
-        for name, known in (known_values or {}).items():
-            if row[name] not in known:
-                raise ValueError(f"{path}:{line}: {name} is {row[name]}, the sequence does not have it")
-        if key:
-            identity = tuple(row[name] for name in ("frame", *key))
-            if identity in seen:
-                raise ValueError(f"{path}:{line}: frame {row['frame']} has {key[0]} {row[key[0]]} twice")
-            seen.add(identity)
-        frames.setdefault(int(row["frame"]), []).append(row)
-    return frames
+    try:
+        return setup_from(calibration, ground, tops)
+    except ValueError as error:
+        raise ValueError(f"{folder / 'calibration.json'}: {error}") from None
 
 
 def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
-    robots = _rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",), {"robot": setup.starts})
-    people = _rows_by_frame(folder / "truth" / "people.csv", _people_columns(setup), ("person",))
+    robots = rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",), {"robot": setup.starts, "tipped": (0, 1)})
+    people = rows_by_frame(folder / "truth" / "people.csv", people_columns(setup.mounts), ("person",))
     if sorted(robots) != list(range(len(robots))):
         raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {len(robots) - 1} without a gap")
     for k, rows in robots.items():
@@ -300,32 +152,14 @@ def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
     return tuple(
         Truth(
             k,
-            {row["robot"]: _pose_from([row[c] for c in POSE]) for row in robots[k]},
+            {row["robot"]: pose_from([row[c] for c in POSE]) for row in robots[k]},
             np.array([row["person"] for row in people.get(k, [])], dtype=np.int64),
             np.array([[row["x"], row["y"], row["z"]] for row in people.get(k, [])]).reshape(-1, 3),
             np.array([[row[c] for c in visible] for row in people.get(k, [])]).reshape(-1, len(visible)),
+            tipped=frozenset(row["robot"] for row in robots[k] if row["tipped"]),
         )
         for k in range(len(robots))
     )
-
-
-def read_boxes(folder: Path) -> dict[tuple[int, str], Boxes]:
-    """True boxes by frame and camera."""
-    frames = _rows_by_frame(folder / "truth" / "boxes.csv", BOXES, ("person", "camera"))
-    found: dict[tuple[int, str], list[dict[str, Any]]] = {}
-    for k, rows in frames.items():
-        for row in rows:
-            found.setdefault((k, row["camera"]), []).append(row)
-    names = list(BOXES)[3:]
-    return {
-        key: Boxes(
-            np.array([r["person"] for r in rows]),
-            np.array([[r[c] for c in names[:4]] for r in rows]),
-            np.array([[r[c] for c in names[4:8]] for r in rows]),
-            np.array([r["visible"] for r in rows]),
-        )
-        for key, rows in found.items()
-    }
 
 
 class _DiskTicks:
@@ -334,8 +168,8 @@ class _DiskTicks:
     def __init__(self, folder: Path, setup: Setup, count: int, files: dict[str, Any]) -> None:
         self.folder, self.setup, self.count, self.files = folder, setup, count, files
         frames = range(count)
-        self._odometry = _rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
-        self._detections = _rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
+        self._odometry = rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
+        self._detections = rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
 
     def __len__(self) -> int:
         return self.count
@@ -380,7 +214,7 @@ def _odometry(row: dict[str, Any]) -> Odometry:
     for i, j in UPPER:
         covariance[i, j] = covariance[j, i] = row[f"c{i}{j}"]
     up = np.array([row["up_x"], row["up_y"], row["up_z"]])
-    return Odometry(_pose_from([row[c] for c in POSE]), covariance, up if up.any() else None, float(row["up_sigma"]))
+    return Odometry(pose_from([row[c] for c in POSE]), covariance, up if up.any() else None, float(row["up_sigma"]))
 
 
 def _detections(rows: list[dict[str, Any]]) -> Detections:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,27 @@ def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any
     if not text:
         raise ValueError(f"{path}: empty, needs a header")
     return {name: np.array(values, dtype=str if columns[name] is str and not values else None) for name, values in lists.items()}
+
+
+def rows_by_frame(
+    path: Path, columns: Mapping[str, type], key: tuple[str, ...] = (), known_values: Mapping[str, Container[Any]] | None = None
+) -> dict[int, list[dict[str, Any]]]:
+    """Rows of a table by frame; `key` columns must tell the rows of a frame apart and values be known ones, else ValueError with the line."""
+    table = read_table(path, columns)
+    frames: dict[int, list[dict[str, Any]]] = {}
+    seen = set()
+    for line, values in enumerate(zip(*table.values(), strict=True), 2):
+        row = dict(zip(columns, values, strict=True))
+        for name, known in (known_values or {}).items():
+            if row[name] not in known:
+                raise ValueError(f"{path}:{line}: {name} is {row[name]}, the sequence does not have it")
+        if key:
+            identity = tuple(row[name] for name in ("frame", *key))
+            if identity in seen:
+                raise ValueError(f"{path}:{line}: frame {row['frame']} has {key[0]} {row[key[0]]} twice")
+            seen.add(identity)
+        frames.setdefault(int(row["frame"]), []).append(row)
+    return frames
 
 
 def _parse(kind: type, cell: str, where: str) -> Any:

@@ -28,11 +28,10 @@ NAME = "campus"
 SPACING = 0.22
 RIM = 1.2
 """m: nobody comes so near to the edge."""
-PIXELS = 40.0
+PIXELS = 36.0
 """Of the ground, a metre."""
 FREE_FOR_FEET, FREE_FOR_WHEELS = 1000.0, 600.0
 """m²: what people and rovers need at least."""
-
 
 
 def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
@@ -53,7 +52,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     far.contype = far.conaffinity = 0
     far.castshadow = False
     buildings(site)
-    furniture(rng, site)
+    furniture(rng, site, difficulty)
     decks = ramp(rng, site, difficulty)
     trees(rng, site, difficulty)
     posts(rng, site, difficulty)

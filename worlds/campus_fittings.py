@@ -42,7 +42,7 @@ class Site:
         return float(self.ground.height_at(ring).min())
 
     def block(self, corners: ArrayLike) -> None:
-        self.blocked[covered(self.ground, corners, SPACING / 2)] = True
+        self.blocked[covered(self.ground, corners, self.ground.spacing / 2)] = True
 
 
 def buildings(site: Site) -> None:
@@ -77,7 +77,7 @@ def _windows(site: Site, what: tuple[str, bool], along: tuple[float, float], at:
         box(f"post{k}", (x - 0.05, x + 0.05, sill, sill + 1.3), (0.42, 0.16, 0.12), 0.07)
 
 
-def furniture(rng: np.random.Generator, site: Site) -> None:
+def furniture(rng: np.random.Generator, site: Site, difficulty: float) -> None:
     """Stones at the kerbs, benches, cars in the car park; all where nobody of PETS walks."""
     for k, place in enumerate(plan.BOULDERS):
         shape = hull([(x * rng.uniform(0.16, 0.24), y * rng.uniform(0.16, 0.24), z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.2)]
@@ -93,9 +93,9 @@ def furniture(rng: np.random.Generator, site: Site) -> None:
         for part, left in enumerate((-0.7, 0.62)):
             site.box(f"bench{k}-leg{part}", (x + left, y - 0.18, z - 0.1), (x + left + 0.08, y + 0.22, z + 0.85), (0.25, 0.25, 0.27))
         site.block(rectangle(place, (1.7, 0.55)))
-    for k, place in enumerate(plan.CARS):
+    for k, place in enumerate(plan.CARS if difficulty else plan.CARS[:2]):
         colour = ((0.75, 0.76, 0.78), (0.30, 0.42, 0.55), (0.86, 0.86, 0.84))[k % 3]
-        _car(site, f"car{k}", place, (colour, 0.0 if k == 2 else np.pi / 2))
+        _car(site, f"car{k}", place, (colour, 0.0 if k < 2 else np.pi / 2))
 
 
 def _car(site: Site, name: str, place: Array, look: tuple[Colour, float]) -> None:

@@ -27,7 +27,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     flat = Heightfield.flat([[-HALF, -HALF], [HALF, HALF]], SPACING)
     plan = Site(NAME, flat, HALF)
     # Where trees will stand decides where roots lift the ground.
-    stems = plan.spots(rng, 26 + round(34 * difficulty), 1.9 - 0.2 * difficulty)
+    stems = plan.spots(rng, 26 + round(26 * difficulty), 1.9 - 0.1 * difficulty)
     ground = flat.with_heights(_heights(rng, flat.nodes, stems, difficulty))
     site = Site(NAME, ground, HALF)
     leaves = canvases(rng, rng.uniform(0, 0.6))
@@ -52,15 +52,15 @@ def _tree(rng: np.random.Generator) -> Plant:
 
 
 def _heights(rng: np.random.Generator, nodes: Array, stems: Array, difficulty: float) -> Array:
-    z = swell(rng, nodes, 8.0, 0.2 + 0.6 * difficulty) + swell(rng, nodes, 2.6, 0.05 + 0.18 * difficulty)
-    z = z + swell(rng, nodes, 0.8, 0.01 + 0.04 * difficulty)
+    z = swell(rng, nodes, 8.0, 0.2 + 0.6 * difficulty) + swell(rng, nodes, 2.6, 0.05 + 0.12 * difficulty)
+    z = z + swell(rng, nodes, 0.8, 0.01 + 0.02 * difficulty)
     for _ in range(3 + round(7 * difficulty)):
         # Where a tree was torn out there is a dip, and a mound beside it.
         place, wide = rng.uniform(-HALF + 4, HALF - 4, 2), rng.uniform(0.7, 1.3)
         away = rng.uniform(-np.pi, np.pi)
         for sign, middle in ((-1.0, place), (0.6, place + 1.7 * wide * np.array([np.cos(away), np.sin(away)]))):
             r2 = ((nodes - middle) ** 2).sum(axis=2)
-            z = z + sign * (0.12 + 0.28 * difficulty) * np.exp(-r2 / (2 * (0.6 * wide) ** 2))
+            z = z + sign * (0.12 + 0.2 * difficulty) * np.exp(-r2 / (2 * (0.6 * wide) ** 2))
     return np.asarray(z + _roots(rng, nodes, stems, difficulty) + embankment(rng, nodes, HALF, 1.4 + difficulty))
 
 
@@ -76,7 +76,7 @@ def _roots(rng: np.random.Generator, nodes: Array, stems: Array, difficulty: flo
             bend = start + rng.normal(0, 0.35) * reach[near]
             beside = np.abs(np.angle(np.exp(1j * (angle - bend)))) * reach[near]
             ridge = np.clip(1 - beside / 0.16, 0, 1) * np.clip(1 - reach[near] / rng.uniform(0.9, 2.2), 0, 1)
-            lift[near] = np.maximum(lift[near], (0.07 + 0.10 * difficulty) * ridge)
+            lift[near] = np.maximum(lift[near], (0.07 + 0.06 * difficulty) * ridge)
     return lift
 
 

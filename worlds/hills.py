@@ -54,8 +54,8 @@ def _heights(rng: np.random.Generator, nodes: Array, track: Array, difficulty: f
     z = swell(rng, nodes, 11.0, 0.5 + 0.95 * difficulty) + swell(rng, nodes, 5.0, 0.12 + 0.26 * difficulty)
     # Tussocks, but not where carts went.
     worn = np.clip(track / 1.2, 0.25, 1.0)
-    z = z + worn * (swell(rng, nodes, 1.6, 0.03 + 0.08 * difficulty) + swell(rng, nodes, 0.7, 0.01 + 0.03 * difficulty))
-    # The track has cut itself in; its edges are the steps of this place.
-    depth = 0.06 + 0.12 * difficulty
+    z = z + worn * (swell(rng, nodes, 1.6, 0.03 + 0.08 * difficulty) + swell(rng, nodes, 0.7, 0.01 + 0.02 * difficulty))
+    # The track has cut itself in, here more, there not at all, where one drives across; its edges are the steps of this place.
+    depth = (0.06 + 0.12 * difficulty) * np.clip(0.5 + swell(rng, nodes, 6.0, 1.2), 0, 1)
     z = z - depth * np.clip((1.15 - track) / 0.25, 0, 1)
     return np.asarray(z + embankment(rng, nodes, HALF, 1.6 + 1.2 * difficulty))

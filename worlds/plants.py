@@ -117,9 +117,12 @@ def log(rng: np.random.Generator, length: float, radius: float) -> Shape:
     """A fallen stem around the origin along x, length and radius m."""
     angle = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
     rings = [(-length / 2, radius), (length / 2, 0.8 * radius)]
-    points = np.concatenate([np.column_stack([np.full(SIDES, x), r * np.cos(angle), r * np.sin(angle)]) for x, r in rings])
+    points = np.concatenate([np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(SIDES, z)]) for z, r in rings])
     solid = trimesh.convex.convex_hull(points)
-    return wrapped(solid.vertices, np.asarray(solid.faces, dtype=np.int64), rng.uniform(0, PERIOD, 2))
+    # It gets its bark upright, where the grain runs along the stem, and falls then.
+    upright = wrapped(solid.vertices, np.asarray(solid.faces, dtype=np.int64), rng.uniform(0, PERIOD, 2))
+    x, y, z = upright.vertices.T
+    return Shape(np.column_stack([z, y, -x]), upright.faces, upright.texcoord)
 
 
 def _stem(rng: np.random.Generator, radius: float, height: float, lean: Array) -> Shape:

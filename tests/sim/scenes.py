@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.cameras import Panorama
 from tracker.geometry import Pose, rotation_z
 
 G = mujoco.mjtGeom
@@ -94,24 +93,6 @@ def court() -> Scene:
     spec.worldbody.add_light(pos=[0, 0, 10], dir=[0.4, 0.3, -1], type=SUN, castshadow=True, diffuse=[0.6] * 3)
     tilted = Pose.exp([0, 0, 0, 0.1, -0.07, 0])
     return compiled(spec, [Pose(np.eye(3), np.array([0.0, 0.0, EYE])), Pose.planar(-4.0, -3.0, 2.0, EYE) @ tilted])
-
-
-def bearings(camera: Panorama) -> NDArray[np.float64]:
-    """(H W, 3) directions of all pixel centres."""
-    u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    return camera.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1))
-
-
-def rays(scene: Scene, camera: Panorama, pose: Pose) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """The exact geom (H, W), −1 for none, and range (H, W) m, inf for none, through every pixel centre, by ray casting."""
-    directions = np.ascontiguousarray(bearings(camera) @ pose.rotation.T)
-    geom, distance = np.zeros((len(directions), 1), np.int32), np.zeros((len(directions), 1))
-    groups = np.array([1, 1, 1, 1, 0, 0], np.uint8)
-    mujoco.mj_multiRay(
-        scene.model, scene.data, pose.translation.copy(), directions.ravel(), groups, 1, -1, geom, distance, None, len(directions), 1e6
-    )
-    shape = (camera.height, camera.width)
-    return geom.reshape(shape), np.where(geom < 0, np.inf, distance).reshape(shape)
 
 
 def quarter(pose: Pose) -> Pose:

@@ -64,7 +64,7 @@ def test_wheels_that_get_nowhere_make_it_back_up():
     driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     _, plans = drive(driver, (-4.0, 3.0, 0.0), 6.0, stuck_wheels=True)
     assert min(p.speed for p in plans) < -0.1
-    assert plans[-1].visit == 1
+    assert plans[-1].visit >= 1
 
 
 def test_a_start_beside_the_room_is_no_trouble():

@@ -79,10 +79,11 @@ def test_up_is_up_within_its_sigma():
     for k in range(500):
         still = ride(0.0, 0.0)
         up = tilt.T @ UP
-        odo = measure(Ride(still.rates, DT, still.wheels, np.zeros(3), up), PERFECT, np.random.default_rng(k))
+        rng = np.random.default_rng(k)
+        odo = measure(Ride(still.rates, DT, still.wheels, np.zeros(3), up), Wear.draw(rng), rng)
         assert np.linalg.norm(odo.gravity) == pytest.approx(1.0)
         angles.append(np.arccos(np.clip(odo.gravity @ up, -1, 1)) / odo.gravity_sigma)
-    # Two axes of one sigma each, of which the noise is the larger part.
+    # Two axes of one sigma each, of which the bias is the larger part.
     assert 0.4 < np.mean(np.square(angles)) / 2 < 1.1
 
 

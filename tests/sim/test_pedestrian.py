@@ -4,7 +4,8 @@ from scipy.spatial.transform import Rotation
 
 from sim import gait, pedestrian
 from sim.gait import Bodies, Footing
-from sim.pedestrian import ANKLE, COCO, HEEL, LIMBS, PIVOT
+from sim.pedestrian import COCO, LIMBS
+from sim.soles import ANKLE, HEEL, PIVOT
 from tracker.geometry import rotation_z
 from worlds.heightfield import Heightfield
 
@@ -147,6 +148,19 @@ def test_statures_are_those_of_adults():
     assert heights.max() <= 2.0
     assert abs(heights.mean() - 1.72) < 0.01
     np.testing.assert_array_equal(heights[:1], pedestrian.statures(np.random.default_rng(1), 2000)[:1])
+
+
+def test_children_are_small_and_have_large_heads():
+    heights = pedestrian.statures(np.random.default_rng(1), 2000, 0.3)
+    children = heights < 1.5
+    assert 0.25 < children.mean() < 0.35
+    assert heights.min() >= 1.1
+    sizes = np.array([1.1, 1.3, 1.5, 1.8])
+    assert (np.diff(pedestrian.head_size(sizes) / sizes) <= 1e-12).all()
+    np.testing.assert_allclose(pedestrian.head_size(sizes[2:]), sizes[2:])
+    # Shoulders and what is above them make up the stature.
+    above = (1 - pedestrian.SHOULDER_HEIGHT) * pedestrian.head_size(sizes)
+    np.testing.assert_allclose(pedestrian.SHOULDER_HEIGHT * pedestrian.trunk_size(sizes) + above, sizes)
 
 
 def test_nobody_has_no_limbs():

@@ -2,11 +2,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import pedestrian
+from sim import pedestrian, soles
 from sim.scenario import Scenario
 from sim.simulation import Simulation
 from tests.sim.yard import yard
 from tracker.geometry import Pose
+from worlds import catalogue
 
 SMALL = Scenario(robots=2, people=3, frames=6, rate=6.0)
 
@@ -189,3 +190,83 @@ def test_a_rover_on_its_side_is_reported(small):
     small.data.qpos[small.model.joint("robot_0").qposadr[0] + 3 :][:4] = [np.cos(0.6), np.sin(0.6), 0.0, 0.0]
     assert small.tipped() == {"robot_0": True, "robot_1": False}
     assert isinstance(small.T_world_robot("robot_0"), Pose)
+
+
+class Steps:
+    """The soles of twelve people who walk in a world: lowest gap m to the terrain where they stand, way m of what moves least between two frames."""
+
+    def __init__(self, world: str, difficulty: float, frames: int) -> None:
+        scenario = Scenario(world=world, difficulty=difficulty, seed=3, robots=1, people=12, rate=12.0)
+        simulation = Simulation(scenario)
+        names = [[f"person_{p}/{side}_shoe" for side in ("left", "right")] for p in simulation.everybody]
+        shoes = np.array([[simulation.model.body(name).id for name in pair] for pair in names])
+        along, aside = np.meshgrid(np.linspace(-soles.HEEL, soles.PIVOT, 6), [-soles.HALF_SOLE, soles.HALF_SOLE])
+        points = np.stack([along.ravel(), aside.ravel(), np.full(12, -soles.ANKLE)], axis=1)
+        size = pedestrian.trunk_size(simulation._stature)[:, None, None, None]
+        gaps, slides, last = [], [], None
+        for _ in range(frames):
+            simulation.step()
+            R = simulation.data.xmat[shoes].reshape(*shoes.shape, 3, 3)
+            sole = simulation.data.xpos[shoes][:, :, None] + np.einsum("mfij,kj->mfki", R, points) * size
+            standing = simulation._footing.standing & np.isin(simulation.everybody, simulation.persons)[:, None]
+            above = sole[..., 2] - simulation.world.terrain.height_at(sole[..., :2].reshape(-1, 2)).reshape(sole.shape[:-1])
+            gaps.append(above.min(axis=2)[standing])
+            if last is not None:
+                slides.append(np.linalg.norm(sole - last[0], axis=3).min(axis=2)[standing & last[1]])
+            last = sole, standing
+        self.gap, self.slide = np.abs(np.concatenate(gaps)), np.concatenate(slides)
+
+
+@pytest.mark.parametrize("difficulty", [0.0, 1.0])
+@pytest.mark.parametrize("world", [pytest.param(w, marks=() if w in ("pilsun", "quarry") else pytest.mark.slow) for w in sorted(catalogue.WORLDS)])
+def test_standing_feet_neither_slide_nor_float_nor_sink_anywhere(world, difficulty):
+    steps = Steps(world, difficulty, 40)
+    assert len(steps.gap) > 400
+    assert steps.slide.max() < 0.03
+    # One footfall in some hundreds is on a corner that no stiff sole can stand on.
+    assert (steps.gap > 0.02).mean() < 0.005
+    assert steps.gap.max() < 0.06
+
+
+def test_a_restored_state_goes_on_the_same():
+    simulation = Simulation(Scenario(robots=2, people=6, at_once=3, frames=40), yard())
+
+    def moment() -> list[bytes]:
+        odometry = [o.T_before_now.log() for o in simulation.odometry().values()]
+        data = simulation.data
+        return [a.tobytes() for a in (simulation.persons, simulation.feet(), simulation.joints(), data.qpos, data.qacc, data.mocap_pos, *odometry)]
+
+    for _ in range(8):
+        simulation.step()
+    saved = simulation.save()
+    first = []
+    for _ in range(20):
+        simulation.step()
+        first.append(moment())
+    simulation.restore(saved)
+    assert simulation.frame == 8
+    for k in range(20):
+        simulation.step()
+        assert moment() == first[k]
+
+
+def test_who_is_absent_is_neither_true_nor_drawn_nor_in_the_way():
+    simulation = Simulation(Scenario(robots=1, people=8, at_once=3, frames=120), yard())
+    seen = set()
+    for _ in range(119):
+        simulation.step()
+        here = simulation.persons
+        seen |= set(here.tolist())
+        assert len(here) <= 3
+        assert len(simulation.feet()) == len(simulation.joints()) == len(here)
+        drawn = set(simulation.person_of_geom[simulation.model.geom_group < 4].tolist()) - {0}
+        assert drawn == set(here.tolist())
+        for person in simulation.everybody.tolist():
+            assert (simulation.data.body(f"person_{person}/collider").xpos[2] < -50) == (person not in here)
+    assert seen == set(range(1, 9))
+
+
+def test_more_people_than_fit_are_refused_in_one_line():
+    with pytest.raises(ValueError, match="people is 500, more than") as error:
+        Simulation(Scenario(robots=1, people=500), yard())
+    assert "\n" not in str(error.value)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from worlds.heightfield import Heightfield
-from worlds.walkable import free_space
+from worlds.walkable import Limits, free_space
 from worlds.world import World
 
 HALF = 6.0
@@ -23,6 +23,6 @@ def yard(relief: float = 0.05) -> World:
     for k, (cx, cy, a, b) in enumerate([(0, -HALF, HALF, 0.1), (0, HALF, HALF, 0.1), (-HALF, 0, 0.1, HALF), (HALF, 0, 0.1, HALF), (0, 0, 0.5, 0.5)]):
         spec.worldbody.add_geom(name=f"wall{k}", type=mujoco.mjtGeom.mjGEOM_BOX, size=[a, b, 0.5], pos=[cx, cy, 0.5], group=1)
     blocked = (np.maximum(np.abs(x), np.abs(y)) > HALF - 0.15) | (np.maximum(np.abs(x), np.abs(y)) < 0.55)
-    feet = free_space(ground, blocked, np.deg2rad(35), 0.2, 0.25)
-    wheels = free_space(ground, blocked, np.deg2rad(20), 0.05, 0.3)
+    feet = free_space(ground, blocked, Limits(np.deg2rad(35), 0.2, 0.25))
+    wheels = free_space(ground, blocked, Limits(np.deg2rad(20), 0.05, 0.3))
     return World("yard", spec, ground, feet, wheels, np.array([[[-4.0, -4.0], [-3.0, -3.0]]]))

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
+from tracker.annotations import Boxes, Keypoints, ViewTruth
 from tracker.cameras import Panorama
 from tracker.geometry import Pose
 from tracker.ground import Grid
 from tracker.measurements import Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
-from tracker.sequence import Boxes, SequenceWriter
+from tracker.recording import SequenceWriter
 
 FRAMES = 3
 CAMERA = Panorama(64, 32)
@@ -36,7 +37,18 @@ def tick(k: int, rng: np.random.Generator) -> Tick:
 
 def truth(k: int) -> Truth:
     robots = {f"robot_{r}": Pose.planar(r + 0.1 * k, 2 * r, 0.3 * r) for r in range(2)}
-    return Truth(k, robots, np.array([4, 9]), np.array([[1.0 + k, 2.0, 0.5], [3.0, 1.0 - k, 0.25]]), np.array([[0.5, 1.0], [0.0, 0.125]]))
+    feet = np.array([[1.0 + k, 2.0, 0.5], [3.0, 1.0 - k, 0.25]])
+    joints = feet[:, None] + np.linspace(0, 1.7, 17)[:, None] * np.array([0.0, 0.1, 1.0])
+    return Truth(k, robots, np.array([4, 9]), feet, np.array([[0.5, 1.0], [0.0, 0.125]]), joints, frozenset({"robot_1"} if k == 1 else ()))
+
+
+def view_truth(k: int, name: str) -> ViewTruth:
+    mount = setup().mounts[name]
+    box = np.array([[60.0, 10.0, 66.0, 20.0], [0.0, 0.0, 0.0, 0.0]])
+    boxes = Boxes(np.array([4, 9]), box, box + 1.0, np.array([0.5, 0.0]), np.array([3.25, 8.0 + k]))
+    pixels = np.arange(2 * 17 * 2).reshape(2, 17, 2) + 0.25
+    keypoints = Keypoints(np.array([4, 9]), pixels, np.arange(34).reshape(2, 17) % 3)
+    return ViewTruth(truth(k).T_world_robot[mount.robot] @ mount.T_body_camera, 0.1 * k, np.array([0.0, 0.6, 0.8]), boxes, keypoints)
 
 
 def write(folder: Path, seed: int = 0) -> list[Tick]:
@@ -47,9 +59,7 @@ def write(folder: Path, seed: int = 0) -> list[Tick]:
     assert isinstance(tops, Grid)
     with SequenceWriter(folder, setup(), Grid(tops.heights + 0.5, tops.origin, tops.spacing)) as writer:
         for k, one in enumerate(ticks):
-            box = np.array([[60.0, 10.0, 66.0, 20.0], [0.0, 0.0, 0.0, 0.0]])
-            boxes = {name: Boxes(np.array([4, 9]), box, box + 1.0, np.array([0.5, 0.0])) for name in setup().mounts}
             instances = {name: np.full((32, 64), 4, np.uint16) for name in setup().mounts}
-            writer.add(one, truth(k), instances, boxes)
+            writer.add(one, truth(k), instances, {name: view_truth(k, name) for name in setup().mounts})
         writer.finish({"seed": seed}, {"pilsim": "test"})
     return ticks

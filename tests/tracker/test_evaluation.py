@@ -1,6 +1,7 @@
 """Who counts, dead reckoning, and files from anywhere."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from tests.tracker import sequences
 from tracker.evaluation import dead_reckoning, evaluate, evaluate_files, table, who_counts
 from tracker.geometry import Pose
-from tracker.measurements import Truth
+from tracker.measurements import Start, Truth
 from tracker.results import Results
 from tracker.sequence import read_sequence
 
@@ -38,6 +39,22 @@ def test_perfect_results_score_one(tmp_path: Path) -> None:
     assert scores["robots"]["ate_m"] == pytest.approx(0, abs=1e-9)
     assert scores["dead_reckoning"]["ate_m"] > 0.01
     assert "MOTA" in table(scores)
+
+
+def test_fixed_cameras_are_not_scored_as_robots(tmp_path: Path) -> None:
+    """robot_1 is known exactly: there are no results of it, and none are asked for."""
+    sequences.write(tmp_path / "s")
+    sequence = read_sequence(tmp_path / "s")
+    assert sequence.truth is not None
+    start = sequence.setup.starts["robot_1"]
+    assert start is not None
+    starts = sequence.setup.starts | {"robot_1": Start(start.T_world_robot, np.zeros((6, 6)))}
+    fixed = replace(sequence, setup=replace(sequence.setup, starts=starts))
+    poses: dict[str, list[Pose | None]] = {"robot_0": [t.T_world_robot["robot_0"] for t in sequence.truth]}
+    results = Results(3, {}, poses, {"robot_0": [np.eye(6)] * 3}, {})
+    assert evaluate(fixed, results)["robots"]["ate_m"] == pytest.approx(0, abs=1e-9)
+    with pytest.raises(ValueError, match="robot robot_1 is in the truth, needs estimates too"):
+        evaluate(sequence, results)
 
 
 def test_dead_reckoning_adds_odometry_up(tmp_path: Path) -> None:

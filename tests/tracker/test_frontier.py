@@ -92,3 +92,14 @@ def test_candidates_are_looked_for_along_their_way_only() -> None:
         d = (np.array(point) - eye)[None]
         c = candidates(np.array([[0.0, 1, 0]]))
         assert (c.follow(eye, d / np.linalg.norm(d), look, Trial())[0] >= 0) == found, point
+
+
+def test_a_tick_without_anything_to_follow_is_a_miss() -> None:
+    """Rain on the lens, a white wall: candidates wait, and the next tick may see them again."""
+    _, frontier = drive(np.array([[3.0, 2, 1]]), 0.0)
+    candidates = len(frontier.candidates)
+    assert candidates
+    nothing = Sightings(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros((0, 4), dtype=np.float32), np.zeros((0, 2, 2)))
+    frontier.advance(nothing, np.zeros(0, dtype=np.int64), 10, 10)
+    frontier.remember(1)
+    assert len(frontier.candidates) == candidates

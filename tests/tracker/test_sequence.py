@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
+from tracker.annotations import read_boxes, read_joints, read_views
+from tracker.cameras import Tsai
+from tracker.formats.pets2009 import read_camera
 from tracker.geometry import Pose
 from tracker.ground import Grid
-from tracker.measurements import Mount, Setup
-from tracker.sequence import SequenceWriter, read_boxes, read_sequence
+from tracker.measurements import Mount, Setup, Start
+from tracker.recording import SequenceWriter
+from tracker.sequence import read_sequence
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
@@ -37,6 +41,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.person_id, expected.person_id)
         np.testing.assert_allclose(frame.feet, expected.feet)
         np.testing.assert_allclose(frame.visible, expected.visible)
+        assert frame.tipped == expected.tipped
         for robot, pose in expected.T_world_robot.items():
             np.testing.assert_allclose(frame.T_world_robot[robot].log(), pose.log(), atol=1e-8)
 
@@ -58,11 +63,43 @@ def test_setup_comes_back(tmp_path: Path) -> None:
         np.testing.assert_allclose(got.covariance, start.covariance)
 
 
-def test_boxes_come_back(tmp_path: Path) -> None:
+def test_the_truth_of_views_comes_back(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
-    boxes = read_boxes(tmp_path / "s")
-    assert len(boxes) == 2 * sequences.FRAMES
-    np.testing.assert_allclose(boxes[1, "robot_1_camera"].seen[0], [60, 10, 66, 20])
+    views, boxes, joints = read_views(tmp_path / "s"), read_boxes(tmp_path / "s"), read_joints(tmp_path / "s")
+    assert len(views) == len(boxes) == 2 * sequences.FRAMES
+    for (frame, camera), view in views.items():
+        expected = sequences.view_truth(frame, camera)
+        np.testing.assert_allclose(view.T_world_camera.log(), expected.T_world_camera.log(), atol=1e-8)
+        np.testing.assert_allclose([view.ground, *view.normal], [expected.ground, *expected.normal], atol=1e-9)
+        for name in ("person", "seen", "full", "visible", "range"):
+            np.testing.assert_allclose(getattr(view.boxes, name), getattr(expected.boxes, name))
+            np.testing.assert_array_equal(getattr(boxes[frame, camera], name), getattr(view.boxes, name))
+        np.testing.assert_array_equal(view.keypoints.visibility, expected.keypoints.visibility)
+        np.testing.assert_allclose(view.keypoints.pixels, expected.keypoints.pixels, atol=0.0051)
+    for frame, (persons, points) in joints.items():
+        np.testing.assert_array_equal(persons, [4, 9])
+        np.testing.assert_allclose(points, sequences.truth(frame).joints, atol=5.1e-5)
+
+
+def test_a_fixed_camera_comes_back_from_both_of_its_files(tmp_path: Path) -> None:
+    ground = sequences.setup().ground
+    assert isinstance(ground, Grid)
+    camera = Tsai(768, 576, 5.55, 5.1e-3, 324.2, 282.6, 1.094, 5.127e-3, 4.65e-3)
+    pose = Pose.planar(3.0, -2.0, 0.4, 7.0) @ Pose.exp([0, 0, 0, 0.02, 0.3, 0])
+    setup = Setup({"View_001": Mount(camera, Pose.identity(), "View_001")}, ground, {"View_001": Start(pose, np.zeros((6, 6)))}, 1 / 7)
+    with SequenceWriter(tmp_path / "s", setup, ground) as writer:
+        writer.finish({}, {})
+    name, of_file, T_world_camera = read_camera(tmp_path / "s" / "calibration" / "View_001.xml")
+    assert (name, of_file) == ("View_001", camera)
+    np.testing.assert_allclose(T_world_camera.log(), pose.log(), atol=1e-12)
+    assert read_sequence(tmp_path / "s").setup.mounts["View_001"].camera == camera
+
+
+def test_an_unknown_camera_model_is_named(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    edit(tmp_path / "s", "calibration.json", lambda text: text.replace('"panorama"', '"fisheye"', 1))
+    with pytest.raises(ValueError, match=r"calibration.json: model is 'fisheye', needs one of panorama, tsai"):
+        read_sequence(tmp_path / "s")
 
 
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -142,8 +179,8 @@ def test_wrong_fields_are_named(tmp_path: Path, name: str, old: str, new: str, m
 def test_another_schema_is_refused(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     path = tmp_path / "s" / "manifest.json"
-    path.write_text(path.read_text().replace('"schema": 1', '"schema": 99'))
-    with pytest.raises(ValueError, match="schema is 99, this version reads 1"):
+    path.write_text(path.read_text().replace('"schema": 2', '"schema": 99'))
+    with pytest.raises(ValueError, match="schema is 99, this version reads 2"):
         read_sequence(tmp_path / "s")
 
 
@@ -152,9 +189,9 @@ def test_another_schema_is_refused(tmp_path: Path) -> None:
     [
         ("[]", "schema is None"),
         ("[" * 100_000, "nested too deep|not JSON"),
-        ('{"schema": 1, "files": {"a": "b"}}', "entry 'a' has no sha256 and bytes"),
-        ('{"schema": 1, "files": {"../../etc/passwd": {"sha256": "", "bytes": 1}}}', "lies outside the folder"),
-        ('{"schema": 1, "files": {}}', "does not name README.md"),
+        ('{"schema": 2, "files": {"a": "b"}}', "entry 'a' has no sha256 and bytes"),
+        ('{"schema": 2, "files": {"../../etc/passwd": {"sha256": "", "bytes": 1}}}', "lies outside the folder"),
+        ('{"schema": 2, "files": {}}', "does not name README.md"),
     ],
 )
 def test_hostile_manifests(tmp_path: Path, text: str, message: str) -> None:

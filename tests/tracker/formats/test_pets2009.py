@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tracker.formats.motchallenge import read_mot15
-from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections
+from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections, write_camera
 from tracker.geometry import Pose
 from tracker.ground import Flat
 
@@ -92,6 +92,40 @@ def test_every_real_camera_returns_its_pixels(data: Any, view: int) -> None:
     assert_allclose(again, pixels, atol=1e-5)
     assert inside[inner].all()
     assert 1 < T.translation[2] < 10
+
+
+@pytest.mark.parametrize("view", [1, 2, 3, 4, 5, 6, 7, 8])
+def test_what_is_written_is_read(data: Any, tmp_path: Path, view: int) -> None:
+    name, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
+    write_camera(tmp_path / "c.xml", name, camera, T)
+    again = read_camera(tmp_path / "c.xml")
+    assert again[:2] == (name, camera)
+    assert_allclose(again[2].rotation, T.rotation, atol=1e-12)
+    assert_allclose(again[2].translation, T.translation, atol=1e-9)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, np.pi / 2, np.pi, -np.pi / 2, 1e-9, 1e-7, np.pi - 1e-8, 0.3])
+def test_a_level_camera_is_written_whatever_way_it_looks(written: Callable[[str], Path], tmp_path: Path, azimuth: float) -> None:
+    # Along x and −x the middle one of the three angles is a right angle.
+    _, camera, _ = read_camera(written(CAMERA))
+    T = Pose.planar(3.0, -2.0, azimuth, 1.5)
+    write_camera(tmp_path / "c.xml", "a & b", camera, T)
+    name, _, again = read_camera(tmp_path / "c.xml")
+    assert name == "a & b"
+    assert_allclose(again.rotation, T.rotation, atol=1e-12)
+    assert_allclose(again.translation, T.translation, atol=1e-9)
+
+
+def test_a_distortion_without_inverse_in_the_image_is_refused(written: Callable[[str], Path]) -> None:
+    path = written(CAMERA.replace('kappa1="5.1113043639e-03"', 'kappa1="-0.2"'))
+    with pytest.raises(ValueError, match="cannot be inverted") as error:
+        read_camera(path)
+    # The fold is at 1/√0.6 = 1.291 mm, that is 275 px right of the axis and 278 px above it.
+    text = str(error.value)
+    assert text.startswith(f"{path}:line 4: field Intrinsic.kappa1 is -0.2: beyond 1.29 mm from the axis, from pixel (")
+    u, v = (int(number) for number in text.split("from pixel (")[1].split(")")[0].split(", "))
+    assert np.hypot((u - 324.22) * 5.127e-3 / 1.0938, (v - 282.57) * 4.65e-3) == pytest.approx(1.291, abs=0.01)
+    assert "% of the image, needs at most 1%" in text
 
 
 @pytest.mark.parametrize(

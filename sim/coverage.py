@@ -1,0 +1,69 @@
+"""What single bodies cover: pixels and boxes, read from bits that say which bodies lie at a texel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array
+
+BITS = 32
+"""Bodies in one picture of bits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """What one instance covers where nothing else is there.
+
+    pixels: their number; box (4,) u0, v0, u1, v1 px around them; of a panorama with u0 in [0, W) and u1 in (u0, u0 + W], beyond W where it
+    goes over the seam; NaN where no pixel is covered.
+    """
+
+    pixels: int
+    box: Array
+
+
+def covered(bits: NDArray[np.uint32], nearest: NDArray[np.int32], count: int, around: bool) -> list[Alone]:
+    """What each of `count` ≤ BITS bodies covers; nearest (H, W): every pixel's texel in bits; around: whether the picture closes in itself."""
+    pixels, rows, columns = _count(bits.ravel(), nearest, count)
+    return [Alone(int(pixels[k]), _box(rows[k], columns[k], around)) for k in range(count)]
+
+
+def _box(rows: NDArray[np.int64], columns: NDArray[np.bool_], around: bool) -> Array:
+    """The smallest box from the first and last row (2,) and the columns (W,) that are used; around the seam it starts after the widest gap."""
+    across = np.flatnonzero(columns)
+    if not len(across):
+        return np.full(4, np.nan)
+    first, last = int(across[0]), int(across[-1]) + 1
+    if around:
+        width = len(columns)
+        gaps = np.diff(across, append=across[0] + width)
+        widest = len(gaps) - 1 - int(np.argmax(gaps[::-1]))
+        first = int(across[(widest + 1) % len(across)])
+        last = first + width - int(gaps[widest]) + 1
+    return np.array([first, rows[0], last, rows[1] + 1], dtype=np.float64)
+
+
+@numba.njit(cache=True)
+def _count(bits, nearest, count):  # type: ignore[no-untyped-def]
+    height, width = nearest.shape
+    pixels = np.zeros(count, np.int64)
+    rows = np.zeros((count, 2), np.int64)
+    columns = np.zeros((count, width), np.bool_)
+    for i in range(height):
+        for j in range(width):
+            left = bits[nearest[i, j]]
+            k = 0
+            while left:
+                if left & np.uint32(1):
+                    if pixels[k] == 0:
+                        rows[k, 0] = i
+                    rows[k, 1] = i
+                    pixels[k] += 1
+                    columns[k, j] = True
+                left >>= np.uint32(1)
+                k += 1
+    return pixels, rows, columns

@@ -1,0 +1,40 @@
+"""What a camera's electronics do to a picture: exposure that is off and drifts, and noise. Seeded; neither changes what is true of the view."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+MEMORY = 3.0
+"""s after which the drift has forgotten 1 − 1/e of where it was."""
+
+
+class Exposure:
+    """The exposure and noise of one view, frame by frame.
+
+    stops: sigma of a slow drift of the exposure, a stationary Ornstein-Uhlenbeck process (Uhlenbeck & Ornstein 1930), in stops: one doubles the
+    light. noise: sigma of white noise in every pixel and channel, in counts of 255. period: s between frames. With both 0 pictures pass
+    unchanged and nothing is drawn from rng. Raises ValueError for a sigma below 0 or not finite.
+    """
+
+    def __init__(self, stops: float, noise: float, period: float, rng: np.random.Generator) -> None:
+        for name, value in (("exposure", stops), ("image_noise", noise)):
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} is {value}, needs 0 or more")
+        self._stops, self._noise, self._rng = stops, noise, rng
+        self._kept = math.exp(-period / MEMORY)
+        self._now = rng.normal(0.0, stops) if stops else 0.0
+
+    def take(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The next frame's picture (H, W, 3) as the camera hands it over."""
+        if not self._stops and not self._noise:
+            return picture
+        light = picture.astype(np.float32)
+        if self._stops:
+            light *= np.float32(2.0**self._now)
+            self._now = self._kept * self._now + math.sqrt(1 - self._kept**2) * self._rng.normal(0.0, self._stops)
+        if self._noise:
+            light += np.float32(self._noise) * self._rng.standard_normal(picture.shape, dtype=np.float32)
+        return np.asarray(np.clip(np.rint(light), 0, 255), dtype=np.uint8)

@@ -1,0 +1,25 @@
+"""All benchmarks, or those named: `python -m tests.benchmarks [NAME ...]`. Each prints a table; one whose peer is not installed says so."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+
+NAMES = ("crowd", "simulation", "panorama", "workers")
+
+
+def main() -> int:
+    chosen = sys.argv[1:] or [name for name in NAMES if importlib.util.find_spec(f"tests.benchmarks.{name}")]
+    unknown = [name for name in chosen if name not in NAMES]
+    if unknown:
+        print(f"error: benchmark is {', '.join(unknown)}, needs to be among {', '.join(NAMES)}", file=sys.stderr)
+        return 2
+    for name in chosen:
+        print(f"\n== {name}\n", flush=True)
+        importlib.import_module(f"tests.benchmarks.{name}").main()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""What holds for every world there is: the ground is where it is said to be, and one can get about on it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from worlds import catalogue
+from worlds.measures import measure
+from worlds.semantics import class_of
+from worlds.world import World
+
+NAMES = sorted(catalogue.WORLDS)
+OUTDOORS = ("forest", "hills", "quarry")
+PEOPLE, ROVERS = 10, 4
+GROUND_ONLY = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+
+
+@cache
+def _world(name: str) -> World:
+    return catalogue.build(name, np.random.default_rng(0), 0.5)
+
+
+def _check(world: World, people: int) -> None:
+    """Free space is in one piece, holds its spawn areas and all who shall be there."""
+    rng = np.random.default_rng(0)
+    for space in (world.feet, world.wheels):
+        assert ndimage.label(space.free, structure=np.ones((3, 3)))[1] == 1
+    assert len(world.feet.sample(rng, people, 0.1, 0.8)) == people
+    assert len(world.wheels.sample(rng, ROVERS, 0.1, 1.5)) == ROVERS
+    assert len(world.spawn) >= 3
+    for low, high in world.spawn:
+        assert world.feet.free_at(rng.uniform(low, high, (50, 2))).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rays_hit_the_ground_where_it_is_said_to_be(name: str) -> None:
+    world = _world(name)
+    model = world.spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    low, high = world.ground.extent
+    xy = np.random.default_rng(1).uniform(low + 1e-3, high - 1e-3, (10_000, 2))
+    # In the open: what is below roofs is for the tests of the terrain and of the places that have them.
+    xy = xy[world.terrain.height_at(np.column_stack([xy, np.full(len(xy), 100.0)])) == world.terrain.height_at(xy)]
+    assert len(xy) >= 3000
+    z, normal = world.terrain.height_at(xy), world.terrain.normal_at(xy)
+    # A short ray: the longer it is, the less exact is where it ends.
+    down, geom, found = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32), np.zeros(3)
+    for (x, y), height, up in zip(xy, z, normal, strict=True):
+        distance = mujoco.mj_ray(model, data, np.array([x, y, height + 0.5]), down, GROUND_ONLY, 1, -1, geom, found)
+        assert abs(distance - 0.5) < 1e-6, (x, y)
+        assert up @ found > 1 - 1e-6, (x, y)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_can_get_about_where_it_is_hardest(name: str) -> None:
+    world = catalogue.build(name, np.random.default_rng(1), 1.0)
+    _check(world, 74 if name in OUTDOORS else PEOPLE)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_geom_has_a_class(name: str) -> None:
+    for geom in _world(name).spec.geoms:
+        assert class_of(geom.name), geom.name
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+def test_the_same_seed_makes_the_same_world(name: str) -> None:
+    one, two = _world(name), catalogue.build(name, np.random.default_rng(0), 0.5)
+    np.testing.assert_array_equal(one.ground.heights, two.ground.heights)
+    np.testing.assert_array_equal(one.feet.free, two.feet.free)
+    for a, b in zip(one.spec.geoms, two.spec.geoms, strict=True):
+        assert a.name == b.name
+        np.testing.assert_array_equal(a.pos, b.pos)
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+def test_open_ground_is_irregular(name: str) -> None:
+    assert measure(_world(name)).irregular_share >= 0.25
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+def test_nothing_hangs_in_the_air(name: str) -> None:
+    """Every stone and every stem reaches below the ground under its middle."""
+    world = _world(name)
+    model = world.spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for geom in range(model.ngeom):
+        kind = class_of(model.geom(geom).name)
+        mesh = int(model.geom_dataid[geom])
+        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH or not model.geom_contype[geom] or kind not in ("rock", "vegetation"):
+            continue
+        first = model.mesh_vertadr[mesh]
+        points = model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+        below = points[:, 2] < world.ground.height_at(points[:, :2])
+        stacked = world.name == "quarry" and kind == "rock" and not below.any()
+        assert below.any() or (stacked and _held(model, data, geom, points)), model.geom(geom).name
+
+
+def _held(model: mujoco.MjModel, data: mujoco.MjData, geom: int, points: np.ndarray) -> bool:
+    """A block lies on another: a ray from within it down meets the other before it has left this one by a centimetre."""
+    start = np.array([*points.mean(axis=0)[:2], points[:, 2].min() + 0.03])
+    return 0 <= mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, 1, geom, np.zeros(1, dtype=np.int32)) <= 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("difficulty", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_seed_makes_a_world(name: str, difficulty: float) -> None:
+    for seed in range(20):
+        _check(catalogue.build(name, np.random.default_rng(seed), difficulty), 74 if name in OUTDOORS else PEOPLE)
