@@ -59,10 +59,11 @@ class Demo:
 
 @dataclass(frozen=True)
 class Track:
-    """Track people in a sequence made by pilsim, or in a PETS 2009 folder.
+    """Track people in a sequence made by pilsim, or in a PETS 2009 folder; or place the robots of a UTIAS set (MRCLAM).
 
     A PETS folder has annotations/*-cropped.xml, detections/View_00N.txt (MOT15), and calibration/ in it or beside it.
-    Example: pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
+    Examples: pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
+              pilsim track MRCLAM_Dataset1 --map unknown --out runs/utias
     """
 
     source: Positional[Path]
@@ -71,16 +72,44 @@ class Track:
     """Where tracks.txt (MOT15, metres) and robots.csv go."""
     views: str = ""
     """Numbers of the PETS cameras to use, as in 1,5,7; all where it is empty."""
+    map: Literal["known", "unknown"] = "unknown"
+    """UTIAS: whether the filter is told where the landmarks are."""
+    slam: Literal["ekf", "iekf", "fej", "invariant"] | None = None
+    """UTIAS: the filter: extended, iterated, with first-estimates Jacobians, or with the right-invariant error (where nothing is given)."""
+    iterations: int | None = None
+    """UTIAS: linearisations of an update, 2 where nothing is given; ekf has one."""
+    correction: Literal["on", "off"] = "on"
+    """UTIAS: whether each robot's correction factor is estimated."""
 
     def run(self) -> None:
         from sim.demo import tracked
+        from tracker.formats.utias import is_utias
         from tracker.sources import open_source
 
         views = _numbers(self.views)
+        if is_utias(self.source):
+            if views:
+                raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
+            self._explore()
+            return
+        if self.map != "unknown" or self.slam or self.iterations is not None or self.correction != "on":
+            raise ValueError(f"{self.source}: --map, --slam, --iterations and --correction are for UTIAS sets (Barcodes.dat), and this is none")
         sequence = open_source(self.source, views)
         results = tracked(sequence, self.out, {"source": self.source.name, "views": views})
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
+
+    def _explore(self) -> None:
+        from tracker.course import PlanarParameters
+        from tracker.expedition import explore
+
+        asked = {"mode": self.slam, "iterations": self.iterations, "correction": self.correction == "on"}
+        parameters = PlanarParameters(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
+        paths = explore(self.source, self.out, self.map == "known", parameters)
+        counted = ", ".join(f"{count} {reason}" for reason, count in paths.run["counters"].items() if count)
+        for mended in paths.run["mended"]:
+            print(mended)
+        print(f"{self.out}: {len(paths.poses)} robots at {len(paths.times)} times ({counted}); `pilsim score {self.source} {self.out}` scores it")
 
 
 @dataclass(frozen=True)
@@ -105,10 +134,16 @@ class Score:
     """Print JSON alone."""
 
     def run(self) -> None:
+        from tracker import expedition, paths
         from tracker.evaluation import evaluate, evaluate_files, table
+        from tracker.formats.utias import is_utias
         from tracker.results import read_results
         from tracker.sources import open_source
 
+        if self.source and is_utias(self.source) and self.results and not (self.truth or self.result or self.iou):
+            scores = expedition.evaluate_paths(self.source, self.results)
+            print(json.dumps(scores, indent=1) if self.json else paths.table(scores))
+            return
         if self.source and self.results and not (self.truth or self.result) and self.iou is None:
             results = read_results(self.results)
             scores = evaluate(open_source(self.source, _views(results.run)), results)

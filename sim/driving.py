@@ -23,7 +23,7 @@ ACCELERATION, YAW_ACCELERATION = 0.6, 1.6
 LOOKAHEAD = 0.6
 """m along the way to the point that is aimed at."""
 ARRIVED = 0.5
-STOP = 0.12
+STOP = 0.1
 """m that it leaves to others, beside what its footprint leaves already."""
 _CLEAR = 0.7
 """m that a lane must be clear ahead for a rover to take it."""

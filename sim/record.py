@@ -59,7 +59,6 @@ def setup_of(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, Fix
     fixed: name → camera, beside those of the rovers.
     """
     camera = Panorama(scenario.width, scenario.height)
-    ground = simulation.world.ground
     rng = scenario.stream("starts")
     starts: dict[str, Start | None] = {}
     for robot in simulation.robots:
@@ -69,7 +68,7 @@ def setup_of(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, Fix
     for name, one in (fixed or {}).items():
         mounts[name], starts[name] = Mount(one.camera, Pose.identity(), name), Start(one.T_world_camera, np.zeros((6, 6)))
     # What is walked on, decks of bridges among it, on the grid of the ground.
-    floor = ground.with_heights(simulation.world.terrain.height_at(ground.nodes.reshape(-1, 2)).reshape(ground.heights.shape))
+    floor = simulation.world.terrain.on_grid
     terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, tops(simulation.world)))
     band = Setup.height if not scenario.children else (Setup.height[0] - (pedestrian.ADULTS[0] - pedestrian.CHILDREN[0]), Setup.height[1])
     return Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)

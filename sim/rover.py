@@ -20,8 +20,8 @@ TRACK = 0.56
 """m between the left and the right wheels."""
 FOOTPRINT_RADIUS = 0.50
 """m: the circle about the body's origin that no part of the rover leaves."""
-HALF_WIDTH = 0.36
-"""m: half the widest part of a rover, the tyres included, and some play."""
+HALF_WIDTH = 0.45
+"""m: what others keep clear on both sides of a rover's middle; between half its width and the circle that it turns in."""
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """The order of wheel arrays everywhere: even is left, odd is right."""
 SPRUNG_MASS = 17.5

@@ -27,7 +27,7 @@ class PlanarParameters:
     iterations: int = 2
     correction: bool = True
     robust: float = 3.0
-    curved: float = 0.0
+    curved: float = 1.0
     reopen: int = 12
     doubt: tuple[float, float] = (0.2, 0.1)
 
@@ -102,7 +102,7 @@ def outing(team: Team, sensors: Sensors, known_map: bool, correction: bool) -> O
     last = min(robot.odometry[-1, 0] for robot in team.robots.values())
     if last <= first:
         raise ValueError(f"odometry ends at {last:.3f} s, needs to go on after {first:.3f} s, when the last robot's start is known")
-    times = np.arange(first, last, GRID)
+    times = np.round(np.arange(first, last, GRID, dtype=np.float64), 3)
     sights = [_sights(team, i, sensors, begin) for i in range(len(robots))]
     z, meta = np.concatenate([s[0] for s in sights]), np.concatenate([s[1] for s in sights])
     late = z[:, 0] > times[-1]

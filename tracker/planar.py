@@ -1,8 +1,10 @@
 """EKF-SLAM of a team in the plane: SE(2) robots, landmarks in metres, one joint covariance, range and bearing (METHOD.md 1).
 
-A robot has eight numbers: x, y (m), heading (rad), its correction factor (offsets of all its bearings, rad, and ranges, m, and the ranges' scale error)
-and its odometry's scale errors (of speed and of turn, as shares); a landmark has two. An error is true minus estimated, added to each number; what
-has no variance is not estimated. range = (1 + κ) ‖q − p‖ + ρ, bearing = angle(q − p) − heading + β. The modes differ in two places only:
+A robot has eight numbers: x, y (m), heading (rad), its correction factor (offsets of all its bearings, rad, and ranges, m, and the scale error
+of its ranges) and its odometry's scale errors (of speed and of turn, as shares); a landmark has two. An error is true minus estimated, added to
+each number; what has no variance is not estimated. range = (1 + κ) ‖q − p‖ + ρ, bearing = angle(q − p) − heading + β.
+
+The modes differ in two places only:
 
 * EKF: all as it stands. With more than one linearisation it is the iterated filter.
 * FEJ: Jacobians at first estimates: of a landmark where it was first put, of a robot where it was last predicted (Huang, Mourikis, Roumeliotis 2010).

@@ -8,7 +8,9 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections import deque
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,6 +28,9 @@ from tracker.layout import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMET
 from tracker.measurements import Setup, Tick, Truth, View
 from tracker.tables import write_table
 
+CODERS, WAITING = 2, 24
+"""Threads that code images, and how many images may wait for them."""
+
 
 class SequenceWriter:
     """Writes a Sequence under a temporary name; only `finish` gives it its own. As a context it cleans up after an error."""
@@ -34,6 +39,9 @@ class SequenceWriter:
         self.folder, self.setup = folder, setup
         self.partial = folder.with_name(f".{folder.name}.partial")
         self.tops = tops
+        # Images are coded while the next ones are drawn: OpenCV lets go of the interpreter.
+        self._coders = ThreadPoolExecutor(CODERS)
+        self._coding: deque[Future[None]] = deque()
         self._rows: dict[str, list[list[object]]] = {name.split("/")[-1]: [] for name in self._tables()}
 
     def _tables(self) -> dict[str, list[str]]:
@@ -55,6 +63,7 @@ class SequenceWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._coders.shutdown(cancel_futures=True)
         if self.partial.exists():
             shutil.rmtree(self.partial)
 
@@ -92,6 +101,12 @@ class SequenceWriter:
             self._rows["detections"].append([k, view.camera, *map(float, [*b, *e, c, s[0, 0], s[0, 1], s[1, 1]])])
 
     def _image(self, name: Path, image: Any, options: list[int]) -> None:
+        """Have an image coded and written, after as many others are done as would else pile up."""
+        self._coding.append(self._coders.submit(self._code, name, image, options))
+        while len(self._coding) > WAITING:
+            self._coding.popleft().result()
+
+    def _code(self, name: Path, image: Any, options: list[int]) -> None:
         ok, data = cv2.imencode(name.suffix, image, options)
         if not ok:
             raise ValueError(f"{name}: this image cannot be written as {name.suffix}")
@@ -99,6 +114,8 @@ class SequenceWriter:
 
     def finish(self, provenance: dict[str, Any], versions: dict[str, str]) -> None:
         """Write tables, calibration and manifest, and give the folder its name."""
+        while self._coding:
+            self._coding.popleft().result()
         root = self.partial
         for name, columns in self._tables().items():
             write_table(root / f"{name}.csv", columns, self._rows[name.split("/")[-1]])

@@ -1,7 +1,7 @@
-"""The sensor model of robots in the plane that are told a speed and a turn, and see barcodes: what was commanded → what was done, and how sure that is.
+"""The sensor model of robots in the plane that are told a speed and a turn, and see barcodes: what they did, and how sure that is.
 
-Commands take effect late: after a dead time and a first-order lag. The wheels of a turning robot lose way in proportion to the turn. Sightings are stamped
-late, their errors grow with the range and hang on for a while. The defaults were found on set 1 of UTIAS alone.
+Commands take effect late: after a dead time and a first-order lag. The wheels of a turning robot lose way in proportion to the turn. Sightings are
+stamped late, their errors grow with the range and hang on for a while. The defaults were found on set 1 of UTIAS alone.
 """
 
 from __future__ import annotations

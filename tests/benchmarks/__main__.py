@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import sys
 
-NAMES = ("crowd", "simulation", "panorama", "workers")
+NAMES = ("crowd", "simulation", "panorama", "workers", "clique", "slam")
 
 
 def main() -> int:
