@@ -50,7 +50,8 @@ class Snapshot:
 class Simulation:
     """The state of a scenario, frame by frame. model and data are at any time exactly the moment of the frame.
 
-    Limbs collide with nothing: between frames the rovers move in a model without them, which starts from data and ends in it.
+    Limbs are posed when somebody asks for data or joints: who only wants to know how things move does not pay for looks.
+    They collide with nothing: between frames the rovers move in a model without them, which starts from data and ends in it.
 
     paths: what the people walk in place of their own plans; their ids are then those of the people.
     Raises ValueError for an unknown world, where robots and people do not fit in, and for paths out of the world or into a wall.
@@ -70,7 +71,7 @@ class Simulation:
         drawn = np.array([pedestrian.statures(rng, 1, scenario.children)[0] for rng in people])
         self._stature = drawn if paths is None or paths.stature is None else paths.stature
         self.model = self._compile(people)
-        self.data = mujoco.MjData(self.model)
+        self._data, self._posed = mujoco.MjData(self.model), False
         self._physics = self._rovers_and_colliders().compile()
         self._moving = mujoco.MjData(self._physics)
         self._index()
@@ -79,30 +80,36 @@ class Simulation:
         self._settle()
 
     @property
+    def data(self) -> mujoco.MjData:
+        """Everything as it is at this frame."""
+        self._pose_people()
+        return self._data
+
+    @property
     def time(self) -> float:
         """s since frame 0."""
         return self.frame * self.scenario.period
 
     def step(self) -> None:
         """Advance by one frame period."""
-        before = self.data.qpos[self._wheel_qpos].copy()
-        velocity = self.data.qvel[self._velocities].copy()
+        before = self._data.qpos[self._wheel_qpos].copy()
+        velocity = self._data.qvel[self._velocities].copy()
         rates = []
-        self._copy_state(self.data, self._moving)
+        self._copy_state(self._data, self._moving)
         for _ in range(self._crowd_steps):
             self._move_people()
             rates.append(self._drive())
-        self._copy_state(self._moving, self.data)
+        self._copy_state(self._moving, self._data)
         self.frame += 1
-        self._pose_people()
-        mujoco.mj_forward(self.model, self.data)
+        self._look_about()
+        self._posed = False
         self._reckon(np.concatenate(rates), before, velocity)
 
     def T_world_robot(self, name: str) -> Pose:
         """The pose of a rover's body. Raises ValueError for a name that is not in `robots`."""
         if name not in self.robots:
             raise ValueError(f"robot is {name!r}, needs one of {self.robots}")
-        qpos = self.data.qpos[self._poses[self.robots.index(name)]]
+        qpos = self._data.qpos[self._poses[self.robots.index(name)]]
         return Pose(rotation_from_quaternion(qpos[3:]), qpos[:3])
 
     @property
@@ -116,6 +123,7 @@ class Simulation:
 
     def joints(self) -> Array:
         """(m, 17, 3) m: key points in the order of pedestrian.COCO, world frame, in the order of `persons`."""
+        self._pose_people()
         return self._joints[self._crowd_state.present]
 
     def odometry(self) -> dict[str, Odometry]:
@@ -128,17 +136,19 @@ class Simulation:
 
     def save(self) -> Snapshot:
         """All that changes from frame to frame, to be restored to this simulation or to another one of the same scenario, world and paths."""
+        data = copy.copy(self.data)
         streams = tuple(rng.bit_generator.state for rng in self._noise)
         people = (self._crowd_state, self._footing, self._gaze, self._joints)
         robots = (tuple(self._drives), self._ctrl.copy(), dict(self._odometry))
-        return Snapshot(self.frame, copy.copy(self.data), copy.copy(self._moving), people, robots, streams)
+        return Snapshot(self.frame, data, copy.copy(self._moving), people, robots, streams)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a state that `save` gave; what follows is the same, bit by bit. Raises ValueError where it is of another model."""
-        if (snapshot.data.qpos.shape, snapshot.data.mocap_pos.shape) != (self.data.qpos.shape, self.data.mocap_pos.shape):
-            raise ValueError(f"snapshot has {len(snapshot.data.mocap_pos)} moved bodies, needs {len(self.data.mocap_pos)}, as this simulation has")
+        if (snapshot.data.qpos.shape, snapshot.data.mocap_pos.shape) != (self._data.qpos.shape, self._data.mocap_pos.shape):
+            raise ValueError(f"snapshot has {len(snapshot.data.mocap_pos)} moved bodies, needs {len(self._data.mocap_pos)}, as this simulation has")
         self.frame = snapshot.frame
-        mujoco.mj_copyData(self.data, self.model, snapshot.data)
+        mujoco.mj_copyData(self._data, self.model, snapshot.data)
+        self._posed = True
         mujoco.mj_copyData(self._moving, self._physics, snapshot.moving)
         self._crowd_state, self._footing, self._gaze, self._joints = snapshot.people
         drives, ctrl, odometry_now = snapshot.robots
@@ -200,7 +210,7 @@ class Simulation:
         except ValueError as error:
             raise ValueError(f"robots is {len(self.robots)}, more than {self.scenario.world} holds: {error}") from None
         for index, place, yaw in zip(self._poses, places, rng.uniform(-np.pi, np.pi, len(places)), strict=True):
-            self.data.qpos[index] = self._resting(place, yaw)
+            self._data.qpos[index] = self._resting(place, yaw)
         self._drivers = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
         self._drives = [driver.start(place) for driver, place in zip(self._drivers, places, strict=True)]
         self._ctrl = np.zeros(self._motors.shape)
@@ -226,7 +236,7 @@ class Simulation:
         self._crowd, self._crowd_state = self._walkers(people)
         state = self._crowd_state
         self._footing, self._gaze = gait.stand(state.position, state.heading, self._stature), np.zeros(len(people))
-        self._pose_people()
+        self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
 
     def _walkers(self, people: list[np.random.Generator]) -> tuple[Walkers, CrowdState]:
         """Who moves the people, and their first state."""
@@ -244,7 +254,7 @@ class Simulation:
 
     def _free_places(self, rng: np.random.Generator, wanted: int) -> Array:
         """(wanted, 2) m apart from each other and from the rovers."""
-        robots, name = self.data.qpos[self._poses[:, :2]], self.scenario.world
+        robots, name = self._data.qpos[self._poses[:, :2]], self.scenario.world
         # About three places may be too near to each rover.
         try:
             places = self.world.feet.sample(rng, wanted + 3 * len(robots) if wanted else 0, 0.1, 0.8)
@@ -257,19 +267,18 @@ class Simulation:
         return places
 
     def _settle(self) -> None:
-        self._copy_state(self.data, self._moving)
+        self._copy_state(self._data, self._moving)
         for _ in range(round(SETTLING / self._physics.opt.timestep)):
             mujoco.mj_step(self._physics, self._moving)
         self._moving.qvel[:] = 0.0
         self._moving.time = 0.0
-        self._copy_state(self._moving, self.data)
-        mujoco.mj_forward(self.model, self.data)
+        self._copy_state(self._moving, self._data)
 
     @staticmethod
     def _copy_state(source: mujoco.MjData, target: mujoco.MjData) -> None:
-        """What a step of the rovers starts from, apart from the people."""
+        """What a step of the rovers starts from. The solver's warm start stays: whether data was looked at must not matter."""
         target.time = source.time
-        for name in ("qpos", "qvel", "qacc_warmstart", "ctrl"):
+        for name in ("qpos", "qvel", "ctrl"):
             getattr(target, name)[:] = getattr(source, name)
 
     def _heading(self) -> Array:
@@ -290,9 +299,15 @@ class Simulation:
         came = state.present & ~self._crowd_state.present
         if came.any():
             self._footing = gait.chosen(came, gait.stand(state.position, state.heading, self._stature), self._footing)
-        self._gaze = gaze.look(self._gaze, bodies, np.concatenate([state.position[state.present], position]), self._dt)
         self._crowd_state = state
         self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
+
+    def _look_about(self) -> None:
+        """Heads turned as far as they get in a frame."""
+        state = self._crowd_state
+        bodies = gait.Bodies(state.position, state.velocity, state.heading, self._stature)
+        points = np.concatenate([state.position[state.present], self._moving.qpos[self._poses[:, :2]]])
+        self._gaze = gaze.look(self._gaze, bodies, points, self.scenario.period)
 
     def _drive(self) -> Array:
         """The rovers one crowd step on; (substeps, robots, 3) rad/s of their bodies."""
@@ -318,14 +333,17 @@ class Simulation:
         return velocities[:, self._velocities[:, 3:]]
 
     def _pose_people(self) -> None:
-        """All limbs where they are now."""
+        """All limbs where they are now, if they are not yet."""
+        if self._posed:
+            return
         state = self._crowd_state
         poses = pedestrian.pose(self._stature, self._footing, state.position, state.heading, self.world.terrain)
         poses = gaze.turned(poses, self._gaze)
-        self.data.mocap_pos[self._limbs], self.data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
-        self.data.mocap_pos[self._colliders] = self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
+        self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
+        self._data.mocap_pos[self._colliders] = self._parked(self._everybodys_feet())
         self._show_present()
-        self._joints = poses.joints
+        self._joints, self._posed = poses.joints, True
+        mujoco.mj_forward(self.model, self._data)
 
     def _show_present(self) -> None:
         absent = np.isin(self.person_of_geom, self.everybody[~self._crowd_state.present])
@@ -344,9 +362,9 @@ class Simulation:
 
     def _reckon(self, rates: Array, wheels: Array, velocity: Array) -> None:
         """The odometry of the frame that has just ended."""
-        acceleration = (self.data.qvel[self._velocities[:, :3]] - velocity[:, :3]) / self.scenario.period
+        acceleration = (self._data.qvel[self._velocities[:, :3]] - velocity[:, :3]) / self.scenario.period
         for i, name in enumerate(self.robots):
             R = self.T_world_robot(name).rotation
-            angles = np.stack([wheels[i], self.data.qpos[self._wheel_qpos[i]]])
+            angles = np.stack([wheels[i], self._data.qpos[self._wheel_qpos[i]]])
             ride = odometry.Ride(rates[:, i], self.model.opt.timestep, angles, R.T @ acceleration[i], R[2])
             self._odometry[name] = odometry.measure(ride, self._wear[i], self._noise[i])

@@ -84,11 +84,14 @@ class Candidates:
         old direction when the camera has moved by t, so between 0 (far) and −t/nearest. Infinite more than 90° away.
         """
         basis = tangent_basis(self.direction)
-        offset = basis @ direction.T
+        x, y = basis[:, 0] @ direction.T, basis[:, 1] @ direction.T
         way = (basis @ ((self.origin - eye) / nearest)[:, :, None])[:, :, 0]
-        along = np.einsum("nim,ni->nm", offset, way) / np.maximum((way**2).sum(axis=1), 1e-12)[:, None]
-        rest = offset - np.clip(along, 0, 1)[:, None] * way[:, :, None]
-        out: Array = np.where(self.direction @ direction.T > 0, np.hypot(rest[:, 0], rest[:, 1]), np.inf)
+        a, b = way[:, :1], way[:, 1:]
+        along = (x * a + y * b) / np.maximum(a * a + b * b, 1e-12)
+        np.clip(along, 0, 1, out=along)
+        x -= along * a
+        y -= along * b
+        out: Array = np.where(self.direction @ direction.T > 0, np.sqrt(x * x + y * y), np.inf)
         return out
 
     def keep(self, alive: NDArray[np.bool_]) -> None:

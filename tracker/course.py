@@ -19,8 +19,8 @@ GRID = 0.02  # s between two poses that are told
 class PlanarParameters:
     """mode: ekf, iekf, fej or invariant; iterations: linearisations of an update (of ekf: one); correction: estimate a correction factor a robot.
 
-    robust: a residual beyond so many standard deviations loses weight (inf: none does); reopen: so many bad sightings of a robot in a row, and its
-    pose is doubted by doubt (m, rad).
+    robust: a residual beyond so many standard deviations loses weight (inf: none does); curved: share of the noise for the bend of the
+    measurement (planar.blurred); reopen: so many bad sightings of a robot more than good ones of late, and its pose is doubted by doubt (m, rad).
     """
 
     mode: str = "invariant"
@@ -102,7 +102,7 @@ def outing(team: Team, sensors: Sensors, known_map: bool, correction: bool) -> O
     last = min(robot.odometry[-1, 0] for robot in team.robots.values())
     if last <= first:
         raise ValueError(f"odometry ends at {last:.3f} s, needs to go on after {first:.3f} s, when the last robot's start is known")
-    times = np.round(np.arange(first, last, GRID, dtype=np.float64), 3)
+    times: Array = np.array(np.round(np.arange(first, last, GRID), 3), dtype=np.float64)
     sights = [_sights(team, i, sensors, begin) for i in range(len(robots))]
     z, meta = np.concatenate([s[0] for s in sights]), np.concatenate([s[1] for s in sights])
     late = z[:, 0] > times[-1]

@@ -38,7 +38,9 @@ STEP, SCAN, MARK = 0, 1, 2
 
 
 class State(NamedTuple):
-    """mean (n,), P (n, n), first (n,): first estimates; known (landmarks,): whether it was seen; streak (robots,): bad sightings in a row; tally."""
+    """mean (n,), P (n, n), first (n,): first estimates; known (landmarks,): whether it was seen; streak (robots,): bad sightings of late, more than
+    good ones; tally: counts by the places above.
+    """
 
     mean: Array
     P: Array
@@ -49,8 +51,8 @@ class State(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """mode, iterations; robust: standard deviations of a residual beyond which it loses weight; reopen: bad sightings of a robot in a row
-    after which its pose is doubted by doubt (m, rad); truth (landmarks, 2): where BOUND starts them.
+    """mode, iterations; robust: standard deviations of a residual beyond which it loses weight; reopen: bad sightings of a robot, more
+    than good ones, after which its pose is doubted by doubt (m, rad); truth (landmarks, 2): where BOUND starts them.
     """
 
     mode: int
@@ -306,14 +308,14 @@ def start_landmark(s: Any, rule: Any, robot: int, scan: Any, i: int) -> None:
 
 @njit(cache=True)
 def look(s: Any, rule: Any, robot: int, scan: Any) -> None:
-    """A whole scan: update by what is known, open the gate again where too much was bad in a row, then start what is new."""
+    """A whole scan: update by what is known, open the gate again where too much was bad of late, then start what is new."""
     robots, at = len(s.streak), ROBOT * robot
     new = np.array([subject >= robots and not s.known[subject - robots] for subject in scan.subject])
     old = Scan(scan.subject[~new], scan.z[~new], scan.sigma[~new])
     if len(old.z):
         for weight in update(s, rule, robot, old):
             bad = weight < 0.1
-            s.streak[robot] = s.streak[robot] + 1 if bad else 0
+            s.streak[robot] = max(s.streak[robot] + (1 if bad else -1), 0)
             s.tally[OUTLIER if bad else MATCHED] += 1
     if s.streak[robot] >= rule.reopen:
         s.streak[robot] = 0

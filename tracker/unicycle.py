@@ -30,29 +30,29 @@ class Sensors:
     in the square root of a second.
     """
 
-    speed_delay: float = 0.09
+    speed_delay: float = 0.12
     turn_delay: float = 0.11
-    lag: float = 0.15
-    speed_scale: float = 1.03
+    lag: float = 0.17
+    speed_scale: float = 1.05
     turn_scale: float = 0.92
-    turn_costs: float = 0.085
+    turn_costs: float = 0.09
     hold: float = 2.0
-    way_noise: float = 0.002
-    way_slip: float = 0.02
-    across: float = 0.005
-    turn_noise: float = 0.008
-    turn_slip: float = 0.1
+    way_noise: float = 0.007
+    way_slip: float = 0.03
+    across: float = 0.008
+    turn_noise: float = 0.0125
+    turn_slip: float = 0.155
     camera_delay: float = 0.038
-    range_sigma: float = 0.05
-    range_share: float = 0.042
-    bearing_sigma: float = 0.008
-    place_sigma: float = 0.02
-    memory: float = 1.0
+    range_sigma: float = 0.075
+    range_share: float = 0.145
+    bearing_sigma: float = 0.0125
+    place_sigma: float = 0.03
+    memory: float = 0.45
     robot_range: float = 0.04
-    robot_sigma: float = 0.05
-    offsets: tuple[float, float, float] = (0.01, 0.03, 0.02)
-    scales: tuple[float, float] = (0.03, 0.05)
-    walk: tuple[float, float, float, float, float] = (2e-4, 5e-4, 2e-4, 1e-4, 1e-4)
+    robot_sigma: float = 0.035
+    offsets: tuple[float, float, float] = (0.015, 0.045, 0.03)
+    scales: tuple[float, float] = (0.045, 0.075)
+    walk: tuple[float, float, float, float, float] = (3e-4, 7.5e-4, 3e-4, 1.5e-4, 1.5e-4)
 
     def __post_init__(self) -> None:
         for name in ("lag", "hold", "range_sigma", "bearing_sigma"):

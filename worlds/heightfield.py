@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -85,8 +87,7 @@ class Heightfield:
 
     def height_at(self, points: ArrayLike) -> Array:
         """(n, 2 or more) x, y m → (n,) heights m; the nearest inside outside."""
-        u, v, z00, z01, z10, z11 = self._cells(points)
-        return np.where(u >= v, z00 + u * (z01 - z00) + v * (z11 - z01), z00 + v * (z10 - z00) + u * (z11 - z10))
+        return _interpolated(self.heights, self.origin, self.spacing, np.asarray(points, dtype=np.float64))
 
     def normal_at(self, points: ArrayLike) -> Array:
         """(n, 2 or more) x, y m → (n, 3) unit normals of the triangle there, upwards; that of the nearest inside outside."""
@@ -123,3 +124,21 @@ class Heightfield:
         return spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname=name, pos=[*centre, low], material=material, group=0
         )
+
+
+@njit(cache=True)
+def _interpolated(z: Array, origin: Array, spacing: float, points: Array) -> Array:
+    """Heights z (rows, columns) at points (n, 2 or more), on the two triangles of each cell."""
+    rows, columns = z.shape
+    out = np.empty(len(points))
+    for k in range(len(points)):
+        if math.isnan(points[k, 0] + points[k, 1]):
+            out[k] = np.nan
+            continue
+        x = min(max((points[k, 0] - origin[0]) / spacing, 0.0), columns - 1.0)
+        y = min(max((points[k, 1] - origin[1]) / spacing, 0.0), rows - 1.0)
+        j, i = min(int(x), columns - 2), min(int(y), rows - 2)
+        u, v = x - j, y - i
+        z00, z01, z10, z11 = z[i, j], z[i, j + 1], z[i + 1, j], z[i + 1, j + 1]
+        out[k] = z00 + u * (z01 - z00) + v * (z11 - z01) if u >= v else z00 + v * (z10 - z00) + u * (z11 - z10)
+    return out
