@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.conf import Positional, arg
 
 from sim.gl import GLUnavailable
+
+if TYPE_CHECKING:
+    from tracker.pipeline import Parameters
 
 Out = Annotated[Path, arg(metavar="DIR")]
 
@@ -75,11 +78,11 @@ class Track:
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter is told where the landmarks are."""
     slam: Literal["ekf", "iekf", "fej", "invariant"] | None = None
-    """UTIAS: the filter: extended, iterated, with first-estimates Jacobians, or with the right-invariant error (where nothing is given)."""
+    """The filter of the robots' places: extended, iterated, with first-estimates Jacobians (UTIAS only), or with the right-invariant error."""
     iterations: int | None = None
-    """UTIAS: linearisations of an update, 2 where nothing is given; ekf has one."""
+    """Linearisations of an update, 2 where nothing is given; ekf has one."""
     correction: Literal["on", "off"] = "on"
-    """UTIAS: whether each robot's correction factor is estimated."""
+    """Whether each robot's correction factor is estimated."""
 
     def run(self) -> None:
         from sim.demo import tracked
@@ -92,12 +95,28 @@ class Track:
                 raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
             self._explore()
             return
-        if self.map != "unknown" or self.slam or self.iterations is not None or self.correction != "on":
-            raise ValueError(f"{self.source}: --map, --slam, --iterations and --correction are for UTIAS sets (Barcodes.dat), and this is none")
+        if self.map != "unknown" or self.slam == "fej":
+            raise ValueError(f"{self.source}: --map and --slam fej are for UTIAS sets (Barcodes.dat), and this is none")
         sequence = open_source(self.source, views)
-        results = tracked(sequence, self.out, {"source": self.source.name, "views": views})
+        results = tracked(sequence, self.out, {"source": self.source.name, "views": views}, self._parameters())
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
+
+    def _parameters(self) -> Parameters | None:
+        """What was asked of the filter, for a sequence; None where nothing was."""
+        from tracker.pipeline import Parameters
+        from tracker.slam import SlamParameters
+
+        if self.slam is None and self.iterations is None and self.correction == "on":
+            return None
+        chosen = SlamParameters(correction=self.correction == "on")
+        if self.iterations is not None:
+            chosen = replace(chosen, iterations=self.iterations)
+        if self.slam == "ekf":
+            chosen = replace(chosen, mode="iekf", iterations=1)
+        elif self.slam is not None:
+            chosen = replace(chosen, mode=self.slam)
+        return Parameters(slam=chosen)
 
     def _explore(self) -> None:
         from tracker.course import PlanarParameters
@@ -229,13 +248,15 @@ class Worlds:
     """Draw NAME.png into this folder: as a rover sees it, from above, and the plan."""
     export: Annotated[Path | None, arg(metavar="FILE")] = None
     """Write the scene of the named world; the ending says how: .glb, .obj, .ply, .xml (MJCF and its files), .mjz (MuJoCo's archive)."""
+    slip: Annotated[float, arg(metavar="SECONDS")] = 0.0
+    """Drive four rovers for so long and measure how far wheel odometry is off, a metre driven."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
-        from sim.gallery import describe, survey
+        from sim.gallery import Wanted, describe, survey
 
-        rows = survey(self.name, self.difficulty, self.seed, self.preview, self.export)
+        rows = survey(self.name, self.difficulty, self.seed, Wanted(self.preview, self.export, self.slip))
         print(json.dumps(rows, indent=1) if self.json else describe(rows))
 
 

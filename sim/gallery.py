@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from sim import slip
 from sim.preview import preview
 from sim.scenario import Scenario
+from sim.simulation import Simulation
 from worlds import catalogue
 from worlds.export import export
 from worlds.measures import measure
 
 PEOPLE, ROBOTS = 10, 3
 """Who is about in a picture: a place without anybody has no size."""
+DRIVEN = 4
+"""Rovers whose slip is measured."""
 HEADINGS = {
     "extent_x": "x m",
     "extent_y": "y m",
@@ -27,34 +31,50 @@ HEADINGS = {
     "wheels_share": "wheels",
     "occluders": "occluders",
     "irregular_share": "irregular",
+    "slip": "slip m/m",
 }
 
 
-def survey(name: str | None, difficulty: float, seed: int, pictures: Path | None = None, file: Path | None = None) -> list[dict[str, Any]]:
-    """A row of measures (worlds.measures) for the world of that name, or for all; pictures: draws into that folder; file: exports the one world.
+@dataclass(frozen=True)
+class Wanted:
+    """Beside the measures: pictures, a folder to draw into; file, to export the one world to; seconds that rovers drive to measure slip."""
 
-    Raises ValueError for an unknown name, a difficulty out of bounds, or a file without a name.
+    pictures: Path | None = None
+    file: Path | None = None
+    seconds: float = 0.0
+
+
+def survey(name: str | None, difficulty: float, seed: int, wanted: Wanted | None = None) -> list[dict[str, Any]]:
+    """A row of measures (worlds.measures) for the world of that name, or for all.
+
+    Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, or seconds below 0.
     """
-    if file is not None and name is None:
-        raise ValueError(f"--export {file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
+    also = wanted or Wanted()
+    if also.file is not None and name is None:
+        raise ValueError(f"--export {also.file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
+    if not also.seconds >= 0:
+        raise ValueError(f"seconds is {also.seconds}, needs 0 or more")
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
     for each in tqdm(names, desc="worlds", disable=len(names) == 1, leave=False):
         scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS)
         world = catalogue.build(each, scenario.stream("world"), difficulty)
-        if file is not None:
-            export(world, file)
-        measures = measure(world) if pictures is None else preview(scenario, pictures / f"{each}.png")
-        rows.append({"world": each, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in asdict(measures).items()})
+        if also.file is not None:
+            export(world, also.file)
+        measures = asdict(measure(world) if also.pictures is None else preview(scenario, also.pictures / f"{each}.png"))
+        if also.seconds:
+            measures["slip"] = slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), also.seconds).error
+        rows.append({"world": each, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in measures.items()})
     return rows
 
 
 def describe(rows: list[dict[str, Any]]) -> str:
     """The rows as a table with a line that explains it."""
-    lines = [f"{'world':10}" + "".join(f"{title:>11}" for title in HEADINGS.values())]
+    headings = {key: title for key, title in HEADINGS.items() if key in rows[0]}
+    lines = [f"{'world':10}" + "".join(f"{title:>11}" for title in headings.values())]
     for row in rows:
-        cells = (f"{row[key]:.0%}" if key.endswith("share") else f"{row[key]:.3g}" for key in HEADINGS)
+        cells = (f"{row[key]:.0%}" if key.endswith("share") else f"{row[key]:.3g}" for key in headings)
         lines.append(f"{row['world']:10}" + "".join(f"{cell:>11}" for cell in cells))
     lines.append("> 10° and irregular (> 5°, or near a step of 5 cm): shares of the ground that can be walked; feet, wheels: of the extent;")
-    lines.append("occluders: per 100 m²")
+    lines.append("occluders: per 100 m²" + ("; slip: error of wheel odometry a metre driven (sim.slip)" if "slip" in rows[0] else ""))
     return "\n".join(lines)

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from sim.gallery import HEADINGS, describe, survey
+from sim.gallery import HEADINGS, Wanted, describe, survey
 from worlds import catalogue
 
 
@@ -21,19 +21,21 @@ def pilsim(*words: str) -> subprocess.CompletedProcess[str]:
 def test_every_world_has_a_row() -> None:
     rows = survey(None, 0.5, 0)
     assert [row["world"] for row in rows] == sorted(catalogue.WORLDS)
-    assert all(set(HEADINGS) < set(row) for row in rows)
+    assert all(set(HEADINGS) - {"slip"} < set(row) for row in rows)
     text = describe(rows)
     assert all(name in text for name in catalogue.WORLDS)
     assert [row["world"] for row in rows if row["world"] != "campus" and row["irregular_share"] < 0.15] == []
 
 
 def test_a_preview_is_drawn(tmp_path: Path) -> None:
-    (row,) = survey("pilsun", 0.5, 3, tmp_path / "pictures")
+    (row,) = survey("pilsun", 0.5, 3, Wanted(pictures=tmp_path / "pictures", seconds=10))
     page = cv2.imread(str(tmp_path / "pictures" / "pilsun.png"))
     assert min(page.shape[:2]) > 900
     # The panorama fills the upper part: many colours, not paper.
     assert page[100:350, 100:1500].std() > 25
     assert row["seed"] == 3
+    assert 0 < row["slip"] < 0.2
+    assert "slip" in describe([row])
 
 
 def test_command_prints_json_and_exports(tmp_path: Path) -> None:
