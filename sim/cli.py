@@ -75,6 +75,24 @@ class Track:
     """Where tracks.txt (MOT15, metres) and robots.csv go."""
     views: str = ""
     """Numbers of the PETS cameras to use, as in 1,5,7; all where it is empty."""
+    detections: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """VIEW=FILE: other detections (MOT15) for a PETS camera; may be given several times."""
+    degrade: str = ""
+    """drop=P,clutter=N,noise=PX: PETS detections made worse: a share lost, false boxes a view and frame, pixels that boxes are moved by."""
+    seed: int = 0
+    """Of what --degrade draws."""
+    delay: int = 0
+    """Frames that a frame is told late; people are smoothed by what came since."""
+    hypotheses: Literal["single", "multiple"] = "single"
+    """Whether one best hypothesis on people is kept, or track trees with the best set of tracks as a maximum-weight clique."""
+    k_h: int | None = None
+    """K_H: hypotheses kept; those of each are children of one graph (multiple)."""
+    i_bls_max: int | None = None
+    """Moves of the clique search at most (multiple)."""
+    delta_a: float | None = None
+    """Longest gap that is bridged, s."""
+    n_conf: int | None = None
+    """Frames until a track may be believed."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter is told where the landmarks are."""
     slam: Literal["ekf", "iekf", "fej", "invariant"] | None = None
@@ -87,7 +105,7 @@ class Track:
     def run(self) -> None:
         from sim.demo import tracked
         from tracker.formats.utias import is_utias
-        from tracker.sources import open_source
+        from tracker.sources import Choice, open_source
 
         views = _numbers(self.views)
         if is_utias(self.source):
@@ -97,8 +115,9 @@ class Track:
             return
         if self.map != "unknown" or self.slam == "fej":
             raise ValueError(f"{self.source}: --map and --slam fej are for UTIAS sets (Barcodes.dat), and this is none")
-        sequence = open_source(self.source, views)
-        results = tracked(sequence, self.out, {"source": self.source.name, "views": views}, self._parameters())
+        choice = Choice.parse(self.detections, self.degrade, self.seed)
+        sequence = open_source(self.source, views, choice)
+        results = tracked(sequence, self.out, {"source": self.source.name, "views": views} | choice.to_run(), self._parameters())
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
 
@@ -107,8 +126,9 @@ class Track:
         from tracker.pipeline import Parameters
         from tracker.slam import SlamParameters
 
+        people = self._people()
         if self.slam is None and self.iterations is None and self.correction == "on":
-            return None
+            return people
         chosen = SlamParameters(correction=self.correction == "on")
         if self.iterations is not None:
             chosen = replace(chosen, iterations=self.iterations)
@@ -116,7 +136,26 @@ class Track:
             chosen = replace(chosen, mode="iekf", iterations=1)
         elif self.slam is not None:
             chosen = replace(chosen, mode=self.slam)
-        return Parameters(slam=chosen)
+        return replace(people or Parameters(), slam=chosen)
+
+    def _people(self) -> Parameters | None:
+        """What was asked of the tracker of people; None where nothing was."""
+        from tracker.pipeline import Parameters
+        from tracker.selection import MultipleParameters
+
+        given = {name: getattr(self, name) for name in ("k_h", "i_bls_max", "delta_a", "n_conf")}
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, value in given.items():
+            if not value > 0:
+                raise ValueError(f"--{name.replace('_', '-')} is {value}, needs more than 0")
+        if self.hypotheses == "multiple":
+            multiple = replace(MultipleParameters(), **given, small_graphs=self.k_h is not None)
+            return Parameters(multiple=multiple, delay=self.delay)
+        if {"k_h", "i_bls_max"} & set(given):
+            raise ValueError("--k-h and --i-bls-max are for --hypotheses multiple")
+        if not given and not self.delay:
+            return None
+        return replace(Parameters(), targets=replace(Parameters().targets, **given), delay=self.delay)
 
     def _explore(self) -> None:
         from tracker.course import PlanarParameters
@@ -157,7 +196,7 @@ class Score:
         from tracker.evaluation import evaluate, evaluate_files, table
         from tracker.formats.utias import is_utias
         from tracker.results import read_results
-        from tracker.sources import open_source
+        from tracker.sources import Choice, open_source
 
         if self.source and is_utias(self.source) and self.results and not (self.truth or self.result or self.iou):
             scores = expedition.evaluate_paths(self.source, self.results)
@@ -165,7 +204,7 @@ class Score:
             return
         if self.source and self.results and not (self.truth or self.result) and self.iou is None:
             results = read_results(self.results)
-            scores = evaluate(open_source(self.source, _views(results.run)), results)
+            scores = evaluate(open_source(self.source, _views(results.run), Choice.of_run(results.run)), results)
         elif self.truth and self.result and not (self.source or self.results):
             scores = evaluate_files(self.truth, self.result, self.iou)
         else:

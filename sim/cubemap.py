@@ -21,7 +21,7 @@ from tracker.geometry import Array, frozen
 
 BORDER = 2
 """Texels of a face on each side beyond what is needed."""
-DENSITY = 1.35
+DENSITY = 1.05
 """Texels along a pixel, where a face is coarsest: below 1 pixels would go unseen, above 1 what is sampled is smoother."""
 NARROW = 1.2
 """The greatest tangent off the middle of a field that one face takes; a wider one is cheaper by the faces of a cube."""

@@ -112,7 +112,8 @@ def milliseconds(action: Callable[[], Any], runs: int = 3) -> float:
 def beside(backend: str) -> None:
     """Ours and the peer's, with 10 and 74 people."""
     for people in (10, 74):
-        simulation = Simulation(Scenario(people=people))
+        # The lab does not hold 200 people.
+        simulation = Simulation(Scenario(people=people, world="pilsun" if people <= 100 else "campus"))
         poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
         owners = simulation.person_of_geom.astype(np.uint16)
         peer = Faces(simulation, SIDE)
@@ -133,9 +134,10 @@ def beside(backend: str) -> None:
 
 
 def rates() -> None:
-    """Ours against the number of people and against size, colour, instances and range."""
+    """Ours against the number of people (200 on the campus) and against size: colour, instances and range."""
     for people, width in [*((n, 1024) for n in PEOPLE), *((10, w) for w in SIZES)]:
-        simulation = Simulation(Scenario(people=people))
+        # The lab does not hold 200 people.
+        simulation = Simulation(Scenario(people=people, world="pilsun" if people <= 100 else "campus"))
         poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
         owners, ids = simulation.person_of_geom.astype(np.uint16), simulation.persons.tolist()
         with PanoramaRenderer(simulation.model, Panorama(width, width // 2), owners) as renderer:
