@@ -70,6 +70,8 @@ class Simulation:
         people = [scenario.stream(f"person_{i}") for i in self.everybody]
         drawn = np.array([pedestrian.statures(rng, 1, scenario.children)[0] for rng in people])
         self._stature = drawn if paths is None or paths.stature is None else paths.stature
+        # Before anything is built: who does not fit in shall hear of it at once.
+        self._places = self._drawn_places()
         self.model = self._compile(people)
         self._data, self._posed = mujoco.MjData(self.model), False
         self._physics = self._rovers_and_colliders().compile()
@@ -248,18 +250,23 @@ class Simulation:
         plans = make_plans(feet, people, scenario.stream("people/goals"), visits)
         first = plans.at_once or len(people)
         places = np.zeros((len(people), 2))
-        places[:first] = in_company(self._free_places(rng, first), plans.group[:first])
+        places[:first] = in_company(self._free_places(first), plans.group[:first])
         crowd = Crowd(feet, self.world.terrain, plans)
         return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)))
 
-    def _free_places(self, rng: np.random.Generator, wanted: int) -> Array:
-        """(wanted, 2) m apart from each other and from the rovers."""
-        robots, name = self._data.qpos[self._poses[:, :2]], self.scenario.world
-        # About three places may be too near to each rover.
+    def _drawn_places(self) -> Array:
+        """(k, 2) m apart from each other, for those who are there at first and some more: about three may be too near to each rover."""
+        scenario = self.scenario
+        wanted = min(scenario.at_once or scenario.people, scenario.people) if self._paths is None else 0
         try:
-            places = self.world.feet.sample(rng, wanted + 3 * len(robots) if wanted else 0, 0.1, 0.8)
+            return self.world.feet.sample(scenario.stream("people/places"), wanted + 3 * scenario.robots if wanted else 0, 0.1, 0.8)
         except ValueError as error:
-            raise ValueError(f"people is {wanted}, more than {name} holds at once beside {len(robots)} robots: {error}") from None
+            message = f"people is {wanted}, more than {scenario.world} holds at once beside {scenario.robots} robots"
+            raise ValueError(f"{message}: {error}") from None
+
+    def _free_places(self, wanted: int) -> Array:
+        """(wanted, 2) m of the places drawn, away from the rovers."""
+        robots, places = self._data.qpos[self._poses[:, :2]], self._places
         clear = np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > 1.0
         places = places[clear][:wanted]
         if len(places) < wanted:

@@ -208,6 +208,8 @@ def _directed(s: Any, phi: float) -> None:
             if _random(s.word) * equal < 1:
                 best, drops = v, True
     if best < 0:
+        # All is tabu: time passes.
+        s.tally[MOVES] += 1
         return
     if drops and s.kind[best] == C:
         _drop(s, best, phi)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles, skew, tangent_basis, wrap
@@ -131,36 +132,47 @@ def combine(views: list[Feet], free: list[Mask], height: tuple[float, float], pa
     """Group the boxes that are `free` in each view, at most one a view, by the Mahalanobis distance of their feet.
 
     The surest foot starts a group and takes from each other view the nearest within the gate; the point is the covariance-weighted mean.
-    Feet that may be hidden neither start a group nor join one. Greedy: the full search over combinations belongs to the hypotheses.
+    Feet that may be hidden neither start a group nor join one. Greedy: which groups are people is for the hypotheses to say.
     """
-    seeds = [
-        (float(np.trace(feet.spread[d])), v, int(d))
-        for v, feet in enumerate(views)
-        for d in np.flatnonzero(free[v] & feet.grounded & ~feet.hidden & (feet.height >= height[0]) & (feet.height <= height[1]))
-    ]
-    open_seeds = {(v, d) for _, v, d in seeds}
-    groups: list[Combination] = []
-    for _, v, d in sorted(seeds):
-        if (v, d) not in open_seeds:
-            continue
-        group = _grow(views, open_seeds, v, d, parameters.gate)
-        open_seeds -= set(group.members)
-        groups.append(group)
-    return groups
+    fit = [np.flatnonzero(free[v] & f.grounded & ~f.hidden & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
+    view = np.repeat(np.arange(len(views)), [len(rows) for rows in fit])
+    if not len(view):
+        return []
+    box = np.concatenate(fit)
+    point = np.concatenate([f.point[rows, :2] for f, rows in zip(views, fit, strict=True)])
+    spread = np.concatenate([f.spread[rows] for f, rows in zip(views, fit, strict=True)])
+    order = np.lexsort((box, view, np.trace(spread, axis1=1, axis2=2)))
+    group, mean, covariance = _grouped(view[order], point[order], spread[order], parameters.gate)
+    members: list[list[tuple[int, int]]] = [[] for _ in mean]
+    for k, g in zip(order.tolist(), group.tolist(), strict=True):
+        members[g].append((int(view[k]), int(box[k])))
+    return [Combination(tuple(m), x, P) for m, x, P in zip(members, mean, covariance, strict=True)]
 
 
-def _grow(views: list[Feet], candidates: set[tuple[int, int]], v: int, d: int, gate: float) -> Combination:
-    point, covariance, members = views[v].point[d, :2], views[v].spread[d], [(v, d)]
-    for w, feet in enumerate(views):
-        others = np.array([k for u, k in sorted(candidates) if u == w and w != v], dtype=np.int64)
-        if not len(others):
+@njit(cache=True)
+def _grouped(view: NDArray[np.int64], point: Array, spread: Array, gate: float) -> tuple[NDArray[np.int64], Array, Array]:
+    """Feet in order, the surest first: view (n,), point (n, 2), spread (n, 2, 2) → group (n,) of each; mean (g, 2), covariance (g, 2, 2)."""
+    n, views = len(view), view.max() + 1
+    group, mean, covariance, groups = np.full(n, -1), np.empty((n, 2)), np.empty((n, 2, 2)), 0
+    for i in range(n):
+        if group[i] >= 0:
             continue
-        difference = feet.point[others, :2] - point
-        S = feet.spread[others] + covariance
-        distance = np.einsum("ni,ni->n", difference, np.linalg.solve(S, difference[:, :, None])[:, :, 0])
-        best = int(np.argmin(distance))
-        if distance[best] <= gate**2:
-            K = covariance @ np.linalg.inv(S[best])
-            point, covariance = point + K @ difference[best], covariance - K @ covariance
-            members.append((w, int(others[best])))
-    return Combination(tuple(members), point, covariance)
+        x, P = point[i].copy(), spread[i].copy()
+        group[i] = groups
+        for v in range(views):
+            best, least = -1, gate * gate
+            for k in range(i + 1, n):
+                if view[k] != v or v == view[i] or group[k] >= 0:
+                    continue
+                d0, d1 = point[k, 0] - x[0], point[k, 1] - x[1]
+                a, b, c = P[0, 0] + spread[k, 0, 0], P[0, 1] + spread[k, 0, 1], P[1, 1] + spread[k, 1, 1]
+                distance = (c * d0 * d0 - 2 * b * d0 * d1 + a * d1 * d1) / (a * c - b * b)
+                if distance <= least:
+                    best, least = k, distance
+            if best >= 0:
+                K = P @ np.linalg.inv(P + spread[best])
+                x += K @ (point[best] - x)
+                P = P - K @ P
+                group[best] = groups
+        mean[groups], covariance[groups], groups = x, P, groups + 1
+    return group, mean[:groups], covariance[:groups]

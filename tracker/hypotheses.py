@@ -7,6 +7,7 @@ One hypothesis is kept: per view the assignment of boxes to tracks with the high
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from tracker.cameras import Camera
 from tracker.fusion import Combination, Feet, FusionParameters, combine
 from tracker.geometry import Array, Pose
 from tracker.measurements import Setup
+from tracker.smoothing import Lag
 from tracker.trees import MotionParameters, Sights, Tracks, body_points, born, predict, shadowed, sights, update
 
 Mask = NDArray[np.bool_]
@@ -194,3 +196,20 @@ class Hypotheses:
                 worse = j if (self.believed[i], tracks.hits[i]) >= (self.believed[j], tracks.hits[j]) else i
                 keep[worse] = False
         self.tracks, self.believed = tracks.select(keep), self.believed[keep]
+
+
+@final
+class SingleTargets:
+    """The tracker of people with one hypothesis, told `delay` ticks late. Raises ValueError where delay is below 0."""
+
+    def __init__(self, setup: Setup, parameters: TargetParameters, delay: int) -> None:
+        self.hypotheses = Hypotheses(setup, parameters)
+        self._lag = Lag(delay, setup.period, parameters.motion)
+
+    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None:
+        """Take a tick; the people of the tick `delay` before it, None where there was none."""
+        return self._lag.feed(*self.hypotheses.step(views, cameras))
+
+    def drain(self) -> Tracks | None:
+        """The people of the oldest tick that was not told yet; None where all are."""
+        return self._lag.drain()

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from tracker.bearings import Sight
 from tracker.gaussian import block_diagonal, joseph, kalman_gain, robust_weights
 from tracker.geometry import Array, Pose, exp_so3, log_so3
+from tracker.invariant import Means, landmark_shears, pose_charts, retracted
 from tracker.measurements import Mount, Start
-from tracker.motion import compose, retract, retraction_jacobian, right_jacobian
+from tracker.motion import compose, exponential, retract, retraction_jacobian, right_jacobian
 
 Indices = NDArray[np.intp]
 
@@ -42,8 +43,9 @@ class Joint:
     rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; point (capacity, 3) m, of which the first `count` are alive.
     """
 
-    def __init__(self, clones: int, capacity: int, correction_sigma: tuple[float, float, float] | None) -> None:
+    def __init__(self, clones: int, capacity: int, correction_sigma: tuple[float, float, float] | None, invariant: bool = False) -> None:
         self.robots, self.clones, self.capacity, self.count = 0, clones, capacity, 0
+        self.invariant = invariant
         self.stride = 6 if correction_sigma is None else 9
         self._correction_sigma = correction_sigma
         self.rotation, self.translation = np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -164,7 +166,8 @@ class Joint:
         """The iterated update with exactly `iterations` linearisations (Bell & Cathey 1993): δ ← K (r(x ⊕ δ) + H J δ), then P in Joseph's form.
 
         `linearise` is asked at the mean of each pass. H is brought to the tangent at the prior by the retraction's Jacobian J, and P to the tangent
-        at the posterior when all is done. One iteration is the plain EKF. `threshold` is that of gaussian.robust_weights, whose weights (k,) of the
+        at the posterior when all is done. One iteration is the plain EKF. With the invariant error landmarks go with the robot that sees them; the
+        Jacobians are then those of tracker.invariant. `threshold` is that of gaussian.robust_weights, whose weights (k,) of the
         last pass are returned.
         """
         before = (self.rotation.copy(), self.translation.copy(), self.correction.copy(), self.point[: self.count].copy())
@@ -172,7 +175,11 @@ class Joint:
         for _ in range(iterations):
             linear = linearise()
             H, own = linear.H.copy(), slice(self.offset(linear.robot), self.offset(linear.robot) + self.stride)
-            H[:, : self.stride] = H[:, : self.stride] @ self._chart(delta)[own, own]
+            H[:, : self.stride] = H[:, : self.stride] @ self._chart(before, delta)[own, own]
+            if self.invariant:
+                seen = (linear.columns[self.stride :: 3] - self.base) // 3
+                shears = landmark_shears(self._means(before), self._means(), linear.robot)[seen]
+                H[:, 3:6] += linear.H[:, self.stride :] @ shears.reshape(-1, 3)
             HP = H @ self.P[linear.columns]
             spread = HP[:, linear.columns] @ H.T
             innovation = linear.residual + H @ delta[linear.columns]
@@ -180,9 +187,11 @@ class Joint:
             S = spread + block_diagonal(linear.noise / weights[:, None, None])
             K = kalman_gain(HP, S)
             delta = K @ innovation
-            self._retract(before, delta)
+            self._retract(before, delta, linear.robot)
         joseph(self.P, HP, K, S)
-        self._transform(slice(0, self.base), self._chart(delta))
+        if self.invariant and self.count:
+            self._shear(landmark_shears(self._means(before), self._means(), linear.robot), self.offset(linear.robot) + 3)
+        self._transform(slice(0, self.base), self._chart(before, delta))
         return weights
 
     def _tangents(self, delta: Array) -> tuple[Array, Array]:
@@ -191,10 +200,25 @@ class Joint:
         clones = delta[self.stride * self.robots : self.base].reshape(-1, 6)
         return np.concatenate([team[:, :6], clones]), team[:, 6:]
 
-    def _chart(self, delta: Array) -> Array:
+    def _means(self, held: tuple[Array, Array, Array, Array] | None = None) -> Means:
+        """Rotations, translations and landmarks: those of `held`, or as they are now."""
+        return (self.rotation, self.translation, self.point[: self.count]) if held is None else (held[0], held[1], held[3])
+
+    def _shear(self, shears: Array, rotation: int) -> None:
+        """P ← M P Mᵀ where the landmarks' errors gain shears (n, 3, 3) times the error in the three rows from `rotation` on."""
+        P, rows = self.P, slice(self.base, self.base + 3 * self.count)
+        A = shears.reshape(-1, 3)
+        P[rows] += A @ P[rotation : rotation + 3]
+        P[:, rows] += P[:, rotation : rotation + 3] @ A.T
+        block = P[rows, rows]
+        P[rows, rows] = 0.5 * (block + block.T)
+        P[: self.base, rows] = P[rows, : self.base].T
+
+    def _chart(self, before: tuple[Array, Array, Array, Array], delta: Array) -> Array:
         """The retraction's Jacobian for all that comes before the landmarks, (base, base)."""
         poses, corrections = self._tangents(delta)
-        J, out = retraction_jacobian(poses), np.zeros((self.base, self.base))
+        J = pose_charts(self._means(before), self._means()) if self.invariant else retraction_jacobian(poses)
+        out = np.zeros((self.base, self.base))
         for p in range(len(poses)):
             at = self.offset(p)
             out[at : at + 6, at : at + 6] = J[p]
@@ -203,12 +227,17 @@ class Joint:
             out[at : at + 3, at : at + 3] = block
         return out
 
-    def _retract(self, before: tuple[Array, Array, Array, Array], delta: Array) -> None:
+    def _retract(self, before: tuple[Array, Array, Array, Array], delta: Array, robot: int) -> None:
         poses, corrections = self._tangents(delta)
-        self.rotation, self.translation = retract(before[0], before[1], poses)
+        moves = delta[self.base :].reshape(-1, 3)
+        if self.invariant:
+            means = retracted(self._means(before), (poses, moves), exponential(poses[:, 3:]), robot)
+            self.rotation, self.translation, self.point[: self.count] = means
+        else:
+            self.rotation, self.translation = retract(before[0], before[1], poses)
+            self.point[: self.count] = before[3] + moves
         for robot, w in enumerate(corrections if self.stride == 9 else ()):
             self.correction[robot] = log_so3(exp_so3(before[2][robot]) @ exp_so3(w))
-        self.point[: self.count] = before[3] + delta[self.base :].reshape(-1, 3)
 
     def _transform(self, rows: slice, F: Array) -> None:
         """P ← F P Fᵀ for the rows and columns of one block."""

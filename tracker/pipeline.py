@@ -10,13 +10,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
-from tracker.fusion import stand
-from tracker.hypotheses import Hypotheses, TargetParameters
+from tracker.cameras import Camera
+from tracker.fusion import Feet, stand
+from tracker.geometry import Pose
+from tracker.hypotheses import SingleTargets, TargetParameters
 from tracker.measurements import Estimate, Setup, Tick
+from tracker.multiple import MultipleTargets
 from tracker.naming import Names
+from tracker.selection import MultipleParameters
 from tracker.slam import Slam, SlamParameters
-from tracker.smoothing import Lag
 from tracker.trees import Tracks
 
 
@@ -26,6 +30,7 @@ class Parameters:
 
     slam: SlamParameters = field(default_factory=SlamParameters)
     targets: TargetParameters = field(default_factory=TargetParameters)
+    multiple: MultipleParameters | None = None  # where given, people are followed by multiple hypotheses in place of `targets`
     delay: int = 0  # ticks after which a tick is spoken of; people are smoothed by what came since
 
 
@@ -42,14 +47,23 @@ def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = N
         yield estimate
 
 
+class People(Protocol):
+    """A tracker of people: takes a tick, and tells who was there some ticks before; None where it has nothing to tell yet, or no more."""
+
+    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None: ...
+
+    def drain(self) -> Tracks | None: ...
+
+
 class Tracker:
     """The state between ticks: the SLAM filter of the team, and the hypotheses on people."""
 
     def __init__(self, setup: Setup, parameters: Parameters) -> None:
         self.setup, self.parameters = setup, parameters
         self.slam = Slam(setup, parameters.slam)
-        self.hypotheses = Hypotheses(setup, parameters.targets)
-        self._lag = Lag(parameters.delay, setup.period, parameters.targets.motion)
+        single, many, delay = parameters.targets, parameters.multiple, parameters.delay
+        self._people: People = SingleTargets(setup, single, delay) if many is None else MultipleTargets(setup, many, delay)
+        self._fusion = single.fusion if many is None else many.fusion
         self._names = Names(setup)
         self._waiting: deque[Estimate] = deque()
         self._last = -1
@@ -63,15 +77,15 @@ class Tracker:
         for view in tick.views:
             mount = self.setup.mounts[view.camera]
             pose = poses[mount.robot]
-            feet.append(stand(self.setup, view.camera, view.detections, pose, self.parameters.targets.fusion))
+            feet.append(stand(self.setup, view.camera, view.detections, pose, self._fusion))
             cameras.append((mount.camera, pose[0] @ mount.T_body_camera))
         placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
         self._waiting.append(Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters)))
-        return self._told(self._lag.feed(*self.hypotheses.step(feet, cameras)))
+        return self._told(self._people.step(feet, cameras))
 
     def finish(self) -> Estimate | None:
         """What is said of the oldest tick that is waiting, when no more ticks come; None where none is."""
-        return self._told(self._lag.drain())
+        return self._told(self._people.drain())
 
     def _told(self, people: Tracks | None) -> Estimate | None:
         if people is None:

@@ -7,7 +7,7 @@ A tick: predict by odometry, level by gravity, then robot by robot: sightings �
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,19 +25,24 @@ from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick,
 
 @dataclass(frozen=True)
 class SlamParameters:
-    """iterations: linearisations of an update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
-    correction_walk rad an axis a square root of a second. robust: residuals beyond so many standard deviations lose
-    weight (inf: never).
+    """mode: iekf, the iterated filter (with one iteration the plain one), or invariant (tracker.invariant). iterations: linearisations of an
+    update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
+    correction_walk rad an axis a square root of a second. level_memory, turn_memory s: errors of the accelerometer's "up" and of the odometry's turns
+    hang together for so long (their biases), and are believed the less. robust: residuals beyond so many standard deviations lose weight
+    (inf: never).
 
     seen: landmarks a camera updates at once; capacity: landmarks in the map; growth: new ones a camera a tick. clones: earlier poses kept a robot,
     a new one each `stride` m. robot_radius m: nothing without a name becomes or matches a landmark so near to another robot's middle. reopen: a
     robot's pose is doubted by reopen_sigma (m, rad) where the landmarks that it saw in the last `reopen` ticks are mostly refused.
     """
 
+    mode: str = "invariant"
     iterations: int = 2
     correction: bool = True
     correction_sigma: tuple[float, float, float] = (0.012, 0.012, 0.004)
     correction_walk: float = 0.0005
+    level_memory: float = 1.0
+    turn_memory: float = 0.2
     robust: float = 3.0
     seen: int = 32
     growth: int = 12
@@ -53,6 +58,8 @@ class SlamParameters:
     extraction: Extraction = field(default_factory=Extraction)
 
     def __post_init__(self) -> None:
+        if self.mode not in ("iekf", "invariant"):
+            raise ValueError(f"mode is {self.mode!r}, needs iekf or invariant")
         for name in ("iterations", "clones", "capacity", "seen"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
@@ -63,7 +70,8 @@ class Slam:
 
     def __init__(self, setup: Setup, parameters: SlamParameters) -> None:
         self.setup, self.parameters = setup, parameters
-        self._joint = Joint(parameters.clones, parameters.capacity, parameters.correction_sigma if parameters.correction else None)
+        correction = parameters.correction_sigma if parameters.correction else None
+        self._joint = Joint(parameters.clones, parameters.capacity, correction, parameters.mode == "invariant")
         self._map = Landmarks(parameters.capacity, max(1, len(setup.starts)))
         self._team: dict[str, int] = {}
         self._frontier: dict[str, Frontier] = {}
@@ -139,6 +147,10 @@ class Slam:
     def _predict(self, name: str, views: list[View]) -> None:
         """A robot without odometry did not move."""
         odometry = next((v.odometry for v in views if v.odometry is not None), None)
+        if odometry is not None:
+            turn, level = (np.sqrt(_worth(memory, self.setup.period)) for memory in (self.parameters.turn_memory, self.parameters.level_memory))
+            scale = np.array([1, 1, 1, turn, turn, turn])
+            odometry = replace(odometry, covariance=odometry.covariance * np.outer(scale, scale), gravity_sigma=odometry.gravity_sigma * level)
         self._odometry[name] = odometry
         if odometry is not None:
             self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance)
@@ -269,3 +281,11 @@ class Slam:
         for frontier in self._frontier.values():
             if frontier.robot == robot:
                 frontier.remember(k)
+
+
+def _worth(memory: float, period: float) -> float:
+    """How much the variance of errors must grow that hang together for `memory` s, ρ = exp(−period/memory) from one to the next: (1 + ρ)/(1 − ρ),
+    so that a long row of them is worth what it is.
+    """
+    rho = float(np.exp(-period / memory)) if memory > 0 else 0.0
+    return (1 + rho) / (1 - rho)

@@ -17,6 +17,9 @@ from tracker.trees import MotionParameters, Tracks, transition
 
 Mask = NDArray[np.bool_]
 
+BRIEF = 16 / 7
+"""s: a track that was seen for less and has ended is not told of, where the delay lets that be known."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
@@ -58,6 +61,12 @@ class Lag:
             known |= set(later.tracks.tree[later.believed].tolist())
             seen |= set(later.tracks.tree[later.tracks.misses == 0].tolist())
         seen |= set(last.tracks.tree[last.believed].tolist())
+        going = set(last.tracks.tree.tolist())
+        hits: dict[int, int] = {}
+        for moment in self._window:
+            hits.update(zip(moment.tracks.tree.tolist(), moment.tracks.hits.tolist(), strict=True))
+        # What has ended after a short life was seldom somebody: duplicates beside a person are found out within seconds.
+        known = {tree for tree in known if tree in going or hits[tree] * self.period >= BRIEF}
         chosen = np.array([tree in known and tree in seen for tree in first.tracks.tree.tolist()], dtype=bool)
         return self._smoothed(first.tracks.select(chosen))
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tracker.cameras import Camera
+from tracker.cameras import Camera, Tsai
+from tracker.degrading import Degradation
 from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections
 from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
 from tracker.ground import Flat
@@ -22,33 +26,86 @@ PETS_RATE = 7.0  # frames a second
 MAX_FRAMES = 1_000_000
 FOOT_PIXELS = 2.0  # px, error of a box's edge ...
 FOOT_SHARE = 0.02  # ... and as a share of its height
+DISTORTION_SHARE = 1.0  # where a distortion folds back (κ1 < 0) the calibration is off by about as much as it bends: View_007, left
 
 
-def open_source(path: Path, views: Iterable[int] = ()) -> Sequence:
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What of a PETS folder is read: other detection files of views (number → file), and how all detections are made worse, from which seed."""
+
+    detections: Mapping[int, Path] = field(default_factory=dict)
+    degradation: Degradation = Degradation()
+    seed: int = 0
+
+    @property
+    def plain(self) -> bool:
+        """Whether the folder is read as it is."""
+        return not self.detections and self.degradation == Degradation()
+
+    @staticmethod
+    def parse(detections: Iterable[str], degrade: str, seed: int) -> Choice:
+        """detections: each VIEW=FILE; degrade: see Degradation.parse. Raises ValueError that names what is wrong."""
+        files: dict[int, Path] = {}
+        for text in detections:
+            number, _, file = text.partition("=")
+            if not number.isdecimal() or not file or int(number) in files:
+                raise ValueError(f"--detections is {text!r}, needs VIEW=FILE, each view once")
+            if not Path(file).is_file():
+                raise ValueError(f"{file}: no such file")
+            files[int(number)] = Path(file)
+        if seed < 0:
+            raise ValueError(f"--seed is {seed}, needs 0 or more")
+        return Choice(files, Degradation.parse(degrade), seed)
+
+    def to_run(self) -> dict[str, Any]:
+        """As values of run.json; nothing where the folder is read as it is."""
+        if self.plain:
+            return {}
+        d = self.degradation
+        files = [f"{number}={file.resolve()}" for number, file in self.detections.items()]
+        return {"detections": files, "degrade": f"drop={d.drop},clutter={d.clutter},noise={d.noise}", "seed": self.seed}
+
+    @staticmethod
+    def of_run(run: dict[str, Any]) -> Choice:
+        """What to_run wrote. Raises ValueError where that is not what it is."""
+        detections, degrade, seed = run.get("detections", []), run.get("degrade", ""), run.get("seed", 0)
+        if not isinstance(detections, list) or not isinstance(degrade, str) or not isinstance(seed, int):
+            raise ValueError("run.json: detections, degrade and seed need to be a list, a text and a whole number")
+        return Choice.parse(map(str, detections), degrade, seed)
+
+
+def open_source(path: Path, views: Iterable[int] = (), choice: Choice | None = None) -> Sequence:
     """The Sequence in `path`; `views` are the numbers of PETS cameras, none stands for all.
 
-    Raises ValueError where there is nothing that can be read.
+    Raises ValueError where there is nothing that can be read, or where a generated sequence is asked for with a choice of PETS.
     """
+    choice = choice or Choice()
     if not path.is_dir():
         raise ValueError(f"{path}: no such folder")
     wanted = list(views)
     if len(set(wanted)) != len(wanted):
         raise ValueError(f"--views {','.join(map(str, wanted))} names a view twice")
     if (path / "manifest.json").is_file():
+        if not choice.plain:
+            raise ValueError(f"{path}: --detections and --degrade are for PETS folders")
         if wanted:
             raise ValueError(f"{path}: --views chooses PETS cameras; a generated sequence is tracked with all its robots")
         return read_sequence(path)
     if (path / "annotations").is_dir() or (path / "detections").is_dir():
-        return _read_pets(path, wanted)
+        return _read_pets(path, wanted, choice)
     raise ValueError(f"{path}: neither a sequence (manifest.json) nor a PETS 2009 folder (annotations/, detections/)")
 
 
-def _read_pets(path: Path, wanted: list[int]) -> Sequence:
+def _read_pets(path: Path, wanted: list[int], choice: Choice) -> Sequence:
     """Cameras, detections and cropped truth of a PETS 2009 folder; calibration/ lies in it or beside it."""
     calibration = next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
     if calibration is None:
         raise ValueError(f"{path}: no calibration/ in it or beside it")
     found = {int(m[1]): p for p in sorted((path / "detections").glob("*.txt")) if (m := re.fullmatch(r"View_0*(\d+)\.txt", p.name))}
+    for number, file in choice.detections.items():
+        if wanted and number not in wanted:
+            raise ValueError(f"--detections names view {number}, --views has {','.join(map(str, wanted))}")
+        found[number] = file
     for number in wanted:
         if number not in found:
             raise ValueError(f"{path / 'detections' / f'View_{number:03d}.txt'}: no such file; there are views {','.join(map(str, found))}")
@@ -64,13 +121,20 @@ def _read_pets(path: Path, wanted: list[int]) -> Sequence:
     frames = max([max(frames, default=0) for frames in boxes.values()] + [len(truth or ())])
     if frames > MAX_FRAMES:
         raise ValueError(f"{path}: frame {frames}, needs at most {MAX_FRAMES}")
+    if choice.degradation != Degradation():
+        for name, view in cameras.items():
+            rng = np.random.default_rng([choice.seed, zlib.crc32(name.encode())])
+            boxes[name] = choice.degradation.applied(boxes[name], frames, view, np.array(PETS_AREA), rng)
     mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
     starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
     setup = Setup(mounts, Flat(), starts, 1 / PETS_RATE, area=np.array(PETS_AREA))
     ticks = TicksInMemory(tuple(_pets_tick(index, cameras, boxes) for index in range(frames)), mounts)
     read = [found[n] for n in wanted or found] + sorted((path / "annotations").glob("*-cropped.xml"))
     sums = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in read}
-    return Sequence(setup, ticks, truth, {"source": "PETS 2009", "views": list(cameras), "files": sums})
+    made: dict[str, object] = {"source": "PETS 2009", "views": list(cameras), "files": sums}
+    if choice.degradation != Degradation():
+        made |= {"degradation": asdict(choice.degradation), "seed": choice.seed}
+    return Sequence(setup, ticks, truth, made)
 
 
 def _pets_tick(index: int, cameras: dict[str, tuple[Camera, Pose]], boxes: dict[str, dict[int, tuple[Array, Array]]]) -> Tick:
@@ -118,6 +182,10 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
     by_height = (angles(middle, bottom - sigma)[1] - angles(middle, bottom + sigma)[1]) / 2
     covariance = np.zeros((len(boxes), 2, 2))
     covariance[:, 0, 0], covariance[:, 1, 1] = by_side**2, by_height**2
+    if isinstance(camera, Tsai) and camera.kappa1 < 0:
+        straight = angles_from_bearing(replace(camera, kappa1=0.0).bearings_from_pixels(np.stack([middle, bottom], axis=1)))
+        covariance[:, 0, 0] += (DISTORTION_SHARE * (straight[0] - azimuth) * np.cos(low)) ** 2
+        covariance[:, 1, 1] += (DISTORTION_SHARE * (straight[1] - low)) ** 2
     bearing = bearing_from_angles(azimuth, (low + high) / 2)
     extent = np.stack([span, high - low], axis=1)
     return Detections(bearing, extent, np.clip(confidence, 0.0, 1.0), covariance, np.zeros((len(boxes), 0)))

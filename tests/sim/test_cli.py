@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.tracker import sequences
+from tests.tracker.formats.mrclam import write_set
 
 TARGET_KEYS = """mota motp_m motp_percent false_positives misses switches fragments mostly_tracked mostly_lost truths idf1 hota moda modp"""
 PILSIM = Path(sys.executable).parent / "pilsim"
@@ -78,6 +79,26 @@ def test_track_then_score_and_reuse(tmp_path: Path) -> None:
     assert (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns == stamp
     sequences.write(tmp_path / "t", seed=1)
     assert "r: holds another run" in refused("track", "t", "--out", "r", cwd=tmp_path)
+
+
+def test_a_utias_set_by_command(tmp_path: Path) -> None:
+    write_set(tmp_path / "s")
+    done = pilsim("track", "s", "--map", "known", "--slam", "ekf", "--correction", "off", "--out", "r", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "r: 2 robots at" in done.stdout
+    scores = json.loads(pilsim("score", "s", "r", "--json", cwd=tmp_path).stdout)
+    assert scores["robots"]["ate_m"] < scores["dead_reckoning"]["ate_m"]
+    assert "ATE by dead reckoning" in pilsim("score", "s", "r", cwd=tmp_path).stdout
+    assert "r: holds another run" in refused("track", "s", "--map", "unknown", "--out", "r", cwd=tmp_path)
+    assert "iterations is 0, needs at least 1" in refused("track", "s", "--iterations", "0", "--out", "q", cwd=tmp_path)
+    assert "a UTIAS set has none" in refused("track", "s", "--views", "1", "--out", "q", cwd=tmp_path)
+
+
+def test_filters_by_name(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0
+    assert "mode='iekf', iterations=3" in (tmp_path / "r" / "run.json").read_text()
+    assert "--map and --slam fej are for UTIAS sets" in refused("track", "s", "--slam", "fej", "--out", "q", cwd=tmp_path)
 
 
 def test_score_wants_one_of_two_forms(tmp_path: Path) -> None:

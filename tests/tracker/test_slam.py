@@ -63,10 +63,11 @@ def test_the_covariance_is_honest_over_many_seeds() -> None:
 
 def test_the_correction_factor_finds_a_tilted_camera() -> None:
     tilted = replace(SHORT, tilt=(0.02, -0.01), ticks=90)
-    slam, _, _, honest = run(tilted, SlamParameters())
+    # In this room the errors of "up" are independent.
+    slam, _, _, honest = run(tilted, SlamParameters(level_memory=0.0))
     found = np.mean([slam.correction(f"r{i}") for i in range(2)], axis=0)
     assert found[:2] == pytest.approx([0.02, -0.01], abs=0.004)
-    without, _, _, consistency = run(tilted, SlamParameters(correction=False))
+    without, _, _, consistency = run(tilted, SlamParameters(correction=False, level_memory=0.0))
     assert consistency.mean() > 5 * honest.mean(), "a tilt that is not in the state should make the covariance a lie"
     np.testing.assert_array_equal(without.correction("r0"), 0)
 
@@ -168,7 +169,8 @@ class PlainEkf:
 def test_one_iteration_without_correction_is_the_plain_ekf() -> None:
     room = Room(robots=1, named=True, landmarks=30, ticks=30, miss=0.0)
     setup, ticks, *_ = simulate(room)
-    slam = Slam(setup, SlamParameters(iterations=1, correction=False, robust=np.inf, growth=100, seen=100))
+    plain_rule = {"mode": "iekf", "iterations": 1, "correction": False, "robust": np.inf, "level_memory": 0.0, "turn_memory": 0.0}
+    slam = Slam(setup, SlamParameters(**plain_rule, growth=100, seen=100))
     k = next(k for k, tick in enumerate(ticks) if (slam.step(tick), len(slam.landmarks()) >= 5)[1])
     joint, book = slam._joint, slam._map
     rows = np.concatenate([np.arange(6), np.arange(joint.base, len(joint.P))])
@@ -231,7 +233,7 @@ def test_level_comes_from_gravity_alone_when_nothing_is_seen() -> None:
     tilted = Pose(exp_so3([0.1, 0, 0]), np.zeros(3))
     start = Start(tilted, np.diag([1e-4, 1e-4, 1e-4, 0.1, 0.1, 1e-6]))
     setup = Setup({"c": Mount(Panorama(64, 32), Pose.identity(), "r")}, Flat(), {"r": start}, 0.1)
-    slam = Slam(setup, SlamParameters(correction=False))
+    slam = Slam(setup, SlamParameters(correction=False, level_memory=0.0))
     odometry = Odometry(Pose.identity(), 1e-8 * np.eye(6), np.array([0.0, 0.0, 1.0]), 0.01)
     slam.step(Tick(0, 0.0, (View("c", Detections.none(), odometry=odometry),)))
     np.testing.assert_allclose(slam.pose("r").rotation[2], [0, 0, 1], atol=1e-3)
@@ -242,6 +244,25 @@ def test_level_comes_from_gravity_alone_when_nothing_is_seen() -> None:
 def test_parameters_have_bounds(name: str, value: int) -> None:
     with pytest.raises(ValueError, match=f"{name} is {value}"):
         SlamParameters(**{name: value})
+
+
+def test_modes_have_names() -> None:
+    with pytest.raises(ValueError, match="mode is 'ukf', needs iekf or invariant"):
+        SlamParameters(mode="ukf")
+
+
+def test_biased_instruments_are_believed_the_less() -> None:
+    """A level that errs by 3 of its deviations, always the same way: with a memory the covariance knows better."""
+    start = Start(Pose.identity(), np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6]))
+    setup = Setup({"c": Mount(Panorama(64, 32), Pose.identity(), "r")}, Flat(), {"r": start}, 0.1)
+    doubt = []
+    for memory in (0.0, 2.0):
+        slam = Slam(setup, SlamParameters(correction=False, level_memory=memory))
+        odometry = Odometry(Pose.identity(), 1e-6 * np.eye(6), np.array([np.sin(0.03), 0.0, np.cos(0.03)]), 0.01)
+        for k in range(100):
+            slam.step(Tick(k, k / 10, (View("c", Detections.none(), odometry=odometry),)))
+        doubt.append(slam.covariance("r")[4, 4])
+    assert doubt[1] > 5 * doubt[0]
 
 
 def test_a_small_map_stays_small() -> None:

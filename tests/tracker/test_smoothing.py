@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,17 @@ def test_who_is_believed_later_was_there_and_who_is_not_seen_again_had_gone() ->
     assert people is not None
     # 1 was not believed yet, 2 was out of sight for a while, 3 never came back.
     assert people.tree.tolist() == [1, 2]
+
+
+def test_what_ended_after_a_short_life_is_not_told() -> None:
+    state, P = np.zeros((2, 4)), np.tile(np.eye(4), (2, 1, 1))
+    lag = Lag(1, PERIOD, MOTION)
+    now, both = tracks_of([1, 2], state, P, [0, 0]), np.ones(2, dtype=bool)
+    now = replace(now, hits=np.array([3, 40]))
+    assert lag.feed(now, both) is None
+    people = lag.feed(now.select(np.zeros(0, dtype=np.int64)), np.zeros(0, dtype=bool))
+    assert people is not None
+    assert people.tree.tolist() == [2]
 
 
 def test_a_negative_delay_is_refused() -> None:

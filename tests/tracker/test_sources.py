@@ -9,7 +9,7 @@ import pytest
 
 from tests.tracker import sequences
 from tracker.geometry import angles_from_bearing
-from tracker.sources import detections_from_boxes, open_source
+from tracker.sources import Choice, detections_from_boxes, open_source
 
 
 def test_pets(data: Callable[..., Path]) -> None:
@@ -91,3 +91,32 @@ def test_what_is_no_source(tmp_path: Path, data: Callable[..., Path]) -> None:
         open_source(data("pets2009", "S2.L1"), [2])
     with pytest.raises(ValueError, match="names a view twice"):
         open_source(data("pets2009", "S2.L1"), [1, 1])
+
+
+def test_other_detections_and_worse_ones(data: Callable[..., Path]) -> None:
+    folder, other = data("pets2009", "S2.L1"), data("pets2009", "S2.L1", "mot15", "det.txt")
+    choice = Choice.parse([f"1={other}"], "drop=0.5,clutter=1", 3)
+    assert Choice.of_run(choice.to_run()).degradation == choice.degradation
+    worse, again = open_source(folder, [1, 5], choice), open_source(folder, [1, 5], Choice.of_run(choice.to_run()))
+    assert worse.provenance == again.provenance != open_source(folder, [1, 5]).provenance
+    for a, b in zip(list(worse.ticks)[:20], list(again.ticks)[:20], strict=True):
+        for v, w in zip(a.views, b.views, strict=True):
+            np.testing.assert_array_equal(v.detections.bearing, w.detections.bearing)
+    # A view draws from a stream of its own: one more view does not change what another loses.
+    alone = open_source(folder, [5], Choice.parse([], "drop=0.5,clutter=1", 3))
+    np.testing.assert_array_equal(list(alone.ticks)[7].views[0].detections.bearing, list(worse.ticks)[7].views[1].detections.bearing)
+
+
+def test_a_wrong_choice_is_refused(data: Callable[..., Path], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="needs VIEW=FILE"):
+        Choice.parse(["one"], "", 0)
+    with pytest.raises(ValueError, match="no such file"):
+        Choice.parse(["1=/nowhere/det.txt"], "", 0)
+    with pytest.raises(ValueError, match="--seed is -1"):
+        Choice.parse([], "", -1)
+    other = data("pets2009", "S2.L1", "mot15", "det.txt")
+    with pytest.raises(ValueError, match="--detections names view 1, --views has 5"):
+        open_source(data("pets2009", "S2.L1"), [5], Choice.parse([f"1={other}"], "", 0))
+    sequences.write(tmp_path / "s")
+    with pytest.raises(ValueError, match="--detections and --degrade are for PETS folders"):
+        open_source(tmp_path / "s", [], Choice.parse([], "drop=0.5", 0))

@@ -1,0 +1,108 @@
+"""The invariant error in the joint state: what no sighting can tell stays untold, and its maps are those of the exponential."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.tracker.test_joint import motion, start
+from tracker.bearings import Sight, predict
+from tracker.cameras import Panorama
+from tracker.geometry import Pose, exp_so3, tangent_basis
+from tracker.invariant import retracted
+from tracker.joint import Joint, Linear
+from tracker.linearisation import linearise
+from tracker.measurements import Mount
+from tracker.motion import exponential
+
+Array = NDArray[np.float64]
+MOUNT = Mount(Panorama(64, 32), Pose(np.eye(3), np.array([0.1, 0.0, 0.4])), "r")
+
+
+def team(invariant: bool) -> tuple[Joint, np.random.Generator]:
+    """Two robots, a clone, and four landmarks that hang together with both."""
+    rng = np.random.default_rng(11)
+    state = Joint(2, 6, (0.02, 0.02, 0.01), invariant)
+    for _ in range(2):
+        state.join(start(rng, 0.05))
+    state.clone(0, 0)
+    state.predict(0, motion(rng), 1e-4 * np.eye(6))
+    for k in range(4):
+        columns = np.concatenate([state.columns(0, np.zeros(0, dtype=np.intp)), state.columns(1, np.zeros(0, dtype=np.intp))])
+        state.add(4 * rng.normal(size=3), columns, rng.normal(size=(3, len(columns))), 0.01 * np.eye(3) * (1 + k))
+    return state, rng
+
+
+def turned(state: Joint, axis: Array) -> Array:
+    """The direction of the state's error in which the whole world turns about an axis through the origin, over the rows in use."""
+    N = np.zeros(len(state.P))
+    for p in np.flatnonzero(state.used).tolist():
+        at, R = state.offset(p), state.rotation[p]
+        N[at : at + 3], N[at + 3 : at + 6] = R.T @ np.cross(axis, state.translation[p]), R.T @ axis
+    N[state.base :] = np.cross(axis, state.point[: state.count]).ravel()
+    return N[state.active()]
+
+
+def known(state: Joint, direction: Array) -> float:
+    """What the state knows along a direction: Nᵀ P⁻¹ N."""
+    rows = state.active()
+    return float(direction @ np.linalg.solve(state.P[np.ix_(rows, rows)], direction))
+
+
+def look(state: Joint, robot: int, rng: np.random.Generator, iterations: int) -> None:
+    """An update by three landmarks that are seen some degrees beside where they are expected."""
+    landmark = np.array([0, 2, 3]) if robot == 0 else np.array([1, 2, 0])
+    bearing, _ = predict(state.sight(robot, MOUNT), state.point[landmark])
+    bearing = bearing + (0.05 * rng.normal(size=(3, 1, 2)) @ tangent_basis(bearing))[:, 0]
+    bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+    seen = (MOUNT, landmark, bearing, np.tile(0.02**2 * np.eye(2), (3, 1, 1)))
+
+    def at_present() -> Linear:
+        return linearise(state, robot, seen, None)
+
+    state.update(at_present, iterations, np.inf)
+
+
+@pytest.mark.parametrize(("invariant", "iterations"), [(True, 1), (True, 2), (False, 1), (False, 2)])
+def test_sightings_tell_nothing_of_how_the_world_is_turned(invariant: bool, iterations: int) -> None:
+    state, rng = team(invariant)
+    axes = np.eye(3)
+    before = [known(state, turned(state, axis)) for axis in axes]
+    for k in range(4):
+        look(state, k % 2, rng, iterations)
+    after = [known(state, turned(state, axis)) for axis in axes]
+    assert np.allclose(after, before, rtol=1e-5) == invariant
+
+
+@pytest.mark.parametrize("iterations", [1, 2])
+def test_the_covariance_stays_symmetric_and_positive(iterations: int) -> None:
+    state, rng = team(True)
+    for k in range(40):
+        look(state, k % 2, rng, iterations)
+    rows = state.active()
+    P = state.P[np.ix_(rows, rows)]
+    np.testing.assert_allclose(P, P.T, atol=1e-15)
+    assert np.linalg.eigvalsh(P).min() > 0
+
+
+def test_retraction_is_the_exponential_of_a_motion_of_the_world() -> None:
+    """A pose whose tangent is a motion of the world by Exp(ξ) lands where that motion brings it, and landmarks go along."""
+    rng = np.random.default_rng(2)
+    world, T = Pose.exp(np.array([0.0, 0.0, 0.0, 0.3, -0.5, 0.8])), Pose.exp(rng.normal(size=6))
+    phi, points = np.array([0.3, -0.5, 0.8]), rng.normal(size=(3, 3))
+    tangent = np.concatenate([T.rotation.T @ np.cross(phi, T.translation), T.rotation.T @ phi])[None]
+    means = (T.rotation[None], T.translation[None], points)
+    rotation, translation, moved = retracted(means, (tangent, np.cross(phi, points)), exponential(tangent[:, 3:]), 0)
+    np.testing.assert_allclose(rotation[0], world.rotation @ T.rotation, atol=1e-6)
+    np.testing.assert_allclose(translation[0], exp_so3(phi) @ T.translation, atol=1e-9)
+    np.testing.assert_allclose(moved, points @ exp_so3(phi).T, atol=1e-9)
+
+
+def test_a_camera_sees_the_same_from_a_turned_world() -> None:
+    """What the law stands on: sightings do not change when all turns together."""
+    rng = np.random.default_rng(3)
+    T, points, R = Pose.exp(rng.normal(size=6)), rng.normal(size=(4, 3)) * 3, exp_so3(np.array([0.2, 0.4, -0.9]))
+    one = Sight(T.rotation, T.translation, np.eye(3), np.zeros(3), np.zeros(3))
+    two = Sight(R @ T.rotation, R @ T.translation, np.eye(3), np.zeros(3), np.zeros(3))
+    np.testing.assert_allclose(predict(one, points)[0], predict(two, points @ R.T)[0], atol=1e-12)

@@ -1,0 +1,97 @@
+"""The tracker by multiple hypotheses: what holds for every tracker of people, and that time and memory are bounded."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.tracker import crowds
+from tracker.clearmot import TargetScore, score
+from tracker.comparison import Frame
+from tracker.geometry import Array
+from tracker.measurements import Setup, Tick
+from tracker.pipeline import Parameters, Tracker, track
+from tracker.selection import MultipleParameters
+
+MANY = Parameters(multiple=MultipleParameters())
+
+
+def scored(setup: Setup, walked: Array, ticks: list[Tick], parameters: Parameters = MANY) -> TargetScore:
+    people = np.arange(walked.shape[1])
+    estimates = track(setup, ticks, parameters)
+    return score([Frame(people, places, e.target_id, e.position) for places, e in zip(walked, estimates, strict=True)])
+
+
+@pytest.mark.parametrize("delay", [0, 5])
+def test_people_are_followed_on_hills(delay: int) -> None:
+    rng = np.random.default_rng(0)
+    setup, walked = crowds.setup(ground=crowds.hills()), crowds.paths(8, 60, rng)
+    result = scored(setup, walked, crowds.ticks(setup, walked, rng), replace(MANY, delay=delay))
+    assert result.mota > 0.9
+    assert result.motp_m < 0.15
+
+
+def test_one_graph_for_each_hypothesis() -> None:
+    rng = np.random.default_rng(1)
+    setup, walked = crowds.setup(), crowds.paths(6, 40, rng)
+    small = Parameters(multiple=MultipleParameters(small_graphs=True, k_h=5, i_bls_max=500))
+    assert scored(setup, walked, crowds.ticks(setup, walked, rng), small).mota > 0.85
+
+
+def test_state_depends_on_the_past_alone() -> None:
+    rng = np.random.default_rng(1)
+    setup, walked = crowds.setup(), crowds.paths(5, 30, rng)
+    ticks = crowds.ticks(setup, walked, rng)
+    for a, b in zip(track(setup, ticks, MANY), list(track(setup, ticks[:20], MANY)), strict=False):
+        np.testing.assert_array_equal(a.target_id, b.target_id)
+        np.testing.assert_array_equal(a.position, b.position)
+
+
+def test_a_gap_is_bridged_and_keeps_the_id() -> None:
+    rng = np.random.default_rng(3)
+    setup, walked = crowds.setup(), crowds.paths(1, 50, rng)
+    ticks = crowds.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: 20 <= frame < 25)
+    estimates = list(track(setup, ticks, MANY))
+    assert {int(i) for e in estimates for i in e.target_id} == {1}
+    assert all(len(e.target_id) == 1 for e in estimates[20:25])
+
+
+def test_who_is_gone_is_dropped_and_an_id_is_never_used_again() -> None:
+    rng = np.random.default_rng(4)
+    setup, walked = crowds.setup(), crowds.paths(1, 70, rng)
+    lost = crowds.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < 50)
+    estimates = list(track(setup, lost, MANY))
+    assert len(estimates[45].target_id) == 0
+    assert {int(i) for e in estimates[:20] for i in e.target_id} == {1}
+    assert {int(i) for e in estimates[50:] for i in e.target_id} == {2}
+
+
+def test_false_boxes_alone_make_nobody() -> None:
+    rng = np.random.default_rng(7)
+    setup = crowds.setup()
+    ticks = crowds.ticks(setup, np.zeros((80, 0, 2)), rng, clutter=0.3)
+    assert sum(len(e.target_id) for e in track(setup, ticks, MANY)) <= 3
+
+
+def test_a_view_that_vanishes_does_no_harm() -> None:
+    rng = np.random.default_rng(9)
+    setup, walked = crowds.setup(), crowds.paths(4, 80, rng)
+    ticks = crowds.ticks(setup, walked, rng)
+    thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in ticks]
+    assert scored(setup, walked, thinned).mota > 0.85
+
+
+@pytest.mark.slow
+def test_much_clutter_is_bounded_in_memory_and_time() -> None:
+    rng = np.random.default_rng(10)
+    setup = crowds.setup()
+    tracker = Tracker(setup, MANY)
+    spent = []
+    for tick in crowds.ticks(setup, np.zeros((200, 0, 2)), rng, clutter=300):
+        began = time.process_time()
+        tracker.step(tick)
+        spent.append(time.process_time() - began)
+        leaves = tracker._people.hypotheses.leaves  # type: ignore[attr-defined]
+        assert len(leaves) <= MultipleParameters().most_leaves
+    assert np.median(spent[100:]) < 3 * np.median(spent[20:60])

@@ -1,0 +1,170 @@
+"""What holds between the leaves of track trees, compiled: who excludes whom, what a leaf costs, the best set of leaves (METHOD 6 and 7)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tracker.branches import Branches
+from tracker.geometry import Array
+
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@njit(cache=True)
+def worthwhile(ways: Branches, tree: Ints, misses: Ints, slack: float, boxes: int) -> Mask:
+    """Which ways (m,) are worth keeping: all of a leaf whose best way takes a box that another tree could take, too, or that comes back after it
+    was out of sight; of others those within `slack` of the best, as nothing keeps it from being true. tree, misses: of the parents."""
+    m, V = ways.box.shape
+    owner = np.full(boxes, -1, np.int64)
+    for k in range(m):
+        for v in range(V):
+            d = ways.box[k, v]
+            if d >= 0:
+                t = tree[ways.parent[k]]
+                owner[d] = t if owner[d] == -1 or owner[d] == t else -2
+    keep = np.ones(m, np.bool_)
+    best, free = 0, True
+    for k in range(m):
+        i = ways.parent[k]
+        if k == 0 or i != ways.parent[k - 1]:
+            best, free = k, misses[i] < 2
+            for v in range(V):
+                if ways.box[k, v] >= 0 and owner[ways.box[k, v]] == -2:
+                    free = False
+        keep[k] = k == best or not free or ways.gain[k] >= ways.gain[best] - slack
+    return keep
+
+
+class Bonds(NamedTuple):
+    """What holds between every two of n leaves: conflict (n, n), never both true; together (n, n), ticks for which they have been near each other
+    without a view that told them apart."""
+
+    conflict: Mask
+    together: NDArray[np.int16]
+
+
+@njit(cache=True)
+def bind(old: Bonds, parent: Ints, tree: Ints, box: Ints, place: Array, near: float) -> Bonds:
+    """The bonds of children: those of their parents (−1 for a root, which has none), and those of this tick. Columns of box are views."""
+    m, V = box.shape
+    conflict, together = np.zeros((m, m), np.bool_), np.zeros((m, m), np.int16)
+    for i in range(m):
+        for j in range(i + 1, m):
+            shares = tree[i] == tree[j]
+            told = False
+            for v in range(V):
+                if box[i, v] >= 0 and box[j, v] >= 0:
+                    told = True
+                    if box[i, v] == box[j, v]:
+                        shares = True
+            if parent[i] >= 0 and parent[j] >= 0 and old.conflict[parent[i], parent[j]]:
+                shares = True
+            dx, dy = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
+            if not told and dx * dx + dy * dy < near * near:
+                count = 1
+                if parent[i] >= 0 and parent[j] >= 0:
+                    count += old.together[parent[i], parent[j]]
+                together[i, j] = together[j, i] = min(count, 1000)
+            conflict[i, j] = conflict[j, i] = shares
+    return Bonds(conflict, together)
+
+
+@njit(cache=True)
+def regrets(weight: Array, conflict: Mask, tree: Ints, best: Ints) -> Array:
+    """By how much (n,) the weight of the best hypothesis falls when a leaf must be true: its own tree takes it, and each tree whose best leaf it
+    excludes takes the best that it does not. An estimate: those may exclude each other, and others may find room; 0 for the leaves in `best`."""
+    n = len(weight)
+    out = np.zeros(n)
+    first, following = np.full(tree.max() + 1 if n else 0, -1), np.full(n, -1)
+    for i in range(n):
+        following[i], first[tree[i]] = first[tree[i]], i
+    for i in range(n):
+        out[i] = -weight[i]
+        for u in best:
+            if u == i or tree[u] == tree[i]:
+                out[i] += weight[u]
+            elif conflict[i, u]:
+                other, k = 0.0, first[tree[u]]
+                while k >= 0:
+                    if not conflict[i, k]:
+                        other = max(other, weight[k])
+                    k = following[k]
+                out[i] += weight[u] - other
+    return out
+
+
+@njit(cache=True)
+def leaders(tree: Ints, box: Ints, state: Array, regret: Array, most: Ints) -> Mask:
+    """Which leaves (n,) are kept: of each tree the `most` (n,) of least regret, without those that say what a better one says, too: the same boxes
+    now, and nearly the same place and velocity."""
+    n = len(tree)
+    keep, order = np.zeros(n, np.bool_), np.argsort(regret, kind="mergesort")
+    first, following, count = np.full(tree.max() + 1 if n else 0, -1), np.full(n, -1), np.zeros(tree.max() + 1 if n else 0, np.int64)
+    for i in order:
+        t = tree[i]
+        if count[t] >= most[i]:
+            continue
+        k = first[t]
+        while k >= 0:
+            d = state[i] - state[k]
+            if (box[i] == box[k]).all() and d[0] * d[0] + d[1] * d[1] < 0.15 * 0.15 and d[2] * d[2] + d[3] * d[3] < 0.3 * 0.3:
+                break
+            k = following[k]
+        if k < 0:
+            keep[i] = True
+            following[i], first[t] = first[t], i
+            count[t] += 1
+    return keep
+
+
+@njit(cache=True)
+def heaviest(weight: Array, conflict: Mask, first: Ints, known: Mask, nodes: int) -> tuple[Mask, bool]:
+    """The heaviest set of leaves by branch and bound over trees, one leaf of each or none, and whether it is proved to be.
+
+    Rows of tree t are first[t] to first[t + 1], the heaviest first; known (n,): a set to begin with; nodes: leaves tried at most. The bound is the
+    sum of the best leaves of the trees to come that the set so far does not exclude.
+    """
+    n, trees = len(weight), len(first) - 1
+    best, most = known.copy(), weight[known].sum()
+    blocked, taken, at, value, depth = np.zeros(n, np.int64), np.full(trees + 1, -1), first.copy(), 0.0, 0
+    for _ in range(nodes):
+        if depth < trees and taken[depth] >= 0:
+            v = taken[depth]
+            value -= weight[v]
+            blocked[conflict[v]] -= 1
+            taken[depth] = -1
+        while depth < trees and at[depth] < first[depth + 1] and blocked[at[depth]]:
+            at[depth] += 1
+        if depth == trees or at[depth] > first[depth + 1]:
+            if depth == trees and value > most + 1e-9:
+                most = value
+                best[:] = False
+                for t in range(trees):
+                    if taken[t] >= 0:
+                        best[taken[t]] = True
+            depth -= 1
+            if depth < 0:
+                return best, True
+            continue
+        if at[depth] < first[depth + 1]:
+            v = at[depth]
+            taken[depth] = v
+            value += weight[v]
+            blocked[conflict[v]] += 1
+        at[depth] += 1
+        bound = value
+        for t in range(depth + 1, trees):
+            for u in range(first[t], first[t + 1]):
+                if not blocked[u]:
+                    bound += weight[u]
+                    break
+        if bound > most + 1e-9:
+            depth += 1
+            if depth < trees:
+                at[depth] = first[depth]
+    return best, False

@@ -1,0 +1,361 @@
+"""The inner loops of the track trees, compiled: every way in which a leaf may go on at a tick, and who excludes whom.
+
+A leaf takes at most one box a view. The views are gone through from the one that places feet best; in each, every way so far is corrected by
+every box within the gate, or by none, and the best few ways are kept (a search over combinations with a gate that tightens, as each box makes
+the place surer, and a cap).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tracker.geometry import Array
+
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+NEAREST = 12
+"""Boxes of a view that a leaf looks at, at most."""
+
+
+class Standing(NamedTuple):
+    """Leaves predicted to a tick: state (n, 4), covariance (n, 4, 4), ground height z (n,) m and slope (n, 2) there; expected (n, V): how much of
+    the person each view should see; over (n,): has ended; tree (n,)."""
+
+    state: Array
+    covariance: Array
+    z: Array
+    slope: Array
+    expected: Array
+    over: Mask
+    tree: Ints
+
+
+class Boxes(NamedTuple):
+    """The boxes of all views in one table, those of view v in rows start[v] to start[v + 1]: origin (V, 3) m and offset (V, 2) m of the views;
+    direction (D, 3), covariance (D, 2, 2), hidden (D,), head (D,): tangent of the upper edge's elevation; usable (D,)."""
+
+    origin: Array
+    offset: Array
+    start: Ints
+    direction: Array
+    covariance: Array
+    hidden: Mask
+    head: Array
+    usable: Mask
+
+
+class Numbers(NamedTuple):
+    """certain: log of detection rate over clutter density; gate: standard deviations; foot_spread m; hidden_feet: share; low, high: heights m;
+    miss: log-likelihood ratio of a miss; width: log-likelihood under the best way that is kept; beam, most: ways kept meanwhile and at last."""
+
+    certain: float
+    gate: float
+    foot_spread: float
+    hidden_feet: float
+    low: float
+    high: float
+    miss: float
+    least: float
+    width: float
+    beam: int
+    most: int
+
+
+class Branches(NamedTuple):
+    """m ways to go on, those of a leaf together, the best first and the one without any box last: parent (m,) its row, box (m, V) rows of Boxes
+    or −1, gain (m,), missed (m,): the part of it that views which took no box have in it; state, covariance; residual (m, V, 2) rad with NaN
+    where feet were not taken as seen, H, S (m, V, 2, 2) of the innovations."""
+
+    parent: Ints
+    box: Ints
+    gain: Array
+    missed: Array
+    state: Array
+    covariance: Array
+    residual: Array
+    H: Array
+    S: Array
+
+
+@njit(cache=True)
+def _look(x: Array, z: float, slope: Array, origin: Array, out: Array) -> None:
+    """Sight from origin to feet at x: out[0:3] direction, [3:6] and [6:9] tangent basis, [9:13] H row by row, [13] distance, [14] across."""
+    sx, sy, sz = x[0] - origin[0], x[1] - origin[1], z - origin[2]
+    d = max(math.sqrt(sx * sx + sy * sy + sz * sz), 0.2)
+    ex, ey, ez = sx / d, sy / d, sz / d
+    across = max(math.hypot(ex, ey), 1e-9)
+    ax, ay = -ey / across, ex / across
+    ux, uy, uz = -ez * ay, ez * ax, ex * ay - ey * ax
+    out[0], out[1], out[2] = ex, ey, ez
+    out[3], out[4], out[5] = ax, ay, 0.0
+    out[6], out[7], out[8] = ux, uy, uz
+    out[9], out[10] = ax / d, ay / d
+    out[11], out[12] = (ux + uz * slope[0]) / d, (uy + uz * slope[1]) / d
+    out[13], out[14] = d, math.hypot(sx, sy)
+
+
+@njit(cache=True)
+def _expected(look: Array, P: Array, spread: float) -> tuple[float, float, float]:
+    """H (P + spread² I) Hᵀ as its entries 00, 01, 11."""
+    p, q, r = P[0, 0] + spread * spread, P[0, 1], P[1, 1] + spread * spread
+    a, b, c, d = look[9], look[10], look[11], look[12]
+    return a * a * p + 2 * a * b * q + b * b * r, a * c * p + (a * d + b * c) * q + b * d * r, c * c * p + 2 * c * d * q + d * d * r
+
+
+@njit(cache=True)
+def _residual(look: Array, direction: Array, offset: Array) -> tuple[float, float, float]:
+    """Cosine to the expected direction, and residual in its tangent plane with the view's offset taken off."""
+    cosine = look[0] * direction[0] + look[1] * direction[1] + look[2] * direction[2]
+    r0 = look[3] * direction[0] + look[4] * direction[1]
+    r1 = look[6] * direction[0] + look[7] * direction[1] + look[8] * direction[2]
+    return cosine, r0 - look[9] * offset[0] - look[10] * offset[1], r1 - look[11] * offset[0] - look[12] * offset[1]
+
+
+@njit(cache=True)
+def _gain(r0: float, r1: float, S: tuple[float, float, float], look: Array, hidden: bool, n: Any) -> tuple[float, bool]:
+    """Log-likelihood ratio of "this person's box" over "clutter", −inf outside the gate; and whether the feet are taken as seen."""
+    a, b, c = S
+    det = a * c - b * b
+    both = (c * r0 * r0 - 2 * b * r0 * r1 + a * r1 * r1) / det
+    side = r0 * r0 / a
+    lying = 0.6 if hidden else n.hidden_feet
+    seen = n.certain + math.log(1 - lying) - 0.5 * (both + math.log(39.4784176 * det)) if both <= n.gate * n.gate else -np.inf
+    # Feet out of sight: the lower edge is anywhere above where they must be, as far up as the body reaches.
+    body = math.atan2(1.2, look[13])
+    unseen = -np.inf
+    if side <= n.gate * n.gate and -2 * math.sqrt(c) < r1 < body:
+        unseen = n.certain + math.log(lying / body) - 0.5 * (side + math.log(6.28318531 * a))
+    return max(seen, unseen), seen >= unseen
+
+
+@njit(cache=True)
+def _update(x: Array, P: Array, H: Array, r: Array, R: Array, m: int) -> None:
+    """Kalman's update in Joseph form, in place: the first m rows of H (2, 2) by x, y, residual r (2,), R (2, 2)."""
+    HP = np.zeros((m, 4))
+    for i in range(m):
+        for j in range(4):
+            HP[i, j] = H[i, 0] * P[0, j] + H[i, 1] * P[1, j]
+    K = np.zeros((4, m))
+    s00 = HP[0, 0] * H[0, 0] + HP[0, 1] * H[0, 1] + R[0, 0]
+    if m == 1:
+        for j in range(4):
+            K[j, 0] = HP[0, j] / s00
+    else:
+        s01 = HP[0, 0] * H[1, 0] + HP[0, 1] * H[1, 1] + R[0, 1]
+        s11 = HP[1, 0] * H[1, 0] + HP[1, 1] * H[1, 1] + R[1, 1]
+        det = s00 * s11 - s01 * s01
+        for j in range(4):
+            K[j, 0] = (HP[0, j] * s11 - HP[1, j] * s01) / det
+            K[j, 1] = (HP[1, j] * s00 - HP[0, j] * s01) / det
+    A = np.eye(4)
+    for i in range(4):
+        for k in range(m):
+            x[i] += K[i, k] * r[k]
+            A[i, 0] -= K[i, k] * H[k, 0]
+            A[i, 1] -= K[i, k] * H[k, 1]
+    new = np.zeros((4, 4))
+    AP = np.zeros((4, 4))
+    for i in range(4):
+        for j in range(4):
+            for k in range(4):
+                AP[i, j] += A[i, k] * P[k, j]
+    for i in range(4):
+        for j in range(i, 4):
+            total = 0.0
+            for k in range(4):
+                total += AP[i, k] * A[j, k]
+            for k in range(m):
+                for q in range(m):
+                    total += K[i, k] * R[k, q] * K[j, q]
+            new[i, j] = new[j, i] = total
+    P[:] = new
+
+
+@njit(cache=True)
+def _near(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
+    """Rows of the boxes of view v that leaf i may take, by its prediction alone, into `near`; how many."""
+    look = np.empty(15)
+    _look(leaves.state[i], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
+    S0 = _expected(look, leaves.covariance[i], n.foot_spread)
+    found, worth = 0, np.empty(NEAREST)
+    for d in range(boxes.start[v], boxes.start[v + 1]):
+        if not boxes.usable[d]:
+            continue
+        cosine, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+        if cosine < 0.5:
+            continue
+        height = boxes.origin[v, 2] - leaves.z[i] + look[14] * boxes.head[d]
+        slack = 0.15 + 0.02 * look[13]
+        if not n.low - slack < height < n.high + slack:
+            continue
+        R = boxes.covariance[d]
+        gain, _ = _gain(r0, r1, (S0[0] + R[0, 0], S0[1] + R[0, 1], S0[2] + R[1, 1]), look, boxes.hidden[d], n)
+        if gain == -np.inf:
+            continue
+        if found < NEAREST:
+            near[found], worth[found] = d, gain
+            found += 1
+        else:
+            k = np.argmin(worth)
+            if gain > worth[k]:
+                near[k], worth[k] = d, gain
+    return found
+
+
+@njit(cache=True)
+def _order(i: int, leaves: Any, boxes: Any) -> Ints:
+    """Views from the one whose sight lines place leaf i best: distance² over height, which is what an angle becomes on the ground."""
+    V = len(boxes.origin)
+    key = np.empty(V)
+    for v in range(V):
+        dx, dy = leaves.state[i, 0] - boxes.origin[v, 0], leaves.state[i, 1] - boxes.origin[v, 1]
+        key[v] = (dx * dx + dy * dy) / max(boxes.origin[v, 2] - leaves.z[i], 0.1)
+    return np.argsort(key, kind="mergesort")
+
+
+@njit(cache=True)
+def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, beam: Any) -> int:
+    """All ways of leaf i to go on into the arrays of `beam` (a Branches of n.beam rows), unordered; how many. near (V, NEAREST): boxes that it may
+    take, −1 after the last; banned (D,): those that it must not."""
+    B = n.beam
+    look, r, R, H = np.empty(15), np.empty(2), np.empty((2, 2)), np.empty((2, 2))
+    beam.state[0], beam.covariance[0], beam.gain[0], count = leaves.state[i], leaves.covariance[i], 0.0, 1
+    beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
+    size = B * (NEAREST + 1)
+    worth, source, taken = np.empty(size), np.empty(size, np.int64), np.empty(size, np.int64)
+    for v in _order(i, leaves, boxes):
+        missed = n.miss * leaves.expected[i, v]
+        if near[v, 0] < 0:
+            beam.gain[:count] += missed
+            beam.missed[:count] += missed
+            continue
+        offers = 0
+        for b in range(count):
+            worth[offers], source[offers], taken[offers] = beam.gain[b] + missed, b, -1
+            offers += 1
+            _look(beam.state[b], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
+            S0 = _expected(look, beam.covariance[b], n.foot_spread)
+            for d in near[v]:
+                if d < 0:
+                    break
+                if banned[d]:
+                    continue
+                _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+                C = boxes.covariance[d]
+                gain, _ = _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, boxes.hidden[d], n)
+                if gain > max(missed - n.width, n.least):
+                    worth[offers], source[offers], taken[offers] = beam.gain[b] + gain, b, d
+                    offers += 1
+        chosen = np.argsort(-worth[:offers], kind="mergesort")[:B]
+        state, covariance, box = beam.state.copy(), beam.covariance.copy(), beam.box.copy()
+        residual, Hs, Ss, absent = beam.residual.copy(), beam.H.copy(), beam.S.copy(), beam.missed.copy()
+        for q in range(len(chosen)):
+            b, d = source[chosen[q]], taken[chosen[q]]
+            beam.state[q], beam.covariance[q], beam.box[q], beam.gain[q] = state[b], covariance[b], box[b], worth[chosen[q]]
+            beam.residual[q], beam.H[q], beam.S[q] = residual[b], Hs[b], Ss[b]
+            beam.missed[q] = absent[b]
+            if d < 0:
+                beam.missed[q] += missed
+                continue
+            _look(state[b], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
+            S0 = _expected(look, covariance[b], n.foot_spread)
+            _, r[0], r[1] = _residual(look, boxes.direction[d], boxes.offset[v])
+            C = boxes.covariance[d]
+            S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
+            _, upright = _gain(r[0], r[1], S, look, boxes.hidden[d], n)
+            H[0, 0], H[0, 1], H[1, 0], H[1, 1] = look[9], look[10], look[11], look[12]
+            R[:] = C + n.foot_spread * n.foot_spread * (H @ H.T)
+            _update(beam.state[q], beam.covariance[q], H, r, R, 2 if upright else 1)
+            beam.box[q, v] = d
+            if upright:
+                beam.residual[q, v] = r
+                beam.H[q, v] = H
+                beam.S[q, v, 0, 0], beam.S[q, v, 1, 1] = S[0], S[2]
+                beam.S[q, v, 0, 1] = beam.S[q, v, 1, 0] = S[1]
+        count = len(chosen)
+    return count
+
+
+@njit(cache=True)
+def _blank(m: int, V: int) -> Any:
+    return (
+        np.zeros(m, np.int64), np.full((m, V), -1, np.int64), np.zeros(m), np.zeros(m), np.zeros((m, 4)), np.zeros((m, 4, 4)),
+        np.full((m, V, 2), np.nan), np.zeros((m, V, 2, 2)), np.zeros((m, V, 2, 2)),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _wanted(leaves: Any, boxes: Any, n: Any) -> tuple[Any, Mask]:
+    """Boxes (n, V, NEAREST) that each leaf may take, −1 after the last, and which boxes (D,) leaves of several trees may take."""
+    V, D = len(boxes.origin), len(boxes.usable)
+    near, owner = np.full((len(leaves.state), V, NEAREST), -1), np.full(D, -1)
+    for i in range(len(leaves.state)):
+        if leaves.over[i]:
+            continue
+        for v in range(V):
+            for k in range(_near(v, i, leaves, boxes, n, near[i, v])):
+                d, t = near[i, v, k], leaves.tree[i]
+                owner[d] = t if owner[d] == -1 or owner[d] == t else -2
+    return near, owner == -2
+
+
+@njit(cache=True)
+def _write(out: Any, m: int, start: int, i: int, beam: Any, b: int) -> int:
+    """Way b of leaf i into row m, unless it is among rows start to m or takes no box; the next free row."""
+    if beam.box[b].max() < 0:
+        return m
+    for k in range(start, m):
+        if (out.box[k] == beam.box[b]).all():
+            return m
+    out.parent[m], out.box[m], out.gain[m], out.missed[m] = i, beam.box[b], beam.gain[b], beam.missed[b]
+    out.state[m], out.covariance[m], out.residual[m] = beam.state[b], beam.covariance[b], beam.residual[b]
+    out.H[m], out.S[m] = beam.H[b], beam.S[b]
+    return m + 1
+
+
+@njit(cache=True)
+def grow(leaves: Standing, boxes: Boxes, n: Numbers) -> Branches:
+    """All ways in which the leaves may go on at this tick; each has one without any box.
+
+    Of the best way, each box that another tree may take, too, is forbidden in turn, and then all of them: whatever others take, a way is left.
+    """
+    V = len(boxes.origin)
+    out = Branches(*_blank(len(leaves.state) * (n.most + V + 2), V))
+    beam = Branches(*_blank(n.beam, V))
+    near, contested = _wanted(leaves, boxes, n)
+    banned = np.zeros(len(boxes.usable), np.bool_)
+    m = 0
+    for i in range(len(leaves.state)):
+        if not leaves.over[i]:
+            count, start = _ways(i, leaves, boxes, n, near[i], banned, beam), m
+            order = np.argsort(-beam.gain[:count], kind="mergesort")
+            least = beam.gain[order[0]] - n.width
+            for b in order:
+                if m - start < n.most and beam.gain[b] >= least:
+                    m = _write(out, m, start, i, beam, b)
+            taken = out.box[start].copy() if m > start else np.full(V, -1)
+            for v in range(V + 1):
+                for w in range(V):
+                    if (w == v or v == V) and taken[w] >= 0 and contested[taken[w]]:
+                        banned[taken[w]] = True
+                if banned.any():
+                    count = _ways(i, leaves, boxes, n, near[i], banned, beam)
+                    b = int(np.argmax(beam.gain[:count]))
+                    if beam.gain[b] >= least:
+                        m = _write(out, m, start, i, beam, b)
+                    banned[:] = False
+        out.parent[m], out.state[m], out.covariance[m] = i, leaves.state[i], leaves.covariance[i]
+        # Where all views lose a person at once they do so for one reason: that is two misses, not many.
+        out.gain[m] = 0.0 if leaves.over[i] else max(n.miss * leaves.expected[i].sum(), 2 * n.miss)
+        out.missed[m] = out.gain[m]
+        m += 1
+    return Branches(
+        out.parent[:m].copy(), out.box[:m].copy(), out.gain[:m].copy(), out.missed[:m].copy(), out.state[:m].copy(), out.covariance[:m].copy(),
+        out.residual[:m].copy(), out.H[:m].copy(), out.S[:m].copy(),
+    )  # fmt: skip

@@ -1,0 +1,104 @@
+"""Track trees of people on the ground: constant velocity, seen as directions by any number of views (METHOD 5).
+
+A row is a leaf: one way in which one person may have gone, with all that is needed to go on and to tell of its last moments. All leaves of all
+trees are held in arrays, so that a crowd costs a few numpy calls; nothing is changed in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.fusion import Combination
+from tracker.geometry import Array
+from tracker.measurements import Ints
+from tracker.trees import MotionParameters, transition
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Leaves:
+    """Rows are leaves, n of them; W is how many ticks a leaf remembers.
+
+    tree (n,): the id, never used again. state (n, 4) x, y m and velocity m/s, covariance (n, 4, 4). score (n,): log-likelihood ratio of the whole
+    track against clutter; alive (n,): the same with a memory that ends, for and against that somebody is there. hits, misses, age, out (n,): ticks
+    seen in all, unseen in a row, since birth, since the best hypothesis held it. believed (n,): it was certain once. over (n,): it has ended.
+    node (n, W), past (n, W, 4), spread (n, W, 4, 4), met (n, W): names of
+    the branches that led here, filtered states and whether a box was taken, the latest first.
+    """
+
+    tree: Ints
+    state: Array
+    covariance: Array
+    score: Array
+    alive: Array
+    hits: Ints
+    misses: Ints
+    age: Ints
+    out: Ints
+    believed: Mask
+    over: Mask
+    node: Ints
+    past: Array
+    spread: Array
+    met: Mask
+
+    @staticmethod
+    def none(window: int) -> Leaves:
+        """No leaf, for a memory of `window` ticks."""
+        return born(0, [], MotionParameters(), window)
+
+    def __len__(self) -> int:
+        return len(self.tree)
+
+    def select(self, rows: Mask | Ints) -> Leaves:
+        """The leaves in those rows."""
+        return Leaves(*(getattr(self, name)[rows] for name in _COLUMNS))
+
+    def join(self, other: Leaves) -> Leaves:
+        """The leaves of both."""
+        return Leaves(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _COLUMNS))
+
+
+_COLUMNS = tuple(Leaves.__dataclass_fields__)
+
+
+def _fresh(tree: Ints, state: Array, covariance: Array, window: int) -> Leaves:
+    n = len(tree)
+    zero, ones, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, dtype=bool)
+    past, spread, met = np.zeros((n, window, 4)), np.zeros((n, window, 4, 4)), np.zeros((n, window), dtype=bool)
+    past[:, 0], spread[:, 0], met[:, 0] = state, covariance, True
+    node = np.full((n, window), -1, dtype=np.int64)
+    return Leaves(tree, state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, no, no, node, past, spread, met)
+
+
+def predict(tracks: Leaves, dt: float, motion: MotionParameters) -> Leaves:
+    """All leaves `dt` seconds on; what they remember is one tick older, and the latest place in it is open."""
+    F, Q = transition(dt, motion)
+    aged = {name: np.roll(getattr(tracks, name), 1, axis=1) for name in ("node", "past", "spread", "met")}
+    return replace(tracks, state=tracks.state @ F.T, covariance=F @ tracks.covariance @ F.T + Q, age=tracks.age + 1, **aged)
+
+
+def born(first_tree: int, groups: list[Combination], motion: MotionParameters, window: int) -> Leaves:
+    """One new tree a combination, at rest with an unknown velocity; window: ticks of memory."""
+    n = len(groups)
+    state, covariance = np.zeros((n, 4)), np.zeros((n, 4, 4))
+    for k, group in enumerate(groups):
+        state[k, :2] = group.point
+        covariance[k, :2, :2] = group.covariance
+    covariance[:, 2, 2] = covariance[:, 3, 3] = motion.start_speed**2
+    return _fresh(first_tree + np.arange(n), state, covariance, window)
+
+
+def weights(tracks: Leaves, most: float) -> Array:
+    """Weight (n,) of each leaf as a vertex: its score with the tree's best brought down to at most `most`, twice as much where believed.
+
+    A tree that has lived for long has a score that nothing could outweigh, and a search over sums that large would see no difference.
+    """
+    best = np.full(int(tracks.tree.max(initial=0)) + 1, -np.inf)
+    np.maximum.at(best, tracks.tree, tracks.score)
+    top = best[tracks.tree]
+    return np.asarray(tracks.score - top + np.minimum(top, np.where(tracks.believed, 2 * most, most)))

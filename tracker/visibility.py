@@ -1,0 +1,56 @@
+"""What a view could have seen of a person: inside the image, not behind what stands there, not behind somebody else (METHOD 5)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.cameras import Camera
+from tracker.geometry import Array, Pose, angles_from_bearing, wrap
+from tracker.ground import Ground
+from tracker.measurements import Ints
+
+Mask = NDArray[np.bool_]
+
+HEIGHTS = (0.4, 1.0, 1.5)
+"""Metres over the ground of the points of a body that are looked for."""
+BEHIND = 0.2
+"""How often a person is seen who walks behind another."""
+MARGIN = 0.3
+"""m, an obstacle nearer than this before a point does not hide it: places and maps have errors."""
+
+
+class Bodies:
+    """People at places (n, 2) m: whether somebody sees them. tree (n,) says who is who, front (m,) which rows may hide others."""
+
+    def __init__(self, place: Array, tree: Ints, front: Ints, ground: Ground) -> None:
+        z = ground.height_at(place)
+        self.points = np.repeat(np.column_stack([place, z])[:, None, :], len(HEIGHTS), axis=1)
+        self.points[:, :, 2] += np.array(HEIGHTS)
+        self.tree, self.front = tree, front
+
+    def expected(self, view: tuple[Camera, Pose], occluders: Ground | None, reach: float) -> Array:
+        """How much of each body (n,) the view (model, T_world_camera) should see, 0 to 1; occluders are known up to `reach` m."""
+        camera, pose = view
+        n, origin = len(self.points), pose.translation
+        if not n:
+            return np.zeros(0)
+        sight = self.points.reshape(-1, 3) - origin
+        distance = np.maximum(np.linalg.norm(sight, axis=1), 1e-6)
+        direction = sight / distance[:, None]
+        _, visible = camera.pixels_from_bearings(direction @ pose.rotation)
+        if occluders is not None:
+            stop, stopped = occluders.intersect(np.broadcast_to(origin, direction.shape), direction, reach)
+            visible = visible & ~(stopped & (np.linalg.norm(stop - origin, axis=1) < distance - MARGIN))
+        share = visible.reshape(n, -1).mean(axis=1)
+        behind = self._shadowed(origin, distance.reshape(n, -1)[:, 1])
+        return np.asarray(share * np.where(behind, BEHIND, 1.0) * (share > 0.5))
+
+    def _shadowed(self, origin: Array, distance: Array, half_width: float = 0.25) -> Mask:
+        """Which bodies (n,) have another's in front of them, seen from `origin`; distance (n,) m to the chest."""
+        azimuth, _ = angles_from_bearing(self.points[:, 1] - origin)
+        front = self.front
+        apart = np.abs(wrap(azimuth[:, None] - azimuth[None, front]))
+        nearer = distance[None, front] < distance[:, None] - 0.3
+        other = self.tree[:, None] != self.tree[None, front]
+        return np.asarray((nearer & other & (apart < np.arctan(half_width / distance[front])[None, :])).any(axis=1))
