@@ -183,7 +183,7 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
     """Frames (720, 1280, 3) RGB: up to four panoramas with boxes beside the plan so far and how far the robots are off."""
-    relief = Relief.of(sequence, (SIDE[0] - 20, SIDE[1] - 320))
+    relief = Relief.of(sequence, (SIDE[0] - 20, SIDE[1] - 370))
     off = {"by SLAM": _off(sequence, results.poses), "dead reckoning": _off(sequence, dead_reckoning(sequence))}
     for tick in ticks:
         strips = [_strip(image) for image in list(annotated(sequence, results, tick).values())[:4]]

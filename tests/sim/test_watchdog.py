@@ -16,14 +16,14 @@ import sim.gl, numpy as np
 context = sim.gl.open_context()
 from OpenGL import GL
 from OpenGL.GL import shaders
-# Mesa ends a loop after 65535 rounds: hence one in one in one.
+# Mesa ends a loop after 65535 rounds: hence one in one in one, and many of them.
 head = "#version 430\\nlayout(local_size_x=1) in; layout(binding=0) buffer B { int n; };"
 loop = head + "void main() { while (n < 2) while (n < 3) while (n < 4) n = n % 2; }"
 shader = GL.glCreateShader(GL.GL_COMPUTE_SHADER); GL.glShaderSource(shader, loop); GL.glCompileShader(shader)
 program = GL.glCreateProgram(); GL.glAttachShader(program, shader); GL.glLinkProgram(program); GL.glUseProgram(program)
 GL.glBindBufferBase(GL.GL_SHADER_STORAGE_BUFFER, 0, GL.glGenBuffers(1))
 GL.glBufferData(GL.GL_SHADER_STORAGE_BUFFER, 4, np.zeros(1, np.int32), GL.GL_DYNAMIC_COPY)
-GL.glDispatchCompute(1, 1, 1); GL.glFinish()
+GL.glDispatchCompute(60000, 1000, 1); GL.glFinish()
 """
 
 
