@@ -194,7 +194,8 @@ class MultipleHypotheses:
                 held[rows] = True
             keep &= held | ~leaves.believed
         if keep.sum() > q.most_leaves:
-            keep &= regret <= np.sort(regret[keep])[q.most_leaves]
+            best = np.argsort(np.where(keep, regret, np.inf), kind="stable")[: q.most_leaves]
+            keep = np.isin(np.arange(len(keep)), best)
         rows = np.flatnonzero(keep)
         number = np.full(len(leaves), -1)
         number[rows] = np.arange(len(rows))
