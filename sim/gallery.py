@@ -61,7 +61,7 @@ def survey(name: str | None, difficulty: float, seed: int, wanted: Wanted | None
         world = catalogue.build(each, scenario.stream("world"), difficulty)
         if also.file is not None:
             export(world, also.file)
-        measures = asdict(measure(world) if also.pictures is None else preview(scenario, also.pictures / f"{each}.png"))
+        measures = asdict(measure(world) if also.pictures is None else preview(scenario, world, also.pictures / f"{each}.png"))
         if also.seconds:
             measures["slip"] = slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), also.seconds).error
         rows.append({"world": each, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in measures.items()})

@@ -33,12 +33,12 @@ STANDING = 0.25
 """m over the ground from which a thing is drawn on the plan."""
 
 
-def preview(scenario: Scenario, path: Path) -> Measures:
-    """Draw the world of a scenario as a PNG, with the scenario's people and robots in it; its measures.
+def preview(scenario: Scenario, world: World, path: Path) -> Measures:
+    """Draw the world that was built for a scenario as a PNG, with the scenario's people and robots in it; its measures.
 
     Raises ValueError for a scenario that its world cannot hold, GLUnavailable where there is no OpenGL.
     """
-    simulation = Simulation(scenario)
+    simulation = Simulation(scenario, world)
     for _ in range(12):
         simulation.step()
     eyes = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
@@ -110,7 +110,7 @@ def _plan(axes: Any, world: World, measures: Measures) -> None:
     ground = world.ground
     low, high = ground.extent
     box = (low[0], high[0], low[1], high[1])
-    heights = world.terrain.height_at(ground.nodes.reshape(-1, 2)).reshape(ground.heights.shape)
+    heights = world.terrain.on_grid.heights
     shaded = matplotlib.colors.LightSource(azdeg=315, altdeg=45).shade(
         heights, PAPER, vert_exag=2, dx=ground.spacing, dy=ground.spacing, blend_mode="soft"
     )

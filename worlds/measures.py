@@ -49,7 +49,7 @@ class Measures:
 def measure(world: World) -> Measures:
     """The measures of a world, on the grid of its ground."""
     ground, spacing = world.ground, world.ground.spacing
-    heights = world.terrain.height_at(ground.nodes.reshape(-1, 2)).reshape(ground.heights.shape)
+    heights = world.terrain.on_grid.heights
     free = world.feet.free
     size = ground.extent[1] - ground.extent[0]
     area = float(np.prod(size))

@@ -81,22 +81,14 @@ class Site:
         """At most `count` places (k, 2) m that are `gap` m from each other and from what stands there; where: grid points that may be chosen."""
         room = ndimage.distance_transform_edt(~self.blocked) * self.ground.spacing > gap
         candidates = rng.permutation(self.nodes[room if where is None else room & where])
-        chosen: list[Array] = []
-        while len(chosen) < count and len(candidates):
-            chosen.append(candidates[0])
-            candidates = candidates[np.hypot(*(candidates - candidates[0]).T) >= gap]
-        return np.array(chosen).reshape(-1, 2)
+        return _apart(candidates, count, gap)
 
     def rim(self, rng: np.random.Generator, count: int, gap: float) -> Array:
         """At most `count` places (k, 2) m on the embankment, `gap` m apart."""
         low, high = self.ground.extent
         edge = np.minimum(self.nodes - low, high - self.nodes).min(axis=2)
         candidates = rng.permutation(self.nodes[self.blocked & (edge > 0.3) & (edge < 0.6 * RIM)])
-        chosen: list[Array] = []
-        while len(chosen) < count and len(candidates):
-            chosen.append(candidates[0])
-            candidates = candidates[np.hypot(*(candidates - candidates[0]).T) >= gap]
-        return np.array(chosen).reshape(-1, 2)
+        return _apart(candidates, count, gap)
 
     def block(self, place: ArrayLike, radius: float) -> None:
         """Something round stands at place (2,) m."""
@@ -127,3 +119,12 @@ class Site:
             if space.area < need:
                 raise ValueError(f"{space.area:.1f} m² of {self.name} are free for {walker}, need {need}")
         return World(self.name, self.spec, self.ground, feet, wheels, spawn_areas(feet, rng, ENTRANCES))
+
+
+def _apart(candidates: Array, count: int, gap: float) -> Array:
+    """At most `count` of the candidates (n, 2) m, the first first, that are `gap` m from each other."""
+    chosen: list[Array] = []
+    while len(chosen) < count and len(candidates):
+        chosen.append(candidates[0])
+        candidates = candidates[np.hypot(*(candidates - candidates[0]).T) >= gap]
+    return np.array(chosen).reshape(-1, 2)
