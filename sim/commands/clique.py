@@ -1,0 +1,46 @@
+"""The heaviest clique of a graph."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+
+@dataclass(frozen=True)
+class Clique:
+    """Find the heaviest clique of a weighted graph in the DIMACS format, by breakout local search or exactly.
+
+    Vertices count from 1, as in the file. Example: pilsim clique C500.9.clq --seconds 10 --seed 1 --target 6955 --json
+    """
+
+    file: Positional[Path]
+    """Lines `p edge N M`, `n VERTEX WEIGHT` (1 where there is none), `e A B`."""
+    seconds: float = 10.0
+    """Search for so long, or prove for so long."""
+    seed: int = 0
+    """Of the search; the same seed makes the same moves."""
+    target: float | None = None
+    """Stop at a clique of at least this weight."""
+    exact: bool = False
+    """Prove the best one, for small graphs."""
+    json: bool = False
+    """Print JSON alone: weight, moves, seconds, clique."""
+
+    def run(self) -> None:
+        from tracker.clique import Limits, search
+        from tracker.exact_clique import exact
+        from tracker.formats.dimacs import read_graph
+
+        graph = read_graph(self.file)
+        search(graph, Limits(moves=1))  # compiles: not part of the seconds
+        found = exact(graph, self.seconds) if self.exact else search(graph, Limits(seconds=self.seconds, target=self.target), self.seed)
+        clique = [int(v) + 1 for v in found.vertices]
+        if self.json:
+            print(json.dumps({"weight": found.weight, "moves": found.moves, "seconds": round(found.seconds, 6), "clique": clique}))
+        else:
+            kind = "the heaviest clique" if self.exact else "a clique"
+            print(f"{kind} of weight {found.weight:g}, {len(clique)} of {len(graph)} vertices, after {found.moves} moves in {found.seconds:.3f} s")
+            print(*clique)

@@ -1,0 +1,53 @@
+"""Tracks against the truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from sim.commands.options import views_of
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score what `track` left against the truth, or any two MOT15 files against each other.
+
+    Examples: pilsim score PETS2009/S2.L1 runs/pets --json
+              pilsim score --truth gt.txt --result mine.txt --iou 0.5
+    """
+
+    source: Positional[Path | None] = None
+    """The folder that was tracked."""
+    results: Positional[Path | None] = None
+    """The folder that `track` wrote."""
+    truth: Path | None = None
+    """A MOT15 file of truth, instead of folders."""
+    result: Path | None = None
+    """A MOT15 file of a tracker's output."""
+    iou: float | None = None
+    """Compare boxes with this least overlap; without it, places on the ground within 1 m."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from tracker import expedition, paths
+        from tracker.evaluation import evaluate, evaluate_files, table
+        from tracker.formats.utias import is_utias
+        from tracker.results import read_results
+        from tracker.sources import Choice, open_source
+
+        if self.source and is_utias(self.source) and self.results and not (self.truth or self.result or self.iou):
+            scores = expedition.evaluate_paths(self.source, self.results)
+            print(json.dumps(scores, indent=1) if self.json else paths.table(scores))
+            return
+        if self.source and self.results and not (self.truth or self.result) and self.iou is None:
+            results = read_results(self.results)
+            scores = evaluate(open_source(self.source, views_of(results.run), Choice.of_run(results.run)), results)
+        elif self.truth and self.result and not (self.source or self.results):
+            scores = evaluate_files(self.truth, self.result, self.iou)
+        else:
+            raise ValueError("score takes either SOURCE and RESULTS, or --truth and --result with or without --iou")
+        print(json.dumps(scores, indent=1) if self.json else table(scores))

@@ -1,0 +1,125 @@
+"""From views to tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import tyro
+from tyro.conf import Positional
+
+from sim.commands.options import Out, numbers
+
+if TYPE_CHECKING:
+    from tracker.pipeline import Parameters
+
+
+@dataclass(frozen=True)
+class Track:
+    """Track people in a sequence made by pilsim, or in a PETS 2009 folder; or place the robots of a UTIAS set (MRCLAM).
+
+    A PETS folder has annotations/*-cropped.xml, detections/View_00N.txt (MOT15), and calibration/ in it or beside it.
+    Examples: pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
+              pilsim track MRCLAM_Dataset1 --map unknown --out runs/utias
+    """
+
+    source: Positional[Path]
+    """The folder to track."""
+    out: Out
+    """Where tracks.txt (MOT15, metres) and robots.csv go."""
+    views: str = ""
+    """Numbers of the PETS cameras to use, as in 1,5,7; all where it is empty."""
+    detections: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """VIEW=FILE: other detections (MOT15) for a PETS camera; may be given several times."""
+    degrade: str = ""
+    """drop=P,clutter=N,noise=PX: PETS detections made worse: a share lost, false boxes a view and frame, pixels that boxes are moved by."""
+    seed: int = 0
+    """Of what --degrade draws."""
+    delay: int = 0
+    """Frames that a frame is told late; people are smoothed by what came since."""
+    hypotheses: Literal["single", "multiple"] = "single"
+    """Whether one best hypothesis on people is kept, or track trees with the best set of tracks as a maximum-weight clique."""
+    k_h: int | None = None
+    """K_H: hypotheses kept; those of each are children of one graph (multiple)."""
+    i_bls_max: int | None = None
+    """Moves of the clique search at most (multiple)."""
+    delta_a: float | None = None
+    """Longest gap that is bridged, s."""
+    n_conf: int | None = None
+    """Frames until a track may be believed."""
+    map: Literal["known", "unknown"] = "unknown"
+    """UTIAS: whether the filter is told where the landmarks are."""
+    slam: Literal["ekf", "iekf", "fej", "invariant"] | None = None
+    """The filter of the robots' places: extended, iterated, with first-estimates Jacobians (UTIAS only), or with the right-invariant error."""
+    iterations: int | None = None
+    """Linearisations of an update, 2 where nothing is given; ekf has one."""
+    correction: Literal["on", "off"] = "on"
+    """Whether each robot's correction factor is estimated."""
+
+    def run(self) -> None:
+        from sim.demo import tracked
+        from tracker.formats.utias import is_utias
+        from tracker.sources import Choice, open_source
+
+        views = numbers(self.views)
+        if is_utias(self.source):
+            if views:
+                raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
+            self._explore()
+            return
+        if self.map != "unknown" or self.slam == "fej":
+            raise ValueError(f"{self.source}: --map and --slam fej are for UTIAS sets (Barcodes.dat), and this is none")
+        choice = Choice.parse(self.detections, self.degrade, self.seed)
+        sequence = open_source(self.source, views, choice)
+        results = tracked(sequence, self.out, {"source": self.source.name, "views": views} | choice.to_run(), self._parameters())
+        people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
+        print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
+
+    def _parameters(self) -> Parameters | None:
+        """What was asked of the filter, for a sequence; None where nothing was."""
+        from tracker.pipeline import Parameters
+        from tracker.slam import SlamParameters
+
+        people = self._people()
+        if self.slam is None and self.iterations is None and self.correction == "on":
+            return people
+        chosen = SlamParameters(correction=self.correction == "on")
+        if self.iterations is not None:
+            chosen = replace(chosen, iterations=self.iterations)
+        if self.slam == "ekf":
+            chosen = replace(chosen, mode="iekf", iterations=1)
+        elif self.slam is not None:
+            chosen = replace(chosen, mode=self.slam)
+        return replace(people or Parameters(), slam=chosen)
+
+    def _people(self) -> Parameters | None:
+        """What was asked of the tracker of people; None where nothing was."""
+        from tracker.pipeline import Parameters
+        from tracker.selection import MultipleParameters
+
+        given = {name: getattr(self, name) for name in ("k_h", "i_bls_max", "delta_a", "n_conf")}
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, value in given.items():
+            if not value > 0:
+                raise ValueError(f"--{name.replace('_', '-')} is {value}, needs more than 0")
+        if self.hypotheses == "multiple":
+            multiple = replace(MultipleParameters(), **given, small_graphs=self.k_h is not None)
+            return Parameters(multiple=multiple, delay=self.delay)
+        if {"k_h", "i_bls_max"} & set(given):
+            raise ValueError("--k-h and --i-bls-max are for --hypotheses multiple")
+        if not given and not self.delay:
+            return None
+        return replace(Parameters(), targets=replace(Parameters().targets, **given), delay=self.delay)
+
+    def _explore(self) -> None:
+        from tracker.course import PlanarParameters
+        from tracker.expedition import explore
+
+        asked = {"mode": self.slam, "iterations": self.iterations, "correction": self.correction == "on"}
+        parameters = PlanarParameters(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
+        paths = explore(self.source, self.out, self.map == "known", parameters)
+        counted = ", ".join(f"{count} {reason}" for reason, count in paths.run["counters"].items() if count)
+        for mended in paths.run["mended"]:
+            print(mended)
+        print(f"{self.out}: {len(paths.poses)} robots at {len(paths.times)} times ({counted}); `pilsim score {self.source} {self.out}` scores it")
