@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from sim import fabrics
 from sim.fabrics import FACE, HAIR, SKIN, region
+from sim.legs import SHIN, THIGH
 from sim.loft import FORWARD, Part, sections
-from sim.pedestrian import FOREARM, HAND, SHIN, THIGH, UPPER_ARM
+from sim.pedestrian import FOREARM, HAND, UPPER_ARM
 from sim.soles import ANKLE, HEEL
 from tracker.geometry import Array
 

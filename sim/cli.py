@@ -8,12 +8,21 @@ from typing import Annotated
 
 import tyro
 
+from sim.commands.check import Check
 from sim.commands.clique import Clique
+from sim.commands.compare import Compare
 from sim.commands.demo import Demo
 from sim.commands.doctor import Doctor
+from sim.commands.export import Export
 from sim.commands.generate import Generate
+from sim.commands.info import Info
+from sim.commands.place import Place
+from sim.commands.report import Report
 from sim.commands.score import Score
+from sim.commands.stress import Stress
+from sim.commands.study import Study
 from sim.commands.track import Track
+from sim.commands.view import View
 from sim.commands.worlds import Worlds
 from sim.gl import GLUnavailable
 
@@ -21,9 +30,18 @@ Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Track, tyro.conf.subcommand("track")]
     | Annotated[Score, tyro.conf.subcommand("score")]
+    | Annotated[Study, tyro.conf.subcommand("study")]
     | Annotated[Worlds, tyro.conf.subcommand("worlds")]
     | Annotated[Clique, tyro.conf.subcommand("clique")]
     | Annotated[Generate, tyro.conf.subcommand("generate")]
+    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[Info, tyro.conf.subcommand("info")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Place, tyro.conf.subcommand("place")]
+    | Annotated[Stress, tyro.conf.subcommand("stress")]
+    | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Compare, tyro.conf.subcommand("compare")]
+    | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 

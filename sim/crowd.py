@@ -72,11 +72,13 @@ class CrowdState:
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """What people walk around: position (k, 2) m, velocity (k, 2) m/s, radius (k,) m."""
+    """What people walk around: position (k, 2) m, velocity (k, 2) m/s, radius (k,) m; asks (k, 2) m/s, how each would move if those before it
+    gave way, 0 where it does not ask them to, None where none of them asks."""
 
     position: Array
     velocity: Array
     radius: Array
+    asks: Array | None = None
 
     @staticmethod
     def none() -> Obstacles:
@@ -84,8 +86,9 @@ class Obstacles:
 
     @cached_property
     def packed(self) -> Array:
-        """(k, 5): x, y, vx, vy, radius."""
-        return np.column_stack([self.position, self.velocity, self.radius]).astype(np.float64)
+        """(k, 7): x, y, vx, vy, radius, and the velocity asked for."""
+        asks = np.zeros_like(self.velocity) if self.asks is None else self.asks
+        return np.column_stack([self.position, self.velocity, self.radius, asks]).astype(np.float64)
 
 
 class Walkers(Protocol):

@@ -44,7 +44,7 @@ class Now(NamedTuple):
 def decide(body: Array, mind: tuple[Array, Array, Array], goals: Array, wants: Wants, now: Now) -> int:
     """Change what bodies (m, 10) want, after a step; how many have entered by then.
 
-    mind: wishes (m, 6), what others did (m, 4), obstacles (k, 5), as in social_force; goals (g, 2) m.
+    mind: wishes (m, 6), what others did (m, 5), obstacles (k, 7), as in social_force; goals (g, 2) m.
     """
     here = np.flatnonzero(body[:, PRESENT] > 0)
     for i in here:

@@ -106,7 +106,8 @@ class DrawList:
         records = np.flatnonzero(self.present) if among is None else among[self.present[among]]
         normals = planes.reshape(-1, 3) @ pose.rotation.T
         away = self.centres[records] - pose.translation
-        reach = away @ normals.T + np.abs(np.einsum("nij,fi->nfj", self.halves[records], normals)).sum(axis=2)
+        spans = np.abs(self.halves[records].transpose(0, 2, 1).reshape(-1, 3) @ normals.T).reshape(len(records), 3, len(normals))
+        reach = away @ normals.T + spans.sum(axis=1)
         seen = (reach.reshape(len(records), len(planes), 5) > -SLACK).all(axis=2)
         distance = np.maximum(np.linalg.norm(away, axis=1) - self.radius[records], 1e-3)
         commands = self.commands(records, fineness * self.radius[records] / distance)

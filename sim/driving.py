@@ -25,17 +25,21 @@ LOOKAHEAD = 0.6
 ARRIVED = 0.5
 STOP = 0.1
 """m that it leaves to others, beside what its footprint leaves already."""
-_CLEAR = 0.7
+_CLEAR = 0.5
 """m that a lane must be clear ahead for a rover to take it."""
 TURNING_ROOM = 0.2
 """m between the half width for which wheels are free and the circle that a rover turns in."""
 HALF_LANE = 0.37
 """m: half the width of what the rover sweeps ahead, with some room."""
-PATIENCE, RETREAT = 1.5, 1.4
+PATIENCE, RETREAT = 1.2, 1.4
 """s without getting on before it backs up, s of backing up."""
+ASKING = 0.5
+"""s without getting on after which it asks those before it to give way."""
+NEAR = 4.0
+"""m within which it plans its way round others."""
 ON_THE_SPOT = 0.7
 """rad/s of a rover that looks too far off its way to drive."""
-_DETOURS = np.array([0.4, -0.4, 0.8, -0.8, 1.2, -1.2])
+_DETOURS = np.array([0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5, -1.5])
 """rad off the wanted heading, in the order in which they are tried."""
 
 
@@ -74,7 +78,9 @@ class Route:
 @dataclass(frozen=True, eq=False)
 class Drive:
     """The plan of one rover: route, passed m of it; visit, how many goals are behind it; the command speed m/s and yaw_rate rad/s that it follows;
-    stuck s, retreat s still to back up, swing the way round that it turns then (1 to the left, −1)."""
+    stuck s, retreat s still to back up, swing the way round that it turns then (1 to the left, −1). course: whether it drives forwards, 1, or
+    backwards, −1, as it can both; asks (2,) m/s: how it would go if those before it gave way, 0 as long as it has not waited for them;
+    tries, how often it has been stuck since it last got on."""
 
     route: Route
     passed: float
@@ -84,6 +90,9 @@ class Drive:
     stuck: float
     retreat: float
     swing: float = 1.0
+    course: float = 1.0
+    asks: tuple[float, float] = (0.0, 0.0)
+    tries: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,16 +115,29 @@ class Driver:
         drive = replace(drive, passed=passed)
         aim = np.array([x, y])
         distance = max(math.dist(aim, motion.position), 0.2)
-        error = float(wrap(self._way_round(motion, math.atan2(*(aim - motion.position)[::-1]), traffic) - motion.yaw))
+        straight = math.atan2(*(aim - motion.position)[::-1])
+        wanted = self._way_round(motion, straight, traffic)
+        course = _course(drive, motion, wanted)
+        error = float(wrap(wanted - motion.yaw + (math.pi if course < 0 else 0.0)))
         speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
-        free = min(speed, _free_speed(motion, traffic, 1.0))
-        turn = 2 * free * math.sin(error) / distance if speed else math.copysign(ON_THE_SPOT, error)
-        drive = _towards(drive, free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
-        waits = min(free, abs(motion.speed)) < 0.25 * speed if speed else abs(motion.yaw_rate) < 0.1
-        stuck = drive.stuck + dt if waits else max(drive.stuck - dt, 0.0)
-        if stuck > PATIENCE:
-            return replace(drive, stuck=0.0, retreat=RETREAT, swing=self._wider_side(motion))
-        return replace(drive, stuck=stuck)
+        free = min(speed, _free_speed(motion, traffic, course))
+        # Who cannot drive on as it stands turns to where it can.
+        turns = not speed or (free < 0.1 and abs(error) > 0.15)
+        turn = math.copysign(ON_THE_SPOT, error) if turns else 2 * free * math.sin(error) / distance
+        drive = _towards(replace(drive, course=course), course * free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
+        waits = abs(motion.yaw_rate) < 0.1 if turns else min(free, abs(motion.speed)) < 0.25 * speed
+        drive = replace(drive, stuck=drive.stuck + dt if waits else max(drive.stuck - dt, 0.0))
+        ways = np.array([straight, wanted, motion.yaw if course > 0 else motion.yaw + math.pi])
+        blocked = _gap(motion.position, ways, traffic.position, traffic.radius).min() < _CLEAR + 0.2
+        asking = blocked and drive.stuck > ASKING
+        drive = replace(drive, asks=(TOP_SPEED * math.cos(straight), TOP_SPEED * math.sin(straight)) if asking else (0.0, 0.0))
+        if drive.stuck <= PATIENCE:
+            return replace(drive, tries=0) if abs(motion.speed) > 0.5 * TOP_SPEED else drive
+        # By turns: two who both only look for a way round each other, or only back off, would stay in each other's way.
+        around = self._around(drive, motion, traffic) if blocked and drive.tries % 2 == 0 else None
+        if around is not None:
+            return around
+        return replace(drive, stuck=0.0, tries=drive.tries + 1, retreat=RETREAT, swing=self._wider_side(motion))
 
     def _way_round(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
         """The heading nearest to the wanted one that is clear of others for a while and stays in the room; the wanted one where none is."""
@@ -128,6 +150,27 @@ class Driver:
             clear &= self.wheels.free_at(motion.position + reach * ahead)
         return float(headings[int(np.argmax(clear))]) if clear.any() else wanted
 
+    def _around(self, drive: Drive, motion: Motion, traffic: Traffic) -> Drive | None:
+        """On to the goal, or else to the first of the next ones, that can be reached past all who are near, as if they stayed where they are;
+        None where none can."""
+        i, j = np.indices(self.wheels.free.shape)
+        nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=-1)
+        free = self.wheels.free.copy()
+        for place, radius in zip(traffic.position, traffic.radius, strict=True):
+            if math.dist(place, motion.position) < NEAR:
+                free &= np.hypot(*np.moveaxis(nodes - place, -1, 0)) > radius + HALF_LANE
+        start = self._inside(motion.position)
+        free |= self.wheels.free & (np.hypot(*np.moveaxis(nodes - start, -1, 0)) < 0.25)
+        labels = ndimage.label(free)[0]
+        j, i = np.rint((start - self.wheels.origin) / self.wheels.spacing).astype(np.int64)
+        room = Walkable(labels == labels[i, j], self.wheels.origin, self.wheels.spacing)
+        for visit in range(drive.visit, drive.visit + len(self.goals)):
+            goal = self.goals[visit % len(self.goals)]
+            if room.free_at(goal[None])[0] and math.dist(goal, start) > ARRIVED:
+                way = Route.through(room.route(start, goal))
+                return replace(drive, route=way, passed=0.0, visit=visit, stuck=0.0, tries=drive.tries + 1)
+        return None
+
     def _wider_side(self, motion: Motion) -> float:
         """1 where there is more room to the left of the rover than to the right, else −1."""
         left = np.array([-math.sin(motion.yaw), math.cos(motion.yaw)])
@@ -136,9 +179,9 @@ class Driver:
 
     def _retreat(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
         """Back up with a turn, as far as there is room, then go elsewhere."""
-        behind = motion.position - 0.4 * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
+        behind = motion.position - 0.4 * drive.course * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
         room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
-        speed = -min(0.3, _free_speed(motion, traffic, -1.0)) if room else 0.0
+        speed = -drive.course * min(0.3, _free_speed(motion, traffic, -drive.course)) if room else 0.0
         drive = _towards(drive, speed, 0.6 * drive.swing, dt)
         left = drive.retreat - dt
         return self._next(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
@@ -147,12 +190,15 @@ class Driver:
         return replace(drive, route=self._route(motion.position, drive.visit + 1), passed=0.0, visit=drive.visit + 1)
 
     def _route(self, position: Array, visit: int) -> Route:
-        start = position
-        if not self.wheels.free_at(position[None])[0]:
-            i, j = np.nonzero(self.wheels.free)
-            nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=1)
-            start = nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
-        return Route.through(self.wheels.route(start, self.goals[visit % len(self.goals)]))
+        return Route.through(self.wheels.route(self._inside(position), self.goals[visit % len(self.goals)]))
+
+    def _inside(self, position: Array) -> Array:
+        """position (2,) m, or the nearest free place."""
+        if self.wheels.free_at(position[None])[0]:
+            return position
+        i, j = np.nonzero(self.wheels.free)
+        nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=1)
+        return nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
 
 
 def make_driver(room: Walkable, rng: np.random.Generator) -> Driver:
@@ -172,6 +218,12 @@ def room_to_turn(wheels: Walkable) -> Walkable:
             if largest.sum() > 0.5 * wheels.free.sum():
                 return Walkable(largest, wheels.origin, wheels.spacing)
     return wheels
+
+
+def _course(drive: Drive, motion: Motion, wanted: float) -> float:
+    """1 to drive forwards, −1 to drive backwards, towards a heading: what needs less of a turn; what it does it goes on with up to 110°."""
+    ahead = abs(float(wrap(wanted - motion.yaw - (math.pi if drive.course < 0 else 0.0))))
+    return drive.course if ahead < 1.9 else -drive.course
 
 
 def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:

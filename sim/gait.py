@@ -17,8 +17,9 @@ from tracker.geometry import Array, frozen, wrap
 
 SWING = 0.4
 """The share of a stride in which a foot is in the air when walking (Perry & Burnfield 2010, Gait Analysis: stance takes 60 %)."""
-WALK_RATIO = 0.40
-"""Step length over step rate, m s: nearly the same at all speeds of a person (Sekiya & Nagasaki 1998: 0.0065 m/(steps/min))."""
+WALK_RATIO = 0.39
+"""Step length over step rate, m s: nearly the same at all speeds of a person from some 1 m/s on (Sekiya & Nagasaki 1998: 0.0065 m/(steps/min);
+Murakami & Otaka 2017 for the bound)."""
 AHEAD = 0.21
 """The share of a stride by which a foot lands before the body."""
 HALF_WIDTH = 0.032
@@ -26,6 +27,10 @@ HALF_WIDTH = 0.032
 _SHORTEST_STEP = 0.25
 _ADJUSTING_RATE = 0.9
 """Strides/s of somebody who stands and only sets the feet right."""
+_FASTEST = 1.9
+"""Strides/s of the quickest small steps."""
+_OUTWARD = 0.6
+"""rad that a leg rotates in the hip (35°; Roaas & Andersson 1982 measured 33° both ways)."""
 
 
 Mask = NDArray[np.bool_]
@@ -56,6 +61,11 @@ class Footing:
         shapes = {"phase": (m,), "planted": (m, 2, 2), "planted_yaw": (m, 2), "lifted": (m, 2, 2), "lifted_yaw": (m, 2)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+
+    @property
+    def since(self) -> Array:
+        """(m, 2) in [0, 1): the share of a stride since each foot left the ground."""
+        return _own_phase(self.phase)
 
     @property
     def swing(self) -> Array:
@@ -110,7 +120,7 @@ def walk(footing: Footing, bodies: Bodies, dt: float) -> Footing:
     target = _beside(bodies.position, bodies.heading, bodies.stature) + bodies.velocity[:, None] * wait[..., None]
     swinging = own < SWING
     planted = np.where(swinging[..., None], target, footing.planted)
-    planted_yaw = np.where(swinging, bodies.heading[:, None], footing.planted_yaw)
+    planted_yaw = np.where(swinging, _into_the_turn(bodies)[:, None], footing.planted_yaw)
     return replace(footing, phase=phase, planted=planted, planted_yaw=planted_yaw, lifted=lifted, lifted_yaw=lifted_yaw)
 
 
@@ -121,6 +131,13 @@ def places(footing: Footing) -> tuple[Array, Array]:
     place = np.where(moving[..., None], footing.lifted + share[..., None] * (footing.planted - footing.lifted), footing.planted)
     turn = wrap(footing.planted_yaw - footing.lifted_yaw)
     return place, np.where(moving, footing.lifted_yaw + share * turn, footing.planted_yaw)
+
+
+def way_to_landing(footing: Footing, position: Array, heading: Array, stature: Array) -> Array:
+    """(m, 2, 2) m that the body goes until each swinging foot lands, as `walk` foresaw; 0 for feet that stand."""
+    left = SWING - footing.since
+    share = np.where(footing.standing, 0.0, left / (left + AHEAD))
+    return share[..., None] * (footing.planted - _beside(position, heading, stature))
 
 
 def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
@@ -134,9 +151,19 @@ def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
     # Who stops in the middle of a stride pulls the far foot up at once.
     adjusting = _ADJUSTING_RATE + np.clip(4 * (offset.max(axis=1) - 0.15), 0.0, 0.7)
     rate = np.maximum(speed / (2 * step), adjusting * unsettled * np.clip((0.4 - speed) / 0.3, 0.0, 1.0))
-    # A foot is left behind by (1 − SWING − AHEAD) of a stride; more, as when somebody brakes or is pushed, hastens the next step.
+    # A foot is left behind by (1 − SWING − AHEAD) of a stride. What is more, as when somebody brakes or is pushed, hastens the next step, and so
+    # does a body that turns away from the feet: one turns in short steps.
     behind = np.where(footing.standing, offset, 0.0).max(axis=1) / ((1 - SWING - AHEAD) * 2 * step)
-    return rate * (1 + np.clip(3 * (behind - 1.2), 0.0, 1.5))
+    askew = np.where(footing.standing, turned, 0.0).max(axis=1)
+    hurried = rate * (1 + np.clip(np.maximum(3 * (behind - 1.1), 2.5 * (askew - 0.4)), 0.0, 2.5))
+    return np.maximum(rate, np.minimum(hurried, _FASTEST))
+
+
+def _into_the_turn(bodies: Bodies) -> Array:
+    """(m,) rad: where feet are set down to: ahead, or towards where the body goes and is going to turn, as far as hips rotate."""
+    vx, vy = bodies.velocity.T
+    turn = wrap(np.arctan2(vy, vx) - bodies.heading)
+    return bodies.heading + np.clip(turn, -_OUTWARD, _OUTWARD) * np.clip(np.hypot(vx, vy) / 0.3 - 0.5, 0.0, 1.0)
 
 
 def _own_phase(phase: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import gl_objects, shading
+from sim.atlas import Atlas
 from sim.drawlist import COMMAND, CUBE, RECORD, Batch, DrawList, Strokes
 from sim.gl import largest_buffer, use_reversed_depth
 from sim.shading import Lamps
@@ -46,6 +47,7 @@ class Painter:
         self._model, self._drawn, self._size = model, drawn, size
         self.lamps = Lamps.of(model)
         self._places: dict[tuple[int, str], int] = {}
+        self._atlases: dict[tuple[int, int], Atlas] = {}
         self._load_shapes()
         texts = shading.programs(len(self.lamps.number), self.lamps.shadows)
         self._programs = {kind: gl_objects.program(GL, *text) for kind, text in texts.items()}
@@ -87,14 +89,16 @@ class Painter:
         GL = self._gl
         GL.glViewport(*place)
         self._command(strokes.commands)
-        seen_through = False
+        seen_through, kind, placed = False, -1, set[int]()
         for batch in strokes.batches:
             if batch.blended and not seen_through:
                 seen_through = True
                 GL.glEnablei(GL.GL_BLEND, 0)
                 GL.glBlendFunc(GL.GL_SRC_ALPHA, GL.GL_ONE_MINUS_SRC_ALPHA)
-            program = self._programs[batch.kind]
-            self._use(program, matrix)
+            if batch.kind != kind:
+                kind = batch.kind
+                self._use(self._programs[kind], None if kind in placed else matrix)
+                placed.add(kind)
             if batch.texture >= 0:
                 GL.glActiveTexture(GL.GL_TEXTURE0)
                 target = GL.GL_TEXTURE_CUBE_MAP if batch.kind == CUBE else GL.GL_TEXTURE_2D
@@ -118,17 +122,20 @@ class Painter:
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
         GL.glDepthFunc(GL.GL_GREATER)
 
-    def read(self, width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.uint32], NDArray[np.float32]]:
-        """Colour (height, width, 4), codes and depth (height, width) of what has been drawn since `begin`."""
+    def read(self, width: int, height: int) -> Atlas:
+        """What has been drawn since `begin`, the lower left of the buffer; valid until it is called again."""
         GL = self._gl
-        colour, codes, depth = np.empty((height, width, 4), np.uint8), np.empty((height, width), np.uint32), np.empty((height, width), np.float32)
+        if (width, height) not in self._atlases:
+            arrays = np.empty((height, width, 4), np.uint8), np.empty((height, width), np.uint32), np.empty((height, width), np.float32)
+            self._atlases[width, height] = Atlas(*arrays)
+        atlas = self._atlases[width, height]
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0)
-        GL.glReadPixels(0, 0, width, height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, colour)
+        GL.glReadPixels(0, 0, width, height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, atlas.colour)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT1)
-        GL.glReadPixels(0, 0, width, height, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, codes)
-        GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, depth)
-        return colour, codes, depth
+        GL.glReadPixels(0, 0, width, height, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, atlas.codes)
+        GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, atlas.depth)
+        return atlas
 
     def mark(self, slots: NDArray[np.uint32], faces: Sequence[tuple[Place, Array, Strokes]], size: tuple[int, int]) -> NDArray[np.uint32]:
         """Bits (height, width) of all that covers a texel, near or far: every record (m,) leaves those of its slot.
@@ -194,10 +201,12 @@ class Painter:
             start = ctypes.c_void_p(batch.first * COMMAND.itemsize)
             GL.glMultiDrawElementsIndirect(GL.GL_TRIANGLES, GL.GL_UNSIGNED_INT, start, batch.last - batch.first, COMMAND.itemsize)
 
-    def _use(self, program: int, matrix: Array) -> None:
+    def _use(self, program: int, matrix: Array | None) -> None:
+        """Take a program; matrix: its projection, as it is where None."""
         GL = self._gl
         GL.glUseProgram(program)
-        GL.glUniformMatrix4fv(self._at(program, "projection"), 1, GL.GL_TRUE, np.ascontiguousarray(matrix, dtype=np.float32))
+        if matrix is not None:
+            GL.glUniformMatrix4fv(self._at(program, "projection"), 1, GL.GL_TRUE, np.ascontiguousarray(matrix, dtype=np.float32))
 
     def _at(self, program: int, name: str) -> int:
         key = program, name

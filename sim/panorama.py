@@ -69,7 +69,7 @@ class PanoramaRenderer:
             raise ValueError("there are 0 cameras, needs at least 1")
         self._tables = [FaceTable.make(camera, density) for camera in self.cameras]
         self._planes = [np.stack([face.planes for face in table.faces]) for table in self._tables]
-        self._fineness = [max(face.width / float(face.high[0] - face.low[0]) for face in table.faces) for table in self._tables]
+        self._fineness = [max(face.fineness for face in table.faces) for table in self._tables]
         self._list = DrawList(model)
         self._far = float(model.vis.map.zfar * model.stat.extent)
         self._gl = open_context()
@@ -115,9 +115,7 @@ class PanoramaRenderer:
             self._painter.take(data)
         return [self._shot(pose, number) for pose, number in zip(poses, numbers, strict=True)]
 
-    def alone(
-        self, data: mujoco.MjData, poses: Sequence[Pose], instances: Sequence[int], which: Sequence[int] | None = None
-    ) -> list[list[Alone]]:
+    def alone(self, data: mujoco.MjData, poses: Sequence[Pose], instances: Sequence[int], which: Sequence[int] | None = None) -> list[list[Alone]]:
         """Per pose and per instance, what the instance would cover if nothing else were there; which: as in `render`.
 
         The faces are drawn as in `render`, by the same numbers: a pixel where `render` shows the instance is always among them.
@@ -151,10 +149,10 @@ class PanoramaRenderer:
                 edges = np.concatenate([face.low, face.high])
                 painter.draw(_place(face), self._projection(pose, face), listed)
                 painter.sky(_place(face), (face.axes @ pose.rotation.T).T, edges)
-            colour, codes, depth = painter.read(table.width, table.height)
-        seen, distance = table.geometry(codes, depth, (NEAR, self._far))
-        classes = None if self._class_of_code is None else self._class_of_code[seen]
-        return Shot(table.colour(colour), self._instance_of_code[seen], distance, classes)
+            atlas = painter.read(table.width, table.height)
+        known = [self._instance_of_code] if self._class_of_code is None else [self._instance_of_code, self._class_of_code]
+        sampled = table.sample(atlas, (NEAR, self._far), known)
+        return Shot(sampled.colour, sampled.values[0], sampled.range, None if self._class_of_code is None else sampled.values[1])
 
     def _alone(self, pose: Pose, instances: Sequence[int], number: int) -> list[Alone]:
         table, camera = self._tables[number], self.cameras[number]

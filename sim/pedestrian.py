@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sim import legs
 from sim.gait import Footing, Terrain
-from sim.soles import Feet, feet, turn
+from sim.legs import SHIN, THIGH
+from sim.soles import feet, turn
 from tracker.geometry import Array, frozen
 
-THIGH, SHIN = 0.245, 0.246
-"""Hip to knee, knee to ankle."""
 HIP_HEIGHT, SHOULDER_HEIGHT, CHIN_HEIGHT = 0.530, 0.818, 0.870
 UPPER_ARM, FOREARM, HAND = 0.186, 0.146, 0.108
 HALF_HIPS, HALF_SHOULDERS = 0.050, 0.107
@@ -82,8 +82,8 @@ def trunk_size(stature: Array) -> Array:
 def pose(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> Poses:
     """The limbs of m people of stature (m,) m whose middle is over position (m, 2) m, heading (m,) rad, with these feet on that ground.
 
-    Legs are two links from hip to ankle (law of cosines), the pelvis is as high as both legs reach, and pelvis, shoulders and arms swing with
-    the distance between the feet: who stands hangs the arms.
+    Legs are two links from hip to ankle (legs.py), and pelvis, shoulders and arms swing with the distance between the feet: who stands hangs
+    the arms.
     """
     size = trunk_size(stature)
     shoes = feet(size, footing, position, heading, ground)
@@ -93,10 +93,10 @@ def pose(stature: Array, footing: Footing, position: Array, heading: Array, grou
     none = np.zeros_like(heading)
     pelvis_turn = turn(heading + 0.25 * stagger, none, none)
     hip_offset = pelvis_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_HIPS * size)[:, None, None])
-    pelvis = np.column_stack([position, _pelvis_height(size, shoes.ankle, footing.swing, position[:, None] + hip_offset[..., :2])])
+    pelvis = np.column_stack([position, legs.hip_height(size, shoes, footing, position[:, None] + hip_offset[..., :2])])
     hips = pelvis[:, None] + hip_offset
-    shoes = _within_reach(size, hips, shoes)
-    knees, thighs, shins = _legs(size, hips, shoes)
+    shoes = legs.within_reach(size, hips, shoes)
+    knees, thighs, shins = legs.bent(size, hips, shoes)
     lean = 0.03 + 0.12 * np.abs(stagger)
     torso_turn = turn(heading - 0.3 * stagger, lean, none)
     shoulders_middle = pelvis + torso_turn[:, :, 2] * ((SHOULDER_HEIGHT - HIP_HEIGHT) * size)[:, None]
@@ -114,38 +114,6 @@ def pose(stature: Array, footing: Footing, position: Array, heading: Array, grou
     return Poses(np.concatenate(origins, axis=1), quaternion, joints)
 
 
-def _pelvis_height(stature: Array, ankle: Array, swing: Array, hips: Array) -> Array:
-    """(m,) m: the height at which both legs reach their ankles (m, 2, 3) from hips over (m, 2, 2) m, hardly bent.
-
-    A foot in the middle of its swing does not hold the body down.
-    """
-    leg = 0.993 * (THIGH + SHIN) * stature[:, None]
-    across = np.linalg.norm(hips - ankle[..., :2], axis=2)
-    reach = ankle[..., 2] + np.sqrt(np.maximum(leg**2 - across**2, (0.4 * leg) ** 2))
-    return (reach + stature[:, None] * np.clip(3 * np.minimum(swing, 1 - swing), 0.0, 1.0)).min(axis=1)
-
-
-def _within_reach(stature: Array, hips: Array, feet: Feet) -> Feet:
-    """The feet with ankles that a leg does not reach drawn up to the hip."""
-    down = feet.ankle - hips
-    length = np.linalg.norm(down, axis=2)
-    share = np.minimum(1.0, 0.999 * (THIGH + SHIN) * stature[:, None] / length)
-    return Feet(hips + share[..., None] * down, feet.rotation)
-
-
-def _legs(stature: Array, hips: Array, feet: Feet) -> tuple[Array, Array, Array]:
-    """Knees (m, 2, 3) m, rotations of thighs and shins (m, 2, 3, 3): two links, the knee to the front, between foot and hip."""
-    thigh, shin = THIGH * stature[:, None], SHIN * stature[:, None]
-    down = feet.ankle - hips
-    length = np.linalg.norm(down, axis=2)
-    along = down / length[..., None]
-    front = _across(feet.rotation[..., 0], along)
-    reach = np.minimum(length, 0.9995 * (thigh + shin))
-    cosine = np.clip((thigh**2 + reach**2 - shin**2) / (2 * thigh * reach), -1.0, 1.0)
-    knees = hips + thigh[..., None] * (cosine[..., None] * along + np.sqrt(1 - cosine**2)[..., None] * front)
-    return knees, _limb(hips - knees, front), _limb(knees - feet.ankle, front)
-
-
 def _arms(heading: Array, stagger: Array) -> tuple[Array, Array]:
     """Rotations of upper arms and forearms (m, 2, 3, 3): each arm swings with the other side's leg, the elbow bends on the way forward."""
     swing = 0.95 * stagger[:, None] * _SIDES
@@ -153,16 +121,3 @@ def _arms(heading: Array, stagger: Array) -> tuple[Array, Array]:
     away = np.broadcast_to(0.09 * _SIDES, swing.shape)
     yaw = np.repeat(heading[:, None], 2, axis=1)
     return turn(yaw, -swing, away), turn(yaw, -swing - bend, 0.5 * away)
-
-
-def _across(direction: Array, axis: Array) -> Array:
-    """The part of `direction` across the unit `axis`, of length 1."""
-    rest = direction - np.einsum("...i,...i->...", direction, axis)[..., None] * axis
-    return rest / np.maximum(np.linalg.norm(rest, axis=-1), 1e-9)[..., None]
-
-
-def _limb(up: Array, front: Array) -> Array:
-    """Rotations (..., 3, 3) with z along `up` and x towards `front`."""
-    z = up / np.maximum(np.linalg.norm(up, axis=-1), 1e-9)[..., None]
-    x = _across(front, z)
-    return np.stack([x, np.cross(z, x), z], axis=-1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.metadata
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from sim import pedestrian
 from sim.exposure import Exposure
 from sim.keypoints import Sight
 from sim.labels import classes
-from sim.panorama import PanoramaRenderer
+from sim.panorama import PanoramaRenderer, Shot
 from sim.scenario import Scenario
 from sim.sensing import Detector, People, true_view
 from sim.simulation import Simulation
@@ -27,8 +27,9 @@ from tracker.annotations import ViewTruth
 from tracker.cameras import Camera, Panorama
 from tracker.geometry import Array, Pose
 from tracker.ground import Grid
-from tracker.measurements import Image, Ints, Mount, Setup, Start, Tick, Truth, View
-from tracker.recording import SequenceWriter
+from tracker.measurements import Ints, Mount, Setup, Start, Tick, Truth, View
+from tracker.recording import Form, Layers, SequenceWriter
+from worlds.export import export
 from worlds.tops import tops
 
 # What is known of where a robot starts: standard deviations in metres and radians of its right tangent.
@@ -37,12 +38,15 @@ START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """One frame: the tick that the tracker gets, the truth, and by camera the instances (H, W) uint16 and what is true of the view."""
+    """One frame: the tick that the tracker gets, the truth, and by camera the instances (H, W) uint16, what is true of the view, range (H, W) m
+    along the ray, inf where nothing is, and classes (H, W) uint8 of worlds.semantics."""
 
     tick: Tick
     truth: Truth
     instances: dict[str, NDArray[np.uint16]]
     views: dict[str, ViewTruth]
+    range: dict[str, NDArray[np.float32]]
+    classes: dict[str, NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
@@ -88,20 +92,22 @@ def run(scenario: Scenario, simulation: Simulation, setup: Setup, renderer: Pano
         if index:
             simulation.step()
         odometry = simulation.odometry() if index else {}
-        robots = _poses(simulation, setup)
+        robots = poses_of(simulation, setup)
         people = People(np.asarray(simulation.persons, dtype=np.int64), simulation.joints())
-        sights, colours, true = _look(simulation, setup, renderer, people)
+        sights, shots, true = _look(simulation, setup, renderer, people)
         views = []
         for name, mount in setup.mounts.items():
             found = detector.detect(mount.camera, true[name], streams[name])
-            views.append(View(name, found, odometry=odometry.get(mount.robot), image=drifts[name].take(colours[name])))
+            views.append(View(name, found, odometry=odometry.get(mount.robot), image=drifts[name].take(shots[name].colour)))
         tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
-        truth = Truth(index, robots, people.person, simulation.feet(), _fractions(people.person, true), people.joints, tipped)
+        truth = Truth(index, robots, people.person, simulation.feet(), fractions_of(people.person, true), people.joints, tipped)
         instances = {name: sight.instances for name, sight in sights.items()}
-        yield Moment(Tick(index, index * scenario.period, tuple(views)), truth, instances, true)
+        ranges = {name: sight.range for name, sight in sights.items()}
+        kinds = {name: shot.classes for name, shot in shots.items() if shot.classes is not None}
+        yield Moment(Tick(index, index * scenario.period, tuple(views)), truth, instances, true, ranges, kinds)
 
 
-def _poses(simulation: Simulation, setup: Setup) -> dict[str, Pose]:
+def poses_of(simulation: Simulation, setup: Setup) -> dict[str, Pose]:
     """T_world_robot of all robots; those that the simulation does not drive stand where they started."""
     out = {}
     for robot, start in setup.starts.items():
@@ -115,9 +121,9 @@ def _poses(simulation: Simulation, setup: Setup) -> dict[str, Pose]:
 
 def _look(
     simulation: Simulation, setup: Setup, renderer: PanoramaRenderer, people: People
-) -> tuple[dict[str, Sight], dict[str, Image], dict[str, ViewTruth]]:
-    """By camera, all of one moment: what it shows, its colours, and what is true of it."""
-    robots = _poses(simulation, setup)
+) -> tuple[dict[str, Sight], dict[str, Shot], dict[str, ViewTruth]]:
+    """By camera, all of one moment: what it shows, with colours and classes, and what is true of it."""
+    robots = poses_of(simulation, setup)
     poses = [robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
     which = [renderer.cameras.index(mount.camera) for mount in setup.mounts.values()]
     shots = renderer.render(simulation.data, poses, which)
@@ -126,10 +132,10 @@ def _look(
     for name, shot, pose, bodies in zip(setup.mounts, shots, poses, alone, strict=True):
         sights[name] = Sight(setup.mounts[name].camera, pose, shot.instances, shot.range)
         true[name] = true_view(sights[name], people, bodies, simulation.world)
-    return sights, {name: shot.colour for name, shot in zip(setup.mounts, shots, strict=True)}, true
+    return sights, dict(zip(setup.mounts, shots, strict=True)), true
 
 
-def _fractions(persons: Ints, views: Mapping[str, ViewTruth]) -> Array:
+def fractions_of(persons: Ints, views: Mapping[str, ViewTruth]) -> Array:
     """Visible fraction (m, cameras) of every person; 0 where a camera would not show the person at all."""
     out = np.zeros((len(persons), len(views)))
     row = {person: k for k, person in enumerate(persons.tolist())}
@@ -141,12 +147,14 @@ def _fractions(persons: Ints, views: Mapping[str, ViewTruth]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What is recorded: a simulation at its first frame, cameras beside those of its rovers, and all that made them, as JSON values."""
+    """What is recorded: a simulation at its first frame, cameras beside those of its rovers, all that made them, as JSON values,
+    and what is written."""
 
     scenario: Scenario
     simulation: Simulation
     fixed: Mapping[str, Fixed]
     provenance: dict[str, Any]
+    form: Form = field(default_factory=Form)
 
     @staticmethod
     def of(scenario: Scenario) -> Stage:
@@ -176,10 +184,12 @@ def record_stage(stage: Stage, folder: Path, progress: Any = None) -> None:
     occluders = setup.occluders
     assert isinstance(occluders, Grid)
     others = dict.fromkeys(one.camera for one in stage.fixed.values())
-    with open_renderer(scenario, simulation, others) as renderer, SequenceWriter(folder, setup, occluders) as writer:
+    with open_renderer(scenario, simulation, others) as renderer, SequenceWriter(folder, setup, occluders, stage.form) as writer:
+        if stage.form.mesh:
+            export(simulation.world, writer.partial / "terrain.glb")
         moments: Iterable[Moment] = run(scenario, simulation, setup, renderer)
         for moment in progress(moments, total=scenario.frames) if progress else moments:
-            writer.add(moment.tick, moment.truth, moment.instances, moment.views)
+            writer.add(moment.tick, moment.truth, Layers(moment.instances, moment.range, moment.classes), moment.views)
         writer.finish(stage.provenance, versions())
 
 

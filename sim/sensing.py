@@ -158,7 +158,6 @@ class Detector:
         covariance[:, 0, 0], covariance[:, 1, 1] = np.maximum(azimuth, 1e-8), edge
         return Detections(bearing, extent, confidence, covariance, np.zeros((len(edges), 0)))
 
-
     def _report_pixels(self, camera: Camera, boxes: Array, confidence: Array) -> Detections:
         if not len(boxes):
             return Detections.none()

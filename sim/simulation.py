@@ -299,7 +299,8 @@ class Simulation:
         if not len(self.everybody):
             return
         position, velocity = self._moving.qpos[self._poses[:, :2]], self._moving.qvel[self._velocities[:, :2]]
-        obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS))
+        asks = np.array([drive.asks for drive in self._drives]).reshape(-1, 2)
+        obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS), asks)
         state = self._crowd.step(self._crowd_state, obstacles, self._dt)
         bodies = gait.Bodies(state.position, state.velocity, state.heading, self._stature)
         self._footing = gait.walk(self._footing, bodies, self._dt)

@@ -22,15 +22,17 @@ REACH = 3.0
 """m beyond which people do not mind each other."""
 TIME_GAP, LENGTH, HALF_LANE = 0.5, 0.4, 0.3
 """s, m, m: the distance to whom one follows, beyond LENGTH, over the speed; and half the width of the lane in which one follows. Fitted to the
-fundamental diagram of Weidmann (1993) in a ring corridor 2.5 m wide at 0.5 to 3 people a m²."""
+fundamental diagram of Weidmann (1993) in a ring corridor of 8 m radius, 2.5 m wide, at 0.5 to 3 people a m²; tested in another one."""
 SQUEEZE = 0.14
 """m before bodies touch at which they begin to push."""
 X, Y, VX, VY, HEADING, PAUSE, STUCK, VISIT, PRESENT, GOAL = range(10)
 """Columns of a body: place m, velocity m/s, heading rad, s still to stand, s without getting on, goals passed, 1 where present, the goal's number."""
 EAST, NORTH, SPEED, NARROW, GATE, ROOM = range(6)
 """Columns of a wish: unit direction, m/s, 1 where one is in a passage too narrow for two, 1 where one is about to enter it, m off walls."""
-PUSH_X, PUSH_Y, FREE, YIELD = range(4)
-"""Columns of what others do to somebody: m/s², m/s that they leave free, 1 where somebody is let through first."""
+PUSH_X, PUSH_Y, FREE, YIELD, ASKED = range(5)
+"""Columns of what others do to somebody: m/s², m/s that they leave free, 1 where somebody is let through first, 1 where a robot asks for way."""
+LANE, ASIDE = 0.75, 2.5
+"""m to both sides of the way that a robot asks for in which people make room, and m/s² with which they do."""
 
 Numbers = NDArray[np.int64]
 Number = int | np.signedinteger[Any]
@@ -38,8 +40,8 @@ Number = int | np.signedinteger[Any]
 
 @njit(cache=True)
 def encounters(body: Array, wish: Array, obstacle: Array) -> tuple[Array, Numbers]:
-    """(m, 4): what all others and obstacles (k, 5) x, y, vx, vy, radius do to everybody, who wants to walk as `wish` (m, 6); and (p, 2): all pairs
-    of people within a metre of each other."""
+    """(m, 5): what all others and obstacles (k, 7) x, y, vx, vy, radius, asked vx, vy do to everybody, who wants to walk as `wish` (m, 6);
+    and (p, 2): all pairs of people within a metre of each other."""
     here = np.flatnonzero(body[:, PRESENT] > 0)
     pairs = _neighbours(body, here, REACH)
     met = _meet(body, wish, pairs)
@@ -128,8 +130,8 @@ def _pair_force(away_x: float, away_y: float, slip_x: float, slip_y: float, touc
 
 @njit(cache=True)
 def _meet(body: Array, wish: Array, pairs: Numbers) -> Array:
-    """(m, 4): what all others do to everybody, who wants to walk as `wish` (m, 6)."""
-    out = np.zeros((len(body), 4))
+    """(m, 5): what all others do to everybody, who wants to walk as `wish` (m, 6)."""
+    out = np.zeros((len(body), 5))
     out[:, FREE] = np.inf
     for p in range(len(pairs)):
         i, j = pairs[p]
@@ -176,3 +178,19 @@ def _avoid(body: Array, here: Numbers, obstacle: Array, met: Array) -> None:
                 fx, fy = _pair_force(ax, ay, body[i, VX] - obstacle[o, 2], body[i, VY] - obstacle[o, 3], BODY_RADIUS + obstacle[o, 4])
                 met[i, PUSH_X] += fx
                 met[i, PUSH_Y] += fy
+                _make_way(obstacle[o], (-ax, -ay), met[i])
+
+
+@njit(cache=True)
+def _make_way(robot: Array, away: tuple[float, float], met: Array) -> None:
+    """Somebody who is `away` m from a robot that has waited for those before it steps out of its way, to the nearer side and on."""
+    pace = math.sqrt(robot[5] ** 2 + robot[6] ** 2)
+    if pace <= 0.0:
+        return
+    ex, ey = robot[5] / pace, robot[6] / pace
+    ahead, aside = away[0] * ex + away[1] * ey, away[1] * ex - away[0] * ey
+    if 0.0 < ahead < 2.0 and abs(aside) < LANE:
+        side = 1.0 if aside >= 0 else -1.0
+        met[PUSH_X] += ASIDE * (0.4 * ex - side * ey)
+        met[PUSH_Y] += ASIDE * (0.4 * ey + side * ex)
+        met[ASKED] = 1.0

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sim.social_force import (
+    ASKED,
     BODY_RADIUS,
     EAST,
     FREE,
@@ -65,7 +66,7 @@ class Place(NamedTuple):
 
 @njit(cache=True)
 def advance(body: Array, wish: Array, met: tuple[Array, Numbers], obstacle: Array, place: Place, dt: float) -> Array:
-    """Bodies (m, 10) `dt` s later, with their wishes (m, 6) and what they met: the others' effect (m, 4) and close pairs (p, 2)."""
+    """Bodies (m, 10) `dt` s later, with their wishes (m, 6) and what they met: the others' effect (m, 5) and close pairs (p, 2)."""
     out = body.copy()
     here = np.flatnonzero(body[:, PRESENT] > 0)
     for i in here:
@@ -187,6 +188,8 @@ def _walk(out: Array, i: Number, mind: tuple[Array, Array], place: Place, dt: fl
     if met[YIELD] > 0:
         # One steps to the right to let others through.
         ex, ey, speed = ey, -ex, 0.4 * (_at(place, out[i, X] + 0.3 * ey, out[i, Y] - 0.3 * ex, 0) > 0.1)
+    if met[ASKED] > 0:
+        speed = 0.0
     ax = (ex * speed - out[i, VX]) / RELAXATION + met[PUSH_X]
     ay = (ey * speed - out[i, VY]) / RELAXATION + met[PUSH_Y]
     # Ten ranges off, nothing is left of a wall's push.
@@ -202,7 +205,7 @@ def _walk(out: Array, i: Number, mind: tuple[Array, Array], place: Place, dt: fl
     if out[i, PAUSE] > 0:
         top = 0.5
         # Who stands is not pushed about by people that only pass.
-        if pace < 0.12:
+        if pace < 0.12 and met[ASKED] <= 0:
             top = 0.0
     share = min(1.0, top / max(pace, 1e-9))
     out[i, X] += vx * share * dt
@@ -247,7 +250,7 @@ def _settle(out: Array, i: Number, body: Array, dt: float) -> None:
 
 @njit(cache=True)
 def _keep_apart(body: Array, pairs: Numbers, obstacle: Array) -> None:
-    """Move bodies that overlap apart, half of the way each; from an obstacle (k, 5) x, y, vx, vy, radius, all of it. `pairs`: who may touch."""
+    """Move bodies that overlap apart, half of the way each; from an obstacle (k, 7) x, y, vx, vy, radius, …, all of it. `pairs`: who may touch."""
     for p in range(len(pairs)):
         i, j = pairs[p]
         dx, dy = body[j, X] - body[i, X], body[j, Y] - body[i, Y]

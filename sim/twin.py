@@ -77,9 +77,14 @@ def generate(twin: Twin, folder: Path, world: World | None = None, progress: Any
     an unknown view, and for a path that leads out of the world or into a wall.
     """
     check_free(folder)
+    record_stage(stage_of(twin, world), folder, progress)
+
+
+def stage_of(twin: Twin, world: World | None = None) -> Stage:
+    """The twin at its first frame. Raises ValueError as `generate` does."""
     fixed = {f"View_{number:03d}": _fixed(twin.calibration, number) for number in twin.views}
     annotated = _fixed(twin.calibration, ANNOTATED)
-    annotations = _annotations(twin)
+    annotations = annotated_frames(twin)
     walkers = walkers_of(annotations, annotated.camera, annotated.T_world_camera)
     scenario = Scenario(
         world=WORLD,
@@ -94,7 +99,7 @@ def generate(twin: Twin, folder: Path, world: World | None = None, progress: Any
     place = catalogue.build(WORLD, scenario.stream("world"), 0.0) if world is None else world
     paths = Paths(walkers.id, scenario.period * np.arange(scenario.frames, dtype=np.float64), walkers.position, walkers.stature)
     simulation = Simulation(scenario, world=near(place, walkers.position), paths=paths)
-    record_stage(Stage(scenario, simulation, fixed, _provenance(twin, scenario)), folder, progress)
+    return Stage(scenario, simulation, fixed, _provenance(twin, scenario))
 
 
 def _fixed(calibration: Path, number: int) -> Fixed:
@@ -106,7 +111,7 @@ def _fixed(calibration: Path, number: int) -> Fixed:
     return Fixed(camera, pose)
 
 
-def _annotations(twin: Twin) -> Annotations:
+def annotated_frames(twin: Twin) -> Annotations:
     """The annotated frames that are wanted; frame numbers that the file leaves out are empty."""
     if not twin.annotations.is_file():
         raise ValueError(f"{twin.annotations}: no such file")
@@ -180,7 +185,7 @@ def likeness(twin: Twin, folder: Path) -> Array:
     camera = _fixed(twin.calibration, ANNOTATED).camera
     true: Mapping[tuple[int, str], Boxes] = read_boxes(folder)
     out = []
-    for frame, (ids, boxes) in _annotations(twin).items():
+    for frame, (ids, boxes) in annotated_frames(twin).items():
         shown = true.get((frame, name), Boxes.none())
         corner = boxes[:, :2] + (0.5 - camera.pixel_centre)
         edges = np.column_stack([corner, corner + boxes[:, 2:]])

@@ -41,7 +41,8 @@ def test_only_the_renderer_knows_gl_and_only_the_simulation_steps() -> None:
 
 
 def test_tracker_runs_without_mujoco() -> None:
-    block = "import sys; sys.modules['mujoco'] = None; import tracker.pipeline, tracker.sources, tracker.evaluation, tracker.results"
+    names = ", ".join(f"tracker.{name}" for name in ("pipeline", "sources", "evaluation", "results", "exporting"))
+    block = f"import sys; sys.modules['mujoco'] = None; import {names}"
     done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, done.stderr
 

@@ -1,4 +1,4 @@
-"""What holds between the leaves of track trees, compiled: who excludes whom, what a leaf costs, the best set of leaves (METHOD 6 and 7)."""
+"""What holds between the leaves of track trees, compiled: who excludes whom, what a leaf costs, the best set of leaves."""
 
 from __future__ import annotations
 

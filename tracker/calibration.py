@@ -46,9 +46,7 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
 
 def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground | None) -> Setup:
     """The setup that calibration_of wrote, on that ground. Raises KeyError, TypeError or ValueError where it is none."""
-    mounts = {
-        name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"]) for name, entry in calibration["cameras"].items()
-    }
+    mounts = {name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"]) for name, entry in calibration["cameras"].items()}
     starts = {
         name: Start(pose_from(entry["T_world_robot"]), np.array(entry["covariance"])) if entry else None
         for name, entry in calibration["starts"].items()

@@ -82,7 +82,8 @@ class Tsai:
 
     focal mm; kappa1 1/mm²: undistorted = distorted · (1 + κ1 r²); dpx, dpy mm a pixel; cx, cy pixels; sx the scale of the rows.
     With κ1 < 0 the model folds back at r = 1/√(−3 κ1): pixels beyond (in PETS 2009 the left corners of View_007) have a direction that
-    a pixel within has too, and only that one is returned for it. Raises ValueError for numbers that are not finite or not above 0.
+    a pixel within has too, and only that one is returned for it; what a real lens shows
+    there the calibration does not say. Raises ValueError for numbers that are not finite or not above 0.
     """
 
     width: int

@@ -49,9 +49,7 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
     counts = who_counts(truth, sequence.setup.period)
 
     def frames(by_count: bool) -> list[Frame]:
-        return [
-            Frame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=counts[k] if by_count else None) for k, t in enumerate(truth)
-        ]
+        return [Frame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=counts[k] if by_count else None) for k, t in enumerate(truth)]
 
     out: dict[str, Any] = {"targets": score(frames(True)).to_dict(), "everybody": score(frames(False)).to_dict()}
     # A robot that is known exactly is a fixed camera: there is nothing to score in it.

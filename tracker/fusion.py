@@ -1,4 +1,4 @@
-"""From boxes to feet on the ground, and from views to places (METHOD 4).
+"""From boxes to feet on the ground, and from views to places.
 
 A box says where the feet are only if the feet are in it. `stand` marks those whose lower edge may be an occluder's edge: a nearer
 box over it, or a wall or a table just under the line of sight. Such a box still gives a direction, and no range.
@@ -54,9 +54,7 @@ class Feet:
         return len(self.direction)
 
 
-def stand(
-    setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, Array], parameters: FusionParameters
-) -> Feet:
+def stand(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, Array], parameters: FusionParameters) -> Feet:
     """Bring the boxes of `camera` on a robot at `pose` (T_world_robot, covariance (6, 6) of its right tangent) to the ground."""
     mount = setup.mounts[camera]
     T_world_camera = pose[0] @ mount.T_body_camera

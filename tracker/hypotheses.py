@@ -1,4 +1,4 @@
-"""Which boxes are which people: the global hypothesis, from frame to frame (METHOD 6 and 7).
+"""Which boxes are which people: the global hypothesis, from frame to frame.
 
 One hypothesis is kept: per view the assignment of boxes to tracks with the highest likelihood, new tracks from what is left over.
 `Hypotheses.step` takes what all views have at a tick and gives the tracks that are believed.
@@ -16,29 +16,41 @@ from scipy.optimize import linear_sum_assignment
 from tracker.cameras import Camera
 from tracker.fusion import Combination, Feet, FusionParameters, combine
 from tracker.geometry import Array, Pose
-from tracker.measurements import Setup
+from tracker.measurements import Ints, Setup
 from tracker.smoothing import Lag
-from tracker.trees import MotionParameters, Sights, Tracks, body_points, born, predict, shadowed, sights, update
+from tracker.trees import MotionParameters, Sights, Tracks, born, predict, sights, update
+from tracker.trust import Trust, TrustParameters
+from tracker.visibility import Bodies
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class TargetParameters:
-    """METHOD 8 by name where it has one; times in seconds, so that other frame rates work."""
+    """Named as in the paper where it has a name for it; times in seconds, so that other frame rates work."""
 
     fusion: FusionParameters = field(default_factory=FusionParameters)
     motion: MotionParameters = field(default_factory=MotionParameters)
+    trust: TrustParameters = field(default_factory=TrustParameters)
     min_confidence: float = 0.6  # boxes below are not looked at
     birth_confidence: float = 0.8  # and below this they start nobody
-    false_positive: float = 0.05  # FP
-    false_negative: float = 0.1  # FN
-    clutter: float = 2.0  # false boxes a steradian: what a box must beat to be taken
+    arrivals: float = 2e-4  # people who appear, a square metre and tick ...
+    present: float = 2e-2  # ... and who are there at the start, a square metre
+    most_gain: float = 6.0  # log-likelihood ratio that one box counts at most
+    alone: float = 2.0  # log-likelihood ratio for one person, at most, of a tick in which views see but one of two tracks ...
+    apart: float = 0.8  # ... and share of what a view's second box is worth that speaks for two
+    duplicate: float = 10.0  # log-likelihood ratio from which two tracks are one person
     gate: float = 4.0  # standard deviations of the innovation
-    hidden_feet: float = 0.15  # how often a box ends above the feet for no reason that is known
+    hidden_feet: float = 0.03  # how often a box ends above the feet for no reason that is known
     delta_a: float = 9 / 7  # s, longest gap that is bridged
     n_conf: int = 2  # frames until a track may be believed
-    believe: float = 6.0  # score from which it is
+    believe: float = 4.0  # score from which it is
+    forget: float = -8.0  # score below which a young track is dropped
+    end: float = -5.0  # the same for one that was believed
+    most_score: float = 20.0  # what is known of somebody counts at most so much against what is seen now
+    at_once: float = 2.0  # misses that all views' missing somebody at once is worth, at most
+    surely: float = 0.6  # m, standard deviation of a place up to which a box without feet is taken
+    outside: float = 3 / 7  # s, after which somebody is gone who is out of all views
     same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
     offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off
     offset_memory: float = 30.0  # innovations that are worth one independent look at the offset: they come in runs
@@ -53,35 +65,45 @@ class Hypotheses:
         self.believed = np.zeros(0, dtype=bool)
         self.offsets: dict[str, tuple[Array, Array]] = {}  # camera → offset (2,) m on the ground, covariance (2, 2)
         self._next_tree = 1
-        self._together: dict[tuple[int, int], int] = {}
+        self._one: dict[tuple[int, int], float] = {}  # trees near each other → log-likelihood ratio of being one person
+        area = setup.area
+        square = float(np.prod(area[1] - area[0])) if area is not None else np.pi * parameters.trust.watched**2
+        self.trust = Trust(parameters.trust, square)
+        self._ticks = 0
+        self._gone = np.zeros(0)  # s for which a track was out of all views
 
     def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> tuple[Tracks, Mask]:
         """Take one tick; cameras: model and T_world_camera of each view. All tracks, and which of them the best hypothesis holds."""
         q = self.parameters
         self.tracks = predict(self.tracks, self.setup.period, q.motion)
         taken = [feet.confidence < q.min_confidence for feet in views]
-        seen = np.zeros((len(self.tracks), len(views)), dtype=bool)
+        self._ticks += 1
+        box = np.full((len(self.tracks), len(views)), -1, dtype=np.int64)
+        gain = np.zeros(box.shape)
         for v, feet in enumerate(views):
             if len(feet) and len(self.tracks):
-                self._assign(v, feet, taken[v], seen)
-        self._judge(views, cameras, seen)
+                self._assign(v, feet, taken[v], (box[:, v], gain[:, v]))
+        expected = self._judge(views, cameras, box, gain)
+        self._learn(views, box, expected)
+        seen = box >= 0
         free = [~t & (f.confidence >= q.birth_confidence) for t, f in zip(taken, views, strict=True)]
-        self._bear(views, free, seen)
+        self._bear(views, cameras, free, seen)
         self._prune()
         return self.tracks, self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
 
-    def _assign(self, v: int, feet: Feet, taken: Mask, seen: Mask) -> None:
+    def _assign(self, v: int, feet: Feet, taken: Mask, given: tuple[Ints, Array]) -> None:
         """Give each track at most one box of this view, by the highest sum of log-likelihood ratios, and correct it."""
         q = self.parameters
         offset, _ = self._offset(feet.camera)
         look = sights(self.tracks, feet, offset, self.setup.ground, q.motion)
         gain, upright = self._gain(look, feet)
         gain[:, taken] = -np.inf
-        rows, boxes = linear_sum_assignment(np.where(gain > 0, -gain, 0.0))
+        least = np.log(1 - self.trust.detection(feet.camera))
+        rows, boxes = linear_sum_assignment(np.where(gain > least, least - gain, 0.0))
         for t, d in zip(rows, boxes, strict=True):
-            if not gain[t, d] > 0:
+            if not gain[t, d] > least:
                 continue
-            taken[d], seen[t, v] = True, True
+            taken[d], given[0][t], given[1][t] = True, d, gain[t, d]
             m = 2 if upright[t, d] else 1
             H, r = look.H[t, :m], look.residual[t, d, :m]
             R = feet.covariance[d, :m, :m] + (H @ H.T) * q.motion.foot_spread**2
@@ -108,7 +130,10 @@ class Hypotheses:
         det = a * c - b * b
         both = (c * r[..., 0] ** 2 - 2 * b * r[..., 0] * r[..., 1] + a * r[..., 1] ** 2) / det
         side = r[..., 0] ** 2 / a
-        certain = np.log((1 - q.false_negative) / q.clutter)
+        # False boxes are even on the ground; on the sphere they are as dense as the ground is slanted and far.
+        reach = np.where(feet.grounded, np.linalg.norm(feet.point - feet.origin, axis=1), q.fusion.reach)
+        dense = np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach))
+        certain = (self.trust.worth(feet.camera, feet.confidence) - dense)[None, :]
         lying = np.where(feet.hidden, 0.6, q.hidden_feet)[None, :]
         gain_both = certain + np.log(1 - lying) - 0.5 * (both + np.log((2 * np.pi) ** 2 * det))
         # Feet out of sight: the lower edge is anywhere above where they must be, as far up as the body reaches.
@@ -116,68 +141,106 @@ class Hypotheses:
         above = (r[..., 1] > -2 * np.sqrt(c)) & (r[..., 1] < body)
         gain_side = certain + np.log(lying / body) - 0.5 * (side + np.log(2 * np.pi * a))
         gain_both[both > q.gate**2] = -np.inf
-        gain_side[(side > q.gate**2) | ~above] = -np.inf
+        gain_side[(side > q.gate**2) | ~above | (look.doubt > q.surely)[:, None]] = -np.inf
         low, high = self.setup.height
         slack = 0.15 + 0.02 * look.distance[:, None]
         fits = (look.height > low - slack) & (look.height < high + slack)
         return np.where(fits, np.maximum(gain_both, gain_side), -np.inf), gain_both >= gain_side
 
-    def _judge(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], seen: Mask) -> None:
-        """Score every track by what saw it and what should have (METHOD 5, C_rec), and count frames."""
+    def _judge(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], box: Ints, gain: Array) -> Array:
+        """Score every track by what saw it and what should have (C_rec), and count frames; how much (t, v) each view should see."""
         q, tracks = self.parameters, self.tracks
-        hit, miss = np.log((1 - q.false_positive) / q.false_positive), np.log(q.false_negative / (1 - q.false_negative))
-        gain = np.zeros(len(tracks))
-        for v, (feet, (camera, pose)) in enumerate(zip(views, cameras, strict=True)):
-            expected = self._expected(feet, camera, pose)
-            gain += np.where(seen[:, v], hit, miss * expected)
+        everybody = np.arange(len(tracks))
+        bodies = Bodies(tracks.state[:, :2], tracks.tree, everybody, self.setup.ground)
+        expected, miss, floor, watched = np.zeros(box.shape), np.zeros(box.shape), 0.0, np.zeros(len(tracks), dtype=bool)
+        for v, (feet, camera) in enumerate(zip(views, cameras, strict=True)):
+            expected[:, v] = bodies.expected(camera, self.setup.occluders, q.fusion.reach)
+            watched |= bodies.inside(camera)
+            found = self.trust.detection(feet.camera)
+            miss[:, v] = np.log(1 - found * expected[:, v])
+            floor = min(floor, q.at_once * np.log(1 - found))
+        seen = box >= 0
         any_seen = seen.any(axis=1)
         # Where all views lose a person at once they do so for one reason: that is two misses, not many.
-        score = tracks.score + np.where(any_seen, gain, np.maximum(gain, 2 * miss))
+        total = np.where(seen, np.minimum(gain, q.most_gain), miss).sum(axis=1)
+        score = tracks.score + np.where(any_seen, total, np.maximum(total, floor))
         self.tracks = replace(
             tracks,
-            score=np.clip(score, -20.0, 20.0),
+            score=np.clip(score, -20.0, q.most_score),
             hits=tracks.hits + any_seen,
             misses=np.where(any_seen, 0, tracks.misses + 1),
         )
-        self._remember_apart(seen)
+        self._gone = np.where(watched | any_seen, 0.0, self._gone + self.setup.period)
+        self._remember_apart(seen, miss, gain)
+        return expected
 
-    def _expected(self, feet: Feet, camera: Camera, pose: Pose) -> Array:
-        """How much of each track this view should see, 0 to 1: in the image, not behind what stands there, not behind another track."""
-        points = body_points(self.tracks, self.setup.ground, (0.4, 1.0, 1.5))
-        t = len(points)
-        sight = points.reshape(-1, 3) - feet.origin
-        distance = np.maximum(np.linalg.norm(sight, axis=1), 1e-6)
-        direction = sight / distance[:, None]
-        _, inside = camera.pixels_from_bearings(direction @ pose.rotation)
-        visible = inside
-        if self.setup.occluders is not None and t:
-            stop, stopped = self.setup.occluders.intersect(np.broadcast_to(feet.origin, direction.shape), direction, self.parameters.fusion.reach)
-            visible = inside & ~(stopped & (np.linalg.norm(stop - feet.origin, axis=1) < distance - 0.3))
-        share = visible.reshape(t, -1).mean(axis=1) if t else np.zeros(0)
-        behind = shadowed(points[:, 1], feet.origin, distance.reshape(t, -1)[:, 1]) if t else np.zeros(0, dtype=bool)
-        return share * np.where(behind, 0.2, 1.0) * (share > 0.5)
+    def _learn(self, views: list[Feet], box: Ints, expected: Array) -> None:
+        """Count what each view found and missed of the people who are known, and what it showed beside them."""
+        q, area = self.parameters, self.setup.area
+        sure = self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
+        for v, feet in enumerate(views):
+            known = sure & (expected[:, v] > 0.5)
+            weight = np.ones(len(feet))
+            mine = box[:, v] >= 0
+            weight[box[mine, v]] = 1 / (1 + np.exp(np.clip(self.tracks.score[mine], -20, 20)))
+            weight[box[sure & mine, v]] = 0
+            place = feet.point[:, :2]
+            if area is None:
+                inside = np.linalg.norm(place - feet.origin[:2], axis=1) < q.trust.watched
+            else:
+                inside = ((place >= area[0]) & (place <= area[1])).all(axis=1)
+            low, high = self.setup.height
+            other = inside & feet.grounded & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
+            self.trust.learn(feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other]))
 
-    def _remember_apart(self, seen: Mask) -> None:
-        """Two tracks that one view saw at once are two people: forget that they were together."""
-        near = np.linalg.norm(self.tracks.state[:, None, :2] - self.tracks.state[None, :, :2], axis=2) < self.parameters.same_person
-        both = (seen.astype(int) @ seen.T.astype(int)) > 0
-        now: dict[tuple[int, int], int] = {}
-        for i, j in np.argwhere(np.triu(near & ~both, 1)):
+    def _remember_apart(self, seen: Mask, miss: Array, gain: Array) -> None:
+        """Two tracks that one view saw at once are two people; that views see but one of them speaks for one person, by what a miss is worth."""
+        q = self.parameters
+        near = np.linalg.norm(self.tracks.state[:, None, :2] - self.tracks.state[None, :, :2], axis=2) < q.same_person
+        now: dict[tuple[int, int], float] = {}
+        for i, j in np.argwhere(np.triu(near, 1)):
             key = (int(self.tracks.tree[i]), int(self.tracks.tree[j]))
-            now[key] = self._together.get(key, 0) + 1
-        self._together = now
+            both = seen[i] & seen[j]
+            # The farther one may be hidden by the nearer, which is no miss.
+            one = float(-np.maximum(miss[i], miss[j])[~both].sum())
+            two = float(np.clip(np.minimum(gain[i], gain[j]), 0.0, q.most_gain)[both].sum())
+            now[key] = max(self._one.get(key, 0.0) + min(one, q.alone) - q.apart * two, -10.0)
+        self._one = now
 
-    def _bear(self, views: list[Feet], free: list[Mask], seen: Mask) -> None:
+    def _bear(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], free: list[Mask], seen: Mask) -> None:
         """Start a track where boxes are left over, unless a track stands there that these views did not see: that is the same person."""
         q = self.parameters
         groups = combine(views, free, self.setup.height, q.fusion)
         groups = [g for g in groups if not self._known(g, seen)]
         new = born(self._next_tree, groups, q.motion)
-        hit = np.log((1 - q.false_positive) / q.false_positive)
-        new = replace(new, score=np.array([hit * len(g.members) for g in groups]))
+        new = replace(new, score=self._prior(views, cameras, groups))
         self._next_tree += len(groups)
         self.tracks = self.tracks.join(new)
         self.believed = np.concatenate([self.believed, np.zeros(len(groups), dtype=bool)])
+        self._gone = np.concatenate([self._gone, np.zeros(len(groups))])
+
+    def _prior(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], groups: list[Combination]) -> Array:
+        """log-likelihood ratio (g,) of "somebody new" over "false boxes": who sees, who should, and how rare new people are."""
+        q = self.parameters
+        rate = q.arrivals + q.present * np.exp(-(self._ticks - 1) * self.setup.period / 0.3)
+        place = np.array([g.point for g in groups]).reshape(-1, 2)
+        score = np.full(len(groups), np.log(rate))
+        new = np.full(len(groups), -1, dtype=np.int64)
+        bodies = Bodies(
+            np.concatenate([place, self.tracks.state[:, :2]]), np.concatenate([new, self.tracks.tree]),
+            np.arange(len(groups), len(groups) + len(self.tracks)), self.setup.ground,
+        )  # fmt: skip
+        for v, (feet, camera) in enumerate(zip(views, cameras, strict=True)):
+            member = np.array([dict(g.members).get(v, -1) for g in groups], dtype=np.int64)
+            expected = bodies.expected(camera, self.setup.occluders, q.fusion.reach)[: len(groups)]
+            miss = np.log(1 - self.trust.detection(feet.camera) * expected)
+            here = member >= 0
+            score[~here] += miss[~here]
+            score[here] += self.trust.worth(feet.camera, feet.confidence[member[here]])
+        # Each box after the first must lie near: its density about the common place, at the spread of feet.
+        size = np.array([len(g.members) for g in groups])
+        area = np.array([2 * np.pi * np.sqrt(np.linalg.det(2 * n * g.covariance)) for n, g in zip(size, groups, strict=True)])
+        return np.minimum(score - (size - 1) * np.log(np.maximum(area, 0.3)), q.most_gain * size)
 
     def _known(self, group: Combination, seen: Mask) -> bool:
         near = np.linalg.norm(self.tracks.state[:, :2] - group.point, axis=1) < self.parameters.same_person
@@ -188,14 +251,15 @@ class Hypotheses:
         q, tracks = self.parameters, self.tracks
         self.believed = self.believed | ((tracks.hits >= q.n_conf) & (tracks.score >= q.believe) & (tracks.misses == 0))
         missed = tracks.misses * self.setup.period
-        keep = np.where(self.believed, (missed <= 2 * q.delta_a) & (tracks.score > -10), (tracks.misses < 3) & (tracks.score > -3))
+        known = (missed <= 2 * q.delta_a) & (tracks.score > q.end) & (self._gone <= q.outside)
+        keep = np.where(self.believed, known, (tracks.misses < 4) & (tracks.score > q.forget))
         place = {int(tree): k for k, tree in enumerate(tracks.tree)}
-        for (a, b), frames in self._together.items():
-            if frames >= 4 and a in place and b in place:
+        for (a, b), ratio in self._one.items():
+            if ratio > q.duplicate and a in place and b in place:
                 i, j = place[a], place[b]
                 worse = j if (self.believed[i], tracks.hits[i]) >= (self.believed[j], tracks.hits[j]) else i
                 keep[worse] = False
-        self.tracks, self.believed = tracks.select(keep), self.believed[keep]
+        self.tracks, self.believed, self._gone = tracks.select(keep), self.believed[keep], self._gone[keep]
 
 
 @final

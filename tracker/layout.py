@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-SCHEMA = 2
+SCHEMA = 3
+READS = (2, 3)
+"""Versions that are read: 3 has no table or column that 2 has not, but may have images without loss, range, classes, videos and a mesh."""
+LAYERS = ("images", "instances", "range", "classes", "videos")
+"""Folders of what is large and looked at one by one."""
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
 UPPER = [(i, j) for i in range(6) for j in range(i, 6)]
 ODOMETRY = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "up_x": float, "up_y": float, "up_z": float, "up_sigma": float} | {
@@ -78,5 +82,16 @@ Quaternions are wxyz. Poses are T_world_robot unless it says otherwise: x, y, z 
   the camera to the middle between the hips. Who covers no pixel of a view, occluded or not, has no row in it.
 * `truth/keypoints.csv`: the key points in the image, u and v [pixel] to 0.01, and visibility as COCO has it: 2 visible, 1 hidden by something
   or by the own body (by the instances and the range at that pixel), 0 not in the image (u = v = 0). The same people as in boxes.csv.
-* `images/CAMERA/FRAME.jpg`: RGB. `instances/CAMERA/FRAME.png`: 16 bit, 0 nobody, else the person's id.
+* `images/CAMERA/FRAME.jpg`, or `.png` where images without loss were asked for: RGB, 8 bit; FRAME has six digits and counts from 0.
+* `instances/CAMERA/FRAME.png`: 16 bit, one channel; 0 nobody, else the person's id, which counts from 1 and is that of all tables.
+
+Only where they were asked for:
+
+* `range/CAMERA/FRAME.png`: 16 bit, one channel; distance from the camera along the ray of the pixel in units of 1/256 m; 0 where nothing is, or
+  where it is 256 m away or more.
+* `classes/CAMERA/FRAME.png`: 8 bit, one channel; the class of what is seen: its place, from 0, in the list `classes` of
+  scenario.json; 0 (sky) where nothing is.
+* `videos/CAMERA.mp4`: the images as MPEG-4, at the frame rate of the sequence; for looking at, they have lost more than the JPEG.
+* `terrain.glb`: the place without people and robots, as triangles with textures (glTF 2.0: metres, y up: x, y, z here are x, -z, y of the world).
+* `TABLE.npz` beside a large TABLE.csv: the same rows, an array a column, numbers in full (int64, float64) where the CSV has 9 digits.
 """

@@ -1,4 +1,4 @@
-"""Track trees of people on the ground: constant velocity, seen as directions by any number of views (METHOD 5).
+"""Track trees of people on the ground: constant velocity, seen as directions by any number of views.
 
 A row is a leaf: one way in which one person may have gone, with all that is needed to go on and to tell of its last moments. All leaves of all
 trees are held in arrays, so that a crowd costs a few numpy calls; nothing is changed in place.

@@ -1,4 +1,4 @@
-"""Which boxes are which people: track trees, and the best set of tracks as a maximum-weight clique, from tick to tick (METHOD 5 to 7).
+"""Which boxes are which people: track trees, and the best set of tracks as a maximum-weight clique, from tick to tick.
 
 `MultipleHypotheses.step` takes what all views have at a tick and gives the tracks of the best hypothesis, with their last moments. A person who
 was taken for somebody else is put right within the N-scan: the best hypothesis is found anew at every tick over all that is not decided.
@@ -59,7 +59,7 @@ class MultipleHypotheses:
         ways = Branches._make(column[held] for column in ways)
         roots = self._roots(views, table, ways)
         self._extend(ways, roots, table)
-        chosen = select(self.leaves, self._bonds, self._previous(), self.parameters, self._ticks)
+        chosen = select(self.leaves, self._bonds, self._previous(), self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
         self._believe(chosen.best)
         self._learn(views, ways, chosen.best)
         self._prune(chosen)
@@ -173,7 +173,7 @@ class MultipleHypotheses:
                     self.offsets[feet.camera] = offset + K @ residual, P - K @ H @ P
 
     def _prune(self, chosen: Selection) -> None:
-        """Drop what has ended, what was decided against n_scan ticks ago, and what is too much (METHOD 7)."""
+        """Drop what has ended, what was decided against n_scan ticks ago, and what is too much."""
         q, leaves = self.parameters, self.leaves
         longest = max(round(2 * q.delta_a / self.setup.period), self.window)
         # Who is not believed yet and takes what belongs to others would live for ever.

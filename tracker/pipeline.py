@@ -100,4 +100,3 @@ class Tracker:
             if view.camera not in self.setup.mounts:
                 raise ValueError(f"tick {tick.index} has a view of camera {view.camera!r}, setup has {', '.join(self.setup.mounts)}")
         self._last = tick.index
-

@@ -8,14 +8,12 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections import deque
-from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,24 +22,52 @@ from tracker.calibration import calibration_of, pose_row
 from tracker.cameras import Tsai
 from tracker.formats.pets2009 import write_camera
 from tracker.ground import Grid
+from tracker.images import JPEG, PNG, RUNS, Coders, range_counts
 from tracker.layout import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, README, ROBOTS, SCHEMA, UPPER, people_columns
-from tracker.measurements import Setup, Tick, Truth, View
-from tracker.tables import write_table
+from tracker.manifests import manifest_sum
+from tracker.measurements import Image, Setup, Tick, Truth, View
+from tracker.tables import write_arrays, write_table
+from tracker.videos import Videos
 
-CODERS, WAITING = 2, 24
-"""Threads that code images, and how many images may wait for them."""
+LARGE = 250_000
+"""Numbers from which on a table is there as NPZ too."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """What is written beside tables, JPEG and instances: png, images without loss in place of JPEG; range and classes, an image of each for
+    every image; video, an MP4 of every camera; mesh, the scene as terrain.glb."""
+
+    png: bool = False
+    range: bool = False
+    classes: bool = False
+    video: bool = False
+    mesh: bool = False
+
+    def folders(self) -> Iterable[str]:
+        """Folders that hold one of every camera."""
+        return ["images", "instances", *(["range"] if self.range else []), *(["classes"] if self.classes else [])]
+
+
+@dataclass(frozen=True, eq=False)
+class Layers:
+    """By camera: instances (H, W) uint16; range (H, W) float32 m along the ray, inf for nothing, and classes (H, W) uint8 where the form wants
+    them."""
+
+    instances: Mapping[str, NDArray[np.uint16]]
+    range: Mapping[str, NDArray[np.float32]] | None = None
+    classes: Mapping[str, NDArray[np.uint8]] | None = None
 
 
 class SequenceWriter:
     """Writes a Sequence under a temporary name; only `finish` gives it its own. As a context it cleans up after an error."""
 
-    def __init__(self, folder: Path, setup: Setup, tops: Grid) -> None:
-        self.folder, self.setup = folder, setup
+    def __init__(self, folder: Path, setup: Setup, tops: Grid, form: Form | None = None) -> None:
+        self.folder, self.setup, self.form = folder, setup, form or Form()
         self.partial = folder.with_name(f".{folder.name}.partial")
         self.tops = tops
-        # Images are coded while the next ones are drawn: OpenCV lets go of the interpreter.
-        self._coders = ThreadPoolExecutor(CODERS)
-        self._coding: deque[Future[None]] = deque()
+        self._coders = Coders(self.partial)
+        self._videos = Videos(self.partial / "videos", 1 / setup.period) if self.form.video else None
         self._rows: dict[str, list[list[object]]] = {name.split("/")[-1]: [] for name in self._tables()}
 
     def _tables(self) -> dict[str, list[str]]:
@@ -55,20 +81,22 @@ class SequenceWriter:
             shutil.rmtree(self.partial)
         (self.partial / "truth").mkdir(parents=True)
         for camera in self.setup.mounts:
-            (self.partial / "images" / camera).mkdir(parents=True)
-            (self.partial / "instances" / camera).mkdir(parents=True)
+            for folder in self.form.folders():
+                (self.partial / folder / camera).mkdir(parents=True)
         ground = self.setup.ground
         assert isinstance(ground, Grid)
         np.savez(self.partial / "terrain.npz", heights=ground.heights, origin=ground.origin, spacing=ground.spacing, tops=self.tops.heights)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._coders.shutdown(cancel_futures=True)
+        self._coders.close()
+        if self._videos:
+            self._videos.close()
         if self.partial.exists():
             shutil.rmtree(self.partial)
 
-    def add(self, tick: Tick, truth: Truth, instances: Mapping[str, NDArray[np.uint16]], views: Mapping[str, ViewTruth]) -> None:
-        """Append one tick; by camera the instances (H, W) uint16 and what is true of the view.
+    def add(self, tick: Tick, truth: Truth, layers: Layers, views: Mapping[str, ViewTruth]) -> None:
+        """Append one tick, its layers, and by camera what is true of the view.
 
         Raises ValueError for a view without an image, an image that cannot be written, or a truth without joints.
         """
@@ -77,8 +105,7 @@ class SequenceWriter:
             if view.image is None:
                 raise ValueError(f"frame {k} of {view.camera} has no image, needs one")
             self._measured(k, view)
-            self._image(Path("images", view.camera, f"{k:06d}.jpg"), view.image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])
-            self._image(Path("instances", view.camera, f"{k:06d}.png"), instances[view.camera], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            self._images(k, view.camera, view.image, layers)
             true = views[view.camera]
             rows["cameras"].append(camera_row(k, view.camera, true))
             rows["boxes"] += box_rows(k, view.camera, true.boxes)
@@ -100,35 +127,41 @@ class SequenceWriter:
         for b, e, c, s in zip(d.bearing, d.extent, d.confidence, d.covariance, strict=True):
             self._rows["detections"].append([k, view.camera, *map(float, [*b, *e, c, s[0, 0], s[0, 1], s[1, 1]])])
 
-    def _image(self, name: Path, image: Any, options: list[int]) -> None:
-        """Have an image coded and written, after as many others are done as would else pile up."""
-        self._coding.append(self._coders.submit(self._code, name, image, options))
-        while len(self._coding) > WAITING:
-            self._coding.popleft().result()
-
-    def _code(self, name: Path, image: Any, options: list[int]) -> None:
-        ok, data = cv2.imencode(name.suffix, image, options)
-        if not ok:
-            raise ValueError(f"{name}: this image cannot be written as {name.suffix}")
-        (self.partial / name).write_bytes(data.tobytes())
+    def _images(self, k: int, camera: str, image: Image, layers: Layers) -> None:
+        """Have all images of a view written. Raises ValueError where the form wants a layer that is not there."""
+        name, put = f"{camera}/{k:06d}", self._coders.put
+        put(f"images/{name}.png" if self.form.png else f"images/{name}.jpg", image[:, :, ::-1], PNG if self.form.png else JPEG)
+        put(f"instances/{name}.png", layers.instances[camera], RUNS)
+        for layer, wanted, of in (("range", self.form.range, layers.range), ("classes", self.form.classes, layers.classes)):
+            if wanted and of is None:
+                raise ValueError(f"frame {k} has no {layer}, needs it")
+        if self.form.range and layers.range is not None:
+            put(f"range/{name}.png", range_counts(layers.range[camera]), PNG)
+        if self.form.classes and layers.classes is not None:
+            put(f"classes/{name}.png", layers.classes[camera], RUNS)
+        if self._videos:
+            self._videos.put(camera, image)
 
     def finish(self, provenance: dict[str, Any], versions: dict[str, str]) -> None:
         """Write tables, calibration and manifest, and give the folder its name."""
-        while self._coding:
-            self._coding.popleft().result()
+        self._coders.wait()
+        if self._videos:
+            self._videos.finish()
         root = self.partial
         for name, columns in self._tables().items():
-            write_table(root / f"{name}.csv", columns, self._rows[name.split("/")[-1]])
+            rows = self._rows[name.split("/")[-1]]
+            write_table(root / f"{name}.csv", columns, rows)
+            if len(rows) * len(columns) > LARGE:
+                write_arrays(root / f"{name}.npz", columns, rows)
         self._calibrate()
         (root / "README.md").write_text(README, encoding="utf-8")
         _write_json(root / "scenario.json", provenance)
         _write_json(root / "calibration.json", calibration_of(self.setup))
-        files = {
-            path.relative_to(root).as_posix(): {"sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "bytes": path.stat().st_size}
-            for path in sorted(root.rglob("*"))
-            if path.is_file()
-        }
-        _write_json(root / "manifest.json", {"schema": SCHEMA, "versions": versions, "files": files})
+        paths = [path.relative_to(root).as_posix() for path in sorted(root.rglob("*")) if path.is_file()]
+        sums = {name: self._coders.sums.get(name) or _sum(root / name) for name in paths}
+        files = {name: {"sha256": sha256, "bytes": size} for name, (sha256, size) in sums.items()}
+        manifest = {"schema": SCHEMA, "versions": versions, "files": files}
+        _write_json(root / "manifest.json", manifest | {"sum": manifest_sum(manifest)})
         root.rename(self.folder)
 
     def _calibrate(self) -> None:
@@ -140,7 +173,10 @@ class SequenceWriter:
                 write_camera(self.partial / "calibration" / f"{name}.xml", name, mount.camera, start.T_world_robot @ mount.T_body_camera)
 
 
+def _sum(path: Path) -> tuple[str, int]:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest(), path.stat().st_size
+
+
 def _write_json(path: Path, value: object) -> None:
     path.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-

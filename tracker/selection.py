@@ -1,8 +1,9 @@
-"""The best set of tracks: a maximum-weight clique of leaves that may be true together (METHOD 6 and 7)."""
+"""The best set of tracks: a maximum-weight clique of leaves that may be true together."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from tracker.bonds import Bonds, heaviest
 from tracker.clique import Graph, Limits, Options, Tuning, search
+from tracker.dumping import dump
 from tracker.fusion import FusionParameters
 from tracker.geometry import Array
 from tracker.leaves import Leaves, weights
@@ -25,7 +27,7 @@ NODE_ROWS = 4_000_000
 
 @dataclass(frozen=True)
 class MultipleParameters:
-    """METHOD 8 by name where it has one; times in seconds, so that other frame rates work."""
+    """Named as in the paper where it has a name for it; times in seconds, so that other frame rates work."""
 
     fusion: FusionParameters = field(default_factory=FusionParameters)
     motion: MotionParameters = field(default_factory=lambda: MotionParameters(acceleration=0.8, foot_spread=0.2))
@@ -60,6 +62,8 @@ class MultipleParameters:
     k_h: int = 25  # K_H, hypotheses kept
     i_bls_max: int = 2000  # moves of the search at most
     nodes: int = 20_000  # leaves that branch and bound tries before the search takes over
+    seed: int = 0  # of the searches
+    graphs: Path | None = None  # where every graph that is solved is written, with the clique that was chosen
     small_graphs: bool = False  # a graph for each hypothesis of the tick before, rather than one of all leaves
 
 
@@ -135,6 +139,8 @@ def _by_part(p: Problem, rows: Ints, q: MultipleParameters) -> Ints:
             found = search(graph, Limits(moves=moves), p.seed, Options(start=np.flatnonzero(best), tuning=Tuning(T=10)))
             best[:] = False
             best[found.vertices] = True
+        if q.graphs is not None:
+            dump(q.graphs, f"{p.seed:08d}-{part.min()}", Graph.from_conflicts(weight, np.argwhere(np.triu(inner))), np.flatnonzero(best))
         chosen.append(part[best])
     return np.sort(np.concatenate(chosen))
 
@@ -169,4 +175,6 @@ def _search(weight: Array, conflict: NDArray[np.bool_], keep: int, q: MultiplePa
     graph = Graph.from_conflicts(weight, np.argwhere(np.triu(conflict)))
     moves = min(max(10 * graph.edges, 200), q.i_bls_max)
     found = search(graph, Limits(moves=moves), seed, Options(keep=keep, tuning=Tuning(T=10)))
+    if q.graphs is not None:
+        dump(q.graphs, f"{seed:08d}-0", graph, found.vertices)
     return [rows for _, rows in found.optima] or [found.vertices]

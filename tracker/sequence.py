@@ -6,9 +6,6 @@ The folder's own README.md (layout.README) says what every file and column is. T
 from __future__ import annotations
 
 import hashlib
-import json
-import zipfile
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +17,12 @@ import numpy as np
 from tracker.annotations import Boxes, read_boxes
 from tracker.calibration import pose_from, setup_from
 from tracker.ground import Grid
-from tracker.layout import DETECTIONS, NEEDED, ODOMETRY, POSE, ROBOTS, SCHEMA, UPPER, people_columns
+from tracker.images import decode
+from tracker.layout import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOTS, UPPER, people_columns
+from tracker.manifests import check_file, read_json, read_manifest
 from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Tick, Truth, View
 from tracker.recording import SequenceWriter
-from tracker.tables import rows_by_frame
+from tracker.tables import read_arrays, rows_by_frame
 
 __all__ = ["Boxes", "Sequence", "SequenceWriter", "Ticks", "TicksInMemory", "read_boxes", "read_json", "read_sequence"]
 
@@ -66,46 +65,6 @@ class Sequence:
     provenance: dict[str, Any]
 
 
-def read_json(path: Path) -> Any:
-    """JSON of a file; ValueError with path and line where it is none."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file") from None
-    except RecursionError:
-        raise ValueError(f"{path}: nested too deep") from None
-
-
-def _read_manifest(folder: Path) -> dict[str, dict[str, Any]]:
-    """File name → its SHA-256 and size, checked: the files are there, of that size, and all but the images of that sum."""
-    path = folder / "manifest.json"
-    manifest = read_json(path)
-    schema = manifest.get("schema") if isinstance(manifest, dict) else None
-    if schema != SCHEMA or not isinstance(manifest.get("files"), dict):
-        raise ValueError(f"{path}: schema is {schema}, this version reads {SCHEMA}")
-    for name, entry in manifest["files"].items():
-        if not isinstance(entry, dict) or not isinstance(entry.get("bytes"), int) or not isinstance(entry.get("sha256"), str):
-            raise ValueError(f"{path}: entry {name[:80]!r} has no sha256 and bytes")
-        if Path(name).is_absolute() or ".." in Path(name).parts:
-            raise ValueError(f"{path}: entry {name[:80]!r} lies outside the folder")
-        file = folder / name
-        if not file.is_file():
-            raise ValueError(f"{file}: missing, though the manifest names it")
-        if file.stat().st_size != entry["bytes"]:
-            raise ValueError(f"{file}: {file.stat().st_size} bytes, the manifest says {entry['bytes']}: truncated or changed")
-        # Images are many: each is checked when it is read.
-        if Path(name).parts[0] not in ("images", "instances") and _sha256(file.read_bytes()) != entry["sha256"]:
-            raise ValueError(f"{file}: its SHA-256 is not the manifest's: changed")
-    missing = [name for name in NEEDED if name not in manifest["files"]]
-    if missing:
-        raise ValueError(f"{path}: does not name {missing[0]}")
-    return dict(manifest["files"])
-
-
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
@@ -115,7 +74,15 @@ def read_sequence(folder: Path) -> Sequence:
 
     Raises ValueError that names the file, and the line or field, of what is missing, damaged or of another schema version.
     """
-    files = _read_manifest(folder)
+    files = read_manifest(folder)["files"]
+    for name, entry in files.items():
+        # Images are many: each is checked when it is read.
+        check_file(folder, name, entry, sums=Path(name).parts[0] not in LAYERS)
+    return read_contents(folder, files)
+
+
+def read_contents(folder: Path, files: dict[str, Any]) -> Sequence:
+    """As read_sequence, of a folder whose files have been checked, or shall not be; files: those of the manifest."""
     try:
         setup = _read_setup(folder)
     except (KeyError, TypeError, AttributeError) as error:
@@ -128,11 +95,11 @@ def read_sequence(folder: Path) -> Sequence:
 
 def _read_setup(folder: Path) -> Setup:
     calibration = read_json(folder / "calibration.json")
+    terrain = read_arrays(folder / "terrain.npz", ("heights", "origin", "spacing", "tops"))
     try:
-        with np.load(folder / "terrain.npz", allow_pickle=False) as terrain:
-            origin, spacing = terrain["origin"], float(terrain["spacing"])
-            ground, tops = Grid(terrain["heights"], origin, spacing), Grid(terrain["tops"], origin, spacing)
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        origin, spacing = terrain["origin"], float(terrain["spacing"])
+        ground, tops = Grid(terrain["heights"], origin, spacing), Grid(terrain["tops"], origin, spacing)
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{folder / 'terrain.npz'}: {error}") from None
     try:
         return setup_from(calibration, ground, tops)
@@ -189,23 +156,24 @@ class _DiskTicks:
                         name,
                         _detections([row for row in boxes if row["camera"] == name]),
                         odometry=odometry.get(mount.robot),
-                        image=self._image(f"images/{name}/{k:06d}.jpg", mount),
+                        image=self._image(f"images/{name}/{k:06d}", mount),
                     )
                     for name, mount in self.setup.mounts.items()
                 ),
             )
 
-    def _image(self, name: str, mount: Mount) -> Image:
+    def _image(self, stem: str, mount: Mount) -> Image:
+        name = next((stem + ending for ending in (".jpg", ".png") if stem + ending in self.files), None)
+        if name is None:
+            raise ValueError(f"{self.folder / stem}.jpg: the manifest does not name it")
         path = self.folder / name
-        if name not in self.files:
-            raise ValueError(f"{path}: the manifest does not name it")
         data = path.read_bytes()
         if _sha256(data) != self.files[name]["sha256"]:
             raise ValueError(f"{path}: its SHA-256 is not the manifest's: truncated or changed")
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-        size = (mount.camera.height, mount.camera.width)
-        if image is None or image.shape[:2] != size:
-            raise ValueError(f"{path}: {'no image' if image is None else image.shape[:2]}, needs {size}")
+        try:
+            image = decode(data, (mount.camera.height, mount.camera.width), cv2.IMREAD_COLOR)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
         return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 
 

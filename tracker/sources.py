@@ -15,14 +15,12 @@ import numpy as np
 from tracker.cameras import Camera, Tsai
 from tracker.degrading import Degradation
 from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections
+from tracker.formats.site import AREA, FILE, RATE, TERRAIN, Site, read_site
 from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
-from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Setup, Start, Tick, Truth, View
 from tracker.sequence import Sequence, TicksInMemory, read_sequence
 
-# The tracking area of the cropped annotations, metres (PETS 2009; Milan's truth).
-PETS_AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
-PETS_RATE = 7.0  # frames a second
+PETS_AREA, PETS_RATE = AREA, RATE
 MAX_FRAMES = 1_000_000
 FOOT_PIXELS = 2.0  # px, error of a box's edge ...
 FOOT_SHARE = 0.02  # ... and as a share of its height
@@ -117,19 +115,21 @@ def _read_pets(path: Path, wanted: list[int], choice: Choice) -> Sequence:
         name = f"View_{number:03d}"
         _, camera, pose = read_camera(calibration / f"{name}.xml")
         cameras[name], boxes[name] = (camera, pose), read_detections(found[number])
-    truth = _pets_truth(path, calibration, len(cameras))
+    site = read_site(path)
+    truth = _pets_truth(path, calibration, len(cameras), site)
     frames = max([max(frames, default=0) for frames in boxes.values()] + [len(truth or ())])
     if frames > MAX_FRAMES:
         raise ValueError(f"{path}: frame {frames}, needs at most {MAX_FRAMES}")
     if choice.degradation != Degradation():
         for name, view in cameras.items():
             rng = np.random.default_rng([choice.seed, zlib.crc32(name.encode())])
-            boxes[name] = choice.degradation.applied(boxes[name], frames, view, np.array(PETS_AREA), rng)
+            boxes[name] = choice.degradation.applied(boxes[name], frames, view, site.area, rng)
     mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
     starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
-    setup = Setup(mounts, Flat(), starts, 1 / PETS_RATE, area=np.array(PETS_AREA))
-    ticks = TicksInMemory(tuple(_pets_tick(index, cameras, boxes) for index in range(frames)), mounts)
+    setup = Setup(mounts, site.ground, starts, 1 / site.rate, area=site.area, occluders=site.occluders)
+    ticks = TicksInMemory(tuple(_pets_tick(index, index / site.rate, cameras, boxes) for index in range(frames)), mounts)
     read = [found[n] for n in wanted or found] + sorted((path / "annotations").glob("*-cropped.xml"))
+    read += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]
     sums = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in read}
     made: dict[str, object] = {"source": "PETS 2009", "views": list(cameras), "files": sums}
     if choice.degradation != Degradation():
@@ -137,15 +137,15 @@ def _read_pets(path: Path, wanted: list[int], choice: Choice) -> Sequence:
     return Sequence(setup, ticks, truth, made)
 
 
-def _pets_tick(index: int, cameras: dict[str, tuple[Camera, Pose]], boxes: dict[str, dict[int, tuple[Array, Array]]]) -> Tick:
+def _pets_tick(index: int, time: float, cameras: dict[str, tuple[Camera, Pose]], boxes: dict[str, dict[int, tuple[Array, Array]]]) -> Tick:
     views = []
     for name, (camera, _) in cameras.items():
         box, confidence = boxes[name].get(index + 1, (np.zeros((0, 4)), np.zeros(0)))
         views.append(View(name, detections_from_boxes(camera, box, confidence)))
-    return Tick(index, index / PETS_RATE, tuple(views))
+    return Tick(index, time, tuple(views))
 
 
-def _pets_truth(path: Path, calibration: Path, cameras: int) -> tuple[Truth, ...] | None:
+def _pets_truth(path: Path, calibration: Path, cameras: int, site: Site) -> tuple[Truth, ...] | None:
     """Where the people of the cropped annotation stand, by View_001, in which they were annotated."""
     files = sorted((path / "annotations").glob("*-cropped.xml"))
     if not files:
@@ -153,7 +153,7 @@ def _pets_truth(path: Path, calibration: Path, cameras: int) -> tuple[Truth, ...
     if len(files) > 1:
         raise ValueError(f"{path / 'annotations'}: {len(files)} files *-cropped.xml, needs one")
     _, camera, pose = read_camera(calibration / "View_001.xml")
-    people = ground_truth(read_annotations(files[0]), camera, pose, Flat())
+    people = ground_truth(read_annotations(files[0]), camera, pose, site.ground)
     out = []
     last = max(people, default=-1)
     if last >= MAX_FRAMES:

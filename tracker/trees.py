@@ -1,4 +1,4 @@
-"""Tracks of people on the ground: constant velocity, seen as directions by any number of views (METHOD 5).
+"""Tracks of people on the ground: constant velocity, seen as directions by any number of views.
 
 All live tracks are held in arrays, one row a track, so that a crowd costs a few numpy calls. `predict`, `sights` and `update`
 return new values; nothing is changed in place.
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.fusion import Combination, Feet
-from tracker.geometry import Array, angles_from_bearing, tangent_basis, wrap
+from tracker.geometry import Array, tangent_basis
 from tracker.ground import Ground
 from tracker.measurements import Ints
 
@@ -91,7 +91,8 @@ class Sights:
 
     residual (t, d, 2) rad: box minus expected foot direction, along azimuth and along elevation; H (t, 2, 2): its derivative by x, y;
     expected (t, 2, 2): covariance of the expected direction; height (t, d) m: the box's upper edge over the ground where the track stands;
-    distance (t,) m.
+    distance (t,) m; drop (t,) m: how far the feet are below the view; doubt (t,) m: standard deviation of the
+    place, the greater of two.
     """
 
     residual: Array
@@ -99,6 +100,8 @@ class Sights:
     expected: Array
     height: Array
     distance: Array
+    drop: Array
+    doubt: Array
 
 
 def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: MotionParameters) -> Sights:
@@ -119,9 +122,11 @@ def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: Mo
     behind = expected @ feet.direction.T < 0.5
     residual[behind] = np.inf
     spread = tracks.covariance[:, :2, :2] + motion.foot_spread**2 * np.eye(2)
+    a, b, c = (tracks.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    doubt = np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b))
     over = np.hypot(sight[:, 0], sight[:, 1])
     height = feet.origin[2] - z[:, None] + over[:, None] * np.tan(feet.head_elevation)[None, :]
-    return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, distance)
+    return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, distance, feet.origin[2] - z, doubt)
 
 
 def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tracks:
@@ -134,19 +139,3 @@ def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tra
     state[row] += K @ residual
     covariance[row] = A @ P @ A.T + K @ R @ K.T
     return replace(tracks, state=state, covariance=covariance)
-
-
-def body_points(tracks: Tracks, ground: Ground, heights: tuple[float, ...]) -> Array:
-    """(t, len(heights), 3) m: points of each body at those heights over the ground."""
-    z = ground.height_at(tracks.state[:, :2])
-    points = np.repeat(np.column_stack([tracks.state[:, :2], z])[:, None, :], len(heights), axis=1)
-    points[:, :, 2] += np.array(heights)
-    return points
-
-
-def shadowed(points: Array, origin: Array, distance: Array, half_width: float = 0.25) -> Mask:
-    """Which tracks (t,) have another track's body in front of them, seen from `origin`: points (t, 3) at the chest, distance (t,) m."""
-    azimuth, _ = angles_from_bearing(points - origin)
-    apart = np.abs(wrap(azimuth[:, None] - azimuth[None, :]))
-    nearer = distance[None, :] < distance[:, None] - 0.3
-    return (nearer & (apart < np.arctan(half_width / distance)[None, :])).any(axis=1)

@@ -1,4 +1,4 @@
-"""What a view could have seen of a person: inside the image, not behind what stands there, not behind somebody else (METHOD 5)."""
+"""What a view could have seen of a person: inside the image, not behind what stands there, not behind somebody else."""
 
 from __future__ import annotations
 
@@ -45,6 +45,14 @@ class Bodies:
         share = visible.reshape(n, -1).mean(axis=1)
         behind = self._shadowed(origin, distance.reshape(n, -1)[:, 1])
         return np.asarray(share * np.where(behind, BEHIND, 1.0) * (share > 0.5))
+
+    def inside(self, view: tuple[Camera, Pose]) -> Mask:
+        """Whether a part of each body (n,) is in the image of the view, hidden or not."""
+        camera, pose = view
+        sight = self.points.reshape(-1, 3) - pose.translation
+        direction = sight / np.maximum(np.linalg.norm(sight, axis=1), 1e-6)[:, None]
+        _, visible = camera.pixels_from_bearings(direction @ pose.rotation)
+        return np.asarray(visible.reshape(len(self.points), len(HEIGHTS)).any(axis=1))
 
     def _shadowed(self, origin: Array, distance: Array, half_width: float = 0.25) -> Mask:
         """Which bodies (n,) have another's in front of them, seen from `origin`; distance (n,) m to the chest."""

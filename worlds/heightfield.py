@@ -121,9 +121,7 @@ class Heightfield:
         half = (opposite - corner) / 2
         spec.add_hfield(name=name, nrow=rows, ncol=columns, size=[*half, size, BASE_DEPTH], userdata=unit.ravel().astype(np.float32))
         centre = (corner + opposite) / 2
-        return spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname=name, pos=[*centre, low], material=material, group=0
-        )
+        return spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname=name, pos=[*centre, low], material=material, group=0)
 
 
 @njit(cache=True)

@@ -21,9 +21,7 @@ DOOR_HEIGHT = 2.15
 LAMP_SIZE = 1.1
 
 
-def add_walls(
-    spec: mujoco.MjSpec, rng: np.random.Generator, outline: ArrayLike, doors: Collection[int], size: tuple[float, float]
-) -> None:
+def add_walls(spec: mujoco.MjSpec, rng: np.random.Generator, outline: ArrayLike, doors: Collection[int], size: tuple[float, float]) -> None:
     """Walls "wall0", "wall1" ... outside of the edges of an anticlockwise outline (k, 2) m, each with a painting of its own.
 
     doors: the edges that have a closed door in their middle. size: (thickness, height above 0) m. Walls cast no shadows: light comes

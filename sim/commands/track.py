@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -44,6 +44,14 @@ class Track:
     """K_H: hypotheses kept; those of each are children of one graph (multiple)."""
     i_bls_max: int | None = None
     """Moves of the clique search at most (multiple)."""
+    seed_search: int = 0
+    """Of the clique search (multiple)."""
+    dump_graphs: Path | None = None
+    """Where every weighted graph that is solved is written (DIMACS), beside the clique that was chosen (multiple)."""
+    theta_s: float | None = None
+    """θ_s: two tracks nearer than this that no view tells apart are one person, m."""
+    n_scan: float | None = None
+    """Time after which a decision stands, s (multiple)."""
     delta_a: float | None = None
     """Longest gap that is bridged, s."""
     n_conf: int | None = None
@@ -98,16 +106,20 @@ class Track:
         from tracker.pipeline import Parameters
         from tracker.selection import MultipleParameters
 
-        given = {name: getattr(self, name) for name in ("k_h", "i_bls_max", "delta_a", "n_conf")}
+        names = ("k_h", "i_bls_max", "delta_a", "n_conf", "theta_s", "n_scan")
+        given = {name: getattr(self, name) for name in names}
         given = {name: value for name, value in given.items() if value is not None}
         for name, value in given.items():
             if not value > 0:
                 raise ValueError(f"--{name.replace('_', '-')} is {value}, needs more than 0")
+        if "theta_s" in given:
+            given["same_person"] = given.pop("theta_s")
         if self.hypotheses == "multiple":
-            multiple = replace(MultipleParameters(), **given, small_graphs=self.k_h is not None)
+            others: dict[str, Any] = {"small_graphs": self.k_h is not None, "seed": self.seed_search, "graphs": self.dump_graphs}
+            multiple = replace(MultipleParameters(), **given, **others)
             return Parameters(multiple=multiple, delay=self.delay)
-        if {"k_h", "i_bls_max"} & set(given):
-            raise ValueError("--k-h and --i-bls-max are for --hypotheses multiple")
+        if {"k_h", "i_bls_max", "n_scan"} & set(given) or self.dump_graphs is not None or self.seed_search:
+            raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
         if not given and not self.delay:
             return None
         return replace(Parameters(), targets=replace(Parameters().targets, **given), delay=self.delay)

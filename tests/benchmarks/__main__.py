@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import sys
 
-NAMES = ("crowd", "simulation", "panorama", "workers", "clique", "slam")
+NAMES = ("crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "tracker", "placement")
 
 
 def main() -> int:

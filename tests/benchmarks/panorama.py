@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -98,15 +98,21 @@ def psnr(picture: NDArray[Any], truth: NDArray[np.float64]) -> float:
     return float(10 * np.log10(255**2 / ((picture - truth) ** 2).mean()))
 
 
+def in_turn(actions: Sequence[Callable[[], Any]], runs: int = 3) -> list[float]:
+    """Milliseconds of processor time of each, the least of some runs after one that is not counted; by turns, so that whatever else goes on on
+    the computer slows all of them down."""
+    spent: list[list[float]] = [[] for _ in actions]
+    for _ in range(runs + 1):
+        for action, times in zip(actions, spent, strict=True):
+            started = time.process_time()
+            action()
+            times.append(time.process_time() - started)
+    return [1000 * min(times[1:]) for times in spent]
+
+
 def milliseconds(action: Callable[[], Any], runs: int = 3) -> float:
     """Of processor time, the least of some runs after one that is not counted."""
-    action()
-    spent = []
-    for _ in range(runs):
-        started = time.process_time()
-        action()
-        spent.append(time.process_time() - started)
-    return 1000 * min(spent)
+    return in_turn([action], runs)[0]
 
 
 def beside(backend: str) -> None:
@@ -118,14 +124,19 @@ def beside(backend: str) -> None:
         owners = simulation.person_of_geom.astype(np.uint16)
         peer = Faces(simulation, SIDE)
         pose = poses[0]
-        theirs = milliseconds(lambda: (joined(peer.take(pose, False), "bilinear"), joined(peer.take(pose, True), "nearest")), 2)  # noqa: B023
-        picture = joined(peer.take(pose, False), "bilinear")
-        peer.renderer.close()
-        truth = reference(simulation, pose)
+        picture, truth = joined(peer.take(pose, False), "bilinear"), reference(simulation, pose)
         with PanoramaRenderer(simulation.model, CAMERA, owners) as renderer:
-            ours = milliseconds(lambda: renderer.render(simulation.data, poses)) / len(poses)  # noqa: B023
-            single = milliseconds(lambda: renderer.render(simulation.data, poses[:1]))  # noqa: B023
+            theirs, ours, single = in_turn(
+                [
+                    lambda: (joined(peer.take(pose, False), "bilinear"), joined(peer.take(pose, True), "nearest")),  # noqa: B023
+                    lambda: renderer.render(simulation.data, poses),  # noqa: B023
+                    lambda: renderer.render(simulation.data, poses[:1]),  # noqa: B023
+                ],
+                5,
+            )
+            ours /= len(poses)
             (shot,) = renderer.render(simulation.data, poses[:1])
+        peer.renderer.close()
         print(
             f"{backend:7} {people:3} people   ours {ours:6.1f} ms (one robot alone {single:6.1f})  {psnr(shot.colour, truth):5.2f} dB"
             f"   six faces {theirs:7.1f} ms  {psnr(picture, truth):5.2f} dB   {theirs / ours:5.1f} x",

@@ -1,6 +1,6 @@
 """Simulated seconds a second of one core, without rendering; and how bad wheel odometry is on every world.
 
-    python -m tests.benchmarks.simulation [--worlds]
+python -m tests.benchmarks.simulation [--worlds]
 """
 
 from __future__ import annotations

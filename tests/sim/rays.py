@@ -47,8 +47,8 @@ def cast(model: mujoco.MjModel, data: mujoco.MjData, camera: Camera, pose: Pose)
     return geom.reshape(shape), np.where(geom < 0, np.inf, distance).reshape(shape)
 
 
-def silhouettes(label: NDArray[np.int32], distance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Pixels within 1.5 px of where the label changes or the range jumps, by exact rays; around the seam too."""
+def silhouettes(label: NDArray[np.int32], distance: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Pixels within 1.5 px of where the label changes or the range jumps; around the seam too."""
     edge, nearness = np.zeros(label.shape, bool), 1 / distance
     for axis in (0, 1):
         other, there = np.roll(label, 1, axis), np.roll(nearness, 1, axis)

@@ -131,7 +131,8 @@ def test_knees_do_not_gape(bend):
     centre = data.mocap_pos[knee].copy()
     geom = np.zeros(1, dtype=np.int32)
     for angle in np.linspace(0, 2 * np.pi, 48, endpoint=False) + 0.013:
-        across = turned.as_matrix() @ np.array([np.cos(angle), np.sin(angle), 0.0])
+        # A little askew: MuJoCo misses meshes along rays that lie in a plane of their axes.
+        across = turned.as_matrix() @ np.array([np.cos(angle), np.sin(angle), 0.01])
         # From outside, as it is seen; a ball of 7.5 cm holds the knee and not yet the other one.
         distance = mujoco.mj_ray(model, data, centre + 0.075 * across, -across, None, 1, -1, geom, None)
         assert 0 <= distance < 0.07

@@ -127,6 +127,14 @@ def test_a_robot_in_the_way_is_walked_around():
     assert states[-1].position[0, 0] > 5.0
 
 
+def test_people_make_way_for_a_robot_that_asks_for_it_even_if_they_stand():
+    for asks, leaves in ((0.0, False), (0.7, True)):
+        crowd, state = crossing(field(), np.array([[1.2, 0.05]]), np.array([[1.2, 0.05]]))
+        robot = Obstacles(np.zeros((1, 2)), np.zeros((1, 2)), np.array([0.5]), np.array([[asks, 0.0]]))
+        last = history(crowd, state, 4.0, robot)[-1]
+        assert (abs(last.position[0, 1]) > 0.6) == leaves
+
+
 def test_slopes_slow_people_down_as_tobler_has_it():
     for slope in (0.2, -0.2):
         crowd, state = crossing(field(slope), np.array([[-8.0, 0.0]]), np.array([[8.0, 0.0]]))

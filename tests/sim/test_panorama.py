@@ -19,6 +19,7 @@ from sim.cubemap import CUBE
 from sim.panorama import PanoramaRenderer, Shot
 from tests.sim.rays import bearings, cast, compare
 from tests.sim.scenes import G, Scene, compiled, court, quarter, spec_with_sky
+from tests.sim.test_cubemap import FOLDED
 from tracker.cameras import Panorama, Tsai
 from tracker.geometry import Pose, bearing_from_angles
 
@@ -89,6 +90,27 @@ def test_several_cameras_of_different_kinds_share_a_renderer(scene: Scene) -> No
         assert found.inside > 0.9999
         assert found.percentile < 0.01
     visible = np.bincount(ahead.instances.ravel(), minlength=6)
+    assert visible[1:].any()
+    assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
+
+
+def test_past_the_fold_of_a_lens_the_picture_is_black(scene: Scene) -> None:
+    pose = Pose.planar(-6.0, -1.0, 0.3, 1.4)
+    with PanoramaRenderer(scene.model, [SMALL, FOLDED], scene.instances, np.ones(scene.model.ngeom, np.uint8)) as renderer:
+        # What is left in the buffer of another camera is not seen there.
+        _, shot = renderer.render(scene.data, [pose] * 2, which=[0, 1])
+        bodies = renderer.alone(scene.data, [pose], PEOPLE, which=[1])[0]
+    v, u = np.mgrid[:576, :720]
+    blind = FOLDED.folded(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(576, 720)
+    assert shot.classes is not None
+    for black in (shot.colour, shot.instances, shot.classes):
+        assert not black[blind].any()
+    assert np.isinf(shot.range[blind]).all()
+    geom, distance = cast(scene.model, scene.data, FOLDED, pose)
+    found = compare(shot, scene.instances, np.where(blind, -1, geom).astype(np.int32), np.where(blind, np.inf, distance))
+    assert found.everywhere > 0.99
+    assert found.inside > 0.9999
+    visible = np.bincount(shot.instances.ravel(), minlength=6)
     assert visible[1:].any()
     assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
 
@@ -283,9 +305,7 @@ def test_each_backend_draws_and_ends_in_silence(backend: str) -> None:
         "shots = kept.render(scene.data, scene.poses); print(sorted(set(shots[0].instances.ravel().tolist())))"
     )
     kept = {key: value for key, value in os.environ.items() if key != "PYOPENGL_PLATFORM"}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=kept | {"MUJOCO_GL": backend}, cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", program], env=kept | {"MUJOCO_GL": backend}, cwd=ROOT, capture_output=True, text=True, check=False)
     if "GLUnavailable" in done.stderr:
         pytest.skip(f"{backend} is not installed here: {done.stderr.strip().splitlines()[-1]}")
     assert done.returncode == 0, done.stderr

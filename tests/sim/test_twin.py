@@ -7,10 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from sim import twin
+from sim.side_by_side import side_by_side
 from sim.twin import Twin, generate, likeness, near, walkers_of
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
@@ -100,6 +102,13 @@ def test_boxes_of_the_twin_are_those_of_the_annotation(data: Callable[..., Path]
     alike = likeness(pets, tmp_path / "twin")
     assert len(alike) == 30
     assert np.median(alike) >= 0.6
+    path = side_by_side(pets, tmp_path / "twin")
+    assert path == tmp_path / "twin" / "twin.png"
+    picture = cv2.imread(str(path))
+    # The twin, and beside it the real frame where the film is at hand.
+    assert picture is not None
+    assert picture.shape[0] == 576 + 30
+    assert picture.shape[1] in (768 + 6, 2 * (768 + 6))
 
 
 @pytest.mark.slow
@@ -133,6 +142,7 @@ def test_what_cannot_be_a_twin_is_refused(pets: Twin, tmp_path: Path, change: di
 def test_the_annotated_view_is_needed_for_the_comparison(pets: Twin, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="need 1: the annotations are of View_001"):
         likeness(replace(pets, views=(5,)), tmp_path)
+    assert side_by_side(replace(pets, views=(5,)), tmp_path) is None
     assert twin.WORLD == "campus"
 
 

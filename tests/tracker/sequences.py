@@ -9,7 +9,7 @@ from tracker.cameras import Panorama
 from tracker.geometry import Pose
 from tracker.ground import Grid
 from tracker.measurements import Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
-from tracker.recording import SequenceWriter
+from tracker.recording import Layers, SequenceWriter
 
 FRAMES = 3
 CAMERA = Panorama(64, 32)
@@ -60,6 +60,6 @@ def write(folder: Path, seed: int = 0) -> list[Tick]:
     with SequenceWriter(folder, setup(), Grid(tops.heights + 0.5, tops.origin, tops.spacing)) as writer:
         for k, one in enumerate(ticks):
             instances = {name: np.full((32, 64), 4, np.uint16) for name in setup().mounts}
-            writer.add(one, truth(k), instances, {name: view_truth(k, name) for name in setup().mounts})
+            writer.add(one, truth(k), Layers(instances), {name: view_truth(k, name) for name in setup().mounts})
         writer.finish({"seed": seed}, {"pilsim": "test"})
     return ticks

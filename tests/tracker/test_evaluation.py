@@ -17,9 +17,7 @@ from tracker.sequence import read_sequence
 
 def test_a_person_counts_for_nine_frames_after_being_seen() -> None:
     """At 7 frames/s: person 1 is seen in frame 2 alone, by the second camera; person 2 never enough."""
-    truth = tuple(
-        Truth(k, {}, np.array([1, 2]), np.zeros((2, 3)), np.array([[0.0, 0.2 if k == 2 else 0.19], [0.19, 0.1]])) for k in range(15)
-    )
+    truth = tuple(Truth(k, {}, np.array([1, 2]), np.zeros((2, 3)), np.array([[0.0, 0.2 if k == 2 else 0.19], [0.19, 0.1]])) for k in range(15))
     counts = np.array(who_counts(truth, 1 / 7))
     assert counts[:, 0].tolist() == [2 <= k <= 11 for k in range(15)]
     assert not counts[:, 1].any()

@@ -1,5 +1,6 @@
 """The whole tracker on people walking among fixed cameras."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -140,3 +141,18 @@ def test_wrong_ticks_are_refused() -> None:
         tracker.step(Tick(3, 0.5, ()))
     with pytest.raises(ValueError, match="camera 'nose'"):
         tracker.step(Tick(4, 0.6, (View("nose", Detections.none()),)))
+
+
+@pytest.mark.slow
+def test_much_clutter_is_bounded_in_memory_and_time() -> None:
+    rng = np.random.default_rng(10)
+    setup = crowds.setup()
+    tracker = Tracker(setup, Parameters())
+    spent, held = [], []
+    for tick in crowds.ticks(setup, np.zeros((200, 0, 2)), rng, clutter=300):
+        began = time.process_time()
+        tracker.step(tick)
+        spent.append(time.process_time() - began)
+        held.append(len(tracker._people.hypotheses.tracks))  # type: ignore[attr-defined]
+    assert max(held[100:]) < 1.5 * max(held[20:60])
+    assert np.median(spent[100:]) < 2 * np.median(spent[20:60])

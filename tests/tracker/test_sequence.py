@@ -179,8 +179,8 @@ def test_wrong_fields_are_named(tmp_path: Path, name: str, old: str, new: str, m
 def test_another_schema_is_refused(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     path = tmp_path / "s" / "manifest.json"
-    path.write_text(path.read_text().replace('"schema": 2', '"schema": 99'))
-    with pytest.raises(ValueError, match="schema is 99, this version reads 2"):
+    path.write_text(path.read_text().replace('"schema": 3', '"schema": 99'))
+    with pytest.raises(ValueError, match="schema is 99, this version reads 2 and 3: a newer pilsim wrote it"):
         read_sequence(tmp_path / "s")
 
 

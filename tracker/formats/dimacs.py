@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tracker.atomic import write_text
 from tracker.clique import Graph
 
 
@@ -50,9 +51,7 @@ def write_graph(path: Path, graph: Graph) -> None:
     together[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = False
     edges = np.argwhere(np.triu(together)) + 1
     lines = [f"p edge {n} {len(edges)}", *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())), *(f"e {a} {b}" for a, b in edges)]
-    part = path.with_name(path.name + ".part")
-    part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    part.replace(path)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _vertex(word: str, count: int) -> int:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.atomic import write_text
 from tracker.geometry import Array, frozen
 
 Ints = NDArray[np.int64]
@@ -23,6 +24,8 @@ COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "
 ABSENT = -1.0
 # The kit of the 3-D challenge takes an exact 0 for "absent"; tools write this many metres instead.
 NUDGE = 1e-9
+LARGEST = 2**53
+"""What readers of this format hold numbers in is a float: whole ones are exact below this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,14 +85,15 @@ def _boxed(box: Array) -> NDArray[np.bool_]:
 def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
     """The first row that no file may hold, from 0, and what is wrong with it; None where all is well."""
     faults: list[tuple[int, str]] = []
-    for name, values, bad in (
-        ("frame", frame, frame < 1),
-        ("width", box[:, 2], _boxed(box) & (box[:, 2] < 0)),
-        ("height", box[:, 3], _boxed(box) & (box[:, 3] < 0)),
+    for name, values, bad, bound in (
+        ("frame", frame, frame < 1, "at least 1"),
+        ("id", ids, np.abs(ids) >= LARGEST, "less than 2^53"),
+        ("width", box[:, 2], _boxed(box) & (box[:, 2] < 0), "at least 0"),
+        ("height", box[:, 3], _boxed(box) & (box[:, 3] < 0), "at least 0"),
     ):
         if bad.any():
             k = int(np.argmax(bad))
-            faults.append((k, f"{name} is {values[k]}, needs at least {1 if name == 'frame' else 0}"))
+            faults.append((k, f"{name} is {values[k]}, needs {bound}"))
     seen: set[tuple[int, int]] = set()
     for k, key in enumerate(zip(frame.tolist(), ids.tolist(), strict=True)):
         if key in seen:
@@ -106,18 +110,28 @@ def read_mot15(path: str | os.PathLike[str]) -> Rows:
     Raises ValueError naming file and line: not ten values, not a finite number, a frame or an id that is no whole number, and all
     that Rows refuses. OSError where the file cannot be read.
     """
+    table = read_rows(path, COLUMNS)
+    frame, ids = table[:, :2].astype(np.int64).T
+    return Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
+
+
+def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], whole: tuple[str, ...] = ("frame", "id")) -> Array:
+    """A file of such columns, frame, id and box first → (n, columns) numbers; those of `whole` are whole numbers.
+
+    Raises ValueError as read_mot15.
+    """
     values: list[list[float]] = []
     lines: list[int] = []
-    for number, line in enumerate(_text(path).splitlines(), start=1):
+    for count, line in enumerate(_text(path).splitlines(), start=1):
         if line.strip():
-            values.append(_values(line, f"{path}:line {number}"))
-            lines.append(number)
-    table = np.array(values, dtype=np.float64).reshape(-1, len(COLUMNS))
+            values.append(_values(line, f"{path}:line {count}", columns, whole))
+            lines.append(count)
+    table = np.array(values, dtype=np.float64).reshape(-1, len(columns))
     frame, ids = table[:, :2].astype(np.int64).T
     fault = first_fault(frame, ids, table[:, 2:6])
     if fault is not None:
         raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")
-    return Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
+    return table
 
 
 def _text(path: str | os.PathLike[str]) -> str:
@@ -127,20 +141,20 @@ def _text(path: str | os.PathLike[str]) -> str:
         raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
 
 
-def _values(line: str, where: str) -> list[float]:
+def _values(line: str, where: str, columns: tuple[str, ...], whole: tuple[str, ...]) -> list[float]:
     parts = line.split(",")
-    if len(parts) != len(COLUMNS):
-        raise ValueError(f"{where}: {len(parts)} values, needs {len(COLUMNS)}")
+    if len(parts) != len(columns):
+        raise ValueError(f"{where}: {len(parts)} values, needs {len(columns)}")
     out: list[float] = []
-    for name, part in zip(COLUMNS, parts, strict=True):
+    for name, part in zip(columns, parts, strict=True):
         try:
             value = float(part)
         except ValueError:
             raise ValueError(f"{where}: {name} is {part.strip()!r}, needs a number") from None
         if not np.isfinite(value):
             raise ValueError(f"{where}: {name} is {value}, needs a finite number")
-        if name in ("frame", "id") and (value != round(value) or abs(value) > 2**53):
-            raise ValueError(f"{where}: {name} is {part.strip()}, needs a whole number")
+        if name in whole and (value != round(value) or abs(value) >= LARGEST):
+            raise ValueError(f"{where}: {name} is {part.strip()}, needs a whole number below 2^53")
         out.append(value)
     return out
 
@@ -157,14 +171,11 @@ def write_mot15(path: str | os.PathLike[str], rows: Rows) -> None:
     out = []
     for k in np.lexsort((rows.id, rows.frame)):
         numbers = [*rows.box[k], rows.confidence[k], *position[k]]
-        out.append(",".join([str(int(rows.frame[k])), str(int(rows.id[k])), *(_number(x) for x in numbers)]) + "\n")
-    target = Path(path)
-    temporary = target.with_name(target.name + ".part")
-    temporary.write_text("".join(out), encoding="ascii", newline="\n")
-    temporary.replace(target)
+        out.append(",".join([str(int(rows.frame[k])), str(int(rows.id[k])), *(number(x) for x in numbers)]) + "\n")
+    write_text(Path(path), "".join(out))
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
     """The shortest text that reads back as the same number; whole numbers without a point."""
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tracker.atomic import write_text
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -54,7 +55,4 @@ def write_tum(path: str | os.PathLike[str], times: Sequence[float] | Array, pose
     for time, pose in zip(times, poses, strict=True):
         w, x, y, z = quaternion_from_rotation(pose.rotation)
         lines.append(" ".join(repr(float(value)) for value in (time, *pose.translation, x, y, z, w)) + "\n")
-    target = Path(path)
-    temporary = target.with_name(target.name + ".part")
-    temporary.write_text("".join(lines), encoding="ascii", newline="\n")
-    temporary.replace(target)
+    write_text(Path(path), "".join(lines))

@@ -1,0 +1,55 @@
+"""What is wrong with a dataset."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import Positional, arg
+
+SHOWN = 100
+"""Faults that are printed; all are counted."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Verify a dataset or a sequence: files against manifests, tables against each other, truth against images. Exit code 0 if all is well, else 2.
+
+    Each fault is a line, FILE: what is wrong with it. Checked are sums and sizes, that every image decodes to the size of its camera, that every
+    frame is there, that boxes are those of the instances to the pixel, that key points are where the cameras see the joints, and that values are
+    within their bounds.
+    Examples: pilsim check D
+              pilsim check D/pilsun-00000 --json
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="DIR")]
+    """A dataset or a sequence."""
+    json: bool = False
+    """Print JSON alone: {"faults": [{"file": …, "reason": …}, …], "count": …}."""
+
+    def run(self) -> None:
+        from tqdm import tqdm
+
+        from tracker.dataset import sequences
+        from tracker.inspection import inspect
+
+        def shown(items: Iterable[Any], name: str, total: int) -> Iterable[Any]:
+            return tqdm(items, desc=name, total=total, leave=False, disable=self.json)
+
+        faults, count = [], 0
+        for fault in inspect(self.source, shown):
+            count += 1
+            if count <= SHOWN:
+                faults.append({"file": str(fault.file), "reason": fault.reason})
+                if not self.json:
+                    tqdm.write(str(fault), file=sys.stdout)
+        if self.json:
+            print(json.dumps({"faults": faults, "count": count}, indent=1))
+        if count:
+            raise ValueError(f"{self.source}: {count} fault{'s' * (count > 1)}{f', the first {SHOWN} are named' * (count > SHOWN)}")
+        if not self.json:
+            print(f"{self.source}: {len(sequences(self.source))} sequences, no fault")

@@ -1,0 +1,41 @@
+"""One tracker beside another."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Compare trackers on the same runs: paired differences of MOTA, IDF1 and ATE with 95 % intervals, in all and setting by setting.
+
+    Takes folders that `stress` wrote, of which the first is the reference, or one folder in which several trackers ran. Says better or worse
+    only where the interval leaves out 0.
+    Examples: pilsim compare runs/before runs/after
+              pilsim compare runs/both --json
+              pilsim compare runs/default runs/ekf runs/mine --out differences.png
+    """
+
+    folders: Positional[tuple[Path, ...]]
+    """Result folders; the first is what the others are compared with."""
+    out: Annotated[Path | None, arg(metavar="FILE.png")] = None
+    """Draw the differences and their intervals."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from sim.paired import contest, described, to_json
+
+        if self.out is not None and self.out.suffix.lower() != ".png":
+            raise ValueError(f"--out is {self.out}, needs a name that ends in .png")
+        found = contest(self.folders)
+        if self.out is not None:
+            from sim.paired_plot import draw
+
+            draw(found, self.out)
+        print(json.dumps(to_json(found), indent=1) if self.json else described(found))

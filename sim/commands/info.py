@@ -1,0 +1,30 @@
+"""What is in a dataset."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+
+@dataclass(frozen=True)
+class Info:
+    """Summarise a dataset or a sequence: frames, cameras, people, boxes, how dense the crowd is, and sizes in MB. `pilsim check` verifies it.
+
+    Examples: pilsim info D
+              pilsim info D/pilsun-00000 --json
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="DIR")]
+    """A dataset or a sequence."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from tracker.inventory import described, inventory
+
+        found = inventory(self.source)
+        print(json.dumps(found, indent=1) if self.json else described(found))

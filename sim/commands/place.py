@@ -1,0 +1,103 @@
+"""Where should robots stand? Policies side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Place:
+    """Try policies that place robots so that people stay seen, over many seeds; or train one.
+
+    Each policy plays the same episodes: the same maps, people and starts. What is told is the mean over seeds with its 95 % interval, as shares of
+    people seen by one and by two robots, GOSPA over that of saying nothing, collisions and people frightened in a decision.
+
+    random: to a place at random, then to another. static: the best ring. lloyd: coverage of where people walk. greedy: where most is learnt of
+    people, one move ahead. ppo:FILE: what `--train` left.
+
+    Examples: pilsim place --policy random lloyd greedy --episodes 20
+              pilsim place --policy greedy --world campus --people 35 --json
+              pilsim place --policy static greedy --observation tracks --episodes 5
+              pilsim place --train 300000 --out runs/ppo && pilsim place --policy ppo:runs/ppo/ppo.zip
+    """
+
+    policy: tuple[str, ...] = ("random", "static", "lloyd", "greedy")
+    """Policies to try, one or more of random, static, lloyd, greedy, ppo:FILE."""
+    episodes: int = 20
+    """Episodes of each, with seeds from --seed on; ten seeds in a row share a map."""
+    seed: int = 0
+    """The first seed."""
+    world: str = "ruins"
+    """A name that `pilsim worlds` lists."""
+    robots: int = 4
+    people: int = 10
+    difficulty: float = 0.5
+    drive: str = "kinematic"
+    """kinematic, or physics: wheels on MuJoCo's terrain."""
+    observation: str = "state"
+    """state: people who are seen are told apart; tracks: SLAM and tracker in the loop, and MOTA is told, too."""
+    density: str | None = None
+    """pilsun, s2l1, s2l2 or s2l3: world, robots and people of that dataset, in place of the three options."""
+    steps: int = 240
+    """Decisions of an episode, two a second."""
+    train: int | None = None
+    """Train PPO for so many decisions instead; needs the extra `rl`."""
+    out: Path = Path("runs/ppo")
+    """Where --train leaves ppo.zip, curve.csv and curve.png."""
+    json: bool = False
+    """Print JSON alone: means, intervals and every episode."""
+
+    def run(self) -> None:
+        import sim  # noqa: F401
+        from sim.placement_trial import policy_of, table, try_out
+
+        for name, value in (("episodes", self.episodes), ("steps", self.steps), ("train", self.train)):
+            if value is not None and value < 1:
+                raise ValueError(f"{name} is {value}, needs at least 1")
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}, needs at least 0")
+        if self.train is not None:
+            from sim.policies_ppo import train
+
+            print(train(self._options(), self.train, self.out, self.seed))
+            return
+        if not self.policy:
+            raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, ppo:FILE")
+        for name in self.policy:
+            policy_of(name)
+        outcomes = [
+            outcome
+            for name in self.policy
+            for seed in self._progress(range(self.seed, self.seed + self.episodes), name)
+            for outcome in try_out(name, [seed], self._options(), self.steps)
+        ]
+        found = table(outcomes)
+        if self.json:
+            means = {name: {measure: dataclasses.asdict(value) for measure, value in row.items()} for name, row in found.items()}
+            print(json.dumps({"means": means, "episodes": [dataclasses.asdict(outcome) for outcome in outcomes]}, indent=1))
+        else:
+            print(self._text(found))
+
+    def _options(self) -> dict[str, Any]:
+        options: dict[str, Any] = {"difficulty": self.difficulty, "drive": self.drive, "observation": self.observation}
+        if self.density is not None:
+            return options | {"density": self.density}
+        return options | {"world": self.world, "robots": self.robots, "people": self.people}
+
+    def _progress(self, seeds: range, name: str) -> Any:
+        from tqdm import tqdm
+
+        return tqdm(seeds, desc=name, unit=" episodes", leave=False, disable=None)
+
+    def _text(self, found: dict[str, dict[str, Any]]) -> str:
+        measured = next(iter(found.values()))
+        shown = [name for name in ("seen_twice", "seen", "gospa", "mota", "reward", "collisions", "near_misses") if name in measured]
+        lines = [f"{'policy':12s}" + "".join(f"{name:>24s}" for name in shown)]
+        lines += [f"{name:12s}" + "".join(f"{row[measure].text():>24s}" for measure in shown) for name, row in found.items()]
+        what = f"{self.density or self.world}, {self.steps} decisions each"
+        lines.append(f"means over {self.episodes} seeds from {self.seed} with 95 % intervals; {what}")
+        return "\n".join(lines)

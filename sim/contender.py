@@ -1,0 +1,154 @@
+"""The tracker under trial: ours with its options, a function of somebody else's, or tracks that were made elsewhere."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.formats.motchallenge import read_mot15
+from tracker.geometry import Array, Pose
+from tracker.measurements import Estimate, Setup, Tick
+from tracker.pipeline import Parameters, track
+from tracker.results import Results
+from tracker.selection import MultipleParameters
+from tracker.slam import SlamParameters
+
+Tracking = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
+
+SLAM = ("ekf", "iekf", "invariant")
+OPTIONS = ("slam", "iterations", "correction", "hypotheses", "k_h", "i_bls_max")
+
+
+@dataclass(frozen=True)
+class Contender:
+    """function: module:function like tracker.pipeline.track, or "" for our own tracker; options of our own, by the names of `pilsim track`;
+    results: a folder of tracks made elsewhere, ID/SEED.txt in MOT15 form with x, y, z, or "".
+    """
+
+    function: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    results: str = ""
+
+    def __post_init__(self) -> None:
+        if self.function and self.results:
+            raise ValueError("--tracker and --results exclude each other")
+        if self.options and (self.function or self.results):
+            raise ValueError(f"options {', '.join(self.options)} are of the default tracker, not of {self.name}")
+        parameters_of(self.options)
+
+    @property
+    def name(self) -> str:
+        """Under which it stands in the results."""
+        return self.function or (Path(self.results).name if self.results else "default")
+
+    def with_options(self, options: dict[str, Any]) -> Contender:
+        """The same with a case's own options, which go first; a tracker that is not ours has none."""
+        return self if self.function or self.results else replace(self, options=self.options | options)
+
+    def results_of(self, setup: Setup, ticks: list[Tick], run: tuple[str, int]) -> Results:
+        """What it makes of the ticks; run: id of the case and seed. Raises whatever the tracker raises, and ValueError where what it says is not
+        what it should be.
+        """
+        if self.results:
+            return _made_elsewhere(Path(self.results) / run[0] / f"{run[1]}.txt", len(ticks))
+        return gathered(self.estimates(setup, ticks), setup)
+
+    def estimates(self, setup: Setup, ticks: list[Tick]) -> list[Estimate]:
+        """As results_of, in full."""
+        if self.function:
+            return checked(self.name, load(self.function)(setup, ticks), setup, ticks)
+        return checked(self.name, track(setup, ticks, parameters_of(self.options)), setup, ticks)
+
+
+def gathered(estimates: list[Estimate], setup: Setup) -> Results:
+    """Estimates as Results; robots that are known exactly from the start (fixed cameras) are none."""
+    moving = [robot for robot, start in setup.starts.items() if start is None or start.covariance.any()]
+    tracks = {e.index: (e.target_id, e.position) for e in estimates}
+    poses: dict[str, list[Pose | None]] = {robot: [e.T_world_robot[robot] for e in estimates] for robot in moving}
+    covariances: dict[str, list[Array | None]] = {robot: [e.robot_covariance[robot] for e in estimates] for robot in moving}
+    return Results(len(estimates), tracks, poses, covariances, run={})
+
+
+def parameters_of(options: dict[str, Any]) -> Parameters:
+    """Parameters of our tracker from options by their names on the command line. Raises ValueError for one that is unknown or out of bounds."""
+    unknown = sorted(set(options) - set(OPTIONS))
+    if unknown:
+        raise ValueError(f"option {unknown[0]!r} of the tracker is unknown, needs one of {', '.join(OPTIONS)}")
+    slam, iterations = options.get("slam", "invariant"), int(options.get("iterations", 2))
+    if slam not in SLAM:
+        raise ValueError(f"slam is {slam!r}, needs one of {', '.join(SLAM)}")
+    for name, allowed in (("correction", ("on", "off")), ("hypotheses", ("single", "multiple"))):
+        if options.get(name, allowed[0]) not in allowed:
+            raise ValueError(f"{name} is {options[name]!r}, needs {' or '.join(allowed)}")
+    mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, iterations)
+    filter_ = SlamParameters(mode=mode, iterations=iterations, correction=options.get("correction", "on") == "on")
+    if options.get("hypotheses", "single") == "single":
+        if {"k_h", "i_bls_max"} & set(options):
+            raise ValueError("k_h and i_bls_max are for hypotheses multiple")
+        return Parameters(slam=filter_)
+    counts = {name: int(options[name]) for name in ("k_h", "i_bls_max") if name in options}
+    for name, value in counts.items():
+        if value < 1:
+            raise ValueError(f"{name} is {value}, needs at least 1")
+    multiple = MultipleParameters(small_graphs="k_h" in counts)
+    multiple = replace(multiple, k_h=counts.get("k_h", multiple.k_h), i_bls_max=counts.get("i_bls_max", multiple.i_bls_max))
+    return Parameters(slam=filter_, multiple=multiple)
+
+
+def load(function: str) -> Tracking:
+    """The function that module:function names; modules of the working folder go first, as for `python -m`. Raises ValueError where there is none."""
+    module, _, name = function.partition(":")
+    if not module or not name:
+        raise ValueError(f"--tracker is {function!r}, needs module:function")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except ImportError as error:
+        raise ValueError(f"--tracker {function}: {error}") from None
+    if not callable(found):
+        raise ValueError(f"--tracker {function}: {module} has no function {name}")
+    tracking: Tracking = found
+    return tracking
+
+
+def checked(name: str, estimates: Iterable[Estimate], setup: Setup, ticks: list[Tick]) -> list[Estimate]:
+    """The estimates, one a tick. Raises ValueError that says what is wrong, at which frame."""
+    out: list[Estimate] = []
+    for estimate in estimates:
+        if len(out) == len(ticks):
+            raise ValueError(f"tracker {name} gave more than {len(ticks)} estimates, needs one a frame")
+        index = ticks[len(out)].index
+        if not isinstance(estimate, Estimate):
+            raise ValueError(f"tracker {name} gave a {type(estimate).__name__} for frame {index}, needs an Estimate")
+        if estimate.index != index:
+            raise ValueError(f"tracker {name} gave frame {estimate.index}, needs frame {index} next")
+        if not np.isfinite(estimate.position).all():
+            raise ValueError(f"tracker {name} gave a position that is not finite in frame {index}")
+        if len(np.unique(estimate.target_id)) != len(estimate.target_id):
+            raise ValueError(f"tracker {name} gave a target twice in frame {index}")
+        for robot in setup.starts:
+            covariance = estimate.robot_covariance.get(robot)
+            if not isinstance(estimate.T_world_robot.get(robot), Pose) or covariance is None or np.shape(covariance) != (6, 6):
+                raise ValueError(f"tracker {name} gave no pose and covariance (6, 6) of {robot} in frame {index}")
+        out.append(estimate)
+    if len(out) < len(ticks):
+        raise ValueError(f"tracker {name} gave {len(out)} estimates, needs {len(ticks)}")
+    return out
+
+
+def _made_elsewhere(path: Path, frames: int) -> Results:
+    rows = read_mot15(path)
+    if not rows.positioned.all():
+        raise ValueError(f"{path}: row {int(np.argmin(rows.positioned)) + 1} has no x, y, z")
+    if len(rows) and rows.frame.max() > frames:
+        raise ValueError(f"{path}: frame is {rows.frame.max()}, needs at most {frames}")
+    tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}
+    return Results(frames, tracks, {}, {}, run={})

@@ -1,0 +1,192 @@
+"""A dataset: many sequences of a preset, made on this machine or on a cluster, resumed where a run was cut off.
+
+A dataset on disk is finished sequence by sequence: each is written under a temporary name and renamed when it is whole.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+from tqdm import tqdm
+
+from sim.claim import claim
+from sim.presets import Preset
+from sim.production import ONE_THREAD, Order, carry_out
+from tracker.dataset import FILE, Dataset, read_dataset
+from tracker.formats.card import write_card
+from tracker.formats.croissant import write_croissant
+from tracker.recording import Form
+
+LARGEST_COUNT = 100_000
+LOOK = 0.5
+"""s between looks at how far the workers are."""
+CONNECTING = 15
+"""s to reach the scheduler of a cluster."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """count sequences of a preset into the folder `out`; the n-th has the seed of the preset's scenario + n. name: of the preset.
+
+    workers: processes on this machine; cluster: address of a Dask scheduler to use instead, or None; it must see `out` under the same path.
+    Raises ValueError for a count or a number of workers out of bounds.
+    """
+
+    name: str
+    preset: Preset
+    out: Path
+    count: int = 1
+    form: Form = dataclasses.field(default_factory=lambda: Form(mesh=True))
+    workers: int = 1
+    cluster: str | None = None
+
+    def __post_init__(self) -> None:
+        for what, value, high in (("count", self.count, LARGEST_COUNT), ("workers", self.workers, 1024)):
+            if not 1 <= value <= high:
+                raise ValueError(f"{what} is {value}, needs 1 to {high}")
+
+    @property
+    def dataset(self) -> Dataset:
+        names = tuple(f"{self.name}-{k:05d}" for k in range(self.count))
+        scenario = json.loads(self.preset.scenario.to_json())
+        return Dataset(self.name, scenario, self.preset.views, dataclasses.asdict(self.form), names)
+
+    def orders(self) -> list[Order]:
+        out, scenario = self.out.resolve(), self.preset.scenario
+        master = None if self.cluster else os.getpid()
+        seeded = [dataclasses.replace(self.preset, scenario=dataclasses.replace(scenario, seed=scenario.seed + k)) for k in range(self.count)]
+        return [Order(out / name, self.name, preset, self.form, master) for name, preset in zip(self.dataset.sequences, seeded, strict=True)]
+
+
+def generate(plan: Plan) -> int:
+    """Make what is not there yet; returns how many sequences that was.
+
+    Raises ValueError where `out` holds another dataset or something else, where another run writes into it, and for what the world of the
+    scenario cannot hold; OSError where a worker is lost, the disk is full or the cluster cannot be reached.
+    """
+    _check_free(plan)
+    plan.out.mkdir(parents=True, exist_ok=True)
+    with claim(plan.out / ".lock"):
+        _check_free(plan)
+        orders = plan.orders()
+        for order in orders:
+            order.sweep()
+        _write_new(plan.out / FILE, plan.dataset.to_json())
+        missing = [order for order in orders if not order.whole]
+        if missing:
+            try:
+                with _shown(orders):
+                    _work(plan, missing)
+            finally:
+                for order in missing:
+                    order.sweep()
+        lost = [order.folder for order in orders if not order.whole]
+        if lost:
+            raise OSError(f"{lost[0]}: was made, but is not here: the cluster must see this folder under the same path")
+        write_card(plan.out)
+        write_croissant(plan.out)
+    return len(missing)
+
+
+def _check_free(plan: Plan) -> None:
+    """Raises ValueError where `out` holds anything but this dataset, of which there may be more or fewer sequences than now wanted."""
+    if plan.out.exists() and not plan.out.is_dir():
+        raise ValueError(f"{plan.out}: is a file, needs a folder")
+    if (plan.out / FILE).exists():
+        there, wanted = read_dataset(plan.out), plan.dataset
+        flat = [{"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (there, wanted)]
+        different = [f"{key} {flat[0].get(key)} there, {value} asked for" for key, value in flat[1].items() if flat[0].get(key) != value]
+        if different:
+            raise ValueError(f"{plan.out}: holds another dataset ({different[0]}); choose another --out or remove it")
+        if len(there.sequences) > plan.count:
+            raise ValueError(f"{plan.out}: is a dataset of {len(there.sequences)} sequences, --count is {plan.count}; ask for as many or more")
+    elif plan.out.exists() and any(not path.name.startswith(".") for path in plan.out.iterdir()):
+        raise ValueError(f"{plan.out}: holds something else; choose another --out or remove it")
+
+
+def _work(plan: Plan, orders: list[Order]) -> None:
+    """Have the orders carried out, each by one call of one function in another process: here, or on the cluster."""
+    with _pinned(), _backend(plan) as workers:
+        try:
+            # One at a time a worker: nothing is queued that a dead master would leave behind.
+            Parallel(n_jobs=max(2, workers), pre_dispatch=workers, batch_size=1)(delayed(carry_out)(order) for order in orders)
+        except TerminatedWorkerError:
+            raise OSError("a worker was killed, perhaps for want of memory; the same command goes on from here") from None
+
+
+@contextmanager
+def _backend(plan: Plan) -> Iterator[int]:
+    """joblib's workers during this context; gives how many tasks to have under way."""
+    if plan.cluster is None:
+        with parallel_config("loky", inner_max_num_threads=1):
+            try:
+                yield plan.workers
+            finally:
+                get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ValueError("--cluster needs Dask: pip install 'pilsim[cluster]'") from None
+    with Client(plan.cluster, timeout=CONNECTING, set_as_default=True) as client, parallel_config("dask", wait_for_workers_timeout=CONNECTING):
+        yield max(1, 2 * sum(client.nthreads().values()))
+
+
+@contextmanager
+def _pinned() -> Iterator[None]:
+    """Processes that are started during this context compute and draw with one thread each."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ |= dict.fromkeys(ONE_THREAD, "1")
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _shown(orders: list[Order]) -> Iterator[None]:
+    """How many frames of all sequences are there, and how long the rest will take; by what lies on disk, wherever it is made."""
+    total = sum(order.preset.scenario.frames for order in orders)
+    done = threading.Event()
+    with tqdm(total=total, initial=sum(order.frames for order in orders if order.whole), desc="frames", unit="frame") as bar:
+
+        def look() -> None:
+            while not done.wait(LOOK):
+                bar.n = sum(order.frames for order in orders)
+                bar.refresh()
+
+        watching = threading.Thread(target=look, daemon=True)
+        watching.start()
+        try:
+            yield
+        finally:
+            done.set()
+            watching.join()
+            bar.n = sum(order.frames for order in orders)
+            bar.refresh()
+
+
+def _write_new(path: Path, text: str) -> None:
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+
+
+def summary(plan: Plan) -> dict[str, Any]:
+    """What was asked for, as JSON values."""
+    return {"out": str(plan.out), "preset": plan.name, "count": plan.count, "frames": plan.count * plan.preset.scenario.frames}

@@ -1,0 +1,154 @@
+"""How good any tracker could have been on the same footage: what stands beside its scores.
+
+The bound of the robots' places is the posterior Cramér-Rao bound (Van Trees 1968; Tichavský, Muravchik, Nehorai 1998) of the whole problem: all poses
+of the team and all landmarks, their places unknown, from starts, odometry, "up" and bearings, with Jacobians at the truth. It holds for errors that
+are as the measurements' covariances say, and for who is told which landmark is which: nobody can do better.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sim.contender import Contender
+from sim.footage import Footage
+from tracker.bearings import Sight, jacobians
+from tracker.evaluation import who_counts
+from tracker.geometry import Array, Pose, skew, tangent_basis
+from tracker.measurements import Ints, Mount, Odometry, Sightings, View
+
+MOMENTS = 5
+"""Frames, evenly spread, at which the bound is taken; the errors of a run are the mean of squares over them."""
+SAME = np.radians(1.0)
+"""rad between a sighting and a landmark that it can be of."""
+FAINT = 1e-9
+
+
+def limits(footage: Footage, contender: Contender) -> dict[str, Any]:
+    """visible_recall: the share of all true places at which somebody stood whom some view had shown lately: nobody can follow whom no robot sees.
+    ate_bound_m: the least mean error of the robots' places, m, where landmarks are known as such (not in pictures). clique_gap: not measured.
+    """
+    del contender
+    out: dict[str, Any] = {"visible_recall": visible_recall(footage)}
+    if (bound := ate_bound(footage)) is not None:
+        out["ate_bound_m"] = bound
+    return out | {"clique_gap": None}
+
+
+def visible_recall(footage: Footage) -> float | None:
+    """As in `limits`; None where nobody was there."""
+    counts = who_counts(footage.truth, footage.setup.period)
+    total = sum(len(c) for c in counts)
+    return float(sum(int(np.sum(c)) for c in counts)) / total if total else None
+
+
+def ate_bound(footage: Footage) -> float | None:
+    """As in `limits`; None for runs without known landmarks, and where odometry is made worse than it says."""
+    troubles = footage.case.troubles
+    moving = [robot for robot, start in footage.setup.starts.items() if start is not None and start.covariance.any()]
+    if footage.landmarks is None or not moving or troubles.slip or troubles.kidnapped or troubles.skew:
+        return None
+    problem = _Problem(footage, moving)
+    last = len(footage.ticks) - 1
+    ends = sorted({round(last * k / MOMENTS) for k in range(1, MOMENTS + 1)} - {0}) or [0]
+    for k in range(last + 1):
+        problem.add(k)
+        if k in ends:
+            problem.take(k)
+    return problem.error()
+
+
+class _Problem:
+    """The information about the poses of all frames and, by landmark, what ties it to them. Unknowns of pose: 6 a robot and frame, right tangent."""
+
+    def __init__(self, footage: Footage, moving: list[str]) -> None:
+        assert footage.landmarks is not None
+        self.footage, self.moving, self.landmarks = footage, moving, footage.landmarks
+        n = 6 * len(moving) * len(footage.ticks)
+        self.J = np.zeros((n, n))
+        self.cross = np.zeros((n, len(self.landmarks), 3))
+        self.own = np.tile(FAINT * np.eye(3), (len(self.landmarks), 1, 1))
+        self._squares: list[Array] = []
+
+    def _at(self, k: int, robot: str) -> slice:
+        first = 6 * (k * len(self.moving) + self.moving.index(robot))
+        return slice(first, first + 6)
+
+    def add(self, k: int) -> None:
+        """What is measured at a frame."""
+        for view in self.footage.ticks[k].views:
+            mount = self.footage.setup.mounts[view.camera]
+            if mount.robot not in self.moving:
+                continue
+            start = self.footage.setup.starts[mount.robot]
+            if k == 0 and start is not None:
+                at = self._at(0, mount.robot)
+                self.J[at, at] += np.linalg.inv(start.covariance)
+            self._move(k, mount.robot, view)
+            if view.sightings is not None:
+                self._see(k, mount, view.sightings)
+
+    def _move(self, k: int, robot: str, view: View) -> None:
+        """Odometry ties two poses, e = ξ now − Ad ξ before; "up" is tied to one."""
+        odometry: Odometry | None = view.odometry
+        if odometry is None or k == 0:
+            return
+        before, now = (self.footage.truth[j].T_world_robot[robot] for j in (k - 1, k))
+        a, b = self._at(k - 1, robot), self._at(k, robot)
+        information, F = np.linalg.inv(odometry.covariance), _adjoint(now.inverse() @ before)
+        self.J[a, a] += F.T @ information @ F
+        self.J[a, b] -= F.T @ information
+        self.J[b, a] -= information @ F
+        self.J[b, b] += information
+        if odometry.gravity is not None:
+            up = now.rotation[2]
+            H = np.concatenate([np.zeros((2, 3)), tangent_basis(up[None])[0] @ skew(up)], axis=1)
+            self.J[b, b] += H.T @ H / odometry.gravity_sigma**2
+
+    def _see(self, k: int, mount: Mount, seen: Sightings) -> None:
+        pose = self.footage.truth[k].T_world_robot[mount.robot]
+        landmark = self._whose(pose @ mount.T_body_camera, seen)
+        rows = np.flatnonzero(landmark >= 0)
+        which = landmark[rows]
+        T = mount.T_body_camera
+        H, G, _ = jacobians(Sight(pose.rotation, pose.translation, T.rotation, T.translation, np.zeros(3)), self.landmarks[which])
+        W = np.linalg.inv(seen.covariance[rows])
+        at = self._at(k, mount.robot)
+        self.J[at, at] += np.einsum("nki,nkl,nlj->ij", H, W, H)
+        self.cross[at, which] += np.einsum("nki,nkl,nlj->inj", H, W, G)
+        self.own[which] += np.einsum("nki,nkl,nlj->nij", G, W, G)
+
+    def _whose(self, T_world_camera: Pose, seen: Sightings) -> Ints:
+        """(n,) the landmark nearest in direction, each at most once, −1 where none is near: a sighting that strays tells nothing."""
+        way = self.landmarks - T_world_camera.translation
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        cosine = seen.bearing @ T_world_camera.rotation.T @ way.T
+        best = cosine.argmax(axis=1)
+        good = cosine[np.arange(len(best)), best] > np.cos(SAME)
+        _, first = np.unique(best, return_index=True)
+        once = np.zeros(len(best), dtype=bool)
+        once[first] = True
+        return np.where(good & once, best, -1)
+
+    def take(self, k: int) -> None:
+        """The bound at a frame from all that was measured until then: landmarks taken out, and the poses of that frame left."""
+        n = 6 * len(self.moving) * (k + 1)
+        known = np.flatnonzero(np.linalg.eigvalsh(self.own)[:, 0] > 1e3 * FAINT)
+        cross = self.cross[:n, known]
+        S = self.J[:n, :n] - np.einsum("anb,mnb->am", np.einsum("ani,nij->anj", cross, np.linalg.inv(self.own[known])), cross, optimize=True)
+        last = np.zeros((n, 6 * len(self.moving)))
+        last[-last.shape[1] :] = np.eye(last.shape[1])
+        covariance = np.linalg.solve((S + S.T) / 2, last)[-last.shape[1] :]
+        diagonal = np.diag(covariance).reshape(len(self.moving), 6)
+        self._squares.append(diagonal[:, :3].sum(axis=1))
+
+    def error(self) -> float:
+        """m: the mean over robots of the root mean square over the frames that were taken."""
+        return float(np.sqrt(np.mean(self._squares, axis=0)).mean())
+
+
+def _adjoint(T: Pose) -> Array:
+    """(6, 6): T Exp(ξ) T⁻¹ = Exp(Ad ξ) for tangents [translation, rotation]."""
+    R = T.rotation
+    return np.block([[R, skew(T.translation) @ R], [np.zeros((3, 3)), R]])

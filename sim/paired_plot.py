@@ -1,0 +1,52 @@
+"""Paired differences as a picture: a dot and its interval a setting, and the line of no difference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.figure
+
+from sim.paired import EVERY, MEASURES, Contest, Measure
+from sim.report_plots import MARKERS, PALETTE, STYLE, shortened
+
+
+def draw(contest: Contest, path: Path) -> None:
+    """Write a PNG, under a temporary name first: a panel a measure, a line a setting, a colour an entrant. Better is always to the right."""
+    ids = list(dict.fromkeys(one.id for match in contest.matches for one in match.differences))
+    if not ids:
+        raise ValueError(f"{path}: there is no pair of runs that both have scores, so nothing to draw")
+    with matplotlib.rc_context(STYLE):
+        figure = matplotlib.figure.Figure(figsize=(13, 1.9 + 0.42 * len(ids) * max(1, 0.6 * len(contest.matches))), layout="constrained")
+        figure.suptitle(f"Beside {contest.reference.name}: difference and 95 % interval; filled: sure", fontsize=12, x=0.01, ha="left")
+        panels = figure.subplots(1, len(MEASURES), sharey=True)
+        for axes, measure in zip(panels, MEASURES, strict=True):
+            _panel(axes, contest, measure, ids)
+        panels[0].set_yticks(range(len(ids)), [shortened(id) for id in ids])
+        panels[0].invert_yaxis()
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower left", ncols=3, frameon=False)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part")
+        figure.savefig(part, format="png", dpi=120, metadata={"Software": None})
+    part.replace(path)
+
+
+def _panel(axes: Any, contest: Contest, measure: Measure, ids: list[str]) -> None:
+    axes.axvline(0, color="#222222", linewidth=1.2)
+    axes.grid(axis="y", visible=False)
+    for k, match in enumerate(contest.matches):
+        shift = 0.5 * ((k + 0.5) / len(contest.matches) - 0.5)
+        style = {"color": PALETTE[k % len(PALETTE)], "marker": MARKERS[k % len(MARKERS)], "markersize": 7, "linestyle": "none"}
+        axes.plot([], [], label=match.entrant.name, **style)
+        for one in match.differences:
+            if one.measure is measure:
+                place, interval = ids.index(one.id) + shift, one.interval
+                if interval.low is not None and interval.high is not None:
+                    axes.hlines(place, interval.low, interval.high, color=style["color"], linewidth=3 if one.id == EVERY else 1.8)
+                sure = one.words in ("better", "worse")
+                axes.plot([interval.mean], [place], fillstyle="full" if sure else "none", markeredgewidth=1.8, **style)
+    if not measure.more_is_better:
+        axes.invert_xaxis()
+    axes.set(title=measure.label, xlabel="worse ←   difference   → better")

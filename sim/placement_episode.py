@@ -1,0 +1,202 @@
+"""An episode of placing robots: people walk, robots go where they are told, and who is seen, believed and in danger is told each decision.
+
+No gymnasium in it: placement.py and placement_parallel.py wrap it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim import placement_beliefs, placement_sight, placement_team
+from sim.driving import TOP_SPEED, TOP_YAW_RATE
+from sim.placement_beliefs import Beliefs
+from sim.placement_config import FRAMES, SEEDS_A_MAP, PlacementConfig
+from sim.placement_map import MapKey, PlacementMap, height_on, map_of
+from sim.placement_movers import Kinematic, Mover
+from sim.placement_physics import Physical
+from sim.placement_team import NEAR, SPEED, YAW, X, Y
+from sim.placement_terms import gospa_share
+from sim.placement_tracking import Tracking
+from tracker.geometry import Array, wrap
+from worlds.heightfield import Mask
+from worlds.walkable import Walkable
+
+LANE, HALF_LANE = 1.5, 0.85
+"""m ahead and to both sides in which others are driven around."""
+TRAIL = 60
+"""Decisions that a trail goes back."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """How things are: team (r, 7) in the columns of placement_team; people (p, 4) feet x, y, z m and stature m; eyes (r, 3) m; seen (r, p) shares;
+    stopped (r,), who was stopped in the last decision, and by what (placement_team.drive); over (r,), who has tipped over.
+    """
+
+    team: Array
+    people: Array
+    eyes: Array
+    seen: Array
+    stopped: Array
+    over: Mask
+
+
+@dataclass(eq=False)
+class Episode:
+    """The state between decisions. `begin` makes one; `step` changes it.
+
+    unseen (p,): s since each of the people was seen; goals (r,): the places of the roads that robots are on the way to, where waypoints are
+    given; trail: where they have been, (r, 2) m a decision.
+    """
+
+    config: PlacementConfig
+    place: PlacementMap
+    mover: Mover
+    rng: np.random.Generator
+    now: Moment
+    beliefs: Beliefs
+    unseen: Array
+    tracking: Tracking | None = None
+    goals: NDArray[np.int64] | None = None
+    trail: list[Array] = field(default_factory=list)
+    terms: dict[str, float] = field(default_factory=dict)
+
+    @staticmethod
+    def begin(config: PlacementConfig, key: MapKey, rng: np.random.Generator, starts: Array | None = None) -> Episode:
+        """The first moment; starts (robots, 3) x, y m, yaw rad, drawn where None. Raises ValueError where starts are not free or nothing fits in."""
+        place = map_of(key)
+        chosen = place.draw_starts(rng, config.robots) if starts is None else place.checked_starts(starts, config.robots)
+        crowd = place.start_people(rng, chosen[:, :2])
+        kind: type[Physical] | type[Kinematic] = Physical if config.drive == "physics" else Kinematic
+        mover: Mover = kind.begin(config, place, chosen, crowd)
+        tracking = Tracking.begin(config, place, mover, rng) if config.observation == "tracks" else None
+        nothing = np.zeros(config.robots)
+        upright = np.zeros(config.robots, dtype=bool)
+        people = place.people_at(mover.crowd)
+        now = Moment(mover.team, people, np.zeros((config.robots, 3)), np.zeros((config.robots, config.people)), nothing, upright)
+        episode = Episode(config, place, mover, rng, now, Beliefs.none(config.people), np.zeros(config.people), tracking)
+        if tracking is not None:
+            tracking.take(mover, people)
+        episode._look(0.0)
+        return episode
+
+    def step(self, action: Array) -> dict[str, float]:
+        """A decision later: the terms of what that is worth. action (r, 2) in [−1, 1]."""
+        before, mover, frightened = self.now, self.mover, 0
+        stopped = np.zeros(len(before.team))
+        if self.config.action == "waypoint":
+            self.goals = self.place.roads.nearest(self.place.metres(action))
+        for _ in range(FRAMES):
+            stopped = np.maximum(stopped, mover.advance(self._command(action, mover.team)))
+            frightened = max(frightened, _frightened(mover.team, mover.crowd.position))
+            if self.tracking is not None:
+                self.tracking.take(mover, self.place.people_at(mover.crowd))
+        self.now = replace(before, team=mover.team, people=self.place.people_at(mover.crowd), stopped=stopped, over=mover.over())
+        self.trail = [*self.trail[1 - TRAIL :], mover.team[:, :2]]
+        information = self._look(self.config.period)
+        climbed = self.now.eyes[:, 2] - before.eyes[:, 2]
+        self.terms = self._told(information) | {
+            "collisions": float((stopped > 0).sum()),
+            "near_misses": float(frightened),
+            "tip_overs": float((self.now.over & ~before.over).sum()),
+            "energy": placement_team.energy(before.team, self.now.team, climbed),
+        }
+        return self.terms
+
+    @property
+    def lost(self) -> bool:
+        """Whether no robot stands on its wheels any more."""
+        return bool(self.now.over.all())
+
+    def estimates(self) -> tuple[Array, Array]:
+        """(k, 2) m and (k, 2, 2) m²: where people are believed to be, by the tracker where it is in the loop."""
+        if self.tracking is not None:
+            return self.tracking.position, self.tracking.covariance
+        known = self.beliefs.known > 0
+        return self.beliefs.mean[known, :2], self.beliefs.covariance[known, :2, :2]
+
+    def _command(self, action: Array, team: Array) -> Array:
+        """(r, 2) m/s and rad/s: of an action of the configured kind, for robots that are at team (r, 7) now."""
+        if self.goals is None:
+            return action * np.array([TOP_SPEED, TOP_YAW_RATE])
+        aims = [self.place.roads.aim(row[:2], int(goal)) for row, goal in zip(team, self.goals, strict=True)]
+        out = np.zeros((len(team), 2))
+        for k, (row, aim) in enumerate(zip(team, aims, strict=True)):
+            others = np.concatenate([np.delete(team[:, :2], k, axis=0), self.mover.crowd.position])
+            out[k] = towards(row, _around(row, aim, others, self.place.room))
+        return out
+
+    def _look(self, dt: float) -> float:
+        """See who is seen, and believe it; nats gained a person."""
+        now, config = self.now, self.config
+        eyes = placement_team.eyes(now.team, self.place, config.camera_height)
+        seen = placement_sight.seen(self.place.heights, eyes, now.people, config.eyesight) * ~now.over[:, None]
+        self.now = replace(now, eyes=eyes, seen=seen)
+        self.unseen = (self.unseen + dt) * ~seen.any(axis=0)
+        feet = now.people[:, :2]
+        mast = eyes.copy()
+        mast[:, 2] = np.maximum(eyes[:, 2] - height_on(self.place.floor, now.team[:, :2]), 0.2)
+        measured = placement_beliefs.measure(feet, mast, self.rng)
+        self.beliefs, gain = self.beliefs.predicted(dt).updated(measured, mast, seen)
+        return gain / max(config.people, 1)
+
+    def _told(self, information: float) -> dict[str, float]:
+        views, people = (self.now.seen > 0).sum(axis=0), max(self.config.people, 1)
+        return {
+            "seen": float((views >= 1).sum() / people),
+            "seen_twice": float((views >= 2).sum() / people),
+            "gospa": gospa_share(self.now.people[:, :2], self.estimates()[0]),
+            "information": information,
+        }
+
+    @staticmethod
+    def key(config: PlacementConfig, seed: int) -> MapKey:
+        """The map of the episode of that seed."""
+        return MapKey(config.world, config.difficulty, seed // SEEDS_A_MAP if config.map_seed is None else config.map_seed, config.people)
+
+
+def towards(robot: Array, aim: Array) -> tuple[float, float]:
+    """m/s and rad/s of a robot (7,) that goes to aim (2,) m: turns on the spot first where it looks elsewhere, and slows down before it."""
+    away = aim - robot[[X, Y]]
+    distance = float(np.hypot(*away))
+    if distance < 0.15:
+        return 0.0, 0.0
+    error = float(wrap(np.arctan2(away[1], away[0]) - robot[YAW]))
+    speed = min(TOP_SPEED, 1.2 * distance) * max(np.cos(error), 0.0) ** 2 if abs(error) < 0.7 else 0.0
+    return speed, float(np.clip(2.5 * error, -TOP_YAW_RATE, TOP_YAW_RATE))
+
+
+def _around(robot: Array, aim: Array, others: Array, room: Walkable) -> Array:
+    """(2,) m to head for in place of aim, where others (k, 2) m are in the way: past them on the right, else on the left, where there is room."""
+    away = aim - robot[[X, Y]]
+    distance = float(np.hypot(*away))
+    if distance < 0.15:
+        return aim
+    ahead = away / distance
+    off = others - robot[[X, Y]]
+    along, aside = off @ ahead, off @ np.array([-ahead[1], ahead[0]])
+    if not ((along > 0.0) & (along < min(LANE, distance + 0.5)) & (np.abs(aside) < HALF_LANE)).any():
+        return aim
+    for turn in (-0.9, 0.9, -1.6, 1.6):
+        c, s = np.cos(turn), np.sin(turn)
+        way = np.array([c * ahead[0] - s * ahead[1], s * ahead[0] + c * ahead[1]])
+        clear = not ((off @ way > 0.2) & (np.hypot(*off.T) < LANE) & (np.abs(off @ np.array([-way[1], way[0]])) < HALF_LANE)).any()
+        if clear and room.free_at(robot[[X, Y]] + way * np.array([[0.4], [0.8]])).all():
+            return robot[[X, Y]] + way
+    return aim
+
+
+@njit(cache=True)
+def _frightened(team, people):  # type: ignore[no-untyped-def]
+    """How many people are nearer than NEAR to a robot that moves."""
+    count = 0
+    for p in range(len(people)):
+        for r in range(len(team)):
+            if abs(team[r, SPEED]) > 0.1 and (people[p, 0] - team[r, X]) ** 2 + (people[p, 1] - team[r, Y]) ** 2 < NEAR**2:
+                count += 1
+                break
+    return count

@@ -1,0 +1,40 @@
+"""A stress test as one page that one wants to read: plots, words and pictures from the rows that `stress` left. No network, no scripts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tqdm import tqdm
+
+from sim.report_page import Page, page
+from sim.report_pictures import Album
+from sim.report_plots import Plot, save
+from sim.report_rows import Rows, read_rows
+from sim.report_series import overview, plots_of
+from sim.report_summary import moments
+
+
+def write_report(folder: Path, out: Path | None = None) -> Path:
+    """Write the page (FOLDER/report.html unless `out` says otherwise), and PNG and CSV of each plot into FOLDER/report. Returns its path.
+
+    Raises ValueError as `read_rows` does, and where a picture lies outside the folder.
+    """
+    rows = read_rows(folder)
+    target = out or folder / "report.html"
+    if target.is_dir():
+        raise ValueError(f"{target}: is a folder, needs a file name")
+    album = Album.of(folder, moments(rows))
+    plots = _plots(rows)
+    beside = folder / "report"
+    beside.mkdir(exist_ok=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    drawn = {plot.name: save(plot, beside) for plot in tqdm(plots, desc="plots", unit="plot", disable=len(plots) < 8)}
+    text = page(Page(rows, {plot.name: (plot, drawn[plot.name]) for plot in plots}, album))
+    part = target.with_name(target.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(target)
+    return target
+
+
+def _plots(rows: Rows) -> list[Plot]:
+    return [*overview(rows), *(plot for sweep in rows.sweeps() for plot in plots_of(sweep, rows.trackers))]

@@ -1,0 +1,246 @@
+"""The rows that a stress test leaves in a folder, results.jsonl, read and put in order: sweeps of settings of runs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+SCHEMA = 1
+ROWS = "results.jsonl"
+SCORES = (
+    "mota", "mota_all", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths", "ate_m", "dead_reckoning_m",
+)  # fmt: skip
+KINDS = ("misses", "false positives", "switches")
+STAGES = ("poses", "detections", "association", "terrain")
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One run: a setting (`id` of a sweep, whose `parameter` has `value`), a seed and a tracker, by its name.
+
+    error: what the run failed with, in one line, or None. scores: numbers by the names of SCORES, limits: bounds beside them; what is not known
+    is not there. causes: kind of error → cause → count. ladder: measure ("mota", "metres") → stage → what perfect input there would win, or empty.
+    moments: the worst moments. where: file and line.
+    """
+
+    id: str
+    sweep: str
+    parameter: str
+    value: Any
+    seed: int
+    tracker: str
+    options: dict[str, Any]
+    scenario: dict[str, Any]
+    rendered: bool
+    seconds: float | None
+    error: str | None
+    scores: dict[str, float]
+    limits: dict[str, float]
+    causes: dict[str, dict[str, float]]
+    ladder: dict[str, dict[str, float]]
+    moments: tuple[dict[str, Any], ...]
+    versions: dict[str, Any]
+    command: str
+    where: str
+
+    @property
+    def frames(self) -> int | None:
+        frames = self.scenario.get("frames")
+        return frames if isinstance(frames, int) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """The runs of one id, of all seeds and trackers."""
+
+    id: str
+    value: Any
+    rows: tuple[Row, ...]
+
+    def of(self, tracker: str) -> list[Row]:
+        """Runs of one tracker that did not fail, by seed."""
+        return sorted((row for row in self.rows if row.tracker == tracker and row.error is None), key=lambda row: row.seed)
+
+    def scores(self, tracker: str, name: str) -> dict[int, float]:
+        """Seed → score or limit of that name, where it is known."""
+        return {row.seed: value for row in self.of(tracker) if (value := row.scores.get(name, row.limits.get(name))) is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Settings that differ in one parameter, in the order of their ids' numbers."""
+
+    name: str
+    parameter: str
+    settings: tuple[Setting, ...]
+
+    @property
+    def numeric(self) -> bool:
+        """Whether all values are numbers, so that they have places on a scale."""
+        return all(isinstance(s.value, (int, float)) and not isinstance(s.value, bool) for s in self.settings)
+
+    def ordered(self) -> tuple[Setting, ...]:
+        """Settings by value where that is a number, else as they come."""
+        return tuple(sorted(self.settings, key=lambda s: s.value)) if self.numeric else self.settings
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """All rows of a folder; torn: whether a last line was cut off and left out."""
+
+    folder: Path
+    rows: tuple[Row, ...]
+    torn: bool
+
+    @property
+    def trackers(self) -> list[str]:
+        """Names of the trackers, the one that came first in front."""
+        return list(dict.fromkeys(row.tracker for row in self.rows))
+
+    @property
+    def failed(self) -> list[Row]:
+        return [row for row in self.rows if row.error is not None]
+
+    def sweeps(self) -> list[Sweep]:
+        """In the order in which they came. Raises ValueError where an id has two values."""
+        by_sweep: dict[str, dict[str, list[Row]]] = {}
+        for row in self.rows:
+            by_sweep.setdefault(row.sweep, {}).setdefault(row.id, []).append(row)
+        return [Sweep(name, _parameter(settings), tuple(_settings(settings))) for name, settings in by_sweep.items()]
+
+
+def _parameter(settings: dict[str, list[Row]]) -> str:
+    return next(iter(settings.values()))[0].parameter
+
+
+def _settings(settings: dict[str, list[Row]]) -> Iterator[Setting]:
+    for name in sorted(settings, key=lambda id: (_number(id), id)):
+        rows = settings[name]
+        for row in rows:
+            said, before = (f"{one.parameter} = {one.value}" for one in (row, rows[0]))
+            if said != before:
+                raise ValueError(f"{row.where}: {name} is {said}, but {before} in {rows[0].where}")
+        yield Setting(name, rows[0].value, tuple(rows))
+
+
+def _number(id: str) -> float:
+    tail = id.rpartition("/")[2]
+    return int(tail) if tail.isdecimal() else math.inf
+
+
+def read_rows(folder: Path) -> Rows:
+    """The rows that `stress` wrote. A last line without an end is what an interrupted run leaves: it is left out and told of.
+
+    Raises ValueError naming file and line where the folder holds no rows, rows of another version, or anything else that is damaged.
+    """
+    path = folder / ROWS
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder")
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file; `pilsim stress --out {folder}` writes it")
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
+    *lines, last = text.split("\n")
+    rows = tuple(_row(line, f"{path}:{k}") for k, line in enumerate(lines, 1) if line.strip())
+    if not rows:
+        raise ValueError(f"{path}: holds no {'whole ' if last else ''}row")
+    _check_unique(rows)
+    return Rows(folder, rows, bool(last.strip()))
+
+
+def _check_unique(rows: Iterable[Row]) -> None:
+    seen: dict[tuple[str, int, str], str] = {}
+    for row in rows:
+        key = (row.id, row.seed, row.tracker)
+        if key in seen:
+            raise ValueError(f"{row.where}: {row.id}, seed {row.seed}, tracker {row.tracker} is there already: {seen[key]}")
+        seen[key] = row.where
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no JSON number")
+
+
+def _row(line: str, where: str) -> Row:
+    try:
+        content = json.loads(line, parse_constant=_no_number)
+    except RecursionError:
+        raise ValueError(f"{where}: nested too deep") from None
+    except ValueError as error:
+        raise ValueError(f"{where}: not JSON ({error}); torn or damaged") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{where}: a JSON {type(content).__name__}, needs an object")
+    if content.get("schema") != SCHEMA:
+        raise ValueError(f"{where}: schema is {content.get('schema')}, this version reads {SCHEMA}")
+    fields = _Fields(content, where)
+    tracker = fields.a("tracker", dict)
+    if not isinstance(tracker.get("name"), str):
+        raise ValueError(f"{where}: tracker has no name")
+    causes = fields.maybe("causes", dict) or {}
+    ladder = fields.maybe("ladder", dict) or {}
+    moments = fields.maybe("moments", list) or []
+    if not all(isinstance(m, dict) for m in moments):
+        raise ValueError(f"{where}: moments needs objects")
+    return Row(
+        **{name: fields.a(name, str) for name in ("id", "sweep", "parameter", "command")},
+        value=_value(content.get("value"), where),
+        seed=fields.a("seed", int),
+        tracker=tracker["name"],
+        options=tracker.get("options") or {},
+        scenario=fields.a("scenario", dict),
+        rendered=fields.a("rendered", bool),
+        seconds=_numbers({"seconds": content.get("seconds")}, where).get("seconds"),
+        error=fields.maybe("error", str),
+        scores=_numbers(fields.maybe("scores", dict) or {}, f"{where}: scores"),
+        limits=_numbers(fields.maybe("limits", dict) or {}, f"{where}: limits"),
+        causes={kind: _numbers(_object(counts, where, kind), f"{where}: {kind}") for kind, counts in causes.items()},
+        ladder={m: _numbers(_object(ladder[m], where, m), f"{where}: ladder {m}") for m in ("mota", "metres") if ladder.get(m)},
+        moments=tuple(moments),
+        versions=fields.maybe("versions", dict) or {},
+        where=where,
+    )
+
+
+@dataclass(frozen=True)
+class _Fields:
+    """Fields of a row with their kinds checked."""
+
+    content: dict[str, Any]
+    where: str
+
+    def a(self, name: str, kind: type) -> Any:
+        value = self.content.get(name)
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            raise ValueError(f"{self.where}: {name} is {'missing' if value is None else type(value).__name__}, needs {kind.__name__}")
+        return value
+
+    def maybe(self, name: str, kind: type) -> Any:
+        return None if self.content.get(name) is None else self.a(name, kind)
+
+
+def _object(value: Any, where: str, name: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{where}: {name} is {type(value).__name__}, needs an object")
+    return value
+
+
+def _value(value: Any, where: str) -> Any:
+    if isinstance(value, (dict, list)):
+        return json.dumps(value, sort_keys=True)
+    if value is not None and not isinstance(value, (str, int, float, bool)):
+        raise ValueError(f"{where}: value is {type(value).__name__}")
+    return value
+
+
+def _numbers(values: dict[str, Any], where: str) -> dict[str, float]:
+    """Those that are known (not null). Raises ValueError for anything else than a finite number."""
+    for name, value in values.items():
+        if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)):
+            raise ValueError(f"{where}: {name} is {value!r}, needs a finite number or null")
+    return {name: value for name, value in values.items() if value is not None}

@@ -1,0 +1,299 @@
+"""What cameras see without being rendered: people and landmarks by exact rays through the scene.
+
+A person's box is that of the limbs' own meshes; how much of the person shows is the share of points on the skin that nothing is before. So the
+same ViewTruth comes out as from a rendered view, and the same Detector makes the same kind of boxes of it. Landmarks are points on what stands
+still, seen where no ray is stopped before them, with a bearing's noise and a look of their own, as features of an image have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.drawlist import GROUPS
+from sim.pedestrian import LIMBS
+from sim.record import fractions_of, poses_of
+from sim.scenario import Scenario
+from sim.sensing import Detector, People
+from sim.simulation import ABSENT, Simulation
+from tracker.annotations import Boxes, Keypoints, ViewTruth
+from tracker.cameras import Camera, Mask, Panorama
+from tracker.geometry import Array, Pose, tangent_basis
+from tracker.ground import Grid
+from tracker.measurements import Ints, Mount, Setup, Sightings, Tick, Truth, View
+
+SHOWN = np.array([1, 1, 1, 1, 0, 0], np.uint8)
+"""Geom groups that stop a ray: those that are drawn."""
+STILL = np.array([1, 1, 0, 0, 0, 0], np.uint8)
+"""Of these, what stands still: ground and props."""
+SKIN = 48
+"""Points on a person's skin that are looked for, uniform over its area."""
+BEFORE = 0.02
+"""m: what a ray meets less than this before its goal is the goal."""
+FARTHEST = 200.0
+HIPS = (11, 12)
+_DIRECTIONS = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 3)
+_DIRECTIONS = np.delete(_DIRECTIONS, 13, axis=0)
+_ALONG_AXES = np.abs(_DIRECTIONS).sum(axis=1) == 1
+
+
+@dataclass(frozen=True)
+class Landmarking:
+    """Landmarks of a world and how they are seen. count of them; noise rad an axis of a bearing; missed: the share of visible ones that are not
+    found in a frame; wrong: the share found up to `stray` rad off; reach m; look: length of a descriptor, blur: how far (of its length) it
+    strays; named: sightings tell which landmark it is.
+    """
+
+    count: int = 300
+    noise: float = np.radians(0.12)
+    missed: float = 0.3
+    wrong: float = 0.02
+    stray: float = 0.03
+    reach: float = 25.0
+    look: int = 32
+    blur: float = 0.2
+    named: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Glimpse:
+    """One frame, as record.Moment has it, without pictures: the tick that the tracker gets, the truth, and by camera what is true of the view."""
+
+    tick: Tick
+    truth: Truth
+    views: dict[str, ViewTruth]
+
+
+class Sightlines:
+    """Rays through the scene of a simulation, at whatever moment it is.
+
+    landmarks: (n, 3) m, world, on the ground and on what stands on it; fixed by the scenario's stream "landmarks".
+    """
+
+    def __init__(self, simulation: Simulation, landmarking: Landmarking | None = None) -> None:
+        self.simulation, self.landmarking = simulation, landmarking or Landmarking()
+        rng = simulation.scenario.stream("landmarks")
+        self.landmarks = _on_surfaces(simulation, self.landmarking.count, rng)
+        looks = rng.normal(size=(len(self.landmarks), self.landmarking.look))
+        self._looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
+        self._grounds = _grounds(simulation.model, simulation.data)
+        self._skins = {int(person): _Skin.of(simulation.model, f"person_{person}") for person in simulation.everybody}
+
+    def view(self, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
+        """As sensing.true_view; boxes are not rounded to pixels, and key points are left out."""
+        eye = T_world_camera.translation
+        skins = [self._skins[int(person)].placed(self.simulation.data) for person in people.person]
+        clear = self._clear(eye, [points for points, _ in skins], people.person)
+        kept, seen, full, visible = [], [], [], []
+        for k, (points, corners) in enumerate(skins):
+            outline, inside = _outline(camera, T_world_camera, corners)
+            _, shown = _pixels(camera, T_world_camera, points)
+            if outline is None or not shown.any():
+                continue
+            share = float(clear[k][shown].mean())
+            box = outline
+            if 0 < share < 1:
+                rims = np.flatnonzero(inside & self._skins[int(people.person[k])].rim)
+                rims = rims[self._clear(eye, [corners[rims]], people.person[k : k + 1])[0]]
+                partial, _ = _outline(camera, T_world_camera, np.concatenate([corners[rims], points[shown & clear[k]]]))
+                box = outline if partial is None else partial
+            kept.append(k)
+            full.append(outline)
+            seen.append(box if share > 0 else np.zeros(4))
+            visible.append(share)
+        below = eye[None]
+        terrain = self.simulation.world.terrain
+        ground, normal = float(terrain.height_at(below)[0]), terrain.normal_at(below)[0]
+        if not kept:
+            return ViewTruth(T_world_camera, ground, normal, Boxes.none(), Keypoints.none())
+        middle = people.joints[kept][:, HIPS].mean(axis=1)
+        boxes = Boxes(people.person[kept], np.array(seen), np.array(full), np.array(visible), np.linalg.norm(middle - eye, axis=1))
+        return ViewTruth(T_world_camera, ground, normal, boxes, Keypoints.none())
+
+    def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
+        """The landmarks that a panorama at T_world_camera shows now, in no telling order; draws of one do not depend on the others."""
+        rule, n = self.landmarking, len(self.landmarks)
+        found, order = rng.random(n) >= rule.missed, rng.permutation(n)
+        sigma = np.where(rng.random(n) < rule.wrong, rule.stray, rule.noise)[:, None]
+        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self._looks.shape) * rule.blur / np.sqrt(rule.look)
+        away = self.landmarks - T_world_camera.translation
+        distance = np.linalg.norm(away, axis=1)
+        found &= (distance < rule.reach) & (distance > 0.3)
+        found[found] = self._stopped(T_world_camera.translation, self.landmarks[found])[1]
+        rows = order[found[order]]
+        sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
+        bearing = sight + np.einsum("nk,nki->ni", error[rows], tangent_basis(sight))
+        bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+        subject = rows if rule.named else np.full(len(rows), -1)
+        look = (self._looks[rows] + blur[rows]).astype(np.float32)
+        return Sightings(bearing, np.full(len(rows), np.nan), subject, look, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))
+
+    def _clear(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
+        """Of each person's points (n, 3) m: whether nothing but the person is before them."""
+        if not points:
+            return []
+        ends = np.cumsum([len(p) for p in points])[:-1]
+        owner = np.repeat(persons, [len(p) for p in points])
+        geom, free = self._stopped(eye, np.concatenate(points))
+        own = (geom >= 0) & (self.simulation.person_of_geom[geom] == owner)
+        return np.split(free | own, ends)
+
+    def _stopped(self, eye: Array, goals: Array) -> tuple[NDArray[np.int32], Mask]:
+        """The first geom (n,) on the ways from eye to goals (n, 3) m, −1 for none, and whether it lies no nearer than the goal."""
+        model, away = self.simulation.model, goals - eye
+        length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        geom, distance = np.full((len(goals), 1), -1, np.int32), np.full((len(goals), 1), -1.0)
+        if not len(goals):
+            return geom[:, 0], np.zeros(0, dtype=bool)
+        sight, start = np.ascontiguousarray(away / length[:, None]), np.array(eye, dtype=np.float64)
+        # MuJoCo looks at every cell under a ray; ours goes from line to line of the same triangles, ten times as fast.
+        groups = model.geom_group.copy()
+        model.geom_group[list(self._grounds)] = ABSENT
+        try:
+            rays = sight.ravel(), SHOWN, 1, -1, geom, distance, None, len(goals), float(length.max()) + 1.0
+            mujoco.mj_multiRay(model, self.simulation.data, start, *rays)
+        finally:
+            model.geom_group[:] = groups
+        first, nearest = geom[:, 0], np.where(geom[:, 0] < 0, np.inf, distance[:, 0])
+        for k, ground in self._grounds.items():
+            met, hit = ground.intersect(np.broadcast_to(start, sight.shape), sight, float(length.max()) + 1.0)
+            there = np.where(hit, np.linalg.norm(met - start, axis=1), np.inf)
+            first, nearest = np.where(there < nearest, k, first).astype(np.int32), np.minimum(there, nearest)
+        return first, nearest > length - BEFORE
+
+
+def run_unrendered(scenario: Scenario, simulation: Simulation, setup: Setup, sightlines: Sightlines | None = None) -> Iterator[Glimpse]:
+    """As record.run, of rays instead of pictures: detections, sightings of landmarks for rovers, odometry, truth; no images, no instances."""
+    lines = sightlines or Sightlines(simulation)
+    detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
+    marks = {name: scenario.stream(f"sightings/{name}") for name in setup.mounts}
+    for index in range(scenario.frames):
+        if index:
+            simulation.step()
+        odometry = simulation.odometry() if index else {}
+        robots = poses_of(simulation, setup)
+        people = People(np.asarray(simulation.persons, dtype=np.int64), simulation.joints())
+        views, true = [], {}
+        for name, mount in setup.mounts.items():
+            pose = robots[mount.robot] @ mount.T_body_camera
+            true[name] = lines.view(mount.camera, pose, people)
+            found = detector.detect(mount.camera, true[name], streams[name])
+            seen = lines.sightings(pose, marks[name]) if _on_rover(simulation, mount) else None
+            views.append(View(name, found, seen, odometry.get(mount.robot)))
+        yield Glimpse(Tick(index, index * scenario.period, tuple(views)), _truth(simulation, index, robots, people, true), true)
+
+
+def _on_rover(simulation: Simulation, mount: Mount) -> bool:
+    return mount.robot in simulation.robots and isinstance(mount.camera, Panorama)
+
+
+def _truth(simulation: Simulation, index: int, robots: dict[str, Pose], people: People, true: Mapping[str, ViewTruth]) -> Truth:
+    tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
+    return Truth(index, robots, people.person, simulation.feet(), fractions_of(people.person, true), people.joints, tipped)
+
+
+@dataclass(frozen=True, eq=False)
+class _Skin:
+    """A person's meshes: points, places spread over the skin, and corners, the vertices that stick out; (n, 3) m, each in the frame of the geom
+    on_point, on_corner (n,). rim (n,): the corners that bound a limb along its own axes.
+    """
+
+    points: Array
+    on_point: Ints
+    corners: Array
+    on_corner: Ints
+    rim: Mask
+
+    @staticmethod
+    def of(model: mujoco.MjModel, name: str) -> _Skin:
+        rng = np.random.default_rng(0)
+        triangles, owner, corners, on_corner, rim = [], [], [], [], []
+        for geom in (model.geom(f"{name}/{limb}").id for limb in LIMBS):
+            mesh = model.mesh(int(model.geom_dataid[geom]))
+            first, faces = int(mesh.vertadr[0]), model.mesh_face[mesh.faceadr[0] : mesh.faceadr[0] + mesh.facenum[0]]
+            shape = model.mesh_vert[first : first + mesh.vertnum[0]].astype(np.float64)[faces]
+            vertices = shape.reshape(-1, 3)
+            farthest = np.argmax(vertices @ _DIRECTIONS.T, axis=0)
+            extreme = np.unique(farthest)
+            rim.append(np.isin(extreme, farthest[_ALONG_AXES]))
+            triangles.append(shape)
+            owner.append(np.full(len(shape), geom))
+            corners.append(vertices[extreme])
+            on_corner.append(np.full(len(extreme), geom))
+        shape, on = np.concatenate(triangles), np.concatenate(owner)
+        area = np.linalg.norm(np.cross(shape[:, 1] - shape[:, 0], shape[:, 2] - shape[:, 0]), axis=1)
+        # Evenly along the cumulated area, so that every limb has its share.
+        chosen = np.searchsorted(np.cumsum(area), (np.arange(SKIN) + 0.5) / SKIN * area.sum())
+        weight = rng.dirichlet(np.ones(3), SKIN)
+        points = np.einsum("nk,nki->ni", weight, shape[chosen])
+        return _Skin(points, on[chosen], np.concatenate(corners), np.concatenate(on_corner), np.concatenate(rim))
+
+    def placed(self, data: mujoco.MjData) -> tuple[Array, Array]:
+        """Points and corners in the world, m."""
+        return _placed(data, self.points, self.on_point), _placed(data, self.corners, self.on_corner)
+
+
+def _placed(data: mujoco.MjData, points: Array, geom: Ints) -> Array:
+    out: Array = data.geom_xpos[geom] + np.einsum("nij,nj->ni", data.geom_xmat[geom].reshape(-1, 3, 3), points)
+    return out
+
+
+def _on_surfaces(simulation: Simulation, count: int, rng: np.random.Generator) -> Array:
+    """(count, 3) m: where rays from places that rovers can reach, at their cameras' height, meet what stands still; at most FARTHEST m away."""
+    world, data = simulation.world, simulation.data
+    free = np.argwhere(world.wheels.free)
+    out: list[Array] = []
+    for _ in range(20 * count):
+        if len(out) == count:
+            break
+        row, column = free[rng.integers(len(free))]
+        place = world.wheels.origin + world.wheels.spacing * np.array([column, row])
+        eye = np.array([*place, float(world.terrain.height_at(place[None])[0]) + simulation.scenario.camera_height])
+        azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(-45.0, 35.0))
+        sight = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        distance = mujoco.mj_ray(simulation.model, data, eye, sight, STILL, 1, -1, np.zeros(1, np.int32), None)
+        if 0.5 < distance < FARTHEST:
+            out.append(eye + distance * sight)
+    return np.array(out).reshape(-1, 3)
+
+
+def _grounds(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Grid]:
+    """Geom → its heights, of every height field that is drawn, level and square."""
+    out = {}
+    for k in np.flatnonzero((model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD)) & (model.geom_group <= GROUPS[-1])).tolist():
+        field = int(model.geom_dataid[k])
+        half, high = model.hfield_size[field, :2], model.hfield_size[field, 2]
+        rows, columns, first = int(model.hfield_nrow[field]), int(model.hfield_ncol[field]), int(model.hfield_adr[field])
+        spacing = 2 * half / np.array([columns - 1, rows - 1])
+        if abs(spacing[0] - spacing[1]) < 1e-9 and np.abs(data.geom_xmat[k] - np.eye(3).ravel()).max() < 1e-9:
+            z = model.hfield_data[first : first + rows * columns].reshape(rows, columns).astype(np.float64) * high + data.geom_xpos[k, 2]
+            out[k] = Grid(z, data.geom_xpos[k, :2] - half, float(spacing[0]))
+    return out
+
+
+def _pixels(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array, Mask]:
+    """(n, 2) px from the image's corner, and whether they are in the image."""
+    bearings = T_world_camera.inverse().apply(points)
+    pixels, inside = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
+    return pixels + (0.5 - camera.pixel_centre), inside
+
+
+def _outline(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array | None, Mask]:
+    """Left, top, right, bottom px about the points that are in the image, None where none is; in a panorama left in [0, W), right beyond W over
+    the seam.
+    """
+    if not len(points):
+        return None, np.zeros(0, dtype=bool)
+    pixels, inside = _pixels(camera, T_world_camera, points)
+    if not inside.any():
+        return None, inside
+    u, v = pixels[inside].T
+    if isinstance(camera, Panorama):
+        u = u[0] + np.mod(u - u[0] + camera.width / 2, camera.width) - camera.width / 2
+        shift = -np.floor(u.min() / camera.width) * camera.width
+        u = u + shift
+    return np.array([u.min(), v.min(), u.max(), v.max()]), inside

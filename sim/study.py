@@ -1,0 +1,190 @@
+"""How the tracker by multiple hypotheses depends on how many hypotheses it keeps (K_H) and how long it searches (i_bls^max).
+
+Each cell of the study is one run of the tracker with one seed of the search: processing time and MOTA. `cells.csv` is written anew after every
+cell, by way of a temporary name, and what is in it is not run again.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from tracker import crowds
+from tracker.clearmot import score
+from tracker.comparison import Frame
+from tracker.measurements import Setup, Tick
+from tracker.pipeline import Parameters, track
+from tracker.selection import MultipleParameters
+from tracker.sources import open_source
+
+K_H = (1, 5, 10, 15, 20, 25, 30)
+I_BLS_MAX = (500, 1000, 2000)
+PEOPLE = 20
+"""People of the synthetic crowd."""
+CLUTTER = 1.0
+"""Its false boxes a view and tick."""
+COLUMNS = ("data", "k_h", "i_bls_max", "repetition", "seconds", "mota")
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """Something to track: name, setup, ticks, and the truth in the same order."""
+
+    name: str
+    setup: Setup
+    ticks: tuple[Tick, ...]
+    frames: Callable[[list[tuple[np.ndarray, np.ndarray]]], list[Frame]]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run: seconds of processor time, MOTA at 1 m."""
+
+    data: str
+    k_h: int
+    i_bls_max: int
+    repetition: int
+    seconds: float
+    mota: float
+
+    @property
+    def key(self) -> tuple[str, int, int, int]:
+        """What tells it from the others."""
+        return self.data, self.k_h, self.i_bls_max, self.repetition
+
+
+def pets(folder: Path, frames: int) -> Material:
+    """The first frames of a PETS 2009 folder, views 1, 5 and 7. Raises ValueError where there is no truth."""
+    sequence = open_source(folder, [1, 5, 7])
+    truth = sequence.truth
+    if truth is None:
+        raise ValueError(f"{folder}: no annotations/*-cropped.xml")
+    ticks = tuple(itertools.islice(iter(sequence.ticks), min(frames, len(truth))))
+
+    def paired(said: list[tuple[np.ndarray, np.ndarray]]) -> list[Frame]:
+        return [Frame(t.person_id, t.feet[:, :2], ids, places[:, :2]) for t, (ids, places) in zip(truth, said, strict=False)]
+
+    return Material("PETS S2.L1", sequence.setup, ticks, paired)
+
+
+def synthetic(frames: int, seed: int = 0) -> Material:
+    """PEOPLE people among three fixed panoramas, with misses and false boxes."""
+    rng = np.random.default_rng([seed, 4])
+    setup, walked = crowds.setup(), crowds.paths(PEOPLE, frames, rng)
+    ticks = tuple(crowds.ticks(setup, walked, rng, clutter=CLUTTER))
+    people = np.arange(PEOPLE)
+
+    def paired(said: list[tuple[np.ndarray, np.ndarray]]) -> list[Frame]:
+        return [Frame(people, places, ids, found[:, :2]) for places, (ids, found) in zip(walked, said, strict=True)]
+
+    return Material("synthetic crowd", setup, ticks, paired)
+
+
+def measured(material: Material, k_h: int, i_bls_max: int, repetition: int) -> Cell:
+    """Run one cell."""
+    many = MultipleParameters(k_h=k_h, i_bls_max=i_bls_max, small_graphs=True, seed=repetition)
+    began = time.process_time()
+    said = [(e.target_id, e.position) for e in track(material.setup, material.ticks, Parameters(multiple=many))]
+    seconds = time.process_time() - began
+    return Cell(material.name, k_h, i_bls_max, repetition, seconds, float(score(material.frames(said)).mota))
+
+
+def read_cells(path: Path) -> list[Cell]:
+    """The cells of cells.csv; none where it is not there. Raises ValueError with the line of one that is none."""
+    if not path.is_file():
+        return []
+    with path.open() as file:
+        out = []
+        for number, row in enumerate(csv.DictReader(file), 2):
+            try:
+                numbers = [kind(row[f]) for f, kind in zip(COLUMNS[1:], (int, int, int, float, float), strict=True)]
+            except (KeyError, TypeError, ValueError):
+                raise ValueError(f"{path}:line {number}: is no cell, needs {', '.join(COLUMNS)}") from None
+            out.append(Cell(row["data"], *numbers))
+    return out
+
+
+def write_cells(path: Path, cells: list[Cell]) -> None:
+    """All cells, at once."""
+    part = path.with_suffix(".part")
+    with part.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [f.name for f in fields(Cell)])
+        writer.writeheader()
+        writer.writerows(asdict(cell) for cell in cells)
+    os.replace(part, path)
+
+
+def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[list[Cell]]:
+    """Run what is not in out/cells.csv yet; all cells so far after each, those that were there first."""
+    path = out / "cells.csv"
+    cells = read_cells(path)
+    done = {cell.key for cell in cells}
+    for material in materials:
+        # Compiling is no part of any cell.
+        list(track(material.setup, material.ticks[:3], Parameters(multiple=MultipleParameters(small_graphs=True))))
+        for repetition, k, moves in itertools.product(range(repetitions), K_H, I_BLS_MAX):
+            if (material.name, k, moves, repetition) not in done:
+                cells.append(measured(material, k, moves, repetition))
+                write_cells(path, cells)
+            yield cells
+
+
+def summary(cells: list[Cell]) -> str:
+    """A table, and what is seen in it: whether time is linear in i_bls^max, and whether the spread of MOTA falls as K_H grows."""
+    lines = []
+    for name in dict.fromkeys(c.data for c in cells):
+        seconds, mota, spread = panels([c for c in cells if c.data == name])
+        lines += [f"{name}", f"{'K_H':>5}" + "".join(f"{f'i_max {m}':>28}" for m in I_BLS_MAX)]
+        for r, k in enumerate(K_H):
+            cells_of = [f"{seconds[r, c]:7.2f} s {mota[r, c]:.4f} ± {spread[r, c]:.4f}" for c in range(len(I_BLS_MAX))]
+            lines.append(f"{k:>5}" + "".join(f"{text:>28}" for text in cells_of))
+        growth = np.nanmean(seconds[:, -1] / seconds[:, 0])
+        whole = np.isfinite(spread).all(axis=1)
+        if whole.sum() < 3:
+            lines.append(f"  four times the moves cost {growth:.2f} times the time (4 would be linear)")
+            lines.append("  too few repetitions for a spread")
+            continue
+        slope = np.polyfit(np.array(K_H)[whole], spread[whole].mean(axis=1), 1)[0]
+        lines.append(f"  four times the moves cost {growth:.2f} times the time (4 would be linear)")
+        lines.append(f"  spread of MOTA (max − min) {'falls' if slope < -1e-6 else 'does not fall'} with K_H: {slope:+.5f} a hypothesis")
+    return "\n".join(lines)
+
+
+def panels(cells: list[Cell]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean seconds, mean MOTA and its max − min over repetitions, each (K_H, I_BLS_MAX); NaN where nothing was run, or once."""
+    out = np.full((3, len(K_H), len(I_BLS_MAX)), np.nan)
+    for r, c in np.ndindex(len(K_H), len(I_BLS_MAX)):
+        here = [x for x in cells if (x.k_h, x.i_bls_max) == (K_H[r], I_BLS_MAX[c])]
+        if here:
+            mota = [x.mota for x in here]
+            out[:, r, c] = np.mean([x.seconds for x in here]), np.mean(mota), max(mota) - min(mota) if len(mota) > 1 else np.nan
+    return out[0], out[1], out[2]
+
+
+def draw(cells: list[Cell], path: Path) -> None:
+    """Three panels a data set: processing time, MOTA and spread of MOTA against K_H, a line for each i_bls^max."""
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(c.data for c in cells))
+    figure = Figure(figsize=(12, 3.4 * len(names)), layout="constrained")
+    axes = figure.subplots(len(names), 3, squeeze=False)
+    for row, name in enumerate(names):
+        values = panels([c for c in cells if c.data == name])
+        for axis, value, label in zip(axes[row], values, ("processing time / s", "MOTA", "spread of MOTA (max − min)"), strict=True):
+            for c, moves in enumerate(I_BLS_MAX):
+                axis.plot(K_H, value[:, c], marker="o", ms=4, label=f"$i_{{bls}}^{{max}}$ = {moves}")
+            axis.set(xlabel="$K_H$", ylabel=label, title=name)
+            axis.ticklabel_format(useOffset=False)
+            axis.grid(alpha=0.3)
+        axes[row, 0].set_ylim(bottom=0)
+        axes[row, 0].legend()
+    part = path.with_name("part." + path.name)
+    figure.savefig(part, dpi=110)
+    os.replace(part, path)

@@ -1,0 +1,73 @@
+"""What writing costs on top of rendering, and how generation scales from one to two workers; pilsun as it is generated."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import sim.record
+from sim.generation import Plan, generate
+from sim.lookouts import lookouts
+from sim.presets import PRESETS
+from sim.record import Stage, open_renderer, run, setup_of
+from sim.simulation import Simulation
+from tracker.ground import Grid
+from tracker.recording import Form, Layers, SequenceWriter
+
+FRAMES, SCALING = 30, 40
+
+
+def writing(folder: Path) -> None:
+    """Process CPU seconds and seconds by the clock of the same frames, drawn only, and drawn and written."""
+    scenario = replace(PRESETS["pilsun"].scenario, frames=FRAMES)
+    for form in (Form(), Form(range=True, classes=True), Form(png=True)):
+        clock, cpu = {}, {}
+        for written in (False, True):
+            simulation = Simulation(scenario)
+            fixed = lookouts(simulation.world, 4, 768)
+            stage = Stage(scenario, simulation, fixed, {}, form)
+            setup = setup_of(scenario, simulation, fixed)
+            assert isinstance(setup.occluders, Grid)
+            with open_renderer(scenario, simulation, {one.camera: None for one in fixed.values()}) as renderer:
+                moments = run(scenario, simulation, setup, renderer)
+                next(moments)
+                begun = time.perf_counter(), time.process_time()
+                if written:
+                    with SequenceWriter(folder / "s", setup, setup.occluders, stage.form) as writer:
+                        for m in moments:
+                            writer.add(m.tick, m.truth, Layers(m.instances, m.range, m.classes), m.views)
+                        writer.finish({}, sim.record.versions())
+                    shutil.rmtree(folder / "s")
+                else:
+                    for _ in moments:
+                        pass
+                clock[written], cpu[written] = time.perf_counter() - begun[0], time.process_time() - begun[1]
+        drawn, both = (1e3 * cpu[written] / FRAMES for written in (False, True))
+        more = [f"{100 * (seconds[True] / seconds[False] - 1):+.0f} %" for seconds in (cpu, clock)]
+        print(f"{form}\n  a frame of 8 views: drawn {drawn:.0f} ms of CPU, written too {both:.0f}: {more[0]}, by the clock {more[1]}", flush=True)
+
+
+def scaling(folder: Path) -> None:
+    """Sequences a minute with one and with two workers, from the first to the last byte."""
+    preset = PRESETS["pilsun"]
+    preset = replace(preset, scenario=replace(preset.scenario, frames=SCALING))
+    seconds = {}
+    for workers in (1, 2):
+        begun = time.perf_counter()
+        generate(Plan("pilsun", preset, folder / f"of_{workers}", count=4, workers=workers))
+        seconds[workers] = time.perf_counter() - begun
+        print(f"{workers} workers: 4 sequences of {SCALING} frames in {seconds[workers]:.1f} s", flush=True)
+    print(f"two are {seconds[1] / seconds[2]:.2f} x one")
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        writing(Path(name))
+        scaling(Path(name))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Trackers as a user might hand them in: one that works, and some that do not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tracker.measurements import Estimate, Setup, Tick
+from tracker.pipeline import track
+
+
+def good(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
+    """Our own."""
+    yield from track(setup, ticks)
+
+
+def raising(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
+    for estimate in track(setup, ticks):
+        if estimate.index == 1:
+            raise ZeroDivisionError("nobody\nis there")
+        yield estimate
+
+
+def short(setup: Setup, ticks: Iterable[Tick]) -> list[Estimate]:
+    return list(track(setup, ticks))[:-1]
+
+
+def long(setup: Setup, ticks: Iterable[Tick]) -> list[Estimate]:
+    out = list(track(setup, ticks))
+    return [*out, out[-1]]
+
+
+def flat(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Any]:
+    """Places in the plane."""
+    for estimate in track(setup, ticks):
+        yield Estimate(estimate.index, {}, {}, np.zeros(2, dtype=np.int64), np.zeros((2, 2)), np.zeros((2, 3, 3)))
+
+
+def twice(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
+    for estimate in track(setup, ticks):
+        yield replace(estimate, target_id=np.array([7, 7]), position=np.zeros((2, 3)), covariance=np.zeros((2, 3, 3)))
+
+
+def nowhere(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
+    for estimate in track(setup, ticks):
+        yield replace(estimate, target_id=np.array([7]), position=np.full((1, 3), np.nan), covariance=np.zeros((1, 3, 3)))
+
+
+def robotless(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
+    for estimate in track(setup, ticks):
+        yield replace(estimate, T_world_robot={})
+
+
+def numbers(setup: Setup, ticks: Iterable[Tick]) -> list[int]:
+    return [tick.index for tick in ticks]
+
+
+def hanging(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
+    while True:
+        time.sleep(60.0)
+    yield

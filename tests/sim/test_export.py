@@ -1,0 +1,49 @@
+"""The command `pilsim export`, as a process."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.tracker import sequences
+
+PILSIM = Path(sys.executable).parent / "pilsim"
+
+
+def pilsim(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PILSIM, "export", *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=100)
+
+
+def test_an_export_says_where_it_is(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    done = pilsim("s", "--format", "tum", "--out", "tum", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "tum: 1 sequence as tum; README.md in it explains every column\n"
+    assert "3/3" in done.stderr
+    done = pilsim("s", "--format", "jrdb", "--out", "jrdb", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout) == {"out": "jrdb", "format": "jrdb", "sequences": ["s"]}
+
+
+def test_an_export_is_not_made_twice(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    (tmp_path / "tum").mkdir()
+    done = pilsim("s", "--format", "tum", "--out", "tum", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "error: tum: is there already\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("s", "--format", "pets", "--out", "out"), "error: s: has no fixed pinhole camera"),
+        (("nowhere", "--format", "tum", "--out", "out"), "error: nowhere: neither a sequence"),
+    ],
+)
+def test_what_cannot_be_is_one_line(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+    sequences.write(tmp_path / "s")
+    done = pilsim(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(message)
+    assert len(done.stderr.splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["s"]

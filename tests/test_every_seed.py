@@ -1,0 +1,26 @@
+"""Every world on twenty seeds: it can be walked, is irregular, has its ground where rays find it, and people walk on it as people do."""
+
+import numpy as np
+import pytest
+
+from sim.scenario import Scenario
+from sim.simulation import Simulation
+from tests.sim.footfalls import Footfalls
+from tests.worlds.inspection import can_be_walked, rays_hit_the_ground
+from worlds import catalogue
+from worlds.measures import measure
+
+OPEN = ("campus", "forest", "hills", "quarry")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("name", sorted(catalogue.WORLDS))
+def test_every_world_holds_on_every_seed(name: str, seed: int) -> None:
+    world = catalogue.build(name, np.random.default_rng(seed), 0.5)
+    can_be_walked(world, 74 if name in OPEN else 10)
+    assert name == "campus" or measure(world).irregular_share >= 0.15
+    rays_hit_the_ground(world)
+    footfalls = Footfalls(Simulation(Scenario(world=name, seed=seed, robots=1, people=6, rate=12.0), world), 96)
+    assert len(footfalls.gap) > 600
+    footfalls.are_human()

@@ -1,0 +1,131 @@
+"""WILDTRACK: cells, annotations and cameras come back; Tsai's distortion as OpenCV's, with its error stated."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tracker.cameras import pinhole
+from tracker.formats.pets2009 import read_camera
+from tracker.formats.wildtrack import (
+    Calibrated,
+    Placed,
+    Region,
+    read_calibration,
+    read_positions,
+    read_region,
+    write_calibration,
+    write_config,
+    write_positions,
+)
+from tracker.geometry import Pose
+
+boxes = st.lists(st.tuples(*[st.integers(-1, 4000)] * 4), max_size=7).map(lambda b: np.array(b, dtype=np.int64).reshape(-1, 4))
+feet = st.one_of(st.none(), st.tuples(*[st.floats(-100, 100)] * 3).map(np.array))
+placed = st.builds(Placed, st.one_of(st.integers(0, 9), st.integers(2**31, 2**53 - 1)), st.integers(0, 10**9), boxes, feet)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(placed, max_size=4))
+def test_annotations_come_back(people: list[Placed]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        write_positions(Path(folder) / "0.json", people)
+        again = read_positions(Path(folder) / "0.json")
+    for a, b in zip(again, people, strict=True):
+        assert (a.person, a.position) == (b.person, b.position)
+        assert_array_equal(a.boxes, b.boxes)
+        assert a.boxes.dtype == np.int64
+        assert_array_equal(a.feet, b.feet)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=1, max_size=8))
+def test_places_come_back_to_half_a_cell(points: list[tuple[float, float]]) -> None:
+    given_ = np.array(points)
+    region = Region.around(given_)
+    positions = region.positions(given_)
+    assert (positions >= 0).all()
+    assert (positions < region.columns * region.rows).all()
+    assert np.abs(region.points(positions) - given_).max() <= region.cell / 2 + 1e-9
+    assert_array_equal(region.positions(region.points(positions)), positions)
+    with tempfile.TemporaryDirectory() as folder:
+        write_config(Path(folder) / "config.json", region, 4, 10, (720, 1280))
+        again = read_region(Path(folder) / "config.json")
+    assert (again.columns, again.rows, again.cell) == (region.columns, region.rows, region.cell)
+    assert_array_equal(again.origin, region.origin)
+
+
+def test_cells_count_along_x_first_as_in_multiviewx() -> None:
+    """25 × 16 m, 0.025 m, positionID = gx + 1000 gy (FORMATS of the dataset)."""
+    region = Region(np.zeros(2), 1000, 640)
+    assert_array_equal(region.positions(np.array([[0, 0], [0.025, 0], [0, 0.025], [24.975, 15.975]])), [0, 1, 1000, 639_999])
+    assert_allclose(region.points(np.array([1002])), [[0.05, 0.025]])
+    with pytest.raises(ValueError, match=r"point \[25.0, 0.0\] m is outside the region of 1000 x 640 cells"):
+        region.positions(np.array([[25.0, 0.0]]))
+
+
+def test_a_pinhole_is_opencv_s_exactly(tmp_path: Path) -> None:
+    camera, T = pinhole(320, 240, 1.1), Pose.planar(3, -2, 0.7, 2.5)
+    calibrated, error = Calibrated.of(camera, T)
+    assert error < 1e-9
+    assert not calibrated.distortion.any()
+    write_calibration(tmp_path, "Camera1", calibrated)
+    again = read_calibration(tmp_path, "Camera1")
+    for name in ("matrix", "distortion", "rvec", "tvec"):
+        assert_allclose(getattr(again, name), getattr(calibrated, name), rtol=1e-15)
+    points = T.apply(np.random.default_rng(0).uniform([4, -2, -1], [9, 2, 1], (50, 3)))
+    assert_allclose(again.pixels(points), camera.pixels_from_bearings(T.inverse().apply(points))[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (2, 1.5), (3, 0.05), (4, 1e-6), (5, 0.6), (6, 0.8), (8, 8.0)])
+def test_real_cameras_are_opencv_s_as_nearly_as_is_said(data: Any, view: int, bound: float) -> None:
+    _, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
+    calibrated, error = Calibrated.of(camera, T)
+    assert error < bound
+    pixels = np.random.default_rng(view).uniform([0, 0], [camera.width - 1, camera.height - 1], (300, 2))
+    points = T.apply(10 * camera.bearings_from_pixels(pixels))
+    assert np.linalg.norm(calibrated.pixels(points) - pixels, axis=1).max() < 1.1 * error + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[{"personID": 1, "views": []}]', "field 'positionID' is missing"),
+        (
+            '[{"personID": 1, "positionID": 0, "views": [{"viewNum": 1, "xmin": 0, "ymin": 0, "xmax": 0, "ymax": 0}]}]',
+            "person 1: views are not numbered",
+        ),
+        ("[3]", "of the wrong kind"),
+        ("{", "not JSON"),
+    ],
+)
+def test_a_wrong_annotation_is_named(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "0.json").write_text(text)
+    with pytest.raises(ValueError, match=message) as error:
+        read_positions(tmp_path / "0.json")
+    assert str(error.value).startswith(str(tmp_path / "0.json"))
+
+
+def test_wrong_files_and_ids_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="personID is 9007199254740992"):
+        write_positions(tmp_path / "0.json", [Placed(2**53, 0, np.zeros((0, 4), dtype=np.int64))])
+    with pytest.raises(ValueError, match=r"intr_Camera1\.xml: no such file"):
+        read_calibration(tmp_path, "Camera1")
+    calibrated, _ = Calibrated.of(pinhole(320, 240, 1.1), Pose.identity())
+    write_calibration(tmp_path, "Camera1", calibrated)
+    (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text('<?xml version="1.0"?>\n<opencv_storage>\n<rvec>3</rvec></opencv_storage>\n')
+    with pytest.raises(ValueError, match=r"extr_Camera1\.xml: "):
+        read_calibration(tmp_path, "Camera1")
+    (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text("nothing")
+    with pytest.raises(ValueError, match=r"extr_Camera1\.xml: "):
+        read_calibration(tmp_path, "Camera1")
+    (tmp_path / "config.json").write_text('{"grid_shape": [0, 4], "origin": [0, 0], "grid_cell": 0.1}')
+    with pytest.raises(ValueError, match=r"config.json: region is 4 x 0 cells"):
+        read_region(tmp_path / "config.json")

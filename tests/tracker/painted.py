@@ -1,0 +1,94 @@
+"""A small sequence whose truth is that of its images: two people as discs before a panorama on a robot and before a fixed camera."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.annotations import HIDDEN, VISIBLE, Boxes, Keypoints, ViewTruth
+from tracker.cameras import Camera, Panorama, pinhole
+from tracker.geometry import Array, Pose
+from tracker.ground import Grid
+from tracker.layout import KEYPOINT_NAMES
+from tracker.measurements import Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
+from tracker.recording import Form, Layers, SequenceWriter
+
+FRAMES = 3
+CAMERAS: dict[str, Camera] = {"robot_0_camera": Panorama(128, 64), "View_001": pinhole(96, 72, 1.3)}
+FIXED = Pose.planar(-4.0, 0.0, 0.0, 1.4)
+MIDDLE, RADIUS = 1.0, 0.4
+"""m: of a disc that stands for a person, over the feet."""
+
+
+def setup() -> Setup:
+    ground = Grid(np.zeros((41, 41)), np.array([-10.0, -10.0]), 0.5)
+    mounts = {"robot_0_camera": Mount(CAMERAS["robot_0_camera"], Pose.planar(0, 0, 0, 1.3), "robot_0")}
+    mounts["View_001"] = Mount(CAMERAS["View_001"], Pose.identity(), "View_001")
+    starts: dict[str, Start | None] = {"robot_0": Start(Pose.planar(0, 0, 0.3), 1e-4 * np.eye(6)), "View_001": Start(FIXED, np.zeros((6, 6)))}
+    return Setup(mounts, ground, starts, 1 / 6)
+
+
+def robots(k: int) -> dict[str, Pose]:
+    return {"robot_0": Pose.planar(0.1 * k, 0.0, 0.3), "View_001": FIXED}
+
+
+def joints(k: int) -> Array:
+    """(2, 17, 3) m: person 1 before the fixed camera, person 2 behind the robot, over the seam of its panorama."""
+    feet = np.array([[1.0, 1.5 + 0.2 * k, 0.0], [-2.5, -0.7, 0.0]])
+    spread = np.linspace(-0.25, 0.25, len(KEYPOINT_NAMES))
+    return (feet[:, None] + np.stack([0 * spread, 0 * spread, MIDDLE + spread], axis=1)).round(4)
+
+
+def painted(camera: Camera, T: Pose, points: Array) -> NDArray[np.uint16]:
+    """Instances: every pixel whose ray passes a person's middle within RADIUS, the nearer one first."""
+    v, u = np.indices((camera.height, camera.width)).reshape(2, -1) + camera.pixel_centre
+    rays = camera.bearings_from_pixels(np.column_stack([u, v])) @ T.rotation.T
+    image = np.zeros(camera.height * camera.width, np.uint16)
+    middles = points.mean(axis=1) - T.translation
+    for person in np.argsort(-np.linalg.norm(middles, axis=1)):
+        along = rays @ middles[person]
+        image[(along > 0) & (np.linalg.norm(middles[person] - along[:, None] * rays, axis=1) < RADIUS)] = person + 1
+    return image.reshape(camera.height, camera.width)
+
+
+def view_truth(k: int, name: str, image: NDArray[np.uint16]) -> ViewTruth:
+    camera, mount = CAMERAS[name], setup().mounts[name]
+    T = robots(k)[mount.robot] @ mount.T_body_camera
+    shown = [p for p in (1, 2) if (image == p).any()]
+    boxes, pixels, visibility = [], np.zeros((len(shown), 17, 2)), np.zeros((len(shown), 17), np.int64)
+    for row, person in enumerate(shown):
+        ys, xs = np.nonzero(image == person)
+        over = isinstance(camera, Panorama) and np.ptp(xs) > camera.width / 2
+        xs = np.where(over & (xs < camera.width / 2), xs + camera.width, xs)
+        boxes.append([xs.min(), ys.min(), xs.max() + 1, ys.max() + 1])
+        at = T.inverse().apply(joints(k)[person - 1])
+        pixels[row] = camera.pixels_from_bearings(at / np.linalg.norm(at, axis=1, keepdims=True))[0] + 0.5 - camera.pixel_centre
+        inside = (pixels[row] >= 0).all(axis=1) & (pixels[row] < [camera.width, camera.height]).all(axis=1)
+        pixels[row][~inside] = 0.0
+        x, y = np.floor(pixels[row]).astype(int).T
+        visibility[row] = np.where(inside, np.where(image[y, x] == person, VISIBLE, HIDDEN), 0)
+    ids = np.array(shown, dtype=np.int64)
+    edges, far = np.array(boxes, dtype=np.float64).reshape(-1, 4), np.full(len(shown), 3.0)
+    return ViewTruth(T, 0.0, np.array([0.0, 0.0, 1.0]), Boxes(ids, edges, edges, np.ones(len(shown)), far), Keypoints(ids, pixels, visibility))
+
+
+def write(folder: Path, form: Form | None = None) -> None:
+    """Write the sequence into `folder`."""
+    rng = np.random.default_rng(3)
+    tops = setup().ground
+    assert isinstance(tops, Grid)
+    with SequenceWriter(folder, setup(), tops, form) as writer:
+        for k in range(FRAMES):
+            poses = {name: robots(k)[mount.robot] @ mount.T_body_camera for name, mount in setup().mounts.items()}
+            instances = {name: painted(camera, poses[name], joints(k)) for name, camera in CAMERAS.items()}
+            truths = {name: view_truth(k, name, instances[name]) for name in CAMERAS}
+            colours = {name: cv2.resize(rng.integers(0, 255, (9, 12, 3), np.uint8), image.shape[::-1]) for name, image in instances.items()}
+            still = Odometry(Pose.planar(0.1, 0, 0), 1e-4 * np.eye(6)) if k else None
+            views = [View(n, Detections.none(), odometry=still if n != "View_001" else None, image=colours[n]) for n in CAMERAS]
+            visible = np.array([[float(p in truths[n].boxes.person) for n in CAMERAS] for p in (1, 2)])
+            truth = Truth(k, robots(k), np.array([1, 2]), joints(k)[:, 0] * [1, 1, 0], visible, joints(k))
+            ranges = {n: np.where(i > 0, 3.0, np.inf).astype(np.float32) for n, i in instances.items()}
+            classes = {n: (i > 0).astype(np.uint8) for n, i in instances.items()}
+            writer.add(Tick(k, k / 6, tuple(views)), truth, Layers(instances, ranges, classes), truths)
+        writer.finish({"world": "painted", "seed": 0, "frames": FRAMES}, {"pilsim": "test"})

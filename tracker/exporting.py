@@ -1,0 +1,62 @@
+"""A sequence or a dataset in the formats that other people's tools read. Each export says in its README.md what every column is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tracker.atomic import new_folder, write_text
+from tracker.dataset import sequences
+from tracker.exports.coco import README as README_COCO
+from tracker.exports.coco import export_coco
+from tracker.exports.jrdb import README as README_JRDB
+from tracker.exports.jrdb import export_jrdb
+from tracker.exports.mot import README15, README17, export_mot15, export_mot17
+from tracker.exports.pets import README as README_PETS
+from tracker.exports.pets import export_pets
+from tracker.exports.trajectories import README as README_TUM
+from tracker.exports.trajectories import export_tum
+from tracker.exports.wildtrack import README as README_WILDTRACK
+from tracker.exports.wildtrack import export_wildtrack
+from tracker.footage import Footage, Progress
+
+
+@dataclass(frozen=True)
+class Form:
+    """A foreign format: its title, what its README says of layout and columns, and what writes it and returns further lines for the README."""
+
+    title: str
+    readme: str
+    write: Callable[[Path, Iterable[Footage]], list[str]]
+
+
+FORMS = {
+    "pets": Form("PETS 2009", README_PETS, export_pets),
+    "mot15": Form("MOTChallenge 2015, 2-D and 3-D", README15, export_mot15),
+    "mot17": Form("MOTChallenge 2017", README17, export_mot17),
+    "wildtrack": Form("WILDTRACK and MultiviewX", README_WILDTRACK, export_wildtrack),
+    "coco": Form("COCO", README_COCO, export_coco),
+    "jrdb": Form("JRDB", README_JRDB, export_jrdb),
+    "tum": Form("TUM trajectories", README_TUM, export_tum),
+}
+
+
+def export(folder: Path, form: str, out: Path, progress: Progress | None = None) -> list[Path]:
+    """Write the sequences of `folder` (one, or a dataset) into `out`, which must not be there yet and appears whole or not at all.
+
+    form: a key of FORMS. Returns the sequences. Raises ValueError for another form, a folder that is none, an `out` that is there or lies in
+    the folder itself, and where a sequence lacks what the format needs.
+    """
+    if form not in FORMS:
+        raise ValueError(f"format is {form!r}, needs one of {', '.join(FORMS)}")
+    found = sequences(folder)
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
+    with new_folder(out) as partial:
+        notes = FORMS[form].write(partial, (Footage.open(path, progress) for path in found))
+        names = ", ".join(path.resolve().name for path in found)
+        head = f"# {FORMS[form].title}, exported by pilsim\n\nFrom: {names}. Synthetic: people, places and images were made by a program.\n"
+        tail = "".join(f"\n{note}\n" for note in notes)
+        write_text(partial / "README.md", head + FORMS[form].readme + tail)
+    return found
