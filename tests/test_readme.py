@@ -21,7 +21,7 @@ def pilsim_blocks() -> list[str]:
 
 
 def test_there_is_something_to_test() -> None:
-    assert len(pilsim_blocks()) == 2
+    assert len(pilsim_blocks()) == 5
     assert len(blocks("python")) == 1
 
 
