@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim import gait
 from sim.gait import Footing, Terrain
@@ -73,10 +74,24 @@ def feet(size: Array, footing: Footing, position: Array, heading: Array, ground:
     behind = _behind(footing, place, position, heading, size)
     rolls = np.clip(behind, -sole[..., 5], sole[..., 6])
     ankle, rotation, toe = _shoes(place, yaw, sole, rolls, size)
+    drop = _hollow(ankle, rotation, footing.standing, size, ground)
+    ankle[..., 2], toe[..., 2] = ankle[..., 2] - drop, toe[..., 2] - drop
     # A heel rises when the body has gone on over the toes, not when the foot is in front of it.
     over = np.einsum("mfi,mfi->mf", position[:, None] - place, np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)) / size[:, None]
     further = _free_heel(footing) * np.clip(0.5 + 5 * over, 0.0, 1.0) * np.maximum(np.minimum(_MOST, sole[..., 6]) - rolls, 0.0)
     return Feet(ankle, rotation, toe, further, _landing(footing, landing, position, heading, size))
+
+
+def _hollow(ankle: Array, rotation: Array, standing: NDArray[np.bool_], size: Array, ground: Terrain) -> Array:
+    """(m, 2) m between the soles of feet that stand and the ground, where that is least: not quite nothing at an edge, since a steep sole is shorter
+    seen from above than the one whose rest was found; nothing for feet in the air."""
+    sole = np.stack([*np.meshgrid(_ALONG, np.array([-1.0, 0.0, 1.0]) * HALF_SOLE), np.full((3, len(_ALONG)), -ANKLE)], axis=-1).reshape(-1, 3)
+    scale = np.broadcast_to(size[:, None], standing.shape)[standing]
+    points = ankle[standing][:, None] + np.einsum("kij,pj->kpi", rotation[standing], sole) * scale[:, None, None]
+    gap = (points[..., 2] - ground.height_at(points[..., :2].reshape(-1, 2)).reshape(points.shape[:-1])).min(axis=1, initial=np.inf)
+    out = np.zeros(standing.shape)
+    out[standing] = np.maximum(gap, 0.0)
+    return out
 
 
 def _shoes(place: Array, yaw: Array, sole: Array, rolls: Array, size: Array) -> tuple[Array, Array, Array]:
