@@ -35,19 +35,22 @@ LANE, ASIDE = 0.75, 2.5
 """m to both sides of the way that a robot asks for in which people make room, and m/s² with which they do."""
 
 Numbers = NDArray[np.int64]
+Pairs = NDArray[np.int32]
 Number = int | np.signedinteger[Any]
 
 
 @njit(cache=True)
-def encounters(body: Array, wish: Array, obstacle: Array) -> tuple[Array, Numbers]:
+def encounters(body: Array, wish: Array, obstacle: Array) -> tuple[Array, Pairs]:
     """(m, 5): what all others and obstacles (k, 7) x, y, vx, vy, radius, asked vx, vy do to everybody, who wants to walk as `wish` (m, 6);
     and (p, 2): all pairs of people within a metre of each other."""
     here = np.flatnonzero(body[:, PRESENT] > 0)
     pairs = _neighbours(body, here, REACH)
     met = _meet(body, wish, pairs)
     _avoid(body, here, obstacle, met)
-    close, count = np.empty_like(pairs), 0
+    close, count = np.empty((4 * len(here), 2), np.int32), 0
     for i, j in pairs:
+        if count == len(close):
+            close = np.concatenate((close, np.empty_like(close)))
         if (body[i, X] - body[j, X]) ** 2 + (body[i, Y] - body[j, Y]) ** 2 < 1.0:
             close[count, 0], close[count, 1] = i, j
             count += 1
@@ -55,11 +58,11 @@ def encounters(body: Array, wish: Array, obstacle: Array) -> tuple[Array, Number
 
 
 @njit(cache=True)
-def _neighbours(body: Array, here: Numbers, reach: float) -> Numbers:
+def _neighbours(body: Array, here: Numbers, reach: float) -> Pairs:
     """(p, 2): all pairs of the people `here` (n,) that are nearer than `reach` m, by a list of cells of that size, with an empty frame of cells."""
     n = len(here)
     if n < 2:
-        return np.empty((0, 2), np.int64)
+        return np.empty((0, 2), np.int32)
     x0, y0 = body[here[0], X], body[here[0], Y]
     x1, y1 = x0, y0
     for i in here:
@@ -79,11 +82,12 @@ def _neighbours(body: Array, here: Numbers, reach: float) -> Numbers:
 
 
 @njit(cache=True)
-def _pairs(body: Array, order: Numbers, first: Numbers, grid: tuple[int, float]) -> Numbers:
+def _pairs(body: Array, order: Numbers, first: Numbers, grid: tuple[int, float]) -> Pairs:
     """The pairs of `_neighbours`: people in the order of their cells, cell c being order[first[c] : first[c + 1]]; grid: cells a row, reach m."""
     width, reach = grid
     # One row of neighbouring cells is one run of `order`: the rest of this cell with the one to the east, and the three to the north.
-    out, count = np.empty((max(16 * len(order), 64), 2), np.int64), 0
+    # Four bytes each: what a step takes from the system anew grows with the crowd faster than the crowd.
+    out, count = np.empty((max(16 * len(order), 64), 2), np.int32), 0
     for c in range(width, len(first) - 2 - width):
         for a in range(first[c], first[c + 1]):
             i = order[a]
@@ -129,7 +133,7 @@ def _pair_force(away_x: float, away_y: float, slip_x: float, slip_y: float, touc
 
 
 @njit(cache=True)
-def _meet(body: Array, wish: Array, pairs: Numbers) -> Array:
+def _meet(body: Array, wish: Array, pairs: Pairs) -> Array:
     """(m, 5): what all others do to everybody, who wants to walk as `wish` (m, 6)."""
     out = np.zeros((len(body), 5))
     out[:, FREE] = np.inf

@@ -35,6 +35,7 @@ from sim.social_force import (
     YIELD,
     Number,
     Numbers,
+    Pairs,
     X,
     Y,
 )  # fmt: skip
@@ -65,7 +66,7 @@ class Place(NamedTuple):
 
 
 @njit(cache=True)
-def advance(body: Array, wish: Array, met: tuple[Array, Numbers], obstacle: Array, place: Place, dt: float) -> Array:
+def advance(body: Array, wish: Array, met: tuple[Array, Pairs], obstacle: Array, place: Place, dt: float) -> Array:
     """Bodies (m, 10) `dt` s later, with their wishes (m, 6) and what they met: the others' effect (m, 5) and close pairs (p, 2)."""
     out = body.copy()
     here = np.flatnonzero(body[:, PRESENT] > 0)
@@ -249,7 +250,7 @@ def _settle(out: Array, i: Number, body: Array, dt: float) -> None:
 
 
 @njit(cache=True)
-def _keep_apart(body: Array, pairs: Numbers, obstacle: Array) -> None:
+def _keep_apart(body: Array, pairs: Pairs, obstacle: Array) -> None:
     """Move bodies that overlap apart, half of the way each; from an obstacle (k, 7) x, y, vx, vy, radius, …, all of it. `pairs`: who may touch."""
     for p in range(len(pairs)):
         i, j = pairs[p]
