@@ -33,7 +33,7 @@ def parallel_env(max_cycles: int = 240, **options: Any) -> ParallelPlacement:
     return ParallelPlacement(max_cycles, **options)
 
 
-class ParallelPlacement(ParallelEnv[str, Arrays, Array]):  # type: ignore[misc]
+class ParallelPlacement(ParallelEnv[str, Arrays, Array]):
     """Agents robot_0 …; actions Box (2,) in [−1, 1]; `state` is all that the team sees, in one vector."""
 
     metadata: ClassVar[dict[str, Any]] = {"name": "pilsim_placement_v0", "render_modes": ["rgb_array"], "is_parallelizable": True, "render_fps": 2}
