@@ -41,6 +41,7 @@ def test_panels_and_words() -> None:
     assert "does not fall" in study.summary(cells(0.0))
 
 
+@pytest.mark.slow
 def test_a_cell_is_seeded_and_not_run_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "K_H", (1, 3))
     monkeypatch.setattr(study, "I_BLS_MAX", (200,))
