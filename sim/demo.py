@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from sim.record import record
 from sim.scenario import Scenario
+from tracker.atomic import write_text
 from tracker.evaluation import evaluate, table
 from tracker.pipeline import Parameters, track
 from tracker.results import Results, read_results, write_results
@@ -109,10 +110,3 @@ def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path
     if not (out / "video.mp4").exists():
         ticks = tqdm(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
         write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file under a temporary name, then give it its own."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)

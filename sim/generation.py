@@ -23,6 +23,7 @@ from tqdm import tqdm
 from sim.claim import claim
 from sim.presets import Preset
 from sim.production import ONE_THREAD, Order, carry_out
+from tracker.atomic import write_text
 from tracker.dataset import FILE, Dataset, read_dataset
 from tracker.formats.card import write_card
 from tracker.formats.croissant import write_croissant
@@ -82,7 +83,7 @@ def generate(plan: Plan) -> int:
         orders = plan.orders()
         for order in orders:
             order.sweep()
-        _write_new(plan.out / FILE, plan.dataset.to_json())
+        write_text(plan.out / FILE, plan.dataset.to_json())
         missing = [order for order in orders if not order.whole]
         if missing:
             try:
@@ -179,12 +180,6 @@ def _shown(orders: list[Order]) -> Iterator[None]:
             watching.join()
             bar.n = sum(order.frames for order in orders)
             bar.refresh()
-
-
-def _write_new(path: Path, text: str) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
 
 
 def summary(plan: Plan) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from sim.report_plots import Plot, save
 from sim.report_rows import Rows, read_rows
 from sim.report_series import overview, plots_of
 from sim.report_summary import moments
+from tracker.atomic import write_text
 
 
 def write_report(folder: Path, out: Path | None = None) -> Path:
@@ -30,9 +31,7 @@ def write_report(folder: Path, out: Path | None = None) -> Path:
     target.parent.mkdir(parents=True, exist_ok=True)
     drawn = {plot.name: save(plot, beside) for plot in tqdm(plots, desc="plots", unit="plot", disable=len(plots) < 8)}
     text = page(Page(rows, {plot.name: (plot, drawn[plot.name]) for plot in plots}, album))
-    part = target.with_name(target.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(target)
+    write_text(target, text)
     return target
 
 

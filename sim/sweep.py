@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sim.demo import write_text
 from sim.record import versions
 from sim.trial import SCHEMA, Trial, blank
 from sim.worker import Worker
+from tracker.atomic import write_text
 
 RESULTS, RUN, LOCK = "results.jsonl", "run.json", ".lock"
 Key = tuple[str, int, str]

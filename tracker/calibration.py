@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from collections.abc import Sequence as Items
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tracker.cameras import Camera, Panorama, Tsai
 from tracker.geometry import Pose, quaternion_from_rotation, rotation_from_quaternion
-from tracker.ground import Ground
+from tracker.ground import Grid, Ground
 from tracker.measurements import Mount, Setup, Start
+from tracker.tables import read_arrays
 
 MODELS: dict[str, type[Panorama | Tsai]] = {"panorama": Panorama, "tsai": Tsai}
 """Name in the file → camera; its fields are the file's."""
@@ -67,3 +69,13 @@ def _camera_from(entry: Mapping[str, Any]) -> Camera:
     if kind is None:
         raise ValueError(f"model is {entry['model']!r}, needs one of {', '.join(MODELS)}")
     return kind(**{name: entry[name] for name in kind.__dataclass_fields__})
+
+
+def read_terrain(path: Path) -> tuple[Grid, Grid]:
+    """The ground, and the tops of what stands on it, of a sequence's terrain.npz. Raises ValueError with the file's name."""
+    arrays = read_arrays(path, ("heights", "origin", "spacing", "tops"))
+    try:
+        origin, spacing = arrays["origin"], float(arrays["spacing"])
+        return Grid(arrays["heights"], origin, spacing), Grid(arrays["tops"], origin, spacing)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None

@@ -15,14 +15,13 @@ import cv2
 import numpy as np
 
 from tracker.annotations import Boxes, read_boxes
-from tracker.calibration import pose_from, setup_from
-from tracker.ground import Grid
+from tracker.calibration import pose_from, read_terrain, setup_from
 from tracker.images import decode
 from tracker.layout import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOTS, UPPER, people_columns
 from tracker.manifests import check_file, read_json, read_manifest
 from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Tick, Truth, View
 from tracker.recording import SequenceWriter
-from tracker.tables import read_arrays, rows_by_frame
+from tracker.tables import rows_by_frame
 
 __all__ = ["Boxes", "Sequence", "SequenceWriter", "Ticks", "TicksInMemory", "read_boxes", "read_json", "read_sequence"]
 
@@ -95,12 +94,7 @@ def read_contents(folder: Path, files: dict[str, Any]) -> Sequence:
 
 def _read_setup(folder: Path) -> Setup:
     calibration = read_json(folder / "calibration.json")
-    terrain = read_arrays(folder / "terrain.npz", ("heights", "origin", "spacing", "tops"))
-    try:
-        origin, spacing = terrain["origin"], float(terrain["spacing"])
-        ground, tops = Grid(terrain["heights"], origin, spacing), Grid(terrain["tops"], origin, spacing)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{folder / 'terrain.npz'}: {error}") from None
+    ground, tops = read_terrain(folder / "terrain.npz")
     try:
         return setup_from(calibration, ground, tops)
     except ValueError as error:

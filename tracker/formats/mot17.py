@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.atomic import write_text
-from tracker.formats.motchallenge import Ints, first_fault, number, read_rows
+from tracker.formats.motchallenge import Ints, first_fault, number, read_rows, whole
 from tracker.geometry import Array, frozen
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "consider", "class", "visibility")
@@ -49,11 +49,7 @@ class Annotated:
         if self.position is not None:
             object.__setattr__(self, "position", frozen(self.position, (n, 3), "position"))
         for name in ("frame", "id", "consider", "category"):
-            array = np.array(getattr(self, name), dtype=np.int64)
-            if array.shape != (n,):
-                raise ValueError(f"{name} has shape {array.shape}, needs ({n},)")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, whole(getattr(self, name), n, name))
         fault = first_fault(self.frame, self.id, self.box)
         if fault is not None:
             raise ValueError(f"row {fault[0]}: {fault[1]}")

@@ -47,11 +47,7 @@ class Rows:
         for name, shape in (("box", (n, 4)), ("confidence", (n,)), ("position", (n, 3))):
             object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
         for name in ("frame", "id"):
-            array = np.array(getattr(self, name), dtype=np.int64)
-            if array.shape != (n,):
-                raise ValueError(f"{name} has shape {array.shape}, needs ({n},)")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, whole(getattr(self, name), n, name))
         fault = first_fault(self.frame, self.id, self.box)
         if fault is not None:
             raise ValueError(f"row {fault[0]}: {fault[1]}")
@@ -76,6 +72,15 @@ class Rows:
         order = np.argsort(self.frame, kind="stable")
         frames, first = np.unique(self.frame[order], return_index=True)
         return {int(f): rows for f, rows in zip(frames, np.split(order, first[1:]), strict=True)}
+
+
+def whole(values: Ints, n: int, name: str) -> Ints:
+    """A read-only copy of n whole numbers. Raises ValueError, with the name, for another shape."""
+    array = np.array(values, dtype=np.int64)
+    if array.shape != (n,):
+        raise ValueError(f"{name} has shape {array.shape}, needs ({n},)")
+    array.flags.writeable = False
+    return array
 
 
 def _boxed(box: Array) -> NDArray[np.bool_]:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from tracker.atomic import write_text
+from tracker.calibration import read_terrain
 from tracker.geometry import Array
-from tracker.ground import Flat, Grid, Ground
-from tracker.tables import read_arrays
+from tracker.ground import Flat, Ground
 
 FILE, TERRAIN = "site.json", "terrain.npz"
 AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
@@ -62,13 +62,3 @@ def write_site(folder: Path, site: Site, terrain: Path | None) -> None:
         (folder / TERRAIN).write_bytes(terrain.read_bytes())
     content = {"rate": site.rate, "area": site.area.tolist(), "terrain": TERRAIN if terrain is not None else None}
     write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-
-def read_terrain(path: Path) -> tuple[Grid, Grid]:
-    """The ground, and the tops of what stands on it, of a sequence's terrain.npz. Raises ValueError with the file's name."""
-    arrays = read_arrays(path, ("heights", "origin", "spacing", "tops"))
-    try:
-        origin, spacing = arrays["origin"], float(arrays["spacing"])
-        return Grid(arrays["heights"], origin, spacing), Grid(arrays["tops"], origin, spacing)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from None
