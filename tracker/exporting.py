@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from tracker.atomic import new_folder, write_text
@@ -42,21 +43,24 @@ FORMS = {
 }
 
 
-def export(folder: Path, form: str, out: Path, progress: Progress | None = None) -> list[Path]:
+def export(folder: Path, form: str, out: Path, progress: Progress | None = None, rectangles: bool = False) -> list[Path]:
     """Write the sequences of `folder` (one, or a dataset) into `out`, which must not be there yet and appears whole or not at all.
 
-    form: a key of FORMS. Returns the sequences. Raises ValueError for another form, a folder that is none, an `out` that is there or lies in
-    the folder itself, and where a sequence lacks what the format needs.
+    form: a key of FORMS. rectangles: rectangles.pom, too, which only wildtrack has. Returns the sequences. Raises ValueError for another form, a
+    folder that is none, an `out` that is there or lies in the folder itself, and where a sequence lacks what the format needs.
     """
     if form not in FORMS:
         raise ValueError(f"format is {form!r}, needs one of {', '.join(FORMS)}")
+    if rectangles and form != "wildtrack":
+        raise ValueError(f"rectangles is set for {form}, needs wildtrack")
+    write = partial(export_wildtrack, rectangles=True) if rectangles else FORMS[form].write
     found = sequences(folder)
     if out.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
-    with new_folder(out) as partial:
-        notes = FORMS[form].write(partial, (Footage.open(path, progress) for path in found))
+    with new_folder(out) as unfinished:
+        notes = write(unfinished, (Footage.open(path, progress) for path in found))
         names = ", ".join(path.resolve().name for path in found)
         head = f"# {FORMS[form].title}, exported by pilsim\n\nFrom: {names}. Synthetic: people, places and images were made by a program.\n"
         tail = "".join(f"\n{note}\n" for note in notes)
-        write_text(partial / "README.md", head + FORMS[form].readme + tail)
+        write_text(unfinished / "README.md", head + FORMS[form].readme + tail)
     return found

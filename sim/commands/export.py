@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -31,6 +32,8 @@ class Export:
     """What is written."""
     out: Out
     """Where it goes; must not be there yet."""
+    rectangles: bool = False
+    """wildtrack: write rectangles.pom, too, a line for every camera and cell: millions."""
     json: bool = False
     """Print JSON alone."""
 
@@ -39,7 +42,10 @@ class Export:
 
         from tracker.exporting import export
 
-        found = export(self.source, self.format, self.out, lambda frames, name: tqdm(frames, desc=name, unit="frame", disable=self.json))
+        def progress(frames: Iterable[int], name: str) -> Iterable[int]:
+            return tqdm(frames, desc=name, unit="frame", disable=self.json)
+
+        found = export(self.source, self.format, self.out, progress, self.rectangles)
         if self.json:
             print(json.dumps({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))
         else:

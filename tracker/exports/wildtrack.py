@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.footage import PNG, Footage
+from tracker.formats.pom import write_rectangles
 from tracker.formats.wildtrack import HIDDEN, Calibrated, Placed, Region, write_calibration, write_config, write_positions
 
 README = """
@@ -22,14 +23,20 @@ Annotations: personID: pilsim's, the same in all views and at all times. positio
 x = origin x + grid_cell · gx, y = origin y + grid_cell · gy: the place to 12.5 mm. feet (ours): x, y, z [m], the ground under the middle of the body,
 in pilsim's world (right-handed, z up). views: viewNum from 0 (view 0 is C1), xmin, ymin, xmax, ymax [px]: the first and the last column and row
 of the whole body, as if nothing were before it, the part in the image; the first pixel is 0. All are −1 in a view that does not show the person.
-Who is in no view is left out. rectangles.pom is not written.
+Who is in no view is left out.
+
+SEQUENCE/rectangles.pom, only where it was asked for (--rectangles): "RECTANGLE camera cell left top right bottom" [px], the first and the last column
+and row, or "RECTANGLE camera cell notvisible": what a cylinder of 1.75 m and 0.25 m radius that stands on the ground of that cell covers of the
+image, as if nothing were before it. camera from 0 (0 is C1), cell is positionID.
 
 The tools for this format take the ground for the plane z = 0.
 """
 
 
-def export_wildtrack(out: Path, footages: Iterable[Footage]) -> list[str]:
+def export_wildtrack(out: Path, footages: Iterable[Footage], rectangles: bool = False) -> list[str]:
     """Write the sequences; the notes say which camera is which, how far its calibration is off, and how level the ground is.
+
+    rectangles: rectangles.pom, too: a line for every camera and cell.
 
     Raises ValueError where a sequence has no fixed pinhole camera, or has them in several sizes.
     """
@@ -40,14 +47,18 @@ def export_wildtrack(out: Path, footages: Iterable[Footage]) -> list[str]:
         if len(sizes) > 1:
             raise ValueError(f"{footage.folder}: fixed cameras have {len(sizes)} sizes of image, wildtrack needs one")
         root, said = out / footage.name, []
+        cameras = []
         for number, (camera, view) in enumerate(fixed.items(), 1):
             calibrated, error = Calibrated.of(view.camera, view.T_world_camera)
+            cameras.append(calibrated)
             write_calibration(root / "calibrations", f"Camera{number}", calibrated)
             said.append(f"C{number} is {camera}" + (f" (its distortion is fitted to {error:.2g} px)" if view.camera.kappa1 else ""))
             (root / "Image_subsets" / f"C{number}").mkdir(parents=True)
         feet = np.concatenate([t.feet for t in footage.truth]).reshape(-1, 3)
         region = Region.around(feet[:, :2])
         write_config(root / "config.json", region, len(fixed), len(footage.truth), next(iter(sizes)))
+        if rectangles:
+            write_rectangles(root / "rectangles.pom", region, cameras, next(iter(sizes)), footage.sequence.setup.ground.height_at)
         (root / "annotations_positions").mkdir()
         for k in footage.frames():
             write_positions(root / "annotations_positions" / f"{k:05d}.json", placed_in(footage, k, region))

@@ -146,6 +146,10 @@ class Calibrated:
         again = cv2.projectPoints(optical, np.zeros(3), np.zeros(3), matrix, distortion)[0].reshape(-1, 2)
         return found, float(np.linalg.norm(again - pixels, axis=1).max())
 
+    def depths(self, points: Array) -> Array:
+        """(n, 3) m in the world → (n,) m before the camera, along its axis."""
+        return np.asarray(points @ np.asarray(cv2.Rodrigues(self.rvec)[0])[2] + self.tvec[2])
+
     def pixels(self, points: Array) -> Array:
         """(n, 3) m in the world → (n, 2) px; only of use for points before the camera."""
         if not len(points):

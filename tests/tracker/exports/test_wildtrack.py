@@ -5,10 +5,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.exports.scene import FRAMES
 from tracker.annotations import read_boxes
+from tracker.exporting import export
+from tracker.formats.pom import read_rectangles
 from tracker.formats.wildtrack import HIDDEN, read_calibration, read_positions, read_region
 from tracker.sequence import read_sequence
 
@@ -72,3 +75,23 @@ def test_images_are_png_of_the_same_pixels(sequence: Path, exported: Exported) -
     for frame in range(FRAMES):
         png = cv2.imread(str(exported("wildtrack") / "plaza" / "Image_subsets" / "C2" / f"{frame:04d}.png"))
         assert_array_equal(png, cv2.imread(str(sequence / "images" / "view_1" / f"{frame:06d}.jpg")))
+
+
+def test_rectangles_hold_the_boxes_of_who_stands_there(sequence: Path, tmp_path: Path) -> None:
+    export(sequence, "wildtrack", tmp_path / "out", rectangles=True)
+    root = tmp_path / "out" / "plaza"
+    region, first = read_region(root / "config.json"), read_positions(root / "annotations_positions" / "00000.json")
+    found = read_rectangles(root / "rectangles.pom", 3, region.columns * region.rows)
+    checked = 0
+    for one in first:
+        for view in range(3):
+            box, rectangle = one.boxes[view], found[view, one.position]
+            if (box == HIDDEN).all():
+                continue
+            # Somebody's box and the cylinder's: the same feet, nearly the same head.
+            assert abs(box[3] - rectangle[3]) < 0.12 * (rectangle[3] - rectangle[1] + 1)
+            assert rectangle[0] <= (box[0] + box[2]) / 2 <= rectangle[2]
+            checked += 1
+    assert checked > 5
+    with pytest.raises(ValueError, match="rectangles is set for coco, needs wildtrack"):
+        export(sequence, "coco", tmp_path / "other", rectangles=True)
