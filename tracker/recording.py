@@ -22,7 +22,7 @@ from tracker.calibration import calibration_of, pose_row
 from tracker.cameras import Tsai
 from tracker.formats.pets2009 import write_camera
 from tracker.ground import Grid
-from tracker.images import JPEG, PNG, RUNS, Coders, range_counts
+from tracker.images import JPEG, PNG, RANGE, RUNS, Coders, range_counts
 from tracker.layout import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, README, ROBOTS, SCHEMA, UPPER, people_columns
 from tracker.manifests import manifest_sum
 from tracker.measurements import Image, Setup, Tick, Truth, View
@@ -136,7 +136,7 @@ class SequenceWriter:
             if wanted and of is None:
                 raise ValueError(f"frame {k} has no {layer}, needs it")
         if self.form.range and layers.range is not None:
-            put(f"range/{name}.png", range_counts(layers.range[camera]), PNG)
+            put(f"range/{name}.png", range_counts(layers.range[camera]), RANGE)
         if self.form.classes and layers.classes is not None:
             put(f"classes/{name}.png", layers.classes[camera], RUNS)
         if self._videos:
