@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.atomic import new_file
 from tracker.cameras import Panorama
 from tracker.evaluation import dead_reckoning
 from tracker.geometry import Array, Pose
@@ -95,9 +96,8 @@ def save_png(path: Path, image: Image) -> None:
     ok, data = cv2.imencode(".png", image[:, :, ::-1])
     if not ok:
         raise ValueError(f"{path}: this image cannot be written as PNG")
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data.tobytes())
-    part.replace(path)
+    with new_file(path) as part:
+        part.write_bytes(data.tobytes())
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +175,9 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
     axes.plot([], [], color="tab:blue", linewidth=2.2, label="people, estimated (a colour an id)")
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title, aspect="equal")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)
-    part = path.with_name(path.name + ".part")
-    figure.savefig(part, dpi=110, format="png")
+    with new_file(path) as part:
+        figure.savefig(part, dpi=110)
     plt.close(figure)
-    part.replace(path)
 
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
@@ -258,20 +257,17 @@ def _plan_so_far(sequence: Sequence, results: Results, relief: Relief, tick: Tic
 
 def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
     """An MP4 (MPEG-4 part 2) of RGB frames, all of one size. Raises ValueError where there is no frame or no encoder."""
-    part = path.with_name("." + path.name)
     writer = None
-    try:
-        for frame in frames:
-            if writer is None:
-                writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (frame.shape[1], frame.shape[0]))
-                if not writer.isOpened():
-                    raise ValueError(f"{path}: this OpenCV cannot write MP4 video")
-            writer.write(frame[:, :, ::-1])
+    with new_file(path) as part:
+        try:
+            for frame in frames:
+                if writer is None:
+                    writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (frame.shape[1], frame.shape[0]))
+                    if not writer.isOpened():
+                        raise ValueError(f"{path}: this OpenCV cannot write MP4 video")
+                writer.write(frame[:, :, ::-1])
+        finally:
+            if writer is not None:
+                writer.release()
         if writer is None:
             raise ValueError(f"{path}: no frame to write")
-        writer.release()
-        part.replace(path)
-    finally:
-        if writer is not None:
-            writer.release()
-        part.unlink(missing_ok=True)

@@ -12,10 +12,12 @@ from pathlib import Path
 def new_folder(path: Path) -> Iterator[Path]:
     """An empty folder to write into that becomes `path` when the block ends, and is removed where the block fails.
 
-    What a killed run left under the temporary name is removed first. Raises ValueError where `path` is there already.
+    What a killed run left under the temporary name is removed first. Raises ValueError where `path` is there already, but for an empty folder.
     """
     if path.exists():
-        raise ValueError(f"{path}: is there already")
+        if not path.is_dir() or any(path.iterdir()):
+            raise ValueError(f"{path}: is there already")
+        path.rmdir()
     partial = path.with_name(f".{path.name}.partial")
     if partial.exists():
         shutil.rmtree(partial)
@@ -28,11 +30,21 @@ def new_folder(path: Path) -> Iterator[Path]:
             shutil.rmtree(partial)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text, lines ended as given, in place of what may be there; a write that fails leaves the old file and nothing beside it."""
-    partial = path.with_name(path.name + ".part")
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """A name to write a file under, of the same ending, that becomes `path` when the block ends; it takes the place of what may be there.
+
+    A block that fails leaves the old file and nothing beside it.
+    """
+    partial = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
-        partial.write_text(text, encoding="utf-8", newline="\n")
+        yield partial
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text, lines ended as given, in place of what may be there; a write that fails leaves the old file and nothing beside it."""
+    with new_file(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")

@@ -60,7 +60,7 @@ def inspect(folder: Path, progress: Progress | None = None) -> Iterator[Fault]:
         yield Fault.of(error, folder / FILE)
         return
     for path in sorted(folder.iterdir()):
-        if path.name.endswith((".partial", ".part")):
+        if path.name.startswith(".") and (path.name.endswith(".partial") or ".part." in path.name):
             yield Fault(path, "left by a run that was cut off or still goes on; generate into this folder again")
     for number, name in enumerate(wanted.sequences):
         if not (folder / name / MANIFEST).exists():

@@ -6,7 +6,6 @@ robots.csv: time s, robot, x, y m, heading rad, and the covariance's upper trian
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.atomic import new_folder
 from tracker.formats.utias import Robot, Team
 from tracker.geometry import Array
 from tracker.sequence import read_json
@@ -40,11 +40,7 @@ class Paths:
 
 def write_paths(folder: Path, paths: Paths) -> None:
     """Write all files under a temporary name, then give the folder its own. It must not be there yet, or empty."""
-    partial = folder.with_name(f".{folder.name}.partial")
-    if partial.exists():
-        shutil.rmtree(partial)
-    partial.mkdir(parents=True)
-    try:
+    with new_folder(folder) as partial:
         blocks = [
             np.column_stack([paths.times, np.full(len(paths.times), robot), pose, paths.covariances[robot][:, UPPER[0], UPPER[1]]])
             for robot, pose in paths.poses.items()
@@ -55,12 +51,6 @@ def write_paths(folder: Path, paths: Paths) -> None:
         np.savetxt(partial / "map.csv", np.array(rows).reshape(-1, 3), ["%d", "%.6f", "%.6f"], ",", header=MAP, comments="")
         text = json.dumps({"schema": SCHEMA, "kind": "planar"} | paths.run, indent=1, sort_keys=True)
         (partial / "run.json").write_text(text + "\n", encoding="utf-8")
-        if folder.exists():
-            folder.rmdir()
-        partial.rename(folder)
-    finally:
-        if partial.exists():
-            shutil.rmtree(partial)
 
 
 def read_paths(folder: Path) -> Paths:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tracker.atomic import new_folder
 from tracker.formats.motchallenge import read_mot15, rows_from_tracks, write_mot15
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.layout import POSE, UPPER
@@ -51,12 +51,8 @@ class Results:
 
 
 def write_results(folder: Path, results: Results) -> None:
-    """Write all files under a temporary name, then give the folder its own. It must not be there yet."""
-    partial = folder.with_name(f".{folder.name}.partial")
-    if partial.exists():
-        shutil.rmtree(partial)
-    partial.mkdir(parents=True)
-    try:
+    """Write all files under a temporary name, then give the folder its own. It must not be there yet, or empty."""
+    with new_folder(folder) as partial:
         write_mot15(partial / "tracks.txt", rows_from_tracks({k + 1: track for k, track in results.tracks.items()}))
         rows = [
             [k, robot, *pose.translation, *quaternion_from_rotation(pose.rotation), *(P[i, j] for i, j in UPPER)]
@@ -67,10 +63,6 @@ def write_results(folder: Path, results: Results) -> None:
         write_table(partial / "robots.csv", list(ROBOTS), rows)
         text = json.dumps({"schema": SCHEMA, "frames": results.frames} | results.run, indent=1, sort_keys=True)
         (partial / "run.json").write_text(text + "\n", encoding="utf-8")
-        partial.rename(folder)
-    finally:
-        if partial.exists():
-            shutil.rmtree(partial)
 
 
 def read_results(folder: Path) -> Results:

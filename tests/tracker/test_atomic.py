@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tracker.atomic import new_folder, write_text
+from tracker.atomic import new_file, new_folder, write_text
 
 
 def test_a_folder_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
@@ -50,3 +50,25 @@ def test_text_replaces_text_or_leaves_it(tmp_path: Path) -> None:
         write_text(tmp_path / "a.txt", "\ud800")
     assert (tmp_path / "a.txt").read_bytes() == "ü\n".encode()
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_file_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
+    file = tmp_path / "plot.png"
+    file.write_text("old")
+    with new_file(file) as part:
+        part.write_text("new")
+        assert part.suffix == ".png"
+        assert file.read_text() == "old"
+    assert file.read_text() == "new"
+    with pytest.raises(KeyboardInterrupt), new_file(file) as part:
+        part.write_text("half")
+        raise KeyboardInterrupt
+    assert file.read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["plot.png"]
+
+
+def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with new_folder(tmp_path / "out") as folder:
+        (folder / "file").write_text("x")
+    assert (tmp_path / "out" / "file").exists()

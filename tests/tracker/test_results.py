@@ -38,7 +38,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 def test_there_is_one_run_a_folder(tmp_path: Path) -> None:
     write_results(tmp_path / "r", Results.of(estimates(), {}))
-    with pytest.raises(OSError, match="r"):
+    with pytest.raises(ValueError, match="is there already"):
         write_results(tmp_path / "r", Results.of(estimates(), {}))
     assert [p.name for p in tmp_path.iterdir()] == ["r"]
 
