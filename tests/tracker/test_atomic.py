@@ -60,9 +60,14 @@ def test_a_file_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
         assert part.suffix == ".png"
         assert file.read_text() == "old"
     assert file.read_text() == "new"
-    with pytest.raises(KeyboardInterrupt), new_file(file) as part:
-        part.write_text("half")
-        raise KeyboardInterrupt
+
+    def fail() -> None:
+        with new_file(file) as part:
+            part.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
     assert file.read_text() == "new"
     assert [p.name for p in tmp_path.iterdir()] == ["plot.png"]
 

@@ -92,6 +92,7 @@ def test_what_cannot_be_is_refused(plaza: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="needs a place outside it"):
         export(plaza, "tum", plaza / "out")
     (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("x")
     with pytest.raises(ValueError, match="out: is there already"):
         export(plaza, "tum", tmp_path / "out")
 
