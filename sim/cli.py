@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib.metadata
+import io
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, get_args
 
 import tyro
 
@@ -49,8 +52,10 @@ Command = (
 def main() -> None:
     """Entry point; leaves with 0, with 2 and one line where the input is at fault, with 130 when interrupted."""
     try:
-        command = tyro.cli(Command, prog="pilsim", description=__doc__)
-        command.run()
+        if sys.argv[1:] == ["--version"]:
+            print(f"pilsim {importlib.metadata.version('pilsim')}")
+            return
+        _asked_for().run()
         sys.stdout.flush()
     except BrokenPipeError:
         # Who reads us has gone (`pilsim … | head`): nothing to say, and nothing to say it to.
@@ -62,6 +67,29 @@ def main() -> None:
     except (ValueError, OSError, GLUnavailable) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(2)
+
+
+def _asked_for() -> Command:
+    """The command of the command line. Raises ValueError, in one line, for what it does not know."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(Command, prog="pilsim", description=__doc__)
+    except SystemExit as left:
+        if left.code == 2:
+            raise ValueError(_in_a_line(said.getvalue())) from None
+        raise
+
+
+def _in_a_line(box: str) -> str:
+    """What tyro draws as a box of many lines: its first part, the first option that it thinks was meant, and where more is to be read."""
+    lines = [line.strip("│ ").strip() for line in box.splitlines() if line.startswith("│")]
+    rules = [k for k, line in enumerate(lines) if line.startswith("──")]
+    message = " ".join(lines[: rules[0] if rules else None])
+    meant = [lines[k + 1].split()[0] for k, line in enumerate(lines[:-1]) if line == "Perhaps you meant:" and lines[k + 1]]
+    names = {hint.__origin__.__name__.lower() for hint in get_args(Command)}
+    command = f"{sys.argv[1]} " if sys.argv[1:] and sys.argv[1] in names else ""
+    return f"{message.rstrip('.')}{f' (perhaps {meant[0]})' if meant else ''}; see pilsim {command}--help"
 
 
 if __name__ == "__main__":

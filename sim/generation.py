@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,7 +32,9 @@ from tracker.recording import Form
 
 LARGEST_COUNT = 100_000
 LOOK = 0.5
-"""s between looks at how far the workers are."""
+"""s between looks at how far the workers are, on a terminal ..."""
+LOOK_OF_LOGS = 30
+"""... and where each is kept, as in the log of a batch job."""
 CONNECTING = 15
 """s to reach the scheduler of a cluster."""
 
@@ -83,6 +86,7 @@ def generate(plan: Plan) -> int:
         orders = plan.orders()
         for order in orders:
             order.sweep()
+        begun = not (plan.out / FILE).exists()
         write_text(plan.out / FILE, plan.dataset.to_json())
         missing = [order for order in orders if not order.whole]
         if missing:
@@ -92,6 +96,9 @@ def generate(plan: Plan) -> int:
             finally:
                 for order in missing:
                     order.sweep()
+                if begun and not any(order.whole for order in orders):
+                    # Nothing was made: the folder is free for another dataset.
+                    (plan.out / FILE).unlink()
         lost = [order.folder for order in orders if not order.whole]
         if lost:
             raise OSError(f"{lost[0]}: was made, but is not here: the cluster must see this folder under the same path")
@@ -140,7 +147,11 @@ def _backend(plan: Plan) -> Iterator[int]:
         from distributed import Client
     except ImportError:
         raise ValueError("--cluster needs Dask: pip install 'pilsim[cluster]'") from None
-    with Client(plan.cluster, timeout=CONNECTING, set_as_default=True) as client, parallel_config("dask", wait_for_workers_timeout=CONNECTING):
+    try:
+        client = Client(plan.cluster, timeout=CONNECTING, set_as_default=True)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"--cluster is {plan.cluster!r}, needs an address as tcp://HOST:PORT ({error})") from None
+    with client, parallel_config("dask", wait_for_workers_timeout=CONNECTING):
         yield max(1, 2 * sum(client.nthreads().values()))
 
 
@@ -167,7 +178,7 @@ def _shown(orders: list[Order]) -> Iterator[None]:
     with tqdm(total=total, initial=sum(order.frames for order in orders if order.whole), desc="frames", unit="frame") as bar:
 
         def look() -> None:
-            while not done.wait(LOOK):
+            while not done.wait(LOOK if sys.stderr.isatty() else LOOK_OF_LOGS):
                 bar.n = sum(order.frames for order in orders)
                 bar.refresh()
 

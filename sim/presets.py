@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import json
 import tomllib
 from collections.abc import Mapping
@@ -16,6 +17,7 @@ from scipy import ndimage
 from sim.scenario import Scenario
 from tracker.geometry import Array
 from tracker.sequence import read_json
+from worlds.catalogue import WORLDS
 from worlds.heightfield import Mask
 from worlds.semantics import CLASSES
 from worlds.spawning import spawn_areas
@@ -69,10 +71,14 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
     fields = [field.name for field in dataclasses.fields(Scenario)]
     unknown = sorted(set(changes) - {*fields, "views"})
     if unknown:
-        raise ValueError(f"setting is {unknown[0]!r}, needs one of views, {', '.join(fields)}")
+        alike = difflib.get_close_matches(unknown[0], fields, 1, 0.75)
+        raise ValueError(f"setting is {unknown[0]!r}{f' ({alike[0]}?)' if alike else ''}, needs one of views, {', '.join(fields)}")
     views = changes.get("views", preset.views)
     if not isinstance(views, int) or isinstance(views, bool) or not 0 <= views <= 32:
         raise ValueError(f"views is {views!r}, needs a whole number in [0, 32]")
+    world = changes.get("world", preset.scenario.world)
+    if world not in WORLDS:
+        raise ValueError(f"world is {world!r}, needs one of {', '.join(sorted(WORLDS))}")
     scenario = dataclasses.replace(preset.scenario, **{key: value for key, value in changes.items() if key != "views"})
     return dataclasses.replace(preset, scenario=scenario, views=views)
 
@@ -80,7 +86,7 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
 def read_settings(path: Path) -> dict[str, Any]:
     """Settings of a TOML or JSON file, as `preset_of` takes them. Raises ValueError, with the file's name, where it is none."""
     if not path.is_file():
-        raise ValueError(f"{path}: no such file")
+        raise ValueError(f"{path}: {'is a folder, needs a file' if path.is_dir() else 'no such file'}")
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"{path}: {path.stat().st_size} bytes, needs at most {MAX_BYTES}")
     if path.suffix == ".json":

@@ -22,6 +22,7 @@ class Check:
     Each fault is a line, FILE: what is wrong with it. Checked are sums and sizes, that every image decodes to the size of its camera, that every
     frame is there, that boxes are those of the instances to the pixel, that key points are where the cameras see the joints, and that values are
     within their bounds.
+
     Examples: pilsim check D
               pilsim check D/pilsun-00000 --json
     """

@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.commands.options import Out, numbers
 from sim.commands.settings import Settings
+
+if TYPE_CHECKING:
+    from sim.presets import Preset
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,7 @@ class Generate:
 
     PRESET is pilsun (as the paper's set: 333 frames, 4 robots, 10 people, indoors), s2l1, s2l2 or s2l3 (crowds and cameras as in PETS 2009), each
     in any world; or twin: the people of a PETS 2009 annotation on their real paths, before the real cameras and before rovers.
+
     Examples: pilsim generate pilsun --out D
               pilsim generate pilsun --world forest --count 20 --workers 2 --out D
               pilsim generate s2l2 --frames 100 --range --video --out D
@@ -40,7 +44,7 @@ class Generate:
     cluster: Annotated[str | None, arg(metavar="ADDRESS")] = None
     """A Dask scheduler, as in tcp://10.0.0.1:8786, to use instead; its workers must see DIR under the same path."""
     config: Annotated[Path | None, arg(metavar="FILE")] = None
-    """A .toml or .json file of settings, as frames = 100; options given beside it win."""
+    """A .toml or .json file of settings, as frames = 100 or at_once = 8; options given beside it win."""
     png: bool = False
     """Images without loss, as PNG in place of JPEG; three times as large."""
     range: bool = False
@@ -49,6 +53,8 @@ class Generate:
     """The semantic class of every pixel too, as 8-bit PNG."""
     video: bool = False
     """An MP4 of every camera too."""
+    mesh: bool = True
+    """The terrain as glTF, some MB a sequence."""
     annotations: Annotated[Path | None, arg(metavar="FILE")] = None
     """Of a twin, who walked where: the CVML file of any PETS 2009 sequence, boxes in View_001."""
     calibration: Annotated[Path | None, arg(metavar="DIR")] = None
@@ -59,20 +65,33 @@ class Generate:
             self._twin()
             return
         from sim.generation import Plan, generate
-        from sim.presets import preset_of, read_settings
         from tracker.recording import Form
 
         if self.annotations or self.calibration:
             raise ValueError("--annotations and --calibration are for a twin: pilsim generate twin …")
-        changes: dict[str, Any] = (read_settings(self.config) if self.config else {}) | self.settings.given()
+        form = Form(self.png, self.range, self.classes, self.video, self.mesh)
+        plan = Plan(self.preset, self._preset(), self.out, self.count, form, self.workers, self.cluster)
+        made = generate(plan)
+        counted = f"{plan.count} sequence{'s' * (plan.count != 1)}, {made} new"
+        print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
+
+    def _preset(self) -> Preset:
+        """The preset with the settings of the file, and over them those of the command line."""
+        from sim.presets import preset_of, read_settings
+
+        changes = self.settings.given()
         if self.views is not None:
             if not self.views.isdecimal():
                 raise ValueError(f"--views is {self.views!r}, needs a number of cameras")
             changes["views"] = int(self.views)
-        form = Form(self.png, self.range, self.classes, self.video, mesh=True)
-        plan = Plan(self.preset, preset_of(self.preset, changes), self.out, self.count, form, self.workers, self.cluster)
-        made = generate(plan)
-        print(f"{self.out}: {plan.count} sequences, {made} of them new (README.md in it); `pilsim check {self.out}` verifies them")
+        if self.config is None:
+            return preset_of(self.preset, changes)
+        settings = read_settings(self.config)
+        try:
+            preset_of(self.preset, settings)
+        except ValueError as error:
+            raise ValueError(f"{self.config}: {error}") from None
+        return preset_of(self.preset, settings | changes)
 
     def _twin(self) -> None:
         from functools import partial
@@ -86,7 +105,8 @@ class Generate:
             raise ValueError("a twin needs --annotations FILE and --calibration DIR")
         own = {"frames", "robots", "width", "seed"}
         given = self.settings.given()
-        ours = self.count == self.workers == 1 and not (self.cluster or self.config or self.png or self.range or self.classes or self.video)
+        forms = (self.png, self.range, self.classes, self.video, not self.mesh)
+        ours = self.count == self.workers == 1 and not (self.cluster or self.config or any(forms))
         if set(given) - own or not ours:
             raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}, the rest is of its annotation")
         views = tuple(numbers(self.views or "1"))

@@ -14,6 +14,7 @@ class Report:
     """Turn what `stress` left in a folder into a page to read: what was tested, what broke first, why, and how far the limits are.
 
     One HTML file without scripts that needs no network; PNG and CSV of each plot go to FOLDER/report. May be run while a stress test goes on.
+
     Examples: pilsim report runs/stress
               pilsim report runs/stress --out density.html
     """

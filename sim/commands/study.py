@@ -17,6 +17,7 @@ class Study:
 
     On a synthetic crowd, and on PETS 2009 where a folder is named. Leaves cells.csv (one run a row), fig4.png (processing time, MOTA and its spread
     over repetitions) and fig4.txt (the same as a table, and what is seen in it). Stopped, the same command goes on from there.
+
     Examples: pilsim study fig4 --out runs/fig4 --pets PETS2009/S2.L1
               pilsim study fig4 --out runs/quick --repetitions 2 --frames 60
     """

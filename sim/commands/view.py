@@ -14,6 +14,7 @@ class View:
     """Look at a sequence in space and time with Rerun: terrain, robots with their trails and panoramas, people, tracks, covariances.
 
     Needs the extra `view`: pip install "pilsim[view]". True people are grey, tracks have a colour an id; ellipsoids hold two standard deviations.
+
     Examples: pilsim view runs/demo
               pilsim view runs/demo/sequence --track
               pilsim view runs/demo --save demo.rrd     (then: rerun demo.rrd)

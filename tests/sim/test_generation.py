@@ -124,6 +124,9 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["pilsun", "--views", "a"], "--views is 'a', needs a number of cameras"),
         (["pilsun", "--views", "99"], "views is 99, needs a whole number in [0, 32]"),
         (["pilsun", "--config", "none.toml"], "none.toml: no such file"),
+        (["pilsun", "--config", "/"], "/: is a folder, needs a file"),
+        (["pilsun", "--world", "mars"], "world is 'mars', needs one of campus, forest, "),
+        (["twin", "--annotations", "a", "--calibration", "b", "--no-mesh"], "a twin takes --views and --frames"),
         (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
         (["twin"], "a twin needs --annotations FILE and --calibration DIR"),
         (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --frames, --robots, --seed, --width"),
@@ -135,11 +138,25 @@ def test_bad_wishes(arguments: list[str], message: str, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_wrong_setting_is_named_with_its_file(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("framse = 3")
+    with pytest.raises(ValueError, match=re.escape("mine.toml: setting is 'framse' (frames?), needs one of views, ")):
+        wish("pilsun", "--config", str(tmp_path / "mine.toml"), out=tmp_path / "D")
+    assert not (tmp_path / "D").exists()
+
+
+@pytest.mark.slow
+def test_a_cluster_that_is_none_leaves_the_folder_free(tmp_path: Path) -> None:
+    done = pilsim("generate", "pilsun", *SMALL, "--cluster", "nonsense", "--out", tmp_path / "D")
+    assert "--cluster is 'nonsense', needs an address as tcp://HOST:PORT" in last_line(done)
+    assert list((tmp_path / "D").iterdir()) == []
+
+
 @pytest.mark.slow
 def test_a_world_too_small_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", "--people", 900, "--frames", 1, "--out", tmp_path / "D")
     assert "people is 900, more than pilsun holds at once" in last_line(done)
-    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == ["dataset.json"]
+    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == []
 
 
 def small_files(limit: int) -> Callable[[], None]:
@@ -150,7 +167,7 @@ def small_files(limit: int) -> Callable[[], None]:
 def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", *SMALL, "--out", tmp_path / "D", preexec_fn=small_files(20_000))
     assert "File too large" in last_line(done)
-    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == ["dataset.json"]
+    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == []
 
 
 @pytest.mark.slow
