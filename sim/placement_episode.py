@@ -18,15 +18,13 @@ from sim.placement_config import FRAMES, SEEDS_A_MAP, PlacementConfig
 from sim.placement_map import MapKey, PlacementMap, height_on, map_of
 from sim.placement_movers import Kinematic, Mover
 from sim.placement_physics import Physical
-from sim.placement_team import NEAR, SPEED, YAW, X, Y
+from sim.placement_steering import steer
+from sim.placement_team import NEAR, SPEED, X, Y
 from sim.placement_terms import gospa_share
 from sim.placement_tracking import Tracking
-from tracker.geometry import Array, wrap
+from tracker.geometry import Array
 from worlds.heightfield import Mask
-from worlds.walkable import Walkable
 
-LANE, HALF_LANE = 1.5, 0.85
-"""m ahead and to both sides in which others are driven around."""
 TRAIL = 60
 """Decisions that a trail goes back."""
 
@@ -123,12 +121,8 @@ class Episode:
         """(r, 2) m/s and rad/s: of an action of the configured kind, for robots that are at team (r, 7) now."""
         if self.goals is None:
             return action * np.array([TOP_SPEED, TOP_YAW_RATE])
-        aims = [self.place.roads.aim(row[:2], int(goal)) for row, goal in zip(team, self.goals, strict=True)]
-        out = np.zeros((len(team), 2))
-        for k, (row, aim) in enumerate(zip(team, aims, strict=True)):
-            others = np.concatenate([np.delete(team[:, :2], k, axis=0), self.mover.crowd.position])
-            out[k] = towards(row, _around(row, aim, others, self.place.room))
-        return out
+        roads = self.place.roads
+        return np.asarray(steer(team, self.goals, self.mover.crowd.position, (roads.places, roads.onward), roads.ground), dtype=np.float64)
 
     def _look(self, dt: float) -> float:
         """See who is seen, and believe it; nats gained a person."""
@@ -157,37 +151,6 @@ class Episode:
     def key(config: PlacementConfig, seed: int) -> MapKey:
         """The map of the episode of that seed."""
         return MapKey(config.world, config.difficulty, seed // SEEDS_A_MAP if config.map_seed is None else config.map_seed, config.people)
-
-
-def towards(robot: Array, aim: Array) -> tuple[float, float]:
-    """m/s and rad/s of a robot (7,) that goes to aim (2,) m: turns on the spot first where it looks elsewhere, and slows down before it."""
-    away = aim - robot[[X, Y]]
-    distance = float(np.hypot(*away))
-    if distance < 0.15:
-        return 0.0, 0.0
-    error = float(wrap(np.arctan2(away[1], away[0]) - robot[YAW]))
-    speed = min(TOP_SPEED, 1.2 * distance) * max(np.cos(error), 0.0) ** 2 if abs(error) < 0.7 else 0.0
-    return speed, float(np.clip(2.5 * error, -TOP_YAW_RATE, TOP_YAW_RATE))
-
-
-def _around(robot: Array, aim: Array, others: Array, room: Walkable) -> Array:
-    """(2,) m to head for in place of aim, where others (k, 2) m are in the way: past them on the right, else on the left, where there is room."""
-    away = aim - robot[[X, Y]]
-    distance = float(np.hypot(*away))
-    if distance < 0.15:
-        return aim
-    ahead = away / distance
-    off = others - robot[[X, Y]]
-    along, aside = off @ ahead, off @ np.array([-ahead[1], ahead[0]])
-    if not ((along > 0.0) & (along < min(LANE, distance + 0.5)) & (np.abs(aside) < HALF_LANE)).any():
-        return aim
-    for turn in (-0.9, 0.9, -1.6, 1.6):
-        c, s = np.cos(turn), np.sin(turn)
-        way = np.array([c * ahead[0] - s * ahead[1], s * ahead[0] + c * ahead[1]])
-        clear = not ((off @ way > 0.2) & (np.hypot(*off.T) < LANE) & (np.abs(off @ np.array([-way[1], way[0]])) < HALF_LANE)).any()
-        if clear and room.free_at(robot[[X, Y]] + way * np.array([[0.4], [0.8]])).all():
-            return robot[[X, Y]] + way
-    return aim
 
 
 @njit(cache=True)

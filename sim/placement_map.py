@@ -88,8 +88,7 @@ class PlacementMap:
 
     def sees(self, reach: float) -> NDArray[np.bool_]:
         """(n, k): whether a robot at each place of the roads sees somebody's chest at each of `where_people_may_be`, if nobody is between."""
-        away = np.linalg.norm(self.lookouts[:, None, :2] - self.where_people_may_be[:, :2], axis=2)
-        return self._clear & (away <= reach)
+        return _sees(self, reach)
 
     @cached_property
     def _clear(self) -> NDArray[np.bool_]:
@@ -185,6 +184,15 @@ def map_of(key: MapKey) -> PlacementMap:
     heights = Heights(top.heights, np.array([*top.origin, top.spacing]))
     room = driving.room_to_turn(world.wheels)
     return PlacementMap(key, world, Crowd(world.feet, world.terrain, plans), stature, floor, heights, room, Roads.of(room))
+
+
+@lru_cache(maxsize=KEPT)
+def _sees(place: PlacementMap, reach: float) -> NDArray[np.bool_]:
+    """As `PlacementMap.sees`, kept: policies ask for it in every decision."""
+    away = np.linalg.norm(place.lookouts[:, None, :2] - place.where_people_may_be[:, :2], axis=2)
+    out = np.asarray(place._clear & (away <= reach), dtype=np.bool_)
+    out.flags.writeable = False
+    return out
 
 
 def height_on(field: Heightfield, points: Array) -> Array:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
 from tracker.geometry import Array
+from worlds.heightfield import Mask
 from worlds.walkable import Walkable
 
 MOST = 500
 """Places of a net, about: its spacing is chosen for so many."""
 FINEST, COARSEST = 0.45, 2.0
 """m between neighbouring places."""
-_CLOSE = 0.3
-"""m: a place that one has come so near to has been reached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,26 +45,15 @@ class Roads:
             array.flags.writeable = False
         return Roads(places[kept], distance, onward, room)
 
+    @property
+    def ground(self) -> tuple[Mask, Array, float]:
+        """What compiled code needs of the room: free (rows, columns), origin (2,) m and spacing m."""
+        return self.room.free, self.room.origin, self.room.spacing
+
     def nearest(self, points: Array) -> NDArray[np.int64]:
         """(k, 2) m → (k,) the nearest place."""
         gap = ((points[:, None] - self.places) ** 2).sum(axis=2)
         return np.asarray(np.argmin(gap, axis=1), dtype=np.int64)
-
-    def aim(self, point: Array, goal: int, ahead: float = 1.5) -> Array:
-        """(2,) m to head for from point (2,) m on the way to the place `goal`: as far along it as one can go straight, up to `ahead` m."""
-        here = int(self.nearest(point[None])[0])
-        aim = self.places[here]
-        if here == goal and np.hypot(*(aim - point)) < _CLOSE:
-            return aim
-        node = here
-        while node != goal:
-            node = int(self.onward[node, goal])
-            if np.hypot(*(self.places[node] - point)) > ahead or not _straight(self.room, point, self.places[node]):
-                break
-            aim = self.places[node]
-        if np.hypot(*(aim - point)) < _CLOSE and node != here:
-            return self.places[node]
-        return aim
 
 
 def _widest(room: Walkable, spacing: float) -> tuple[Array, NDArray[np.int64]]:
@@ -83,17 +73,31 @@ def _widest(room: Walkable, spacing: float) -> tuple[Array, NDArray[np.int64]]:
 def _links(room: Walkable, places: Array, cell: NDArray[np.int64]) -> sparse.csr_matrix:
     """(n, n) m of the straight ways between places of neighbouring cells."""
     number = {(int(c), int(r)): k for k, (c, r) in enumerate(cell)}
-    pairs = []
+    pairs, ground = [], (room.free, room.origin, room.spacing)
     for k, (c, r) in enumerate(cell.tolist()):
         for step in ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2)):
             other = number.get((c + step[0], r + step[1]))
-            if other is not None and _straight(room, places[k], places[other]):
+            if other is not None and straight(ground, places[k], places[other]):
                 pairs.append((k, other))
     a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     return sparse.csr_matrix((np.hypot(*(places[a] - places[b]).T), (a, b)), shape=(len(places), len(places)))
 
 
-def _straight(room: Walkable, a: Array, b: Array) -> bool:
-    """Whether the straight way from a to b (2,) m is free."""
-    steps = max(2, int(np.hypot(*(b - a)) / room.spacing * 2) + 1)
-    return bool(room.free_at(a + np.linspace(0.0, 1.0, steps)[:, None] * (b - a)).all())
+@njit(cache=True)
+def straight(room, a, b):  # type: ignore[no-untyped-def]
+    """Whether the straight way from a to b, two coordinates m each, is free; room as in `Roads.ground`."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    steps = max(2, int(math.sqrt(dx * dx + dy * dy) / room[2] * 2) + 1)
+    for k in range(steps):
+        t = k / (steps - 1)
+        if not is_free(room, a[0] + t * dx, a[1] + t * dy):
+            return False
+    return True
+
+
+@njit(cache=True)
+def is_free(room, x, y):  # type: ignore[no-untyped-def]
+    """Whether the middle of a robot may be at (x, y) m."""
+    free, origin, spacing = room
+    j, i = int(np.rint((x - origin[0]) / spacing)), int(np.rint((y - origin[1]) / spacing))
+    return 0 <= i < free.shape[0] and 0 <= j < free.shape[1] and free[i, j]

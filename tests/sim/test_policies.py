@@ -75,10 +75,16 @@ def test_greedy_and_lloyd_see_more_people_twice_than_random():
 
 
 @pytest.mark.slow
-def test_ppo_trains_and_plays(tmp_path):
+def test_ppo_trains_alike_with_the_same_seed_and_plays(tmp_path):
+    torch = pytest.importorskip("torch")
     pytest.importorskip("stable_baselines3")
-    from sim.policies_ppo import train
+    from sim.policies_ppo import Learned
+    from sim.policies_training import train
 
-    file = train({**OPTIONS}, 960, tmp_path / "ppo")
+    first, again = (train({**OPTIONS}, 3840, tmp_path / name) for name in ("ppo", "again"))
     assert (tmp_path / "ppo" / "curve.png").stat().st_size > 1000
-    assert len(try_out(f"ppo:{file}", [1], OPTIONS, 5)) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "ppo"]
+    weights = [Learned.read(str(file)).model.policy.state_dict() for file in (first, again)]
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
+    # Another number of robots and people can be played with it, too.
+    assert len(try_out(f"ppo:{first}", [1], OPTIONS | {"robots": 2, "people": 9}, 5)) == 1
