@@ -52,19 +52,28 @@ class Contender:
         """The same with a case's own options, which go first; a tracker that is not ours has none."""
         return self if self.function or self.results else replace(self, options=self.options | options)
 
-    def results_of(self, setup: Setup, ticks: list[Tick], run: tuple[str, int]) -> Results:
-        """What it makes of the ticks; run: id of the case and seed. Raises whatever the tracker raises, and ValueError where what it says is not
-        what it should be.
+    @property
+    def solves_graphs(self) -> bool:
+        """Whether it takes the best set of tracks as a clique of a graph."""
+        return self.options.get("hypotheses") == "multiple"
+
+    def results_of(self, setup: Setup, ticks: list[Tick], run: tuple[str, int], graphs: Path | None = None) -> Results:
+        """What it makes of the ticks; run: id of the case and seed; graphs: where the graphs that it solves are written.
+
+        Raises whatever the tracker raises, and ValueError where what it says is not what it should be.
         """
         if self.results:
             return _made_elsewhere(Path(self.results) / run[0] / f"{run[1]}.txt", len(ticks))
-        return gathered(self.estimates(setup, ticks), setup)
+        return gathered(self.estimates(setup, ticks, graphs), setup)
 
-    def estimates(self, setup: Setup, ticks: list[Tick]) -> list[Estimate]:
+    def estimates(self, setup: Setup, ticks: list[Tick], graphs: Path | None = None) -> list[Estimate]:
         """As results_of, in full."""
         if self.function:
             return checked(self.name, load(self.function)(setup, ticks), setup, ticks)
-        return checked(self.name, track(setup, ticks, parameters_of(self.options)), setup, ticks)
+        parameters = parameters_of(self.options)
+        if graphs is not None and parameters.multiple is not None:
+            parameters = replace(parameters, multiple=replace(parameters.multiple, graphs=graphs))
+        return checked(self.name, track(setup, ticks, parameters), setup, ticks)
 
 
 def gathered(estimates: list[Estimate], setup: Setup) -> Results:

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from sim.dispatch import Dispatched
 from sim.record import Stage, open_renderer, setup_of
 from sim.record import run as run_rendered
 from sim.sightlines import Glimpse, Sightlines, run_unrendered
-from sim.stress import Case
+from sim.stress import OWN_GOALS, Case
 from sim.twin import Twin, stage_of
 from tracker.annotations import Boxes, ViewTruth
 from tracker.cameras import Camera, Panorama
@@ -56,7 +57,7 @@ def filmed(case: Case, rendered: bool) -> Footage:
     """Simulate a case, or read it. Raises ValueError for a scenario that its world cannot hold and for a folder that is none of PETS 2009."""
     if case.source == "pets":
         return _real(case)
-    stage = _twin(case) if case.source == "twin" else Stage.of(case.scenario)
+    stage = _staged(case)
     setup = setup_of(stage.scenario, stage.simulation, stage.fixed)
     if case.source:
         setup = _before_cameras(setup)
@@ -79,6 +80,15 @@ def filmed(case: Case, rendered: bool) -> Footage:
     ticks = case.troubles.sent(setup, recorded, case.scenario.seed)
     truth, views = tuple(moment.truth for moment in moments), [moment.views for moment in moments]
     return Footage(case, setup, recorded, truth, views, case.troubles.told(setup), ticks, person, landmarks)
+
+
+def _staged(case: Case) -> Stage:
+    """What is simulated."""
+    if case.source == "twin":
+        return _twin(case)
+    if not case.policy:
+        return Stage.of(case.scenario)
+    return Stage(case.scenario, Dispatched(case.scenario, "" if case.policy == OWN_GOALS else case.policy), {}, {})
 
 
 def _before_cameras(setup: Setup) -> Setup:

@@ -7,12 +7,14 @@ are as the measurements' covariances say, and for who is told which landmark is 
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sim.contender import Contender
+from sim import cliques
 from sim.footage import Footage
+from sim.target_limits import target_bound
 from tracker.bearings import Sight, jacobians
 from tracker.evaluation import who_counts
 from tracker.geometry import Array, Pose, skew, tangent_basis
@@ -25,15 +27,20 @@ SAME = np.radians(1.0)
 FAINT = 1e-9
 
 
-def limits(footage: Footage, contender: Contender) -> dict[str, Any]:
+def limits(footage: Footage, graphs: Path | None = None) -> dict[str, Any]:
     """visible_recall: the share of all true places at which somebody stood whom some view had shown lately: nobody can follow whom no robot sees.
-    ate_bound_m: the least mean error of the robots' places, m, where landmarks are known as such (not in pictures). clique_gap: not measured.
+    ate_bound_m: the least mean error of the robots' places, m, where landmarks are known as such (not in pictures). target_bound_m: of people's
+    places, m, where it is known whose boxes are whose (not in real sequences). clique_gap: by what share the
+    tracker's cliques weigh less than the best, where it left its graphs in the folder `graphs`. What is not known is left out.
     """
-    del contender
     out: dict[str, Any] = {"visible_recall": visible_recall(footage)}
     if (bound := ate_bound(footage)) is not None:
         out["ate_bound_m"] = bound
-    return out | {"clique_gap": None}
+    if (bound := target_bound(footage)) is not None:
+        out["target_bound_m"] = bound
+    if graphs is not None and (gap := cliques.gap(graphs)) is not None:
+        out["clique_gap"] = gap
+    return out
 
 
 def visible_recall(footage: Footage) -> float | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from sim.report_words import BROKEN
-
+BROKEN = 0.5
+"""A setting is called broken where the mean MOTA is below this: there are more than half as many errors as there are people to follow."""
 GLOSSARY = (
     ("MOTA", "tracking accuracy. 1 is perfect; each person missed, each false one and each swapped identity counts against it; it can be below 0."),
     ("IDF1", "how much of the time people keep one identity, from 0 to 1."),
     ("ATE", "how far the robots believe to be from where they are, in metres (root mean square, without alignment)."),
+    ("MOTP", "how far the people who are followed are told from where they are, in metres, on average."),
     ("Broken", f"here: a mean MOTA below {BROKEN:g}."),
     ("0.61 (0.55 to 0.67)", "a mean over seeds, and the interval that holds the true mean with 95 % confidence (Student's t)."),
     ("Falls, no difference", "judged seed by seed, best against worst setting, with an interval widened for having chosen those two."),

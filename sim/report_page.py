@@ -16,13 +16,34 @@ from sim.report_rows import STAGES, Row, Rows, Setting, Sweep
 from sim.report_series import name_of
 from sim.report_style import STYLE
 from sim.report_summary import headline, summary
-from sim.report_words import REAL, at, breaking, causes_of, change, finding, findings, owner, plural, predicted, reasons, robots, spread, stages
+from sim.report_words import (
+    REAL,
+    at,
+    at_row,
+    breaking,
+    causes_of,
+    change,
+    finding,
+    findings,
+    owner,
+    plural,
+    predicted,
+    reasons,
+    robots,
+    spread,
+    stages,
+)
 from sim.stress import SWEEPS
 
 MOST_FAILED = 30
 """Failed runs that are listed one by one."""
 KINDS_SAID = {"miss": "a person missed", "false positive": "somebody who is not there", "switch": "a swapped identity"}
 """Kinds of a moment for a person to read."""
+MOMENTS_SAID = (
+    "The longest mistakes, each at its middle frame: the plan seen from above, ten metres wide. Rings are people as they truly are, with the way they"
+    " came; coloured dots are what the tracker tells of them; the red ring is the mistake. Arrows are robots, grey where they are, red where they"
+    " believe to be. Lines come from robots that have the person in sight, blue with a box about the person, grey without."
+)
 COLUMNS = (
     ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
     ("switches", "switches", 0), ("ate_m", "ATE [m]", 3),
@@ -83,7 +104,7 @@ def page(content: Page) -> str:
 
 
 def _title(sweep: Sweep) -> str:
-    name = sweep.name.replace("_", " ").capitalize()
+    name = "Real" if sweep.name == REAL else sweep.name.replace("_", " ").capitalize()
     words = spread(sweep)
     return f"{name}: {words}" if len(words) < 70 else name
 
@@ -119,23 +140,29 @@ def _sweep(content: Page, sweep: Sweep) -> str:
 
 
 def _moments(album: Album) -> str:
-    return tag("ol", "".join(tag("li", _moment(k, entry)) for k, entry in enumerate(album.entries, 1)), class_="moments")
+    return text("p", MOMENTS_SAID) + tag("ol", "".join(tag("li", _moment(k, entry)) for k, entry in enumerate(album.entries, 1)), class_="moments")
 
 
 def _moment(k: int, entry: Entry) -> str:
     row, moment = entry.row, entry.moment
     said = str(moment.get("kind"))
     heading = f"{KINDS_SAID.get(said, said)}: {moment.get('cause', 'cause unknown')}"
-    where = f"{row.parameter} = {row.value}, seed {row.seed}, frame {moment.get('frame')}, tracker {row.tracker}"
+    where = f"{at_row(row)}, seed {row.seed}, frame {moment.get('frame')}, tracker {row.tracker}"
     if moment.get("person") is not None:
         where += f"; person {moment['person']}"
     if isinstance(place := moment.get("position"), Sequence) and not isinstance(place, str):
         where += f" at ({', '.join(f'{round(float(v), 1) + 0.0:.1f}' for v in place)}) m"
-    out = text("h3", heading[:1].upper() + heading[1:]) + text("p", f"{where} ({row.id}).")
+    meaning = CAUSES.get(str(moment.get("cause")), "")
+    said = f"{_capital(meaning)} {_capital(where)} ({row.id}).".strip()
+    out = text("h3", _capital(heading)) + text("p", said)
     for number, picture in enumerate(entry.pictures, 1):
         alt = f"Moment {k}, picture {number} of {len(entry.pictures)}: {heading}; {where}"
         out += f'<img src="{picture.uri}" alt="{escape(alt)}" width="{picture.width}" height="{picture.height}"/>'
     return out + "".join(text("p", f"The picture {name} is missing.", class_="note") for name in entry.missing)
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def table(caption: str, head: Iterable[str], body: Iterable[Sequence[str]]) -> str:

@@ -160,7 +160,7 @@ def _figure(plot: Plot) -> matplotlib.figure.Figure:
         handles = _spans(axes, plot, drawn) if isinstance(drawn, Spans) else _lines(axes, plot, drawn)
     if plot.within:
         low, high = axes.get_xlim() if sideways else axes.get_ylim()
-        limits = low if low < plot.within[0] - 0.06 else plot.within[0], max(plot.within[1], high)
+        limits = low if low < plot.within[0] - 0.06 else plot.within[0], max(plot.within[1] + 0.03 * (plot.within[1] - plot.within[0]), high)
         (axes.set_xlim if sideways else axes.set_ylim)(limits)
     if len(handles) > 1:
         figure.legend(handles=handles, loc="outside lower left", ncols=2, fontsize=9.5, frameon=False, handlelength=1.8)

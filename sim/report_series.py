@@ -29,6 +29,7 @@ MEASURES = (
     Measure("mota", "People followed", "MOTA (1 is perfect)"),
     Measure("idf1", "Identities kept", "IDF1 (1 is perfect)"),
     Measure("ate_m", "Robots' places", "ATE [m] (0 is perfect)", BOUNDS, (0.0, 0.01)),
+    Measure("motp_m", "People's places", "MOTP [m] (0 is perfect)", (("target_bound_m", "Cramér-Rao bound"),), (0.0, 0.1)),
     Measure("mota_all", "Everybody, seen or not", "MOTA over everybody", (("visible_recall", "limit: share seen by robots"),)),
 )
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 from collections import Counter
 
 from sim.intervals import mean_interval
+from sim.report_glossary import BROKEN
 from sim.report_rows import Row, Rows
-from sim.report_words import BROKEN, CAREFUL, Finding, at, change, chief, findings, listed, owner, plural, reasons, robots, spread
+from sim.report_words import CAREFUL, REAL, Finding, at, change, chief, findings, listed, owner, plural, reasons, robots, spread
+
+SCORE = (
+    "MOTA is 1 where everybody is followed all the time. Each person missed, each one who is not there and each swapped identity is taken off it,"
+    f" over how often somebody was there to be followed; below {BROKEN:g} a setting is called broken here."
+)
 
 
 def headline(rows: Rows) -> str:
@@ -16,7 +22,8 @@ def headline(rows: Rows) -> str:
         return "No run has a score: nothing can be said of the tracker, see what failed."
     first = found[0]
     if first.difference and first.difference.verdict == "one seed":
-        return f"One seed alone cannot say what is sure. The largest difference seen, {first.sweep.name}: {change(first).partition(';')[0]}."
+        ends = f"{first.high.mean:.2f} at {at(first.best)} and {first.low.mean:.2f} at {at(first.worst)}"
+        return f"The tracking score MOTA (1 is perfect) is {ends}; one seed alone cannot say whether that is chance."
     if not first.fall:
         return f"In {plural(len(found), 'sweep')} no setting is worse than another for sure."
     said = f"{first.sweep.name.capitalize()} hurts most: the tracking score MOTA (1 is perfect) falls from {first.high.mean:.2f} at {at(first.best)}"
@@ -29,7 +36,7 @@ def summary(rows: Rows) -> list[tuple[str, str]]:
     """Pairs of a heading and what is said under it, for the first tracker; others are told of where there are some."""
     tracker = rows.trackers[0]
     found = findings(rows, tracker)
-    said = [("What was tested", tested(rows))]
+    said = [("What was tested", tested(rows)), ("The score", SCORE)]
     if not found:
         return [*said, ("What broke", f"Every run failed, or none has a score: {chief_error(rows)}.")]
     worst, where = found[0].worst.of(tracker), at(found[0].worst)
@@ -43,12 +50,16 @@ def summary(rows: Rows) -> list[tuple[str, str]]:
 def tested(rows: Rows) -> str:
     sweeps, whole = rows.sweeps(), rows.rows
     settings, seeds = sum(len(sweep.settings) for sweep in sweeps), len({row.seed for row in whole})
-    worlds = sorted({str(row.scenario["world"]) for row in whole if "world" in row.scenario})
-    frames = sorted({row.frames for row in whole if row.frames})
-    names = listed(spread(sweep) for sweep in sweeps[:4]) + (f" and {len(sweeps) - 4} more" if len(sweeps) > 4 else "")
+    simulated = [row for row in whole if row.sweep != REAL]
+    worlds = sorted({str(row.scenario["world"]) for row in simulated if "world" in row.scenario})
+    frames = sorted({row.frames for row in simulated if row.frames})
+    ours = [sweep for sweep in sweeps if sweep.name != REAL]
+    names = listed(spread(sweep) for sweep in ours[:4]) + (f" and {len(ours) - 4} more" if len(ours) > 4 else "")
     said = "A tracker that follows people with the panoramic cameras of moving robots, in simulation, where the truth is known"
     said += f"{' (world' + 's' * (len(worlds) > 1) + ' ' + listed(worlds) + ')' if worlds else ''}; tracker: {listed(rows.trackers)}. "
-    said += f"{plural(len(sweeps), 'sweep').capitalize()}, each changing one thing: {names}. "
+    if ours:
+        said += f"One thing is changed: {names}. " if len(ours) == 1 else f"{len(ours)} sweeps, each changing one thing: {names}. "
+    said += "".join(f"Also {spread(sweep)}. " for sweep in sweeps if sweep.name == REAL)
     said += f"{plural(len(whole), 'run')} of {plural(settings, 'setting')} and {plural(seeds, 'seed')}"
     said += f", {' or '.join(map(str, frames))} frames each" if frames else ""
     rendered = {row.rendered for row in whole}
@@ -85,6 +96,10 @@ def limits(first: Finding) -> str:
     ratio = [row.scores["ate_m"] / row.limits["ate_bound_m"] for row in rows if row.limits.get("ate_bound_m") and "ate_m" in row.scores]
     if ratio:
         said.append(f"The robots' error is {mean_interval(ratio).text(1)} times the Cramér-Rao bound.")
+    places = [(row.scores["motp_m"], row.limits["target_bound_m"]) for row in rows if "motp_m" in row.scores and "target_bound_m" in row.limits]
+    if places:
+        off, bound = (mean_interval(list(values)) for values in zip(*places, strict=True))
+        said.append(f"People are told {off.text()} m off, and nobody could do better than {bound.mean:.2f} m.")
     gaps = [row.limits["clique_gap"] for row in rows if "clique_gap" in row.limits]
     if gaps and not any(gaps):
         said.append("The search for the best set of tracks found the exact optimum.")

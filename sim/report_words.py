@@ -12,10 +12,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from sim.intervals import Interval, mean_interval, paired
+from sim.report_glossary import BROKEN, CAUSES
 from sim.report_rows import KINDS, STAGES, Row, Rows, Setting, Sweep
+from sim.stress import SWEEPS
 
-BROKEN = 0.5
-"""A setting is called broken where the mean MOTA is below this: there are more than half as many errors as there are people to follow."""
 REAL = "pets"
 """The sweep that sets a real sequence, PETS 2009 S2.L1, beside its simulated twin."""
 CAREFUL = 5
@@ -60,9 +60,16 @@ def findings(rows: Rows, tracker: str) -> list[Finding]:
 
 
 def at(setting: Setting) -> str:
-    """As in "people = 100"."""
-    value = setting.value
-    return f"{setting.rows[0].parameter} = {f'{value:g}' if isinstance(value, float) else value}"
+    """As in "100 people", or "people = 100" where the sweep is none of ours, or its value none that it takes."""
+    return at_row(setting.rows[0])
+
+
+def at_row(row: Row) -> str:
+    """The same of one run."""
+    value, known = row.value, SWEEPS.get(row.sweep)
+    if known and isinstance(value, str) == isinstance(known.values[0], str):
+        return known.said.format(value)
+    return f"{row.parameter} = {f'{value:g}' if isinstance(value, float) else value}"
 
 
 def listed(names: Iterable[str]) -> str:
@@ -77,7 +84,9 @@ def plural(count: int, name: str) -> str:
 
 def spread(sweep: Sweep) -> str:
     """As in "people from 5 to 150", or "terrain exact, coarse or flat"."""
-    values = [at(s).partition(" = ")[2] for s in sweep.ordered()]
+    if sweep.name == REAL:
+        return "a real sequence, PETS 2009 S2.L1, beside its simulated twin"
+    values = [f"{v:g}" if isinstance(v := s.value, float) else str(v) for s in sweep.ordered()]
     if len(values) == 1:
         return at(sweep.settings[0])
     if sweep.numeric:
@@ -141,7 +150,8 @@ def reasons(rows: Sequence[Row], where: str) -> str:
     numbers = {kind: sum(counts.values()) for kind, counts in causes.items()}
     total = sum(numbers.values())
     parts = listed(f"{100 * numbers[kind] / total:.0f} % {kind}" for kind in sorted(numbers, key=lambda kind: -numbers[kind]))
-    return f"Of {plural(total, 'error')} at {where}, {parts}; the commonest cause: {most[1]} ({most[0]}), {100 * most[2]:.0f} % of all errors."
+    said = f"Of {plural(total, 'error')} at {where}, {parts}; the commonest cause: {most[1]} ({most[0]}), {100 * most[2]:.0f} % of all errors"
+    return f"{said}: {CAUSES[most[1]]}" if most[1] in CAUSES else f"{said}."
 
 
 def stages(rows: Sequence[Row], measure: str = "mota") -> dict[str, Interval]:
@@ -180,7 +190,8 @@ def robots(found: Finding) -> str:
         said = f"Robots are {low.text(3)} m off at {at(least)} and {high.text(3)} m at {at(most)}"
     else:
         said = f"Robots are {high.text(3)} m off at {at(most)}" + (", no other setting is better for sure" if len(known) > 1 else "")
-    for name, words in (("dead_reckoning_m", "by wheels alone it would be {} m"), ("ate_bound_m", "the Cramér-Rao bound is {} m")):
+    wheels, bound = "by wheels alone it would be {} m", "no filter can be better than {} m (the Cramér-Rao bound)"
+    for name, words in (("dead_reckoning_m", wheels), ("ate_bound_m", bound)):
         if values := most.scores(found.tracker, name):
             said += "; " + words.format(f"{mean_interval(list(values.values())).mean:.3f}")
     return said + "."

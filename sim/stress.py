@@ -16,17 +16,22 @@ from sim.troubles import KNOWLEDGE, Troubles
 
 Value = int | float | str
 
+OWN_GOALS = "own goals"
+POLICIES = (OWN_GOALS, "random", "static", "lloyd", "greedy")
+"""Who sends the robots: nobody, each tours goals of its own, as in all other sweeps; or a policy of placement_trial."""
+
 
 @dataclass(frozen=True)
 class Sweep:
     """A row of cases that differ in one parameter. about: what it asks, one line; parameter: what is varied; values: of it, mild to harsh as they
-    come; world: where, else that of the runs; unit of the values.
+    come; said: a value in words, as str.format takes it; unit of the values; world: where, else that of the runs.
     """
 
     name: str
     about: str
     parameter: str
     values: tuple[Value, ...]
+    said: str
     unit: str = ""
     world: str | None = None
 
@@ -34,24 +39,26 @@ class Sweep:
 SWEEPS: dict[str, Sweep] = {
     sweep.name: sweep
     for sweep in (
-        Sweep("density", "more and more people, who hide each other", "people", (5, 10, 20, 40, 80, 150), world="ruins"),
-        Sweep("difficulty", "rougher ground, more clutter", "difficulty", (0.0, 0.25, 0.5, 0.75, 1.0)),
-        Sweep("robots", "from one view to a team of seven", "robots", (7, 5, 4, 3, 2, 1)),
-        Sweep("dropout", "views that stay away, in spells of about five frames", "dropout", (0.0, 0.1, 0.3, 0.5, 0.7), "share of frames"),
-        Sweep("misses", "people in sight whom the detector does not report", "misses", (0.0, 0.1, 0.3, 0.5, 0.7), "share"),
-        Sweep("clutter", "boxes where nobody is", "clutter", (0.0, 0.5, 1.0, 2.0, 5.0), "boxes a view and frame"),
-        Sweep("box_noise", "edges of boxes that stray", "bearing_noise", (0.0, 0.15, 0.5, 1.0, 2.0), "degrees"),
-        Sweep("rate", "the same ten seconds in fewer frames", "rate", (12.0, 6.0, 3.0, 2.0, 1.0), "frames a second"),
-        Sweep("slip", "wheels that slip more than the odometry says", "slip", (0.0, 0.05, 0.1, 0.2, 0.4), "share of the way"),
-        Sweep("skew", "every second robot's clock is late", "skew", (0, 1, 2, 4), "frames"),
-        Sweep("terrain", "what is known of the terrain", "terrain", KNOWLEDGE),
-        Sweep("kidnapped", "one robot is carried away, blind, its wheels still", "kidnapped", (0.0, 1.0, 2.0, 4.0), "seconds"),
+        Sweep("density", "more and more people, who hide each other", "people", (5, 10, 20, 40, 80, 150), "{} people", world="ruins"),
+        Sweep("difficulty", "rougher ground, more clutter", "difficulty", (0.0, 0.25, 0.5, 0.75, 1.0), "difficulty {}"),
+        Sweep("robots", "from one view to a team of seven", "robots", (7, 5, 4, 3, 2, 1), "a team of {}"),
+        Sweep("dropout", "views that stay away, in spells of about five frames", "dropout", (0.0, 0.1, 0.3, 0.5, 0.7),
+            "{:.0%} of views away", "share of frames"),
+        Sweep("misses", "people in sight whom the detector does not report", "misses", (0.0, 0.1, 0.3, 0.5, 0.7), "{:.0%} not reported", "share"),
+        Sweep("clutter", "boxes where nobody is", "clutter", (0.0, 0.5, 1.0, 2.0, 5.0), "{:g} false boxes a view", "boxes a view and frame"),
+        Sweep("box_noise", "edges of boxes that stray", "bearing_noise", (0.0, 0.15, 0.5, 1.0, 2.0), "edges {:g}° off", "degrees"),
+        Sweep("rate", "the same ten seconds in fewer frames", "rate", (12.0, 6.0, 3.0, 2.0, 1.0), "{:g} frames a second", "frames a second"),
+        Sweep("slip", "wheels that slip more than the odometry says", "slip", (0.0, 0.05, 0.1, 0.2, 0.4), "{:.0%} of slip", "share of the way"),
+        Sweep("skew", "every second robot's clock is late", "skew", (0, 1, 2, 4), "clocks {} frames late", "frames"),
+        Sweep("terrain", "what is known of the terrain", "terrain", KNOWLEDGE, "terrain known: {}"),
+        Sweep("kidnapped", "one robot is carried away, blind, its wheels still", "kidnapped", (0.0, 1.0, 2.0, 4.0), "{:g} s carried", "seconds"),
         Sweep("filter", "the filter of the robots' places and its correction factor", "slam", (
             "invariant, 2 iterations, correction", "invariant, 2 iterations", "iekf, 2 iterations, correction", "iekf, 2 iterations",
             "ekf, correction", "ekf",
-        )),
-        Sweep("hypotheses", "K_H, global hypotheses that are kept", "k_h", (1, 5, 10, 15, 20, 25, 30)),
-        Sweep("moves", "moves of the clique search at most", "i_bls_max", (500, 1000, 2000)),
+        ), "filter: {}"),
+        Sweep("hypotheses", "K_H, global hypotheses that are kept", "k_h", (1, 5, 10, 15, 20, 25, 30), "K_H = {}"),
+        Sweep("moves", "moves of the clique search at most", "i_bls_max", (500, 1000, 2000), "{} moves"),
+        Sweep("placement", "who decides where the robots stand", "policy", POLICIES, "policy {}", world="ruins"),
     )
 }  # fmt: skip
 
@@ -63,6 +70,7 @@ FILTERED = ("filter", "hypotheses", "moves")
 class Case:
     """One value of one sweep: a Scenario whose seed is still to be set, troubles, and options of the tracker (Contender) as JSON values.
 
+    policy: who sends the robots, of POLICIES, in the sweep over it; "" in all others.
     source: "" for a simulated run; else "pets" or "twin", of the PETS 2009 folder in `folder`.
     """
 
@@ -73,6 +81,7 @@ class Case:
     scenario: Scenario
     troubles: Troubles = field(default_factory=Troubles)
     options: dict[str, Value] = field(default_factory=dict)
+    policy: str = ""
     source: str = ""
     folder: str = ""
 
@@ -82,7 +91,7 @@ class Case:
 
     def to_json(self) -> str:
         """One line of JSON, for another process."""
-        plain = {name: getattr(self, name) for name in ("id", "sweep", "parameter", "value", "options", "source", "folder")}
+        plain = {name: getattr(self, name) for name in ("id", "sweep", "parameter", "value", "options", "policy", "source", "folder")}
         return json.dumps(plain | {"scenario": json.loads(self.scenario.to_json()), "troubles": self.troubles.to_dict()})
 
     @staticmethod
@@ -125,6 +134,8 @@ def _case(sweep: Sweep, number: int, start: Scenario) -> Case:
         troubles = Troubles(**{sweep.parameter: value})  # type: ignore[arg-type]
     elif sweep.name in FILTERED:
         options = _options(sweep.name, value)
+    elif sweep.name == "placement":
+        return Case(f"{sweep.name}/{number}", sweep.name, sweep.parameter, value, scenario, policy=str(value))
     elif sweep.name == "rate":
         scenario = replace(scenario, rate=float(value), frames=max(2, round(start.frames * float(value) / start.rate)))
     elif sweep.name == "box_noise":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import threading
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sim.claim import claim
 from sim.record import versions
 from sim.trial import SCHEMA, Trial, blank
 from sim.worker import Worker
@@ -136,16 +136,11 @@ def close_workers() -> None:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Nobody else writes rows here meanwhile."""
-    with (folder / LOCK).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise ValueError(f"{folder}: another `pilsim stress` is at work there") from None
+    with claim(folder / LOCK):
         try:
             yield
         finally:
             close_workers()
-            (folder / LOCK).unlink(missing_ok=True)
 
 
 def _whole_rows(folder: Path) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,7 +73,7 @@ def blank(trial: Trial) -> dict[str, Any]:
         "parameter": case.parameter,
         "value": case.value,
         "seed": case.scenario.seed,
-        "scenario": json.loads(case.scenario.to_json()) | ({"troubles": t} if (t := case.troubles.to_dict()) else {}),
+        "scenario": json.loads(case.scenario.to_json()) | _besides(case),
         "tracker": {"name": contender.name, "options": contender.options},
         "rendered": trial.rendered and not case.source,
         "seconds": None,
@@ -85,6 +86,12 @@ def blank(trial: Trial) -> dict[str, Any]:
         "versions": versions(),
         "command": trial.command,
     }
+
+
+def _besides(case: Case) -> dict[str, Any]:
+    """What makes a run beside its Scenario."""
+    troubles = case.troubles.to_dict()
+    return ({"troubles": troubles} if troubles else {}) | ({"policy": case.policy} if case.policy else {})
 
 
 def attempted(trial: Trial) -> dict[str, Any]:
@@ -103,7 +110,10 @@ def run(trial: Trial) -> dict[str, Any]:
     case = trial.case
     contender = trial.contender.with_options(case.options)
     footage = filmed(case, trial.rendered)
-    results = contender.results_of(footage.told, footage.ticks, (case.id, case.scenario.seed))
+    with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as solved:
+        graphs = Path(solved) if contender.solves_graphs else None
+        results = contender.results_of(footage.told, footage.ticks, (case.id, case.scenario.seed), graphs)
+        reachable = limits.limits(footage, graphs)
     scores = scored(footage, results)
     evidence = causes.gather(footage, results)
     mistakes = causes.mistakes(evidence)
@@ -111,7 +121,7 @@ def run(trial: Trial) -> dict[str, Any]:
     kept = moments.worst(mistakes)
     return {
         "scores": scores,
-        "limits": limits.limits(footage, contender),
+        "limits": reachable,
         "causes": causes.counted(mistakes),
         "ladder": climbed,
         "moments": moment_pictures.pictured(kept, evidence, (footage, results), trial.folder / "moments", moments.stem(trial.key)),

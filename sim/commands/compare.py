@@ -16,6 +16,12 @@ class Compare:
 
     Takes folders that `stress` wrote, of which the first is the reference, or one folder in which several trackers ran. Says better or worse
     only where the interval leaves out 0.
+    For instance three filters on the same 20 runs, a folder each, the plain one as the reference:
+      pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --slam ekf --correction off --out runs/ekf
+      pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --slam iekf --iterations 2 --correction on --out runs/iekf
+      pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --out runs/default
+      pilsim compare runs/ekf runs/iekf runs/default
+
     Examples: pilsim compare runs/before runs/after
               pilsim compare runs/both --json
               pilsim compare runs/default runs/ekf runs/mine --out differences.png
@@ -33,6 +39,8 @@ class Compare:
 
         if self.out is not None and self.out.suffix.lower() != ".png":
             raise ValueError(f"--out is {self.out}, needs a name that ends in .png")
+        if not self.folders:
+            raise ValueError("compare needs folders of results, the first as the reference")
         found = contest(self.folders)
         if self.out is not None:
             from sim.paired_plot import draw

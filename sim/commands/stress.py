@@ -21,10 +21,14 @@ class Stress:
     """Try a tracker on sweeps, each of one parameter: more people, rougher ground, views that drop out, slipping wheels and so on.
 
     A line a run in DIR/results.jsonl: scores, what was possible at all, why people were missed or mixed up, pictures of the worst moments. The same
-    command again goes on where it was interrupted. `--list` shows the sweeps.
+    command again goes on where it was interrupted. `--list` shows the sweeps; robots/2 is the run that all of them start from.
+    --slam, --iterations, --correction and --hypotheses are the tracker's, of every run: two trackers that are to be compared get a folder each.
 
-    Examples: pilsim stress --sweep density --seeds 5 --no-render --out runs/density
+    Examples: pilsim stress --sweep density --seeds 5 --no-render --workers 2 --out runs/density
+              pilsim stress --sweep placement --seeds 5 --no-render --out runs/placement
               pilsim stress --sweep density filter --ladder --workers 2 --out runs/two
+              pilsim stress --sweep robots/2 --slam ekf --correction off --seeds 20 --no-render --out runs/ekf
+              pilsim stress --pets data/pets2009/S2.L1 --out runs/pets
               pilsim stress --sweep misses --tracker mine:track --out runs/mine
     """
 
@@ -77,6 +81,7 @@ class Stress:
         from tqdm import tqdm
 
         from sim.sweep import Force, sweep
+        from worlds.catalogue import WORLDS
 
         if self.show:
             self._show()
@@ -86,6 +91,8 @@ class Stress:
         for name, least in (("seeds", 1), ("first_seed", 0), ("frames", 2)):
             if getattr(self, name) < least:
                 raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
+        if self.world not in WORLDS:
+            raise ValueError(f"--world is {self.world!r}, needs one of {', '.join(sorted(WORLDS))}")
         force = Force(self.workers, self.cluster, self.limit)
         rows = sweep(self._trials(), self.out, force, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
         if self.json:

@@ -3,8 +3,9 @@
 import pytest
 
 from sim.contender import parameters_of
+from sim.placement_trial import PLAIN
 from sim.scenario import Scenario
-from sim.stress import SWEEPS, Case, cases, standard
+from sim.stress import OWN_GOALS, POLICIES, SWEEPS, Case, cases, standard
 
 
 def test_ids_are_one_each_and_say_what_varies() -> None:
@@ -20,6 +21,7 @@ def test_a_sweep_changes_what_it_says_and_nothing_else() -> None:
     start = standard()
     for case in cases((), start):
         changed = {name for name in Scenario.__dataclass_fields__ if getattr(case.scenario, name) != getattr(start, name)}
+        assert case.policy == ("" if case.sweep != "placement" else case.value)
         named = {case.parameter, "world"} | ({"frames"} if case.sweep == "rate" else set())
         assert changed <= named, case.id
         assert set(case.troubles.to_dict()) <= {case.parameter}
@@ -27,6 +29,10 @@ def test_a_sweep_changes_what_it_says_and_nothing_else() -> None:
     assert people == [5, 10, 20, 40, 80, 150]
     seconds = {round(case.scenario.frames / case.scenario.rate, 6) for case in cases(["rate"], start)}
     assert seconds == {10.0}
+
+
+def test_policies_are_those_that_can_be_had_without_a_file() -> None:
+    assert set(POLICIES) - {OWN_GOALS} <= set(PLAIN)
 
 
 def test_cases_travel_as_json() -> None:

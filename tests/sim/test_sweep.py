@@ -31,6 +31,7 @@ def test_a_row_has_all_that_it_promises_and_is_json(tmp_path: Path) -> None:
     names = ("mota", "mota_all", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths", "ate_m", "dead_reckoning_m")
     assert set(row["scores"]) == set(names)
     assert row["limits"]["visible_recall"] >= row["scores"]["mota_all"]
+    assert row["limits"]["target_bound_m"] < row["scores"]["motp_m"]
     for moment in row["moments"]:
         for picture in moment["pictures"]:
             assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
@@ -77,7 +78,7 @@ def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
         sweep([trial(tmp_path, frames=9)], tmp_path, Force(), "pilsim stress")
     with (tmp_path / ".lock").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(ValueError, match="another `pilsim stress` is at work there"):
+        with pytest.raises(ValueError, match=r"another run \(process unknown\) writes into it"):
             sweep([trial(tmp_path)], tmp_path, Force(), "pilsim stress")
 
 
@@ -91,6 +92,26 @@ def test_folders_that_hold_something_else(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ValueError, match=r"holds notes.txt and no results.jsonl"):
         sweep([], tmp_path, Force(), "pilsim stress")
+
+
+def test_rows_of_a_tracker_that_solves_graphs_say_how_near_to_the_best_it_came(tmp_path: Path) -> None:
+    one = trial(tmp_path, people=6, robots=2, frames=8)
+    row = attempted(replace(one, contender=Contender(options={"hypotheses": "multiple"})))
+    assert row["error"] is None
+    assert 0.0 <= row["limits"]["clique_gap"] < 0.05
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_rows_of_this_machine(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    rows = []
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        for name, force in (("here", Force(2)), ("there", Force(cluster=cluster.scheduler_address))):
+            folder = tmp_path / name
+            made = sweep([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, force, "pilsim stress")
+            rows.append([{key: value for key, value in row.items() if key != "seconds"} for row in made])
+    assert [row["error"] is None for row in rows[0]] == [True, False, True]
+    assert rows[0] == rows[1]
 
 
 @pytest.mark.slow
