@@ -34,18 +34,38 @@ def exact(graph: Graph, seconds: float = 60.0) -> Found:
     if n > LARGEST:
         raise ValueError(f"graph has {n} vertices, an exact solution needs at most {LARGEST}")
     began = time.perf_counter()
-    # The heaviest first, so that a class is as heavy as its first vertex.
-    order = np.argsort(-graph.weight, kind="stable")
-    rank = np.argsort(order)
-    together = ~np.eye(n, dtype=bool)
-    together[rank[np.repeat(np.arange(n), np.diff(graph.start))], rank[graph.conflict]] = False
-    state = _begin(graph.weight[order], _packed(together))
+    state, order = _started(graph)
     while not _branch(state, 200_000):
         if time.perf_counter() - began > seconds:
             raise ValueError(f"no proof after {seconds} s; breakout local search has no such limit")
     best = np.sort(order[np.flatnonzero(state[6])])
     weight = float(graph.weight[best].sum())
     return Found(weight, best, int(state[7][1]), time.perf_counter() - began, ((weight, best),))
+
+
+def improved(graph: Graph, known: NDArray[np.int64], branches: int) -> tuple[NDArray[np.int64], bool]:
+    """The heaviest clique that so many branches find, at least as heavy as the clique `known`, and whether it is proved to be the heaviest.
+
+    The same graph, clique and number give the same result. A graph of more than LARGEST vertices is not looked at.
+    """
+    if len(graph) > LARGEST:
+        return known, False
+    state, order = _started(graph)
+    rank = np.argsort(order)
+    state[6][rank[known]] = True
+    state[8][0] = graph.weight[known].sum()
+    over = bool(_branch(state, branches))
+    return np.sort(order[np.flatnonzero(state[6])]), over
+
+
+def _started(graph: Graph) -> tuple[tuple[Any, ...], NDArray[np.int64]]:
+    """The state before the first branch, and which vertex is which: the heaviest first, so that a class is as heavy as its first vertex."""
+    n = len(graph)
+    order = np.argsort(-graph.weight, kind="stable")
+    rank = np.argsort(order)
+    together = ~np.eye(n, dtype=bool)
+    together[rank[np.repeat(np.arange(n), np.diff(graph.start))], rank[graph.conflict]] = False
+    return _begin(graph.weight[order], _packed(together)), order
 
 
 def _packed(rows: NDArray[np.bool_]) -> Words:

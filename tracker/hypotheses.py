@@ -18,6 +18,7 @@ from tracker.fusion import Combination, Feet, FusionParameters, combine
 from tracker.geometry import Array, Pose
 from tracker.measurements import Ints, Setup
 from tracker.smoothing import Lag
+from tracker.tracklets import Owners
 from tracker.trees import MotionParameters, Sights, Tracks, born, predict, sights, update
 from tracker.trust import Trust, TrustParameters
 from tracker.visibility import Bodies
@@ -50,6 +51,7 @@ class TargetParameters:
     most_score: float = 20.0  # what is known of somebody counts at most so much against what is seen now
     at_once: float = 2.0  # misses that all views' missing somebody at once is worth, at most
     surely: float = 0.6  # m, standard deviation of a place up to which a box without feet is taken
+    before: float = 0.3  # share of those without a box who stand before somebody else's, whose corners are theirs then
     outside: float = 3 / 7  # s, after which somebody is gone who is out of all views
     same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
     offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off
@@ -69,6 +71,7 @@ class Hypotheses:
         area = setup.area
         square = float(np.prod(area[1] - area[0])) if area is not None else np.pi * parameters.trust.watched**2
         self.trust = Trust(parameters.trust, square)
+        self._owners = Owners()
         self._ticks = 0
         self._gone = np.zeros(0)  # s for which a track was out of all views
 
@@ -86,8 +89,11 @@ class Hypotheses:
         expected = self._judge(views, cameras, box, gain)
         self._learn(views, box, expected)
         seen = box >= 0
+        trees = self.tracks.tree
         free = [~t & (f.confidence >= q.birth_confidence) for t, f in zip(taken, views, strict=True)]
-        self._bear(views, cameras, free, seen)
+        groups = self._bear(views, cameras, free, seen)
+        for v, feet in enumerate(views):
+            self._owners.add(feet.camera, _owners(len(feet), trees, box[:, v], [(tree, dict(g.members).get(v, -1)) for tree, g in groups]))
         self._prune()
         return self.tracks, self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
 
@@ -98,10 +104,13 @@ class Hypotheses:
         look = sights(self.tracks, feet, offset, self.setup.ground, q.motion)
         gain, upright = self._gain(look, feet)
         gain[:, taken] = -np.inf
-        least = np.log(1 - self.trust.detection(feet.camera))
-        rows, boxes = linear_sum_assignment(np.where(gain > least, least - gain, 0.0))
+        # What images say decides whose box it is, but not whether there is anybody.
+        found = self.trust.detection(feet.camera)
+        worth = gain + self._owners.links(feet.camera, self.tracks.tree, feet.links, q.before * (1 - found)) if feet.links else gain
+        least = np.log(1 - found)
+        rows, boxes = linear_sum_assignment(np.where(worth > least, least - worth, 0.0))
         for t, d in zip(rows, boxes, strict=True):
-            if not gain[t, d] > least:
+            if not worth[t, d] > least:
                 continue
             taken[d], given[0][t], given[1][t] = True, d, gain[t, d]
             m = 2 if upright[t, d] else 1
@@ -207,8 +216,11 @@ class Hypotheses:
             now[key] = max(self._one.get(key, 0.0) + min(one, q.alone) - q.apart * two, -10.0)
         self._one = now
 
-    def _bear(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], free: list[Mask], seen: Mask) -> None:
-        """Start a track where boxes are left over, unless a track stands there that these views did not see: that is the same person."""
+    def _bear(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], free: list[Mask], seen: Mask) -> list[tuple[int, Combination]]:
+        """Start a track where boxes are left over, unless a track stands there that these views did not see: that is the same person.
+
+        The new trees and what they come from.
+        """
         q = self.parameters
         groups = combine(views, free, self.setup.height, q.fusion)
         groups = [g for g in groups if not self._known(g, seen)]
@@ -218,6 +230,7 @@ class Hypotheses:
         self.tracks = self.tracks.join(new)
         self.believed = np.concatenate([self.believed, np.zeros(len(groups), dtype=bool)])
         self._gone = np.concatenate([self._gone, np.zeros(len(groups))])
+        return list(zip(new.tree.tolist(), groups, strict=True))
 
     def _prior(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], groups: list[Combination]) -> Array:
         """log-likelihood ratio (g,) of "somebody new" over "false boxes": who sees, who should, and how rare new people are."""
@@ -260,6 +273,16 @@ class Hypotheses:
                 worse = j if (self.believed[i], tracks.hits[i]) >= (self.believed[j], tracks.hits[j]) else i
                 keep[worse] = False
         self.tracks, self.believed, self._gone = tracks.select(keep), self.believed[keep], self._gone[keep]
+
+
+def _owners(boxes: int, tree: Ints, box: Ints, new: list[tuple[int, int]]) -> Ints:
+    """The trees (boxes,) whose the boxes of a view are, −1 for nobody's: box (t,) of the trees that there were, and (tree, box) of new ones."""
+    out = np.full(boxes, -1, dtype=np.int64)
+    out[box[box >= 0]] = tree[box >= 0]
+    for number, d in new:
+        if d >= 0:
+            out[d] = number
+    return out
 
 
 @final

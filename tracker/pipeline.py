@@ -21,6 +21,7 @@ from tracker.multiple import MultipleTargets
 from tracker.naming import Names
 from tracker.selection import MultipleParameters
 from tracker.slam import Slam, SlamParameters
+from tracker.tracklets import TrackletParameters, Tracklets
 from tracker.trees import Tracks
 
 
@@ -31,6 +32,7 @@ class Parameters:
     slam: SlamParameters = field(default_factory=SlamParameters)
     targets: TargetParameters = field(default_factory=TargetParameters)
     multiple: MultipleParameters | None = None  # where given, people are followed by multiple hypotheses in place of `targets`
+    tracklets: TrackletParameters | None = None  # where given, images tell whose box is whose, too (with `targets`)
     delay: int = 0  # ticks after which a tick is spoken of; people are smoothed by what came since
 
 
@@ -64,6 +66,7 @@ class Tracker:
         single, many, delay = parameters.targets, parameters.multiple, parameters.delay
         self._people: People = SingleTargets(setup, single, delay) if many is None else MultipleTargets(setup, many, delay)
         self._fusion = single.fusion if many is None else many.fusion
+        self._tracklets = {name: Tracklets(mount.camera, parameters.tracklets) for name, mount in setup.mounts.items() if parameters.tracklets}
         self._names = Names(setup)
         self._waiting: deque[Estimate] = deque()
         self._last = -1
@@ -72,12 +75,16 @@ class Tracker:
         """Take a tick; what is said of the tick `delay` ticks before it, None where there was none."""
         self._check(tick)
         self.slam.step(tick)
-        poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts}
+        # Who started where nobody knows, and has not found the team yet, is nowhere.
+        poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.placed(robot)}
         feet, cameras = [], []
         for view in tick.views:
             mount = self.setup.mounts[view.camera]
+            if mount.robot not in poses:
+                continue
             pose = poses[mount.robot]
-            feet.append(stand(self.setup, view.camera, view.detections, pose, self._fusion))
+            links = self._tracklets[view.camera].step(view.image, view.detections) if self._tracklets else ()
+            feet.append(replace(stand(self.setup, view.camera, view.detections, pose, self._fusion), links=links))
             cameras.append((mount.camera, pose[0] @ mount.T_body_camera))
         placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
         self._waiting.append(Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters)))

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from tracker.bonds import Bonds, heaviest
 from tracker.clique import Graph, Limits, Options, Tuning, search
 from tracker.dumping import dump
+from tracker.exact_clique import improved
 from tracker.fusion import FusionParameters
 from tracker.geometry import Array
 from tracker.leaves import Leaves, weights
@@ -23,6 +24,8 @@ Mask = NDArray[np.bool_]
 
 NODE_ROWS = 4_000_000
 """Rows looked at by branch and bound in one part, at most: what bounds the time of a tick."""
+BRANCH_ROWS = 200_000
+"""The same for the branch and bound by colouring that goes on from what the search found."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class MultipleParameters:
     seed: int = 0  # of the searches
     graphs: Path | None = None  # where every graph that is solved is written, with the clique that was chosen
     small_graphs: bool = False  # a graph for each hypothesis of the tick before, rather than one of all leaves
+    warm: bool = True  # whether the search begins with the tracks that survive, or with the heaviest
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +97,7 @@ def select(leaves: Leaves, bonds: Bonds, previous: list[Mask], parameters: Multi
     sets: dict[bytes, tuple[float, Ints]] = {}
     for k, children in enumerate(previous):
         rows = np.flatnonzero(young | (usable & children))
-        for rows_found in _optima(weight, conflict, rows, q, seed + 1000 * k):
+        for rows_found in _optima(Problem(weight, conflict, leaves.tree, children, seed + 1000 * k), rows, q):
             sets.setdefault(rows_found.tobytes(), (float(weight[rows_found].sum()), rows_found))
     ranked = [rows for _, rows in sorted(sets.values(), key=lambda s: -s[0])][: q.k_h]
     return Selection(ranked[0], ranked, conflict)
@@ -130,7 +134,7 @@ def _by_part(p: Problem, rows: Ints, q: MultipleParameters) -> Ints:
         order = np.lexsort((-weight, tree))
         part, inner, weight, tree = part[order], inner[np.ix_(order, order)], weight[order], tree[order]
         known = np.zeros(len(part), dtype=bool)
-        known[survivors(weight, inner, p.start[part])] = True
+        known[survivors(weight, inner, p.start[part] & q.warm)] = True
         first = np.append(np.flatnonzero(np.concatenate([[True], tree[1:] != tree[:-1]])), len(tree))
         best, proved = heaviest(weight, inner, first, known, min(q.nodes, NODE_ROWS // len(part)))
         if not proved:
@@ -138,7 +142,7 @@ def _by_part(p: Problem, rows: Ints, q: MultipleParameters) -> Ints:
             moves = min(max(10 * graph.edges, 200), q.i_bls_max)
             found = search(graph, Limits(moves=moves), p.seed, Options(start=np.flatnonzero(best), tuning=Tuning(T=10)))
             best[:] = False
-            best[found.vertices] = True
+            best[improved(graph, found.vertices, BRANCH_ROWS // len(part))[0]] = True
         if q.graphs is not None:
             dump(q.graphs, f"{p.seed:08d}-{part.min()}", Graph.from_conflicts(weight, np.argwhere(np.triu(inner))), np.flatnonzero(best))
         chosen.append(part[best])
@@ -156,25 +160,37 @@ def survivors(weight: Array, conflict: Mask, start: Mask) -> Ints:
     return np.array(out, dtype=np.int64)
 
 
-def _optima(weight: Array, conflict: NDArray[np.bool_], rows: Ints, q: MultipleParameters, seed: int) -> list[Ints]:
-    """Sets that are local optima of one search; trees that conflict with no other give their best leaf."""
+def _optima(p: Problem, rows: Ints, q: MultipleParameters) -> list[Ints]:
+    """Sets that are local optima of one search, the best first; trees that conflict with no other give their best leaf."""
     fixed, rest = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-    for part in _parts(conflict, rows):
-        if len(part) == 1:
-            fixed.append(part)
-        else:
-            rest.append(part)
+    for part in _parts(p.conflict, rows):
+        (fixed if len(part) == 1 else rest).append(part)
     sure, open_rows = np.concatenate(fixed), np.concatenate(rest)
     if not len(open_rows):
         return [np.sort(sure)]
-    inner = conflict[np.ix_(open_rows, open_rows)]
-    return [np.sort(np.concatenate([sure, open_rows[found]])) for found in _search(weight[open_rows], inner, q.k_h, q, seed)]
+    open_rows = open_rows[np.lexsort((-p.weight[open_rows], p.tree[open_rows]))]
+    return [np.sort(np.concatenate([sure, open_rows[found]])) for found in _search(p, open_rows, q)]
 
 
-def _search(weight: Array, conflict: NDArray[np.bool_], keep: int, q: MultipleParameters, seed: int) -> list[Ints]:
-    graph = Graph.from_conflicts(weight, np.argwhere(np.triu(conflict)))
+def _search(p: Problem, rows: Ints, q: MultipleParameters) -> list[Ints]:
+    """Optima among `rows`, which are in order of their trees, the heaviest of a tree first; the best is mended as far as branch and bound goes."""
+    weight, inner = p.weight[rows], p.conflict[np.ix_(rows, rows)]
+    graph = Graph.from_conflicts(weight, np.argwhere(np.triu(inner)))
     moves = min(max(10 * graph.edges, 200), q.i_bls_max)
-    found = search(graph, Limits(moves=moves), seed, Options(keep=keep, tuning=Tuning(T=10)))
+    start = survivors(weight, inner, p.start[rows]) if q.warm else None
+    found = search(graph, Limits(moves=moves), p.seed, Options(keep=q.k_h, start=start, tuning=Tuning(T=10)))
+    optima = [best for _, best in found.optima] or [found.vertices]
+    best = np.zeros(len(rows), dtype=bool)
+    for part in _parts(inner, np.arange(len(rows))):
+        known, tree, part_conflict = np.isin(part, optima[0]), p.tree[rows[part]], inner[np.ix_(part, part)]
+        first = np.append(np.flatnonzero(np.concatenate([[True], tree[1:] != tree[:-1]])), len(tree))
+        best[part], proved = heaviest(weight[part], part_conflict, first, known, min(q.nodes, NODE_ROWS // len(part)))
+        if not proved:
+            graph_of_part = Graph.from_conflicts(weight[part], np.argwhere(np.triu(part_conflict)))
+            better, _ = improved(graph_of_part, np.flatnonzero(best[part]), BRANCH_ROWS // len(part))
+            best[part] = np.isin(np.arange(len(part)), better)
+    if weight[best].sum() > weight[optima[0]].sum() + 1e-9:
+        optima = [np.flatnonzero(best), *optima]
     if q.graphs is not None:
-        dump(q.graphs, f"{seed:08d}-0", graph, found.vertices)
-    return [rows for _, rows in found.optima] or [found.vertices]
+        dump(q.graphs, f"{p.seed:08d}-0", graph, optima[0])
+    return optima

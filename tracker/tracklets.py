@@ -169,14 +169,17 @@ class Owners:
     def __init__(self) -> None:
         self._trees: dict[str, deque[Ints]] = {}
 
-    def links(self, camera: str, tree: Ints, links: tuple[Array, ...]) -> Array:
-        """(t, d): for the tracks of these trees (t,) the link of the box that each had last in this camera; 0 for who had none."""
+    def links(self, camera: str, tree: Ints, links: tuple[Array, ...], missed: float) -> Array:
+        """(t, d): for the tracks of these trees (t,) the link of the box that each had last in this camera; 0 for who had none.
+
+        missed: how often somebody without a box stands before one, and its corners are his: then images say nothing.
+        """
         out = np.zeros((len(tree), links[0].shape[1] if links else 0))
         told = np.zeros(len(tree), dtype=bool)
         for link, owner in zip(links, self._trees.get(camera, ()), strict=False):
             for box in np.flatnonzero(owner >= 0):
                 mine = (tree == owner[box]) & ~told
-                out[mine], told = link[box], told | mine
+                out[mine], told = np.log((1 - missed) * np.exp(link[box]) + missed), told | mine
         return out
 
     def add(self, camera: str, owner: Ints) -> None:

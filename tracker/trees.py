@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 class MotionParameters:
     """How people move."""
 
-    acceleration: float = 1.0  # m/s², spectral: variance of the velocity grows by its square a second
+    acceleration: float = 0.8  # m/s², spectral: variance of the velocity grows by its square a second
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
     foot_spread: float = 0.25  # m, the feet stray this far from the ground under the body
 

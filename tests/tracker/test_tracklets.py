@@ -117,11 +117,13 @@ def test_links_of_boxes_become_links_of_tracks() -> None:
     owners.add("a", np.array([7, -1]))
     owners.add("a", np.array([9]))
     links = (np.array([[1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 6.0]]))
-    np.testing.assert_array_equal(owners.links("a", np.array([7, 8, 9]), links), [[3, 4], [0, 0], [1, 2]])
+    np.testing.assert_array_equal(owners.links("a", np.array([7, 8, 9]), links, 0.0), [[3, 4], [0, 0], [1, 2]])
+    # Where somebody may stand before the box, little speaks against it.
+    np.testing.assert_allclose(owners.links("a", np.array([7]), (np.array([[-9.0]]), np.array([[-9.0], [0.0]])), 0.5), [[np.log(0.5)]], atol=1e-3)
     # What a track had last counts, not what it had before.
     owners.add("a", np.array([-1, 7]))
-    np.testing.assert_array_equal(owners.links("a", np.array([7]), (np.array([[0.0], [8.0]]), links[0][:, :1], links[1][:, :1])), [[8]])
-    assert owners.links("b", np.array([7]), links[:1]).tolist() == [[0, 0]]
+    np.testing.assert_array_equal(owners.links("a", np.array([7]), (np.array([[0.0], [8.0]]), links[0][:, :1], links[1][:, :1]), 0.0), [[8]])
+    assert owners.links("b", np.array([7]), links[:1], 0.0).tolist() == [[0, 0]]
 
 
 @pytest.mark.parametrize(("name", "value"), [("l_c", 0), ("l_c", 16), ("omega", 0.0), ("delta_min", -1.0), ("sigma", float("nan"))])
