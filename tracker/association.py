@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,9 @@ class Matches:
 def innovation_covariance(joint: Joint, robot: int, sight: Sight) -> Array:
     """H P Hᵀ of the bearing of each landmark alone, (n, 2, 2) rad²."""
     n = joint.count
-    H_body, H_point, H_correction = jacobians(sight, joint.point[:n])
+    rotation, translation, point = joint.anchors
+    anchored = replace(sight, body_rotation=rotation[robot], body_translation=translation[robot])
+    H_body, H_point, H_correction = jacobians(anchored, point[:n])
     H_robot = H_body if joint.stride == 6 else np.concatenate([H_body, H_correction], axis=2)
     at, base = joint.offset(robot), joint.base
     own = slice(at, at + joint.stride)
@@ -81,11 +83,11 @@ def associate(joint: Joint, robot: int, sight: Sight, seen: tuple[Array, Array],
     d2 = _distances2(e, S, covariance)
     inside = near & (d2 < gate(2, rule.probability))
     alike = (unlike < np.where(known, rule.unlike, rule.stranger)[:, None]) & expected[:, None]
-    landmark, sighting = _mutual(np.where(inside & alike, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
+    landmark, sighting = mutual(np.where(inside & alike, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
     free = near & alike & ~inside
     free[landmark] = False
     free[:, sighting] = False
-    refused, refused_sighting = _mutual(np.where(free, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
+    refused, refused_sighting = mutual(np.where(free, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
     return Matches(landmark, sighting, refused, refused_sighting, expected)
 
 
@@ -99,7 +101,7 @@ def _distances2(e: Array, S: Array, R: Array) -> Array:
     return d2
 
 
-def _mutual(cost: NDArray[np.floating], rivals: NDArray[np.floating], ratio: float) -> tuple[Indices, Indices]:
+def mutual(cost: NDArray[np.floating], rivals: NDArray[np.floating], ratio: float) -> tuple[Indices, Indices]:
     """Pairs (row, column) of `cost` (n, m) that are each other's least, finite, and less than `ratio` times the row's next best in `rivals`."""
     best = cost.argmin(axis=1)
     rows = np.arange(len(cost))

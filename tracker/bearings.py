@@ -125,12 +125,12 @@ def intersect(origins: Array, directions: Array) -> tuple[Array, NDArray[np.bool
     return point, sound & (depth > 0).all(axis=1)
 
 
-def place(sights: Sight, bearings: Array, covariances: Array, start: Array) -> Placed:
+def place(sights: Sight, bearings: Array, covariances: Array, start: Array, anchors: Sight | None = None) -> Placed:
     """The inverse measurement model: the point that k bearings (k, 3) with covariances (k, 2, 2) rad² mean, from a `start` (3,) m near it.
 
     The sights come in k rows. Two steps of Gauss-Newton on the sum of squares Σ |z − h|²; the Jacobians come from its stationarity: with
     H_l = Q [C; 0] of the whitened rows the first three rows of Qᵀ fix the point and the others are free of it (the null-space projection of
-    Mourikis & Roumeliotis 2007).
+    Mourikis & Roumeliotis 2007). anchors: where Jacobians are taken, if not where the sights are.
     """
     point, k = start, len(bearings)
     white = np.linalg.inv(np.linalg.cholesky(covariances))
@@ -141,6 +141,10 @@ def place(sights: Sight, bearings: Array, covariances: Array, start: Array) -> P
         Q, C = np.linalg.qr(place.reshape(-1, 3), mode="complete")
         inverse = np.linalg.inv(C[:3])
         point = point + inverse @ (Q[:, :3].T @ r)
+    if anchors is not None:
+        body, place, correction = (white @ H for H in jacobians(anchors, np.tile(point, (k, 1))))
+        Q, C = np.linalg.qr(place.reshape(-1, 3), mode="complete")
+        inverse = np.linalg.inv(C[:3])
     spread = np.zeros((k, 2, k, 6))
     spread[np.arange(k), :, np.arange(k)] = body
     H_body, H_w = spread.reshape(-1, 6 * k), correction.reshape(-1, 3)

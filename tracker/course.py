@@ -83,7 +83,8 @@ def state(start: Array, covariance: Array, landmarks: int) -> State:
 @dataclass(frozen=True, eq=False)
 class Outing:
     """A set as the filter takes it: robots' numbers, times (marks,) s of the grid, course and the state at the start; subjects of the landmarks in
-    the order of the state; unused: sightings that were left out, by reason.
+    the order of the state; unused: sightings that were left out, by reason, and
+    gaps of the odometry.
     """
 
     robots: tuple[int, ...]
@@ -109,6 +110,8 @@ def outing(team: Team, sensors: Sensors, known_map: bool, correction: bool) -> O
     z, meta = z[~late], meta[~late]
     s = _start(team, sensors, correction, known_map)
     unused = {"before the start": sum(s[2] for s in sights), "after the end": int(late.sum())}
+    # In a gap of the commands a robot counts as standing still (unicycle.travelled).
+    unused["odometry gap"] = sum(int((np.diff(robot.odometry[:, 0]) > sensors.hold).sum()) for robot in team.robots.values())
     for robot in team.robots.values():
         for reason, count in robot.rejected.items():
             unused[reason] = unused.get(reason, 0) + count

@@ -57,7 +57,10 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
     robots = {robot: [t.T_world_robot[robot] for t in truth] for robot in truth[0].T_world_robot if robot not in fixed} if truth else {}
     out["robots"] = out["dead_reckoning"] = None
     if robots:
-        out["robots"] = score_robots(robots, results.poses, results.covariances).to_dict()
+        # A robot that was told no start may have found the team late, or never.
+        late = set(results.run.get("unknown_start", ())) & set(robots) - set(results.poses)
+        absent: dict[str, list[Pose | None]] = {robot: [None] * results.frames for robot in late}
+        out["robots"] = score_robots(robots, results.poses | absent, results.covariances).to_dict()
         out["dead_reckoning"] = score_robots(robots, dead_reckoning(sequence)).to_dict()
     return out
 

@@ -86,7 +86,8 @@ class Frontier:
         start, ahead = intersect(sights.origin[None], (sights.rotation @ bearing[:, :, None])[None, :, :, 0])
         if not ahead[0]:
             return "behind"
-        placed = place(sights, bearing, covariance, start[0])
+        anchors = self.joint.sight(self.robot, self.mount, poses, anchored=True) if self.joint.first_estimates else None
+        placed = place(sights, bearing, covariance, start[0], anchors)
         columns, G = self._dependence(placed, poses)
         reason = self._verdict(placed, columns, sights.origin[-1])
         if not reason:

@@ -18,7 +18,7 @@ from tracker.gaussian import block_diagonal, joseph, kalman_gain, robust_weights
 from tracker.geometry import Array, Pose, exp_so3, log_so3
 from tracker.invariant import Means, landmark_shears, pose_charts, retracted
 from tracker.measurements import Mount, Start
-from tracker.motion import compose, exponential, retract, retraction_jacobian, right_jacobian
+from tracker.motion import compose, exponential, orthogonal, retract, retraction_jacobian, right_jacobian
 
 Indices = NDArray[np.intp]
 
@@ -41,11 +41,14 @@ class Joint:
     """Means and the joint covariance. Poses are numbered: robots first, then the clones of robot 0, of robot 1, …
 
     rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; point (capacity, 3) m, of which the first `count` are alive.
+
+    mode: "iekf", tangents at the present means; "invariant" (tracker.invariant); or "fej" (Huang, Mourikis, Roumeliotis 2010): Jacobians, and the
+    axes of P, are those of first estimates: of a pose where it was last predicted, of a landmark where it was first put.
     """
 
-    def __init__(self, clones: int, capacity: int, correction_sigma: tuple[float, float, float] | None, invariant: bool = False) -> None:
+    def __init__(self, clones: int, capacity: int, correction_sigma: tuple[float, float, float] | None, mode: str = "iekf") -> None:
         self.robots, self.clones, self.capacity, self.count = 0, clones, capacity, 0
-        self.invariant = invariant
+        self.invariant, self.first_estimates = mode == "invariant", mode == "fej"
         self.stride = 6 if correction_sigma is None else 9
         self._correction_sigma = correction_sigma
         self.rotation, self.translation = np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -53,6 +56,7 @@ class Joint:
         self.correction = np.zeros((0, 3))
         self.point = np.zeros((capacity, 3))
         self._P = np.zeros((3 * capacity, 3 * capacity))
+        self._first = (self.rotation, self.translation, np.zeros((capacity, 3))) if self.first_estimates else None
 
     @property
     def base(self) -> int:
@@ -71,17 +75,35 @@ class Joint:
         if self._correction_sigma is not None:
             P[range(at + 6, at + 9), range(at + 6, at + 9)] = np.square(self._correction_sigma)
         T, empty = start.T_world_robot, self.clones
-        self.rotation = np.concatenate([np.insert(self.rotation, robot, T.rotation, axis=0), np.tile(np.eye(3), (empty, 1, 1))])
-        self.translation = np.concatenate([np.insert(self.translation, robot, T.translation, axis=0), np.zeros((empty, 3))])
+        self.rotation, self.translation = _longer(self.rotation, self.translation, robot, T, empty)
+        if self._first is not None:
+            self._first = (*_longer(*self._first[:2], robot, T, empty), self._first[2])
         self.used = np.concatenate([np.insert(self.used, robot, True), np.zeros(empty, dtype=bool)])
         self.correction = np.concatenate([self.correction, np.zeros((1, 3))])
         self.robots, self._P = robot + 1, P
         return robot
 
-    def sight(self, robot: int, mount: Mount, pose: int | Indices | None = None) -> Sight:
-        """A camera of a robot, now or at its clones (`pose`, a number, or several for rows), with the correction as it is believed now."""
+    @property
+    def anchors(self) -> Means:
+        """Where Jacobians are taken: the means, or the first estimates where the mode is so."""
+        return (self.rotation, self.translation, self.point) if self._first is None else self._first
+
+    def sight(self, robot: int, mount: Mount, pose: int | Indices | None = None, anchored: bool = False) -> Sight:
+        """A camera of a robot, now or at its clones (`pose`, a number, or several for rows), with the correction as it is believed now; `anchored`
+        where Jacobians are taken.
+        """
         p, T = robot if pose is None else pose, mount.T_body_camera
-        return Sight(self.rotation[p], self.translation[p], T.rotation, T.translation, self.correction[robot])
+        rotation, translation, _ = self.anchors if anchored else (self.rotation, self.translation, self.point)
+        return Sight(rotation[p], translation[p], T.rotation, T.translation, self.correction[robot])
+
+    def covariance(self, robot: int) -> Array:
+        """(6, 6) of a robot's right tangent [m, rad] at its mean."""
+        at = self.offset(robot)
+        P = self.P[at : at + 6, at : at + 6].copy()
+        if self._first is None:
+            return P
+        turn = np.kron(np.eye(2), self.rotation[robot].T @ self._first[0][robot])
+        return np.asarray(turn @ P @ turn.T)
 
     @property
     def P(self) -> Array:
@@ -111,6 +133,11 @@ class Joint:
         """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot (METHOD.md, eq. 10): T_before_now and the covariance (6, 6) of its right tangent."""
         at = slice(self.offset(robot), self.offset(robot) + 6)
         self.rotation[robot], self.translation[robot], F = compose(self.rotation[robot], self.translation[robot], motion)
+        if self._first is not None:
+            R, t = self._first[0][robot].copy(), self._first[1][robot].copy()
+            self._first[0][robot], self._first[1][robot] = self.rotation[robot], self.translation[robot]
+            # From one first estimate to the next: what updates in between have moved counts as motion.
+            F = compose(R, t, Pose(orthogonal(R.T @ self.rotation[robot]), R.T @ (self.translation[robot] - t)))[2]
         self._transform(at, F)
         self.P[at, at] += Q
 
@@ -130,6 +157,8 @@ class Joint:
         slot = self.clone_slot(robot, k)
         to, source = self.offset(slot), self.offset(robot)
         self.rotation[slot], self.translation[slot], self.used[slot] = self.rotation[robot], self.translation[robot], True
+        if self._first is not None:
+            self._first[0][slot], self._first[1][slot] = self._first[0][robot], self._first[1][robot]
         P = self.P
         P[to : to + 6, :] = P[source : source + 6, :]
         P[:, to : to + 6] = P[:, source : source + 6]
@@ -148,7 +177,7 @@ class Joint:
         self._P[:n, n : n + 3] = cross.T
         block = cross[:, columns] @ G.T + own
         self._P[n : n + 3, n : n + 3] = 0.5 * (block + block.T)
-        self.point[self.count] = point
+        self.point[self.count] = self.anchors[2][self.count] = point
         self.count += 1
         return self.count - 1
 
@@ -157,7 +186,7 @@ class Joint:
         last = self.count - 1
         hole, tail, n = self.base + 3 * landmark, self.base + 3 * last, self.base + 3 * self.count
         if landmark != last:
-            self.point[landmark] = self.point[last]
+            self.point[landmark], self.anchors[2][landmark] = self.point[last], self.anchors[2][last]
             self._P[hole : hole + 3, :n] = self._P[tail:n, :n]
             self._P[:n, hole : hole + 3] = self._P[:n, tail:n]
         self.count = last
@@ -175,7 +204,8 @@ class Joint:
         for _ in range(iterations):
             linear = linearise()
             H, own = linear.H.copy(), slice(self.offset(linear.robot), self.offset(linear.robot) + self.stride)
-            H[:, : self.stride] = H[:, : self.stride] @ self._chart(before, delta)[own, own]
+            if self._first is None:
+                H[:, : self.stride] = H[:, : self.stride] @ self._chart(before, delta)[own, own]
             if self.invariant:
                 seen = (linear.columns[self.stride :: 3] - self.base) // 3
                 shears = landmark_shears(self._means(before), self._means(), linear.robot)[seen]
@@ -191,7 +221,8 @@ class Joint:
         joseph(self.P, HP, K, S)
         if self.invariant and self.count:
             self._shear(landmark_shears(self._means(before), self._means(), linear.robot), self.offset(linear.robot) + 3)
-        self._transform(slice(0, self.base), self._chart(before, delta))
+        if self._first is None:
+            self._transform(slice(0, self.base), self._chart(before, delta))
         return weights
 
     def _tangents(self, delta: Array) -> tuple[Array, Array]:
@@ -229,6 +260,9 @@ class Joint:
 
     def _retract(self, before: tuple[Array, Array, Array, Array], delta: Array, robot: int) -> None:
         poses, corrections = self._tangents(delta)
+        if self._first is not None:
+            turn = np.swapaxes(before[0], 1, 2) @ self._first[0]
+            poses = np.concatenate([turn @ poses[:, :3, None], turn @ poses[:, 3:, None]], axis=1)[..., 0]
         moves = delta[self.base :].reshape(-1, 3)
         if self.invariant:
             means = retracted(self._means(before), (poses, moves), exponential(poses[:, 3:]), robot)
@@ -247,3 +281,9 @@ class Joint:
         strip[:, rows] = 0.5 * (block + block.T)
         P[rows, :] = strip
         P[:, rows] = strip.T
+
+
+def _longer(rotation: Array, translation: Array, at: int, T: Pose, empty: int) -> tuple[Array, Array]:
+    """Rotations (p, 3, 3) and translations (p, 3) with a pose more before `at`, and empty ones at the end."""
+    rotations = np.concatenate([np.insert(rotation, at, T.rotation, axis=0), np.tile(np.eye(3), (empty, 1, 1))])
+    return rotations, np.concatenate([np.insert(translation, at, T.translation, axis=0), np.zeros((empty, 3))])

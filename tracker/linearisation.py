@@ -21,13 +21,14 @@ def linearise(joint: Joint, robot: int, seen: Seen | None, level: Odometry | Non
     H, r, noise = np.zeros((k + 1, 2, own + 3 * k)), np.zeros((k + 1, 2)), np.zeros((k + 1, 2, 2))
     if seen is not None and k:
         sight, point, at = joint.sight(robot, seen[0]), joint.point[landmark], np.arange(k)
-        H_body, H_point, H_correction = jacobians(sight, point)
+        H_body, H_point, H_correction = jacobians(joint.sight(robot, seen[0], anchored=True), joint.anchors[2][landmark])
         H[:k, :, :6], H[:k, :, 6:own] = H_body, H_correction[:, :, : own - 6]
         for axis in range(3):
             H[at, :, own + 3 * at + axis] = H_point[:, :, axis]
         r[:k], noise[:k] = residual(seen[2], predict(sight, point)[0]), seen[3]
     if level is not None and level.gravity is not None:
-        r[k], H[k, :, :6] = gravity(joint.rotation[robot], level.gravity / np.linalg.norm(level.gravity))
+        up = level.gravity / np.linalg.norm(level.gravity)
+        r[k], H[k, :, :6] = gravity(joint.rotation[robot], up)[0], gravity(joint.anchors[0][robot], up)[1]
         noise[k] = np.eye(2) * level.gravity_sigma**2
     rows = k + (level is not None)
     return Linear(robot, joint.columns(robot, landmark), H[:rows].reshape(2 * rows, -1), r[:rows].reshape(-1), noise[:rows])

@@ -36,6 +36,25 @@ def _check_unit(bearing: Array, name: str) -> None:
         raise ValueError(f"{name} has length {1 + error.max():.6g} off 1, needs unit directions")
 
 
+def _check_covariance(covariance: Array, name: str) -> None:
+    """(n, n): symmetric and not negative, up to rounding; a direction that is known exactly is none of its faults."""
+    scale = float(np.abs(covariance).max(initial=0.0))
+    if not np.isfinite(scale) or np.abs(covariance - covariance.T).max(initial=0.0) > 1e-9 * scale:
+        raise ValueError(f"{name} is not finite and symmetric")
+    low = float(np.linalg.eigvalsh(covariance)[0])
+    if low < -1e-9 * scale:
+        raise ValueError(f"{name} has an eigenvalue of {low:.3g}, needs at least 0")
+
+
+def _check_covariances(covariance: Array, name: str) -> None:
+    """(n, 2, 2): symmetric and positive, each."""
+    a, b, c = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    sound = np.isfinite(covariance).all(axis=(1, 2)) & (a > 0) & (a * c > b * b) & (np.abs(b - covariance[:, 1, 0]) <= 1e-9 * (a + c))
+    if not sound.all():
+        worst = int(np.argmin(sound))
+        raise ValueError(f"{name} {worst} is {covariance[worst].tolist()}, needs a symmetric positive matrix")
+
+
 @dataclass(frozen=True, eq=False)
 class Detections:
     """People seen by one camera in one frame, as directions: nothing can straddle a seam. Never a true id.
@@ -95,6 +114,9 @@ class Sightings:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         _check_unit(self.bearing, "sighting bearing")
+        _check_covariances(self.covariance, "covariance of sighting")
+        if not (np.isnan(self.range) | (self.range > 0)).all():
+            raise ValueError(f"sighting range is {np.nanmin(self.range):.6g} m, needs more than 0, or NaN where it is not measured")
 
     def __len__(self) -> int:
         return len(self.bearing)
@@ -114,8 +136,11 @@ class Odometry:
 
     def __post_init__(self) -> None:
         _set(self, "covariance", (6, 6))
+        _check_covariance(self.covariance, "covariance of odometry")
         if self.gravity is not None:
             _set(self, "gravity", (3,))
+            if not np.linalg.norm(self.gravity) > 0 or not self.gravity_sigma > 0:
+                raise ValueError(f"gravity is {self.gravity.tolist()} with sigma {self.gravity_sigma} rad, needs a direction and more than 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +210,7 @@ class Start:
 
     def __post_init__(self) -> None:
         _set(self, "covariance", (6, 6))
+        _check_covariance(self.covariance, "covariance of start")
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,12 +40,12 @@ class Results:
         """Gather estimates; a robot whose covariance is zero throughout (a fixed camera) is not a result."""
         listed = list(estimates)
         robots = {r for e in listed for r, P in e.robot_covariance.items() if P.any()}
-        names = [r for r in (listed[0].T_world_robot if listed else {}) if r in robots]
+        names = [r for r in dict.fromkeys(r for e in listed for r in e.T_world_robot) if r in robots]
         return Results(
             len(listed),
             {e.index: (e.target_id, e.position) for e in listed},
-            {r: [e.T_world_robot[r] for e in listed] for r in names},
-            {r: [e.robot_covariance[r] for e in listed] for r in names},
+            {r: [e.T_world_robot.get(r) for e in listed] for r in names},
+            {r: [e.robot_covariance.get(r) for e in listed] for r in names},
             run,
         )
 

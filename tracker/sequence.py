@@ -6,8 +6,8 @@ The folder's own README.md (layout.README) says what every file and column is. T
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,7 +23,7 @@ from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Tick
 from tracker.recording import SequenceWriter
 from tracker.tables import rows_by_frame
 
-__all__ = ["Boxes", "Sequence", "SequenceWriter", "Ticks", "TicksInMemory", "read_boxes", "read_json", "read_sequence"]
+__all__ = ["Boxes", "Sequence", "SequenceWriter", "Ticks", "TicksInMemory", "read_boxes", "read_json", "read_sequence", "without_starts"]
 
 
 class Ticks(Protocol):
@@ -62,6 +62,22 @@ class Sequence:
     ticks: Ticks
     truth: tuple[Truth, ...] | None
     provenance: dict[str, Any]
+
+
+def without_starts(sequence: Sequence, robots: Collection[str]) -> Sequence:
+    """The sequence where some robots are not told where they start. Raises ValueError for a robot that it does not have, or where no other one
+    that moves knows its start.
+    """
+    starts = sequence.setup.starts
+    for robot in robots:
+        if robot not in starts:
+            raise ValueError(f"{robot!r} is not told its start, needs one of {', '.join(starts)}")
+    # A robot that is known exactly is a fixed camera, whose landmarks nobody maps.
+    if robots and not any(start is not None and start.covariance.any() for name, start in starts.items() if name not in robots):
+        raise ValueError("no robot is left that knows its start, needs at least one: the world's frame is theirs")
+    if not robots:
+        return sequence
+    return replace(sequence, setup=replace(sequence.setup, starts={name: None if name in robots else start for name, start in starts.items()}))
 
 
 def _sha256(data: bytes) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tracker.alignment import Meeting
 from tracker.association import Gate, Matches, associate
 from tracker.cameras import Mask, Panorama
 from tracker.candidates import Trial
@@ -21,11 +22,12 @@ from tracker.joint import Indices, Joint
 from tracker.landmarks import Floats, Landmarks, Survival, dissimilarity, spread, unit_rows
 from tracker.linearisation import Seen, linearise
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
+from tracker.newcomers import Newcomers, State
 
 
 @dataclass(frozen=True)
 class SlamParameters:
-    """mode: iekf, the iterated filter (with one iteration the plain one), or invariant (tracker.invariant). iterations: linearisations of an
+    """mode: iekf, the iterated filter (with one iteration the plain one), fej or invariant (joint.Joint). iterations: linearisations of an
     update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
     correction_walk rad an axis a square root of a second. level_memory, turn_memory s: errors of the accelerometer's "up" and of the odometry's turns
     hang together for so long (their biases), and are believed the less. robust: residuals beyond so many standard deviations lose weight
@@ -56,10 +58,11 @@ class SlamParameters:
     trial: Trial = field(default_factory=Trial)
     survival: Survival = field(default_factory=Survival)
     extraction: Extraction = field(default_factory=Extraction)
+    meeting: Meeting = field(default_factory=Meeting)
 
     def __post_init__(self) -> None:
-        if self.mode not in ("iekf", "invariant"):
-            raise ValueError(f"mode is {self.mode!r}, needs iekf or invariant")
+        if self.mode not in ("iekf", "fej", "invariant"):
+            raise ValueError(f"mode is {self.mode!r}, needs iekf, fej or invariant")
         for name in ("iterations", "clones", "capacity", "seen"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
@@ -71,17 +74,20 @@ class Slam:
     def __init__(self, setup: Setup, parameters: SlamParameters) -> None:
         self.setup, self.parameters = setup, parameters
         correction = parameters.correction_sigma if parameters.correction else None
-        self._joint = Joint(parameters.clones, parameters.capacity, correction, parameters.mode == "invariant")
+        self._joint = Joint(parameters.clones, parameters.capacity, correction, parameters.mode)
         self._map = Landmarks(parameters.capacity, max(1, len(setup.starts)))
         self._team: dict[str, int] = {}
         self._frontier: dict[str, Frontier] = {}
         self._cloned: dict[str, int] = {}
         self._odometry: dict[str, Odometry | None] = {}
         self._counters: Counter[str] = Counter()
+        self._newcomers = Newcomers(setup, parameters, Slam)
+        self._blind: dict[str, tuple[int, Array]] = {}
+        self._tick = -1
 
     def step(self, tick: Tick) -> None:
         """Take in all views of one tick. Raises ValueError for a view of a camera that the setup does not know."""
-        views: dict[str, list[View]] = {}
+        self._tick, views = tick.index, dict[str, list[View]]()
         for view in tick.views:
             if view.camera not in self.setup.mounts:
                 raise ValueError(f"view of camera {view.camera!r}, needs one of {sorted(self.setup.mounts)}")
@@ -93,6 +99,18 @@ class Slam:
         self._joint.drift(self.parameters.correction_walk * np.sqrt(self.setup.period))
         for name in self._team:
             self._look(name, views.get(name, []), tick.index)
+        for name, start in self.setup.starts.items():
+            if start is None and name not in self._team and _active(views.get(name, []), self.setup):
+                self._meet(name, replace(tick, views=tuple(views[name])))
+
+    @property
+    def state(self) -> State:
+        """The joint state and the book of its landmarks, which go on changing with the filter."""
+        return self._joint, self._map
+
+    def placed(self, robot: str) -> bool:
+        """Whether it is known where the robot is: no more than where its start is unknown and it has not yet joined the team."""
+        return robot in self._team or self.setup.starts[robot] is not None
 
     @property
     def counters(self) -> dict[str, int]:
@@ -109,8 +127,7 @@ class Slam:
         """(6, 6) of the pose's right tangent [m, rad]. Raises ValueError as pose does."""
         if robot not in self._team:
             return self._start(robot).covariance
-        at = self._joint.offset(self._team[robot])
-        return self._joint.P[at : at + 6, at : at + 6].copy()
+        return self._joint.covariance(self._team[robot])
 
     def correction(self, robot: str) -> Array:
         """(3,) rad: the correction factor, a rotation vector of the robot's cameras in its body (bearings.Sight); zero where there is none."""
@@ -132,20 +149,26 @@ class Slam:
 
     def _admit(self, name: str, views: list[View]) -> None:
         """Take a robot into the state at its first odometry or sight of landmarks."""
-        cameras = [self.setup.mounts[v.camera].camera for v in views if v.image is not None]
-        active = any(v.odometry is not None or v.sightings is not None for v in views) or any(isinstance(c, Panorama) for c in cameras)
-        if name in self._team or not active:
-            return
-        if self.setup.starts[name] is None:
-            self._counters["unknown start"] += 1
-            return
-        robot = self._team[name] = self._joint.join(self._start(name))
+        if name not in self._team and self.setup.starts[name] is not None and _active(views, self.setup):
+            self._enlist(name, self._joint.join(self._start(name)))
+
+    def _meet(self, name: str, tick: Tick) -> None:
+        """A robot whose start is unknown goes on in a frame of its own, or joins where the two maps have enough in common."""
+        self._counters["unknown start"] += 1
+        robot, reason = self._newcomers.step(name, tick, self.state, self._forget)
+        self._counters[reason] += 1
+        if robot is not None:
+            self._enlist(name, robot)
+
+    def _enlist(self, name: str, robot: int) -> None:
+        """The robot is in the joint state."""
+        self._team[name] = robot
         for camera, mount in self.setup.mounts.items():
             if mount.robot == name:
                 self._frontier[camera] = Frontier(robot, mount, (self._joint, self._map), self.setup.ground, self.parameters.trial)
 
     def _predict(self, name: str, views: list[View]) -> None:
-        """A robot without odometry did not move."""
+        """Go on by odometry; in a gap of it a robot may have gone on as it last did, or stood still: its pose is doubted by that way."""
         odometry = next((v.odometry for v in views if v.odometry is not None), None)
         if odometry is not None:
             turn, level = (np.sqrt(_worth(memory, self.setup.period)) for memory in (self.parameters.turn_memory, self.parameters.level_memory))
@@ -154,6 +177,13 @@ class Slam:
         self._odometry[name] = odometry
         if odometry is not None:
             self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance)
+            self._blind[name] = 0, np.square(odometry.T_before_now.log()) + np.diag(odometry.covariance)
+        elif name in self._blind:
+            gap, step = self._blind[name]
+            # The way grows with the time, its variance with the square of it.
+            self._joint.inflate(self._team[name], (2 * gap + 1) * np.repeat([step[:3].sum(), step[3:].sum()], 3))
+            self._blind[name] = gap + 1, step
+            self._counters["no odometry"] += 1
 
     def _look(self, name: str, views: list[View], tick: int) -> None:
         """All that one robot sees at one tick: update, forget what fails, follow what is new."""
@@ -225,7 +255,13 @@ class Slam:
         up = None if odometry is None or odometry.gravity is None else odometry
         if up is None and (seen is None or not len(seen[1])):
             return np.ones(0)
-        weights = self._joint.update(lambda: linearise(self._joint, robot, seen, up), self.parameters.iterations, self.parameters.robust)
+        try:
+            weights = self._joint.update(lambda: linearise(self._joint, robot, seen, up), self.parameters.iterations, self.parameters.robust)
+        except np.linalg.LinAlgError:
+            weights = np.full(1, np.nan)
+        if not (np.isfinite(weights).all() and np.isfinite(self._joint.translation).all()):
+            where, doubt = self._joint.translation[robot].tolist(), float(self._joint.P[self._joint.offset(robot), self._joint.offset(robot)])
+            raise ValueError(f"the filter diverged at tick {self._tick}: robot {name!r} is at {where}, variance {doubt:.3g} m²")
         self._counters["shaken level"] += int(up is not None and weights[-1] < 0.3)
         return weights if up is None else weights[:-1]
 
@@ -281,6 +317,12 @@ class Slam:
         for frontier in self._frontier.values():
             if frontier.robot == robot:
                 frontier.remember(k)
+
+
+def _active(views: list[View], setup: Setup) -> bool:
+    """Whether a robot reports motion or sees landmarks."""
+    cameras = [setup.mounts[v.camera].camera for v in views if v.image is not None]
+    return any(v.odometry is not None or v.sightings is not None for v in views) or any(isinstance(c, Panorama) for c in cameras)
 
 
 def _worth(memory: float, period: float) -> float:

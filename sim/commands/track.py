@@ -13,6 +13,7 @@ from sim.commands.options import Out, numbers
 
 if TYPE_CHECKING:
     from tracker.pipeline import Parameters
+    from tracker.tracklets import TrackletParameters
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Track:
     """Track people in a sequence made by pilsim, or in a PETS 2009 folder; or place the robots of a UTIAS set (MRCLAM).
 
     A PETS folder has annotations/*-cropped.xml, detections/View_00N.txt (MOT15), and calibration/ in it or beside it.
+
     Examples: pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
               pilsim track MRCLAM_Dataset1 --map unknown --out runs/utias
     """
@@ -38,6 +40,14 @@ class Track:
     """Of what --degrade draws."""
     delay: int = 0
     """Frames that a frame is told late; people are smoothed by what came since."""
+    images: bool = False
+    """Follow the corners of boxes through the images: tracklets. A PETS folder has video/View_00N.mp4, of some views at least (single)."""
+    l_c: int | None = None
+    """L_c: frames that corners are followed back (images)."""
+    delta_min: float | None = None
+    """δ_min: a corner that moves less is static, px of the image at half its size (images)."""
+    omega: float | None = None
+    """ω: corners of one body move alike within this share of its box's width (images)."""
     hypotheses: Literal["single", "multiple"] = "single"
     """Whether one best hypothesis on people is kept, or track trees with the best set of tracks as a maximum-weight clique."""
     k_h: int | None = None
@@ -59,28 +69,39 @@ class Track:
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter is told where the landmarks are."""
     slam: Literal["ekf", "iekf", "fej", "invariant"] | None = None
-    """The filter of the robots' places: extended, iterated, with first-estimates Jacobians (UTIAS only), or with the right-invariant error."""
+    """The filter of the robots' places: extended, iterated, with first-estimates Jacobians, or with the right-invariant error."""
     iterations: int | None = None
     """Linearisations of an update, 2 where nothing is given; ekf has one."""
     correction: Literal["on", "off"] = "on"
     """Whether each robot's correction factor is estimated."""
+    unknown_start: str = ""
+    """Robots, as in robot_1,robot_2, that are not told where they start: each maps alone until it has enough in common with the others."""
 
     def run(self) -> None:
         from sim.demo import tracked
+        from tracker.films import filmed
         from tracker.formats.utias import is_utias
+        from tracker.sequence import without_starts
         from tracker.sources import Choice, open_source
 
         views = numbers(self.views)
         if is_utias(self.source):
             if views:
                 raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
+            if self.unknown_start:
+                raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
             self._explore()
             return
-        if self.map != "unknown" or self.slam == "fej":
-            raise ValueError(f"{self.source}: --map and --slam fej are for UTIAS sets (Barcodes.dat), and this is none")
+        if self.map != "unknown":
+            raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
         choice = Choice.parse(self.detections, self.degrade, self.seed)
         sequence = open_source(self.source, views, choice)
-        results = tracked(sequence, self.out, {"source": self.source.name, "views": views} | choice.to_run(), self._parameters())
+        lost = [name.strip() for name in self.unknown_start.split(",") if name.strip()]
+        sequence = without_starts(sequence, lost)
+        if self.images:
+            sequence = filmed(sequence, self.source)
+        run = {"source": self.source.name, "views": views} | choice.to_run() | ({"unknown_start": lost} if lost else {})
+        results = tracked(sequence, self.out, run, self._parameters())
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
 
@@ -114,15 +135,26 @@ class Track:
                 raise ValueError(f"--{name.replace('_', '-')} is {value}, needs more than 0")
         if "theta_s" in given:
             given["same_person"] = given.pop("theta_s")
+        tracklets = self._tracklets()
         if self.hypotheses == "multiple":
+            if tracklets:
+                raise ValueError("--images is for --hypotheses single")
             others: dict[str, Any] = {"small_graphs": self.k_h is not None, "seed": self.seed_search, "graphs": self.dump_graphs}
             multiple = replace(MultipleParameters(), **given, **others)
             return Parameters(multiple=multiple, delay=self.delay)
         if {"k_h", "i_bls_max", "n_scan"} & set(given) or self.dump_graphs is not None or self.seed_search:
             raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
-        if not given and not self.delay:
+        if not given and not self.delay and tracklets is None:
             return None
-        return replace(Parameters(), targets=replace(Parameters().targets, **given), delay=self.delay)
+        return replace(Parameters(), targets=replace(Parameters().targets, **given), tracklets=tracklets, delay=self.delay)
+
+    def _tracklets(self) -> TrackletParameters | None:
+        from tracker.tracklets import TrackletParameters
+
+        given = {name: getattr(self, name) for name in ("l_c", "delta_min", "omega") if getattr(self, name) is not None}
+        if given and not self.images:
+            raise ValueError("--l-c, --delta-min and --omega are for --images")
+        return TrackletParameters(**given) if self.images else None
 
     def _explore(self) -> None:
         from tracker.course import PlanarParameters

@@ -110,3 +110,17 @@ def test_odometry_must_outlast_the_starts(tmp_path_factory: pytest.TempPathFacto
     (folder / "Robot1_Odometry.dat").write_text(lines[0] + "\n")
     with pytest.raises(ValueError, match=r"odometry ends at 1000.000 s, needs to go on after 1000.000 s"):
         outing(read_team(folder), obedient, False, True)
+
+
+def test_a_gap_of_the_odometry_is_counted_and_the_rest_is_followed(tmp_path_factory: pytest.TempPathFactory, obedient: Sensors) -> None:
+    """Robot 1 is silent for half of the time: what it sees brings it back."""
+    folder = write_set(tmp_path_factory.mktemp("d") / "s")
+    path = folder / "Robot1_Odometry.dat"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(x for x in lines if x.startswith("#") or not BEGIN + 2 < float(x.split()[0]) < BEGIN + 2 + SECONDS / 2) + "\n")
+    out = outing(read_team(folder), obedient, True, True)
+    assert out.unused["odometry gap"] == 1
+    believed, _ = follow(out.state, PlanarParameters().rule(), out.course)
+    truth = read_team(folder).robots[1].truth
+    x, y = (np.interp(out.times[-1], truth[:, 0], truth[:, k]) for k in (1, 2))
+    assert np.hypot(believed[-1, 0, 0] - x, believed[-1, 0, 1] - y) < 0.1

@@ -89,8 +89,8 @@ def test_a_sight_of_one_robot_corrects_another() -> None:
     for tick in ticks[:40]:
         slam.step(tick)
     before, doubt = slam.pose("r1"), np.trace(slam.covariance("r1"))
-    only = next(v for v in ticks[40].views if v.camera == "c0")
-    slam.step(replace(ticks[40], views=(only,)))
+    only, other = ticks[40].views
+    slam.step(replace(ticks[40], views=(only, replace(other, sightings=None, odometry=Odometry(Pose.identity(), 1e-12 * np.eye(6))))))
     assert np.linalg.norm((before.inverse() @ slam.pose("r1")).log()) > 1e-6
     assert np.trace(slam.covariance("r1")) < doubt
 
@@ -247,7 +247,7 @@ def test_parameters_have_bounds(name: str, value: int) -> None:
 
 
 def test_modes_have_names() -> None:
-    with pytest.raises(ValueError, match="mode is 'ukf', needs iekf or invariant"):
+    with pytest.raises(ValueError, match="mode is 'ukf', needs iekf, fej or invariant"):
         SlamParameters(mode="ukf")
 
 
@@ -271,3 +271,28 @@ def test_a_small_map_stays_small() -> None:
     assert slam.counters["map full"] > 0
     assert len(np.unique(slam.identities())) == len(slam.identities())
     assert error < drift
+
+
+def test_a_gap_of_the_odometry_is_counted_and_doubted() -> None:
+    """A second without odometry at 0.5 m/s: the doubt covers the way that was driven, and the map brings the robot back."""
+    setup, ticks, truth, _ = simulate(replace(SHORT, ticks=60))
+    slam, blind = Slam(setup, SlamParameters()), range(40, 46)
+    for tick, true in zip(ticks, truth, strict=True):
+        gap = tick.index in blind
+        views = tuple(replace(v, odometry=None, sightings=None) if gap and v.camera == "c0" else v for v in tick.views)
+        slam.step(replace(tick, views=views))
+        error = np.linalg.norm(slam.pose("r0").translation - true["r0"].translation)
+        if tick.index == blind[-1]:
+            assert 0.2 < error < 3 * np.sqrt(np.linalg.eigvalsh(slam.covariance("r0")[:3, :3])[-1])
+    assert slam.counters["no odometry"] == len(blind)
+    assert error < 0.15
+
+
+def test_a_filter_that_diverges_says_when_and_who() -> None:
+    setup, ticks, *_ = simulate(replace(SHORT, ticks=12))
+    slam = Slam(setup, SlamParameters())
+    for tick in ticks[:-1]:
+        slam.step(tick)
+    slam._joint.P[0, 0] = -1e12
+    with pytest.raises(ValueError, match=r"the filter diverged at tick 12: robot 'r0' is at \["):
+        slam.step(ticks[-1])

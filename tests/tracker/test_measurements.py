@@ -1,0 +1,45 @@
+"""Values that are none are refused where they are made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tracker.geometry import Pose
+from tracker.measurements import Odometry, Sightings, Start
+
+
+def sightings(covariance: object, reach: float = np.nan) -> Sightings:
+    return Sightings(np.array([[1.0, 0, 0]]), np.array([reach]), np.array([-1]), np.zeros((1, 2)), np.array([covariance]))
+
+
+@pytest.mark.parametrize(
+    "covariance", [np.zeros((2, 2)), [[1e-4, 2e-4], [2e-4, 1e-4]], [[-1e-4, 0], [0, -1e-4]], [[1, 0.5], [0.2, 1]], [[np.inf, 0], [0, 1]]]
+)
+def test_a_sightings_covariance_is_positive(covariance: object) -> None:
+    with pytest.raises(ValueError, match=r"covariance of sighting 0 is \[\[.*needs a symmetric positive matrix"):
+        sightings(covariance)
+
+
+@pytest.mark.parametrize("reach", [0.0, -1.0])
+def test_nothing_is_seen_at_no_range(reach: float) -> None:
+    with pytest.raises(ValueError, match=f"sighting range is {reach:g} m, needs more than 0"):
+        sightings(np.eye(2), reach)
+    assert len(sightings(np.eye(2), 2.0)) == len(sightings(np.eye(2))) == 1
+
+
+def test_covariances_of_poses_are_not_negative() -> None:
+    bad = np.diag([1e-4, 1, 1, 1, 1, -1e-4])
+    with pytest.raises(ValueError, match=r"covariance of odometry has an eigenvalue of -0.0001, needs at least 0"):
+        Odometry(Pose.identity(), bad)
+    with pytest.raises(ValueError, match=r"covariance of start has an eigenvalue of -0.0001, needs at least 0"):
+        Start(Pose.identity(), bad)
+    with pytest.raises(ValueError, match="covariance of start is not finite and symmetric"):
+        Start(Pose.identity(), np.eye(6) + np.triu(np.ones((6, 6)), 1))
+    assert not Start(Pose.identity(), np.zeros((6, 6))).covariance.any(), "what is known exactly is allowed"
+
+
+@pytest.mark.parametrize(("up", "sigma"), [([0, 0, 0], 0.02), ([0, 0, 1], 0.0)])
+def test_up_is_a_direction(up: list[float], sigma: float) -> None:
+    with pytest.raises(ValueError, match="needs a direction and more than 0"):
+        Odometry(Pose.identity(), np.eye(6), np.array(up, dtype=np.float64), sigma)
