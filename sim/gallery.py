@@ -20,6 +20,8 @@ PEOPLE, ROBOTS = 10, 3
 """Who is about in a picture: a place without anybody has no size."""
 DRIVEN = 4
 """Rovers whose slip is measured."""
+LONGEST = 3600
+"""s for which they drive, at most."""
 HEADINGS = {
     "extent_x": "x m",
     "extent_y": "y m",
@@ -47,13 +49,13 @@ class Wanted:
 def survey(name: str | None, difficulty: float, seed: int, wanted: Wanted | None = None) -> list[dict[str, Any]]:
     """A row of measures (worlds.measures) for the world of that name, or for all.
 
-    Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, or seconds below 0.
+    Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, or seconds out of bounds.
     """
     also = wanted or Wanted()
     if also.file is not None and name is None:
         raise ValueError(f"--export {also.file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
-    if not also.seconds >= 0:
-        raise ValueError(f"seconds is {also.seconds}, needs 0 or more")
+    if not 0 <= also.seconds <= LONGEST:
+        raise ValueError(f"seconds is {also.seconds}, needs 0 to {LONGEST}")
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
     for each in tqdm(names, desc="worlds", disable=len(names) == 1, leave=False):

@@ -34,6 +34,8 @@ class Clique:
         from tracker.exact_clique import exact
         from tracker.formats.dimacs import read_graph
 
+        if self.seed < 0:
+            raise ValueError(f"--seed is {self.seed}, needs at least 0")
         graph = read_graph(self.file)
         search(graph, Limits(moves=1))  # compiles: not part of the seconds
         found = exact(graph, self.seconds) if self.exact else search(graph, Limits(seconds=self.seconds, target=self.target), self.seed)

@@ -49,6 +49,33 @@ def test_bad_scenarios(arguments: list[str], message: str, tmp_path: Path) -> No
     assert message in refused("demo", *arguments, "--out", "out", cwd=tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "Expected one of {demo, track, "),
+        (["frobnicate"], "Unrecognized options: frobnicate; see pilsim --help"),
+        (["demo", "--frames", "abc"], "Error parsing --frames: invalid literal for int() with base 10: 'abc'; see pilsim demo --help"),
+        (["generate", "pilsun", "--out", "x", "--frmes", "3"], "Unrecognized options: --frmes, 3 (perhaps --frames); see pilsim generate --help"),
+        (["export", "x", "--format", "jpeg", "--out", "y"], "invalid choice 'jpeg' for argument '--format'"),
+        (["generate", "pilsun"], "Missing from pilsim generate: --out DIR"),
+        (["track", "x", "--out", "y", "--l-c", "4"], "no such folder"),
+        (["compare"], "compare needs folders of results, the first as the reference"),
+        (["stress", "--world", "mars", "--sweep", "robots/0", "--out", "y"], "--world is 'mars', needs one of campus, forest, "),
+        (["clique", "x.clq", "--seed", "-1"], "--seed is -1, needs at least 0"),
+        (["worlds", "pilsun", "--slip", "inf"], "seconds is inf, needs 0 to 3600"),
+    ],
+)
+def test_what_no_command_knows(arguments: list[str], message: str, tmp_path: Path) -> None:
+    assert message in refused(*arguments, cwd=tmp_path)
+
+
+def test_help_and_version(tmp_path: Path) -> None:
+    assert "pilsim" in pilsim("--help", cwd=tmp_path).stdout
+    version = pilsim("--version", cwd=tmp_path)
+    assert version.returncode == 0
+    assert version.stdout.startswith("pilsim 0.")
+
+
 def test_an_out_that_holds_something_else(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "diary.txt").write_text("dear diary")
@@ -98,7 +125,11 @@ def test_filters_by_name(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0
     assert "mode='iekf', iterations=3" in (tmp_path / "r" / "run.json").read_text()
-    assert "--map and --slam fej are for UTIAS sets" in refused("track", "s", "--slam", "fej", "--out", "q", cwd=tmp_path)
+    assert "--l-c, --delta-min and --omega are for --images" in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
+    assert "--images is for --hypotheses single" in refused("track", "s", "--images", "--hypotheses", "multiple", "--out", "q", cwd=tmp_path)
+    assert "--map is for UTIAS sets" in refused("track", "s", "--map", "known", "--out", "q", cwd=tmp_path)
+    assert "'robot_9' is not told its start, needs one of" in refused("track", "s", "--unknown-start", "robot_9", "--out", "q", cwd=tmp_path)
+    assert "no robot is left that knows its start" in refused("track", "s", "--unknown-start", "robot_0,robot_1", "--out", "q", cwd=tmp_path)
 
 
 def test_score_wants_one_of_two_forms(tmp_path: Path) -> None:

@@ -9,6 +9,9 @@ import numpy as np
 from tracker.atomic import write_text
 from tracker.clique import Graph
 
+MOST_VERTICES = 20_000
+"""Who excludes whom is kept as a matrix: as much as 400 MB."""
+
 
 def read_graph(path: Path) -> Graph:
     """The graph of a file; a vertex without an `n` line weighs 1.
@@ -17,20 +20,23 @@ def read_graph(path: Path) -> Graph:
     FileNotFoundError where there is no file.
     """
     weight: np.ndarray | None = None
+    count = 0
     edges: list[tuple[int, int]] = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
         words = line.split()
         if not words or words[0] == "c":
             continue
         try:
-            if words[0] == "p" and weight is None:
-                weight = np.ones(int(words[2]))
-            elif words[0] == "n" and weight is not None:
+            if words[0] == "p" and weight is None and len(words) == 4:
+                if not 1 <= int(words[2]) <= MOST_VERTICES:
+                    raise ValueError(f"has {words[2]} vertices, needs 1 to {MOST_VERTICES}")
+                weight, count = np.ones(int(words[2])), int(words[3])
+            elif words[0] == "n" and weight is not None and len(words) == 3:
                 vertex = _vertex(words[1], len(weight))
                 weight[vertex] = float(words[2])
                 if not 0 < weight[vertex] < np.inf:
                     raise ValueError(f"weight is {words[2]}, needs more than 0")
-            elif words[0] == "e" and weight is not None:
+            elif words[0] == "e" and weight is not None and len(words) == 3:
                 a, b = (_vertex(word, len(weight)) for word in words[1:3])
                 if a == b:
                     raise ValueError(f"vertex {words[1]} has an edge to itself")
@@ -41,6 +47,8 @@ def read_graph(path: Path) -> Graph:
             raise ValueError(f"{path}, line {number}: {error}") from None
     if weight is None:
         raise ValueError(f"{path}: has no line `p edge N M`")
+    if len(edges) != count:
+        raise ValueError(f"{path}: has {len(edges)} edges, its line `p` says {count}")
     return Graph.from_edges(weight, np.array(edges, dtype=np.int64).reshape(-1, 2))
 
 

@@ -44,6 +44,10 @@ def test_written_is_read(tmp_path: Path) -> None:
         ("p edge 2 1\ne 1 3\n", "line 2: vertex is 3, needs 1 to 2"),
         ("p edge 2 1\ne 1\n", "line 2"),
         ("p edge x 1\n", "line 1"),
+        ("p edge\n", "line 1: 'p edge' is none of `p edge N M`"),
+        ("p edge 1000000 0\n", "line 1: has 1000000 vertices, needs 1 to 20000"),
+        ("p edge 0 0\n", "line 1: has 0 vertices"),
+        ("p edge 3 2\ne 1 2\n", "has 1 edges, its line `p` says 2"),
         ("c nothing\n", "has no line"),
     ],
 )
