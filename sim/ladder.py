@@ -163,8 +163,8 @@ def associated(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, whos
 
 
 def _of(feet: Feet, rows: Any) -> Feet:
-    columns = {name: getattr(feet, name) if name in ("camera", "origin") else getattr(feet, name)[rows] for name in Feet.__dataclass_fields__}
-    return Feet(**columns)
+    whole = {"camera": feet.camera, "origin": feet.origin}
+    return Feet(**whole, **{name: getattr(feet, name)[rows] for name in Feet.__dataclass_fields__ if name not in (*whole, "links")})
 
 
 def _estimate(setup: Setup, index: int, robots: dict[str, tuple[Pose, Array]], told: Mapping[int, Tracks | None]) -> Estimate:

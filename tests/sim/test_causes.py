@@ -98,7 +98,7 @@ def test_all_causes_are_listed_with_their_counts() -> None:
 
 def test_causes_add_up_to_the_score() -> None:
     """A hard run: every miss, false positive and switch that the score counts is there."""
-    scenario = Scenario(seed=1002, robots=1, people=12, frames=9, width=256, misses=0.4, clutter=2.0, bearing_noise=0.015)
+    scenario = Scenario(seed=1002, robots=1, people=12, frames=14, width=256, misses=0.4, clutter=2.0, bearing_noise=0.015)
     footage = filmed(Case("x/0", "x", "people", 14, scenario), rendered=False)
     results = Contender().results_of(footage.told, footage.ticks, ("x/0", 1002))
     scores, counts = scored(footage, results), counted(mistakes(gather(footage, results)))

@@ -29,6 +29,7 @@ def test_an_export_says_where_it_is(tmp_path: Path) -> None:
 def test_an_export_is_not_made_twice(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     (tmp_path / "tum").mkdir()
+    (tmp_path / "tum" / "mine").write_text("x")
     done = pilsim("s", "--format", "tum", "--out", "tum", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (2, "error: tum: is there already\n")
 

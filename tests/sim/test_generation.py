@@ -81,7 +81,7 @@ def test_what_is_missing_is_made_again_with_the_same_bytes(dataset: Path) -> Non
     (dataset / ".pilsun-00001.lock").write_text("1\n")
     done = pilsim("generate", "pilsun", *SMALL, "--range", "--classes", "--video", "--out", dataset)
     assert done.returncode == 0, done.stderr
-    assert "2 sequences, 1 of them new" in done.stdout
+    assert "2 sequences, 1 new" in done.stdout
     assert sums(dataset) == before
     assert (dataset / "pilsun-00000" / "manifest.json").stat().st_mtime_ns == kept
 
