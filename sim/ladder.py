@@ -163,8 +163,8 @@ def associated(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, whos
 
 
 def _of(feet: Feet, rows: Any) -> Feet:
-    whole = {"camera": feet.camera, "origin": feet.origin}
-    return Feet(**whole, **{name: getattr(feet, name)[rows] for name in Feet.__dataclass_fields__ if name not in (*whole, "links")})
+    columns: dict[str, Any] = {name: getattr(feet, name)[rows] for name in Feet.__dataclass_fields__ if name not in ("camera", "origin", "links")}
+    return Feet(feet.camera, feet.origin, **columns)
 
 
 def _estimate(setup: Setup, index: int, robots: dict[str, tuple[Pose, Array]], told: Mapping[int, Tracks | None]) -> Estimate:
