@@ -53,4 +53,5 @@ class Check:
         if count:
             raise ValueError(f"{self.source}: {count} fault{'s' * (count > 1)}{f', the first {SHOWN} are named' * (count > SHOWN)}")
         if not self.json:
-            print(f"{self.source}: {len(sequences(self.source))} sequences, no fault")
+            count = len(sequences(self.source))
+            print(f"{self.source}: {count} sequence{'s' * (count != 1)}, no fault")
