@@ -10,6 +10,7 @@ from sim import odometry, placement_sight, rover
 from sim.placement_config import PlacementConfig
 from sim.placement_map import PlacementMap
 from sim.placement_movers import Mover
+from sim.placement_recall import Recall
 from sim.placement_sight import BODY, clear
 from sim.record import START_SIGMA
 from sim.sensing import Detector
@@ -58,6 +59,7 @@ class Tracking:
     estimate: Estimate | None = None
     detected: list[Detections] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
+    recall: Recall = field(default_factory=Recall)
 
     @staticmethod
     def begin(config: PlacementConfig, place: PlacementMap, mover: Mover, rng: np.random.Generator) -> Tracking:
@@ -88,6 +90,7 @@ class Tracking:
         said = self.tracker.step(Tick(self.index, self.index * self.config.frame, tuple(views)))
         assert said is not None
         self.estimate, self.position, self.covariance = said, said.position[:, :2], said.covariance[:, :2, :2]
+        self.recall.take(said.target_id, self.position, self.covariance, self.config.frame)
         self.frames.append(Frame(np.arange(len(people)), people[:, :2], said.target_id, said.position[:, :2]))
         self.index, self.before = self.index + 1, poses
 

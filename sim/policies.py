@@ -37,11 +37,12 @@ class Briefing:
 
     @staticmethod
     def of(episode: Episode, shown: Arrays) -> Briefing:
-        position, covariance = episode.estimates()
-        velocity = np.zeros_like(position)
-        if episode.tracking is None:
-            velocity = episode.beliefs.mean[episode.beliefs.known > 0, 2:]
-        robots = episode.now.team[:, :3] if episode.tracking is None else episode.tracking.planar_poses()
+        if episode.tracking is not None:
+            told = episode.tracking.recall
+            robots, position, velocity, covariance = episode.tracking.planar_poses(), told.position, told.velocity, told.covariance
+        else:
+            robots, velocity = episode.now.team[:, :3], episode.beliefs.mean[episode.beliefs.known > 0, 2:]
+            position, covariance = episode.estimates()
         return Briefing(episode.place, episode.config, robots, position[:, :2], velocity, covariance[:, :2, :2], shown)
 
 
