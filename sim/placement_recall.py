@@ -42,7 +42,7 @@ class Recall:
         near = (np.linalg.norm(ahead[:, None] - position[None], axis=2) < SAME).any(axis=1)
         kept = ~np.isin(self.number, number) & (unseen <= LASTING) & ~near
         # White noise on the acceleration: the place's variance grows with the third power of the time.
-        growth = UNSTEADY * ((unseen + dt) ** 3 - unseen**3) / 3
+        growth = UNSTEADY * (unseen**3 - self.unseen**3) / 3
         spread = self.covariance + growth[:, None, None] * np.eye(2)
         self.number = np.concatenate([number, self.number[kept]])
         self.position, self.velocity = np.concatenate([position, ahead[kept]]), np.concatenate([velocity, self.velocity[kept]])
