@@ -10,6 +10,7 @@ import matplotlib.figure
 
 from sim.paired import EVERY, MEASURES, Contest, Measure
 from sim.report_plots import MARKERS, PALETTE, STYLE, shortened
+from tracker.atomic import new_file
 
 
 def draw(contest: Contest, path: Path) -> None:
@@ -28,9 +29,8 @@ def draw(contest: Contest, path: Path) -> None:
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower left", ncols=3, frameon=False)
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        figure.savefig(part, format="png", dpi=120, metadata={"Software": None})
-    part.replace(path)
+        with new_file(path) as part:
+            figure.savefig(part, dpi=120, metadata={"Software": None})
 
 
 def _panel(axes: Any, contest: Contest, measure: Measure, ids: list[str]) -> None:

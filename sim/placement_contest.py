@@ -10,6 +10,7 @@ from typing import Any
 from sim.intervals import Interval, paired
 from sim.placement_config import SEEDS_A_MAP
 from sim.placement_trial import Outcome, try_out
+from tracker.atomic import new_file
 
 SHOWN = ("seen_twice", "seen", "gospa", "mota", "reward", "collisions", "near_misses")
 """Measures that are told in words, where they were taken."""
@@ -103,9 +104,8 @@ def draw(means: dict[str, dict[str, Interval]], title: str, file: Path) -> None:
         axes.grid(axis="x", alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
     figure.suptitle(title, x=0.01, ha="left", fontsize=10)
-    unfinished = file.with_name(f".{file.name}.partial.png")
-    figure.savefig(unfinished)
-    unfinished.replace(file)
+    with new_file(file) as part:
+        figure.savefig(part)
 
 
 TITLES = {"seen_twice": "seen by two, share", "seen": "seen by one, share", "gospa": "GOSPA, less is better", "mota": "MOTA of the tracker"}

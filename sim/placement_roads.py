@@ -52,8 +52,12 @@ class Roads:
 
     def nearest(self, points: Array) -> NDArray[np.int64]:
         """(k, 2) m → (k,) the nearest place."""
-        gap = ((points[:, None] - self.places) ** 2).sum(axis=2)
-        return np.asarray(np.argmin(gap, axis=1), dtype=np.int64)
+        return nearest(points, self.places)
+
+
+def nearest(points: Array, places: Array) -> NDArray[np.int64]:
+    """(k, 2) m → (k,) the nearest of places (n, 2) m."""
+    return np.asarray(((points[:, None] - places) ** 2).sum(axis=2).argmin(axis=1), dtype=np.int64)
 
 
 def _widest(room: Walkable, spacing: float) -> tuple[Array, NDArray[np.int64]]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.placement_map import KEPT, PlacementMap
+from sim.placement_roads import nearest
 from sim.policies import Briefing
 from tracker.geometry import Array
 
@@ -68,7 +69,7 @@ class Watch:
         self.goals = choices.goals[here]
         count = max(config.people, 1)
         unknown = max(config.people - len(briefing.position), 0) / count
-        where = _nearest(briefing.position + AHEAD * briefing.velocity, place.where_people_may_be[:, :2])
+        where = nearest(briefing.position + AHEAD * briefing.velocity, place.where_people_may_be[:, :2])
         weight = np.bincount(where, minlength=len(self._hope)) / count
         out = np.zeros((*self.goals.shape, PARTS), dtype=np.float32)
         views = sees[here].sum(axis=0)
@@ -82,8 +83,3 @@ class Watch:
         out[..., 6] = choices.way[here] / STEPS[-1]
         out[:, 0, 8] = 1.0
         return out
-
-
-def _nearest(points: Array, ground: Array) -> NDArray[np.int64]:
-    """(k, 2) m → (k,) the nearest of ground (n, 2) m."""
-    return np.asarray(((points[:, None] - ground) ** 2).sum(axis=2).argmin(axis=1), dtype=np.int64)

@@ -13,6 +13,7 @@ import numpy as np
 
 from sim.policies_choices import CHOICES, HOLD, PARTS
 from sim.policies_ppo import needed
+from tracker.atomic import new_file
 
 TEAMS, ROUND = 16, 20
 """Teams that learn side by side, and choices of each between two improvements of the policy."""
@@ -94,8 +95,8 @@ def _rate(left: float) -> float:
 
 def _save(model: Any, curve: Curve, folder: Path) -> None:
     curve.write(folder / CURVE)
-    model.save(folder / f"next-{MODEL}")
-    (folder / f"next-{MODEL}").replace(folder / MODEL)
+    with new_file(folder / MODEL) as part:
+        model.save(part)
 
 
 def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.0) -> None:

@@ -15,6 +15,7 @@ import matplotlib.ticker
 import numpy as np
 
 from sim.intervals import Interval
+from tracker.atomic import new_file
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D00", "#5B5B5B")
 """After Okabe and Ito: told apart by the colour-blind; their yellow, too pale for white paper, is darkened."""
@@ -125,9 +126,8 @@ def save(plot: Plot, folder: Path) -> str:
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows(plot.rows())
     for ending, data in (("png", picture.getvalue()), ("csv", table.getvalue().encode())):
-        part = folder / f"{plot.name}.{ending}.part"
-        part.write_bytes(data)
-        part.replace(folder / f"{plot.name}.{ending}")
+        with new_file(folder / f"{plot.name}.{ending}") as part:
+            part.write_bytes(data)
     return inline(vector.getvalue(), plot.name)
 
 

@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from sim.commands.options import views_of
 from sim.spectacle import Scene, Shown
+from tracker.atomic import new_file
 from tracker.measurements import Estimate, Tick
 from tracker.pipeline import track
 from tracker.results import Results, read_results
@@ -62,16 +63,12 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
 
 
 def _write(stage: Scene, sequence: Sequence, save: Path, what: tuple[Results | None, bool]) -> None:
-    part = save.with_name(f".{save.name}.part")
     save.parent.mkdir(parents=True, exist_ok=True)
-    try:
+    with new_file(save) as part:
         stage.stream.save(part, default_blueprint=stage.blueprint())
         _play(stage, sequence, *what)
         stage.stream.flush()
         stage.stream.disconnect()
-        part.replace(save)
-    finally:
-        part.unlink(missing_ok=True)
     print(f"{save}: {len(sequence.ticks)} frames, {save.stat().st_size / 1e6:.1f} MB; `rerun {save}` opens it")
 
 

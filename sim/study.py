@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import itertools
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields
@@ -17,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker import crowds
+from tracker.atomic import new_file
 from tracker.clearmot import score
 from tracker.comparison import Frame
 from tracker.measurements import Setup, Tick
@@ -113,12 +113,10 @@ def read_cells(path: Path) -> list[Cell]:
 
 def write_cells(path: Path, cells: list[Cell]) -> None:
     """All cells, at once."""
-    part = path.with_suffix(".part")
-    with part.open("w", newline="") as file:
+    with new_file(path) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, [f.name for f in fields(Cell)])
         writer.writeheader()
         writer.writerows(asdict(cell) for cell in cells)
-    os.replace(part, path)
 
 
 def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[list[Cell]]:
@@ -185,6 +183,5 @@ def draw(cells: list[Cell], path: Path) -> None:
             axis.grid(alpha=0.3)
         axes[row, 0].set_ylim(bottom=0)
         axes[row, 0].legend()
-    part = path.with_name("part." + path.name)
-    figure.savefig(part, dpi=110)
-    os.replace(part, path)
+    with new_file(path) as part:
+        figure.savefig(part, dpi=110)

@@ -12,6 +12,7 @@ from scipy.special import ellipe
 
 from sim.footage import Footage
 from tracker.geometry import Array
+from tracker.trees import MotionParameters, transition
 
 HEAD = 1.7
 """m over the feet."""
@@ -24,7 +25,7 @@ def target_bound(footage: Footage) -> float | None:
     knows whose boxes they are.
     """
     period, people = footage.setup.period, np.unique(np.concatenate([t.person_id for t in footage.truth]))
-    F, Q = _motion(period, _unsteadiness(footage))
+    F, Q = transition(period, MotionParameters(acceleration=float(np.sqrt(_unsteadiness(footage)))))
     P = np.tile(np.diag([ANYWHERE**2, ANYWHERE**2, FASTEST**2, FASTEST**2]), (len(people), 1, 1))
     errors = []
     for k in range(len(footage.truth)):
@@ -42,14 +43,6 @@ def mean_distance(P: Array) -> Array:
     small, large = np.linalg.eigvalsh(P).T
     out: Array = np.sqrt(2 * large / np.pi) * ellipe(1 - small / large)
     return out
-
-
-def _motion(dt: float, unsteadiness: float) -> tuple[Array, Array]:
-    """Of x, y, vx, vy: the step of `dt` s, and its covariance for white noise on the acceleration of that density m²/s³."""
-    F = np.eye(4)
-    F[0, 2] = F[1, 3] = dt
-    one = np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    return F, unsteadiness * np.kron(one, np.eye(2))
 
 
 def _unsteadiness(footage: Footage) -> float:

@@ -36,7 +36,7 @@ class Feet:
     point (n, 3) m and spread (n, 2, 2) m²: where it meets the ground, and how surely. height (n,) m of the box standing there.
     head_elevation (n,) rad above the horizon of the box's upper edge. grounded (n,): there is a point and it is near enough.
     hidden (n,): the feet may be out of sight. confidence (n,).
-    links: what images say of the boxes of the last frames and these (tracklets.Tracklets.step); none where they are not looked at.
+    links: what images say of the boxes of the last frames and these (tracklets.Tracklets.step); None where they are not looked at.
     """
 
     camera: str
@@ -50,7 +50,7 @@ class Feet:
     grounded: Mask
     hidden: Mask
     confidence: Array
-    links: tuple[Array, ...] = ()
+    links: tuple[Array, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.direction)

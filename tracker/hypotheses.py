@@ -93,7 +93,8 @@ class Hypotheses:
         free = [~t & (f.confidence >= q.birth_confidence) for t, f in zip(taken, views, strict=True)]
         groups = self._bear(views, cameras, free, seen)
         for v, feet in enumerate(views):
-            self._owners.add(feet.camera, _owners(len(feet), trees, box[:, v], [(tree, dict(g.members).get(v, -1)) for tree, g in groups]))
+            if feet.links is not None:
+                self._owners.add(feet.camera, _owners(len(feet), trees, box[:, v], [(tree, dict(g.members).get(v, -1)) for tree, g in groups]))
         self._prune()
         return self.tracks, self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
 

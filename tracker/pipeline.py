@@ -83,7 +83,7 @@ class Tracker:
             if mount.robot not in poses:
                 continue
             pose = poses[mount.robot]
-            links = self._tracklets[view.camera].step(view.image, view.detections) if self._tracklets else ()
+            links = self._tracklets[view.camera].step(view.image, view.detections) if self._tracklets else None
             feet.append(replace(stand(self.setup, view.camera, view.detections, pose, self._fusion), links=links))
             cameras.append((mount.camera, pose[0] @ mount.T_body_camera))
         placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}

@@ -113,6 +113,7 @@ def test_folders_that_cannot_be_a_page(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="is a folder, needs a file name"):
         write_report(stress_rows.write(tmp_path / "fine", rows[1:]), tmp_path)
     assert not list(tmp_path.rglob("*.part"))
+    assert not list(tmp_path.rglob("*.part.*"))
     assert not list(tmp_path.rglob("report.html"))
 
 
