@@ -40,6 +40,8 @@ class Valuing(nn.Module):
 class ChoicePolicy(ActorCriticPolicy):
     """Actor and critic over a flat observation of `choices` rows of `parts` numbers."""
 
+    mlp_extractor: Any
+
     def __init__(self, *args: Any, choices: int, parts: int, **options: Any) -> None:
         self._rows = choices, parts
         super().__init__(*args, **options)
@@ -48,7 +50,7 @@ class ChoicePolicy(ActorCriticPolicy):
         return super()._get_constructor_parameters() | {"choices": self._rows[0], "parts": self._rows[1]}
 
     def _build_mlp_extractor(self) -> None:
-        self.mlp_extractor = Valuing(*self._rows)  # type: ignore[assignment]
+        self.mlp_extractor = Valuing(*self._rows)
 
     def _build(self, lr_schedule: Any) -> None:
         self.ortho_init = False
