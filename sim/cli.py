@@ -65,8 +65,15 @@ def main() -> None:
         print("interrupted: what was whole is kept, the same command goes on from there", file=sys.stderr)
         sys.exit(130)
     except (ValueError, OSError, GLUnavailable) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"error: {_said(error)}", file=sys.stderr)
         sys.exit(2)
+
+
+def _said(error: Exception) -> str:
+    """What went wrong, in one line; of files: which one, and what the system says of it."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return " ".join(f"{error.filename}: {error.strerror}".split())
+    return " ".join(str(error).split())
 
 
 def _asked_for() -> Command:

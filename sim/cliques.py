@@ -17,11 +17,14 @@ PATIENCE = 60.0
 """s for a proof. So few vertices take milliseconds: a run without a proof is a rare one, and its graph counts for nothing."""
 
 
-def gap(folder: Path) -> float | None:
-    """By what share the cliques that were chosen weigh less than the heaviest ones, in all, over graphs that tracker.dumping wrote; None for none."""
+def gap(folder: Path, most: int = SOLVED) -> float | None:
+    """By what share the cliques that were chosen weigh less than the heaviest ones, in all, over graphs that tracker.dumping wrote; None for none.
+
+    most: graphs that are solved again, at most, evenly spread over the run.
+    """
     paths = [path for path in sorted(folder.glob("*.clq")) if _vertices(path) <= LARGEST]
     chosen = best = 0.0
-    for k in np.unique(np.linspace(0, len(paths) - 1, min(SOLVED, len(paths))).round().astype(int)).tolist():
+    for k in np.unique(np.linspace(0, len(paths) - 1, min(most, len(paths))).round().astype(int)).tolist():
         graph = read_graph(paths[k])
         vertices = [int(word) - 1 for word in paths[k].with_suffix(".txt").read_text(encoding="utf-8").split()]
         try:

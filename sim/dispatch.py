@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -81,33 +80,29 @@ class Dispatched(Simulation):
 
     def _take_over(self) -> None:
         assert self._policy is not None
-        places = self._data.qpos[self._poses[:, :2]]
+        places = self.motions()[:, :2]
         self._errands = [Errand(self._place.room, place.copy()) for place in places]
-        drivers: list[Any] = list(self._errands)
-        self._drivers = drivers
-        self._drives = [errand.start(place) for errand, place in zip(self._errands, places, strict=True)]
+        self.hand_over(self._errands, [errand.start(place) for errand, place in zip(self._errands, places, strict=True)])
         self._policy.begin(self._briefing(), self.scenario.stream("policy"))
 
     def _look(self) -> None:
         """Believe of people what the cameras see of them now."""
-        feet = self._everybodys_feet()
-        people = np.column_stack([feet, self._stature])
+        position = self.crowd_state.position
+        people = np.column_stack([position, self.world.terrain.height_at(position), self.stature])
         eyes = np.array([(self.T_world_robot(name) @ self.T_body_camera).translation for name in self.robots])
         seen = placement_sight.seen(self._place.heights, eyes, people, self._config.eyesight)
         mast = eyes.copy()
         mast[:, 2] = np.maximum(eyes[:, 2] - self._place.floor_at(eyes[:, :2]), 0.2)
-        measured = placement_beliefs.measure(np.ascontiguousarray(feet[:, :2]), mast, self._sight)
+        measured = placement_beliefs.measure(np.ascontiguousarray(position), mast, self._sight)
         self._beliefs, _ = self._beliefs.predicted(self._every * self.scenario.period).updated(measured, mast, seen)
 
     def _send(self) -> None:
         assert self._policy is not None
-        places = self._data.qpos[self._poses[:, :2]]
+        places = self.motions()[:, :2]
         wanted = self._place.metres(self._policy.act(self._briefing()))
         goals = self._place.roads.places[self._place.roads.nearest(wanted)]
-        self._drives = [e.sent(d, g, p) for e, d, g, p in zip(self._errands, self._drives, goals, places, strict=True)]
+        self.hand_over(self._errands, [e.sent(d, g, p) for e, d, g, p in zip(self._errands, self.drives, goals, places, strict=True)])
 
     def _briefing(self) -> Briefing:
-        heading = self._heading()
-        robots = np.column_stack([self._data.qpos[self._poses[:, :2]], np.arctan2(heading[:, 1], heading[:, 0])])
         known, b = self._beliefs.known > 0, self._beliefs
-        return Briefing(self._place, self._config, robots, b.mean[known, :2], b.mean[known, 2:], b.covariance[known, :2, :2], {})
+        return Briefing(self._place, self._config, self.motions()[:, :3], b.mean[known, :2], b.mean[known, 2:], b.covariance[known, :2, :2], {})

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -93,6 +94,18 @@ class Drive:
     course: float = 1.0
     asks: tuple[float, float] = (0.0, 0.0)
     tries: int = 0
+
+
+class Pilot(Protocol):
+    """Whoever drives a rover: a Driver on its tour, or somebody who is told where to go."""
+
+    def start(self, position: Array) -> Drive:
+        """The plan of a rover at rest at position (2,) m."""
+        ...
+
+    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+        """The plan dt s later."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

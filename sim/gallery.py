@@ -49,16 +49,19 @@ class Wanted:
 def survey(name: str | None, difficulty: float, seed: int, wanted: Wanted | None = None) -> list[dict[str, Any]]:
     """A row of measures (worlds.measures) for the world of that name, or for all.
 
-    Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, or seconds out of bounds.
+    Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, a file for a
+    folder of pictures, or seconds out of bounds.
     """
     also = wanted or Wanted()
     if also.file is not None and name is None:
         raise ValueError(f"--export {also.file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
     if not 0 <= also.seconds <= LONGEST:
         raise ValueError(f"seconds is {also.seconds}, needs 0 to {LONGEST}")
+    if also.pictures is not None and also.pictures.exists() and not also.pictures.is_dir():
+        raise ValueError(f"{also.pictures}: is a file, needs a folder")
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
-    for each in tqdm(names, desc="worlds", disable=len(names) == 1, leave=False):
+    for each in tqdm(names, desc="worlds", disable=len(names) == 1 or None, leave=False):
         scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS)
         world = catalogue.build(each, scenario.stream("world"), difficulty)
         if also.file is not None:

@@ -16,14 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed, parallel_config
-from joblib.externals.loky import get_reusable_executor
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 from tqdm import tqdm
 
 from sim.claim import claim
 from sim.presets import Preset
-from sim.production import ONE_THREAD, Order, carry_out
+from sim.production import Order, carry_out
+from sim.workforce import Lost, Workforce
 from tracker.atomic import write_text
 from tracker.dataset import FILE, Dataset, read_dataset
 from tracker.formats.card import write_card
@@ -35,8 +33,6 @@ LOOK = 0.5
 """s between looks at how far the workers are, on a terminal ..."""
 LOOK_OF_LOGS = 30
 """... and where each is kept, as in the log of a batch job."""
-CONNECTING = 15
-"""s to reach the scheduler of a cluster."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +52,13 @@ class Plan:
     cluster: str | None = None
 
     def __post_init__(self) -> None:
-        for what, value, high in (("count", self.count, LARGEST_COUNT), ("workers", self.workers, 1024)):
-            if not 1 <= value <= high:
-                raise ValueError(f"{what} is {value}, needs 1 to {high}")
+        if not 1 <= self.count <= LARGEST_COUNT:
+            raise ValueError(f"count is {self.count}, needs 1 to {LARGEST_COUNT}")
+        _ = self.workforce  # it checks the number
+
+    @property
+    def workforce(self) -> Workforce:
+        return Workforce(self.workers, self.cluster)
 
     @property
     def dataset(self) -> Dataset:
@@ -125,49 +125,11 @@ def _check_free(plan: Plan) -> None:
 
 def _work(plan: Plan, orders: list[Order]) -> None:
     """Have the orders carried out, each by one call of one function in another process: here, or on the cluster."""
-    with _pinned(), _backend(plan) as workers:
-        try:
-            # One at a time a worker: nothing is queued that a dead master would leave behind.
-            Parallel(n_jobs=max(2, workers), pre_dispatch=workers, batch_size=1)(delayed(carry_out)(order) for order in orders)
-        except TerminatedWorkerError:
-            raise OSError("a worker was killed, perhaps for want of memory; the same command goes on from here") from None
-
-
-@contextmanager
-def _backend(plan: Plan) -> Iterator[int]:
-    """joblib's workers during this context; gives how many tasks to have under way."""
-    if plan.cluster is None:
-        with parallel_config("loky", inner_max_num_threads=1):
-            try:
-                yield plan.workers
-            finally:
-                get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
-        return
     try:
-        from distributed import Client
-    except ImportError:
-        raise ValueError("--cluster needs Dask: pip install 'pilsim[cluster]'") from None
-    try:
-        client = Client(plan.cluster, timeout=CONNECTING, set_as_default=True)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"--cluster is {plan.cluster!r}, needs an address as tcp://HOST:PORT ({error})") from None
-    with client, parallel_config("dask", wait_for_workers_timeout=CONNECTING):
-        yield max(1, 2 * sum(client.nthreads().values()))
-
-
-@contextmanager
-def _pinned() -> Iterator[None]:
-    """Processes that are started during this context compute and draw with one thread each."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ |= dict.fromkeys(ONE_THREAD, "1")
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for _ in plan.workforce.as_they_come(carry_out, ((order,) for order in orders)):
+            pass
+    except Lost as error:
+        raise OSError(f"{error}; the same command goes on from here") from None
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from typing import Any
 from sim.intervals import Interval, paired
 from sim.placement_config import SEEDS_A_MAP
 from sim.placement_trial import Outcome, try_out
+from sim.workforce import Workforce
 from tracker.atomic import new_file
 
 SHOWN = ("seen_twice", "seen", "gospa", "mota", "reward", "collisions", "near_misses")
@@ -20,22 +21,14 @@ DIGITS = 3
 def contest(policies: Sequence[str], seeds: range, options: dict[str, Any], steps: int, workers: int = 1) -> Iterator[list[Outcome]]:
     """Every policy on every seed, some episodes at a time, in the order of policies and seeds whatever the number of workers.
 
-    options as in placement_trial.try_out, steps: decisions of an episode. Raises ValueError where workers is below 1.
+    options as in placement_trial.try_out, steps: decisions of an episode; one worker is this process. Raises ValueError as Workforce does.
     """
-    if workers < 1:
-        raise ValueError(f"workers is {workers}, needs at least 1")
+    force = Workforce(workers)
     orders = [(name, group, options, steps) for name in dict.fromkeys(policies) for group in _groups(seeds)]
     if workers == 1:
         yield from (try_out(*order) for order in orders)
         return
-    from joblib import Parallel, delayed, parallel_config
-    from joblib.externals.loky import get_reusable_executor
-
-    with parallel_config("loky", inner_max_num_threads=1):
-        try:
-            yield from Parallel(n_jobs=workers, return_as="generator", batch_size=1)(delayed(_try_out)(*order) for order in orders)
-        finally:
-            get_reusable_executor(reuse=True).shutdown(wait=True)
+    yield from force.results(_try_out, orders)
 
 
 def _groups(seeds: range) -> list[range]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.crowd import CrowdState, Walkers
+from sim.crowd import CrowdState
 from sim.driving import ACCELERATION, YAW_ACCELERATION, Drive, Motion, Route, Traffic
 from sim.placement_config import PlacementConfig
 from sim.placement_map import PlacementMap
@@ -15,6 +15,7 @@ from sim.placement_team import NEAR, TOUCH
 from sim.rover import HALF_WIDTH
 from sim.scenario import Scenario
 from sim.simulation import Simulation, Snapshot
+from sim.starts import Start
 from tracker.geometry import Array, Pose
 from tracker.measurements import Odometry
 from worlds.heightfield import Mask
@@ -40,61 +41,32 @@ class Remote:
         return replace(drive, speed=speed, yaw_rate=drive.yaw_rate + float(np.clip(self.yaw_rate - drive.yaw_rate, -dw, dw)))
 
 
-class Driven(Simulation):
-    """A simulation whose robots start where they are told and then go as they are told."""
-
-    def __init__(self, scenario: Scenario, place: PlacementMap, starts: Array, crowd: CrowdState) -> None:
-        self._begin = (place, starts, crowd)
-        self.remotes = [Remote() for _ in starts]
-        super().__init__(scenario, place.world)
-
-    def _drawn_places(self) -> Array:
-        return np.zeros((0, 2))
-
-    def _place_rovers(self) -> None:
-        super()._place_rovers()
-        for index, row in zip(self._poses, self._begin[1], strict=True):
-            self._data.qpos[index] = self._resting(row[:2], float(row[2]))
-        self._drivers: list[Any] = list(self.remotes)
-        self._drives = [remote.start(row[:2]) for remote, row in zip(self.remotes, self._begin[1], strict=True)]
-
-    def _walkers(self, people: list[np.random.Generator]) -> tuple[Walkers, CrowdState]:
-        return self._begin[0].crowd, self._begin[2]
-
-    @property
-    def crowd_state(self) -> CrowdState:
-        return self._crowd_state
-
-    def motions(self) -> Array:
-        """(r, 5): x, y m, yaw rad, m/s ahead and rad/s about the vertical, now."""
-        heading, rates = self._heading(), self._moving.qvel[self._velocities[:, 5]]
-        return np.column_stack([self._moving.qpos[self._poses[:, :2]], np.arctan2(heading[:, 1], heading[:, 0]), heading[:, 2], rates])
-
-
 class Physical:
     """As movers.Mover, by the simulation. A pickle holds the scenario and a snapshot."""
 
     def __init__(self, config: PlacementConfig, place: PlacementMap, begin: tuple[Array, CrowdState]) -> None:
         self.config, self.place, self._begin = config, place, begin
-        self.simulation = self._simulation()
+        self._simulate()
         self.team = np.column_stack([self.simulation.motions(), np.zeros((config.robots, 2))])
 
     @staticmethod
     def begin(config: PlacementConfig, place: PlacementMap, starts: Array, crowd: CrowdState) -> Physical:
         return Physical(config, place, (starts, crowd))
 
-    def _simulation(self) -> Driven:
+    def _simulate(self) -> None:
         c, key = self.config, self.place.key
         size: dict[str, Any] = {"robots": c.robots, "people": c.people, "rate": 1.0 / c.frame, "camera_height": c.camera_height}
         scenario = Scenario(world=key.world, difficulty=key.difficulty, seed=key.seed, **size)
-        return Driven(scenario, self.place, *self._begin)
+        robots, people = self._begin
+        self._remotes = tuple(Remote() for _ in robots)
+        self.simulation = Simulation(scenario, self.place.world, start=Start(robots, self._remotes, people, self.place.crowd))
 
     @property
     def crowd(self) -> CrowdState:
         return self.simulation.crowd_state
 
     def advance(self, command: Array) -> Array:
-        for remote, (speed, yaw_rate) in zip(self.simulation.remotes, command, strict=True):
+        for remote, (speed, yaw_rate) in zip(self._remotes, command, strict=True):
             remote.speed, remote.yaw_rate = float(speed), float(yaw_rate)
         self.simulation.step()
         now = self.simulation.motions()
@@ -128,6 +100,6 @@ class Physical:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.config, self.place, self._begin = state["of"]
         self.team = state["team"]
-        self.simulation = self._simulation()
+        self._simulate()
         snapshot: Snapshot = state["snapshot"]
         self.simulation.restore(snapshot)

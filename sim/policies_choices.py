@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sim.placement_map import KEPT, PlacementMap
 from sim.placement_roads import nearest
 from sim.policies import Briefing
+from sim.policies_hope import FADING, Hope
 from tracker.geometry import Array
 
 HOLD = 6
@@ -22,8 +23,6 @@ PARTS = 9
 """Numbers that tell of a choice."""
 AHEAD = 0.75
 """s: people are met where they will be by then, if they go on."""
-FADING = 12.0
-"""s after which nobody knows any more that a place was empty."""
 CROWDED = 1.2
 """m that robots keep from each other's goals."""
 
@@ -52,7 +51,7 @@ class Watch:
     """What a team remembers in an episode: where nobody looked for a while, as a share of how much people are there."""
 
     def __init__(self, briefing: Briefing) -> None:
-        self._hope = briefing.place.traffic.copy()
+        self._hope = Hope(briefing.place)
         self.goals = np.zeros((0, CHOICES), dtype=np.int64)
 
     def look(self, briefing: Briefing) -> NDArray[np.float32]:
@@ -63,20 +62,18 @@ class Watch:
         """
         place, config = briefing.place, briefing.config
         sees, choices = place.sees(config.reach), choices_of(place)
-        here = place.roads.nearest(briefing.robots[:, :2])
-        self._hope += (place.traffic - self._hope) * (1.0 - np.exp(-config.period * HOLD / FADING))
-        self._hope[sees[here].any(axis=0)] = 0.0
+        here = self._hope.look(briefing, float(1.0 - np.exp(-config.period * HOLD / FADING)))
         self.goals = choices.goals[here]
         count = max(config.people, 1)
         unknown = max(config.people - len(briefing.position), 0) / count
         where = nearest(briefing.position + AHEAD * briefing.velocity, place.where_people_may_be[:, :2])
-        weight = np.bincount(where, minlength=len(self._hope)) / count
+        weight = np.bincount(where, minlength=len(self._hope.left)) / count
         out = np.zeros((*self.goals.shape, PARTS), dtype=np.float32)
         views = sees[here].sum(axis=0)
         for k, goals in enumerate(self.goals):
             others = np.minimum(views - sees[here[k]], 2)
             for n in range(3):
-                told = np.stack([weight * (others == n), unknown * self._hope * (others == n) / place.traffic.sum()], axis=1)
+                told = np.stack([weight * (others == n), unknown * self._hope.left * (others == n) / place.traffic.sum()], axis=1)
                 out[k, :, [n, 3 + n]] = (sees[goals] @ told).T
             gap = place.roads.places[goals][:, None] - np.delete(briefing.robots[:, :2], k, axis=0)
             out[k, :, 7] = np.linalg.norm(gap, axis=2).min(axis=1, initial=9.0) < CROWDED

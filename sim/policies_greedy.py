@@ -12,14 +12,15 @@ from sim.placement_beliefs import AZIMUTH, ELEVATION, LOST, PLACE
 from sim.placement_map import PlacementMap
 from sim.placement_sight import clear
 from sim.policies import Briefing, to_places
+from sim.policies_hope import FADING, Hope
 from tracker.geometry import Array
 
 AHEAD = 1.5
 """s: people are met where they will be by then, if they go on."""
 REACH, HASTE = 6.0, 7.0
 """m along the roads to the farthest place that a robot considers, and m after which what is gained there counts 1/e."""
-FADING, STAYING = 12.0, 0.05
-"""s after which nobody knows any more that a place was empty; nats by which another place must be better than the present goal."""
+STAYING = 0.05
+"""nats by which another place must be better than the present goal."""
 SWEEPS = 2
 """Times that the robots reconsider in turn, each knowing what the others choose."""
 SECOND_LOOK = (1.0, 0.4, 0.1)
@@ -39,17 +40,15 @@ class Greedy:
     def begin(self, briefing: Briefing, rng: np.random.Generator) -> None:
         place = briefing.place
         self._goals = place.roads.nearest(briefing.robots[:, :2])
-        self._hope = place.traffic.copy()
+        self._hope = Hope(place)
 
     def act(self, briefing: Briefing) -> Array:
         place = briefing.place
         sees = place.sees(briefing.config.reach)
-        here = place.roads.nearest(briefing.robots[:, :2])
-        self._hope += (place.traffic - self._hope) * briefing.config.period / FADING
-        self._hope[sees[here].any(axis=0)] = 0.0
+        here = self._hope.look(briefing, briefing.config.period / FADING)
         unknown = max(briefing.config.people - len(briefing.position), 0)
         # Whoever is not known counts from LOST to a view's own error.
-        worth = unknown * 2.0 * math.log(LOST / 0.3) / len(self._hope)
+        worth = unknown * 2.0 * math.log(LOST / 0.3) / len(self._hope.left)
         points, spread = _met(briefing)
         away = place.roads.distance[here]
         candidates = [np.flatnonzero(row <= REACH) for row in away]
@@ -64,7 +63,7 @@ class Greedy:
                 taken = [candidates[q][chosen[q]] for q in range(len(here)) if q != k]
                 views = sees[taken].sum(axis=0)
                 left = np.choose(np.minimum(views, 2), SECOND_LOOK)
-                value = _information(spread, others, gains[k]) + worth * (sees[candidates[k]] @ (self._hope * left))
+                value = _information(spread, others, gains[k]) + worth * (sees[candidates[k]] @ (self._hope.left * left))
                 gap = place.roads.places[candidates[k]][:, None] - place.roads.places[taken]
                 crowded = np.linalg.norm(gap, axis=2).min(axis=1, initial=9.0) < 1.2
                 value = (value - value[chosen[k]]) * np.exp(-away[k][candidates[k]] / HASTE) - 1e3 * crowded

@@ -19,8 +19,6 @@ from tracker.dataset import MANIFEST
 from tracker.recording import Form
 from worlds import catalogue
 
-ONE_THREAD = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""What bounds the threads of the software renderer and of linear algebra: sums in another order are other numbers."""
 WATCH = 0.3
 """s between looks at whether the master is alive."""
 _one_at_a_time = threading.Lock()
@@ -70,7 +68,7 @@ class Order:
 
         Raises ValueError for what its world cannot hold, and where the linear algebra of this process is not kept to one thread.
         """
-        for name in ONE_THREAD[1:3]:
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             if os.environ.get(name) != "1":
                 raise ValueError(f"{name} is {os.environ.get(name)!r} in a worker, needs to be 1 from its start on (Dask's nannies see to it)")
         os.environ["LP_NUM_THREADS"] = "1"

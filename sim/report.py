@@ -29,7 +29,7 @@ def write_report(folder: Path, out: Path | None = None) -> Path:
     beside = folder / "report"
     beside.mkdir(exist_ok=True)
     target.parent.mkdir(parents=True, exist_ok=True)
-    drawn = {plot.name: save(plot, beside) for plot in tqdm(plots, desc="plots", unit="plot", disable=len(plots) < 8)}
+    drawn = {plot.name: save(plot, beside) for plot in tqdm(plots, desc="plots", unit="plot", disable=len(plots) < 8 or None)}
     text = page(Page(rows, {plot.name: (plot, drawn[plot.name]) for plot in plots}, album))
     write_text(target, text)
     return target

@@ -62,6 +62,8 @@ def tested(rows: Rows) -> str:
     said += "".join(f"Also {spread(sweep)}. " for sweep in sweeps if sweep.name == REAL)
     said += f"{plural(len(whole), 'run')} of {plural(settings, 'setting')} and {plural(seeds, 'seed')}"
     said += f", {' or '.join(map(str, frames))} frames each" if frames else ""
+    if frames and len(simulated) < len(whole):
+        said += ", the real sequence and its twin at their own length"
     rendered = {row.rendered for row in whole}
     drawn = {True: "images were rendered", False: "what cameras see was computed without rendering"}
     return f"{said}; {drawn[rendered.pop()] if len(rendered) == 1 else 'some were rendered, some not'}."

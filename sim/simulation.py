@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +12,12 @@ import mujoco
 import numpy as np
 
 from sim import clothes, driving, fabrics, gait, gaze, odometry, pedestrian, rover
-from sim.crowd import Crowd, CrowdState, Obstacles, Walkers
-from sim.driving import Motion, Traffic
-from sim.itinerary import Visits, in_company, make_plans
+from sim.crowd import CrowdState, Obstacles, Walkers
+from sim.driving import Drive, Motion, Pilot, Traffic
 from sim.replay import Paths, Replay
 from sim.scenario import Scenario
-from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion, rotation_z
+from sim.starts import Start, away_from, draw_places, draw_robots, resting, walkers
+from tracker.geometry import Array, Pose, rotation_from_quaternion
 from tracker.measurements import Ints, Odometry
 from worlds import catalogue
 from worlds.world import World
@@ -25,8 +26,6 @@ CROWD_STEP = 0.05
 """s: people and commands move on at the step nearest to this that divides a frame."""
 SETTLING = 1.0
 """s that the rovers are given to come to rest before frame 0."""
-APART = 1.5
-"""m between the starts of rovers."""
 TIPPED = math.cos(math.pi / 4)
 """The least z of a rover's up axis."""
 
@@ -43,7 +42,7 @@ class Snapshot:
     data: mujoco.MjData
     moving: mujoco.MjData
     people: tuple[CrowdState, gait.Footing, Array, Array]
-    robots: tuple[tuple[driving.Drive, ...], Array, dict[str, Odometry]]
+    robots: tuple[tuple[Drive, ...], Array, dict[str, Odometry]]
     streams: tuple[Any, ...]
 
 
@@ -53,25 +52,31 @@ class Simulation:
     Limbs are posed when somebody asks for data or joints: who only wants to know how things move does not pay for looks.
     They collide with nothing: between frames the rovers move in a model without them, which starts from data and ends in it.
 
-    paths: what the people walk in place of their own plans; their ids are then those of the people.
-    Raises ValueError for an unknown world, where robots and people do not fit in, and for paths out of the world or into a wall.
+    paths: what the people walk in place of their own plans; their ids are then those of the people. start: where all are at first and who moves
+    them, in place of what the scenario draws.
+    Raises ValueError for an unknown world, where robots and people do not fit in, for paths out of the world or into a wall, and for a start of
+    other robots or people.
     """
 
-    def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None) -> None:
+    def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None, start: Start | None = None) -> None:
         self.scenario = scenario
         self.world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty) if world is None else world
         self.robots = tuple(f"robot_{i}" for i in range(scenario.robots))
         if paths is not None and len(paths.ids) != scenario.people:
             raise ValueError(f"people is {scenario.people}, needs {len(paths.ids)}, as many as there are paths")
-        self._paths = paths
+        if start is not None:
+            if paths is not None:
+                raise ValueError("paths and start are both given, needs one of them")
+            start.check(scenario)
+        self._paths, self._start = paths, start
         self.everybody: Ints = np.arange(1, scenario.people + 1) if paths is None else paths.ids
         self.T_body_camera = rover.camera_mount(scenario.camera_height)
         self.frame = 0
         people = [scenario.stream(f"person_{i}") for i in self.everybody]
         drawn = np.array([pedestrian.statures(rng, 1, scenario.children)[0] for rng in people])
-        self._stature = drawn if paths is None or paths.stature is None else paths.stature
+        self.stature = drawn if paths is None or paths.stature is None else paths.stature
         # Before anything is built: who does not fit in shall hear of it at once.
-        self._places = self._drawn_places()
+        self._places = draw_places(scenario, self.world.feet) if paths is None and start is None else np.zeros((0, 2))
         self.model = self._compile(people)
         self._data, self._posed = mujoco.MjData(self.model), False
         self._physics = self._rovers_and_colliders().compile()
@@ -106,6 +111,25 @@ class Simulation:
         self._look_about()
         self._posed = False
         self._reckon(np.concatenate(rates), before, velocity)
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Where each rover's driver is in its plan."""
+        return tuple(self._drives)
+
+    def hand_over(self, drivers: Sequence[Pilot], drives: Sequence[Drive]) -> None:
+        """From now on these drivers drive the rovers, one each, from these points of their plans on."""
+        self._drivers, self._drives = list(drivers), list(drives)
+
+    def motions(self) -> Array:
+        """(r, 5): x, y m, yaw rad, m/s ahead and rad/s about the vertical of the rovers, now."""
+        heading, rates = self._heading(), self._moving.qvel[self._velocities[:, 5]]
+        return np.column_stack([self._moving.qpos[self._poses[:, :2]], np.arctan2(heading[:, 1], heading[:, 0]), heading[:, 2], rates])
+
+    @property
+    def crowd_state(self) -> CrowdState:
+        """Of everybody, those who are absent included."""
+        return self._crowd_state
 
     def T_world_robot(self, name: str) -> Pose:
         """The pose of a rover's body. Raises ValueError for a name that is not in `robots`."""
@@ -163,7 +187,7 @@ class Simulation:
         """The whole scene."""
         spec = self._rovers_and_colliders()
         fabrics.add_fabrics(spec, self.scenario.stream("fabrics"))
-        for person, stature, rng in zip(self.everybody, self._stature, people, strict=True):
+        for person, stature, rng in zip(self.everybody, self.stature, people, strict=True):
             clothes.add_person(spec, f"person_{person}", float(stature), rng)
         return spec.compile()
 
@@ -172,7 +196,7 @@ class Simulation:
         spec = self.world.spec.copy()
         for i, name in enumerate(self.robots):
             rover.add_rover(spec, name, i, self.scenario.camera_height)
-        for person, stature in zip(self.everybody, self._stature, strict=True):
+        for person, stature in zip(self.everybody, self.stature, strict=True):
             clothes.add_collider(spec, f"person_{person}", float(stature))
         self._crowd_steps = max(1, round(self.scenario.period / CROWD_STEP))
         self._dt = self.scenario.period / self._crowd_steps
@@ -206,74 +230,36 @@ class Simulation:
         self._groups = m.geom_group.copy()
 
     def _place_rovers(self) -> None:
-        """Rovers apart from each other on the ground, as it slopes, heading anywhere."""
-        rng = self.scenario.stream("robots/start")
-        room = driving.room_to_turn(self.world.wheels)
-        try:
-            places = room.sample(rng, len(self.robots), 0.1, APART)
-        except ValueError as error:
-            raise ValueError(f"robots is {len(self.robots)}, more than {self.scenario.world} holds: {error}") from None
-        for index, place, yaw in zip(self._poses, places, rng.uniform(-np.pi, np.pi, len(places)), strict=True):
-            self._data.qpos[index] = self._resting(place, yaw)
-        self._drivers = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
-        self._drives = [driver.start(place) for driver, place in zip(self._drivers, places, strict=True)]
+        """On the ground, as it slopes, each with a driver."""
+        if self._start is None:
+            room = driving.room_to_turn(self.world.wheels)
+            robots = draw_robots(self.scenario, room)
+            drivers: Sequence[Pilot] = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
+        else:
+            robots, drivers = self._start.robots, self._start.drivers
+        for index, row in zip(self._poses, robots, strict=True):
+            self._data.qpos[index] = resting(self.world.terrain, row[:2], float(row[2]))
+        self.hand_over(drivers, [driver.start(row[:2]) for driver, row in zip(drivers, robots, strict=True)])
         self._ctrl = np.zeros(self._motors.shape)
         self._wear = [odometry.Wear.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
         self._noise = [self.scenario.stream(f"{name}/odometry") for name in self.robots]
         self._odometry = {}
 
-    def _resting(self, place: Array, yaw: float) -> Array:
-        """(7,) position and quaternion of a rover with its wheels a little above the ground at place (2,) m."""
-        wheels = rover.wheel_positions()[:, :2] @ rotation_z(yaw)[:2, :2].T
-        height = self.world.terrain.height_at(place + wheels)
-        A = np.column_stack([wheels, np.ones(4)])
-        east, north, middle = np.linalg.lstsq(A, height, rcond=None)[0]
-        up = np.array([-east, -north, 1.0]) / np.sqrt(1 + east**2 + north**2)
-        x = rotation_z(yaw)[:, 0] - (rotation_z(yaw)[:, 0] @ up) * up
-        x = x / np.linalg.norm(x)
-        highest = middle + float((height - A @ [east, north, middle]).max())
-        R = np.stack([x, np.cross(up, x), up], axis=1)
-        return np.concatenate([[*place, highest + (rover.WHEEL_RADIUS + 0.01) / up[2]], quaternion_from_rotation(R)])
-
     def _place_people(self, people: list[np.random.Generator]) -> None:
-        """People apart from each other and from the rovers."""
+        """They and their colliders."""
         self._crowd, self._crowd_state = self._walkers(people)
         state = self._crowd_state
-        self._footing, self._gaze = gait.stand(state.position, state.heading, self._stature), np.zeros(len(people))
+        self._footing, self._gaze = gait.stand(state.position, state.heading, self.stature), np.zeros(len(people))
         self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
 
     def _walkers(self, people: list[np.random.Generator]) -> tuple[Walkers, CrowdState]:
         """Who moves the people, and their first state."""
+        if self._start is not None:
+            return self._start.walkers, self._start.people
         if self._paths is not None:
             replay = Replay(self._paths, self.world.feet)
             return replay, replay.start()
-        rng, feet, scenario = self.scenario.stream("people/start"), self.world.feet, self.scenario
-        visits = Visits(self.world.spawn, scenario.at_once, scenario.frames * scenario.period)
-        plans = make_plans(feet, people, scenario.stream("people/goals"), visits)
-        first = plans.at_once or len(people)
-        places = np.zeros((len(people), 2))
-        places[:first] = in_company(self._free_places(first), plans.group[:first])
-        crowd = Crowd(feet, self.world.terrain, plans)
-        return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)))
-
-    def _drawn_places(self) -> Array:
-        """(k, 2) m apart from each other, for those who are there at first and some more: about three may be too near to each rover."""
-        scenario = self.scenario
-        wanted = min(scenario.at_once or scenario.people, scenario.people) if self._paths is None else 0
-        try:
-            return self.world.feet.sample(scenario.stream("people/places"), wanted + 3 * scenario.robots if wanted else 0, 0.1, 0.8)
-        except ValueError as error:
-            message = f"people is {wanted}, more than {scenario.world} holds at once beside {scenario.robots} robots"
-            raise ValueError(f"{message}: {error}") from None
-
-    def _free_places(self, wanted: int) -> Array:
-        """(wanted, 2) m of the places drawn, away from the rovers."""
-        robots, places = self._data.qpos[self._poses[:, :2]], self._places
-        clear = np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > 1.0
-        places = places[clear][:wanted]
-        if len(places) < wanted:
-            raise ValueError(f"people is {wanted}, needs at most {len(places)}: more do not fit beside {len(robots)} robots")
-        return places
+        return walkers(self.scenario, self.world, people, away_from(self._data.qpos[self._poses[:, :2]], self._places))
 
     def _settle(self) -> None:
         self._copy_state(self._data, self._moving)
@@ -304,18 +290,18 @@ class Simulation:
         asks = np.array([drive.asks for drive in self._drives]).reshape(-1, 2)
         obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS), asks)
         state = self._crowd.step(self._crowd_state, obstacles, self._dt)
-        bodies = gait.Bodies(state.position, state.velocity, state.heading, self._stature)
+        bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
         self._footing = gait.walk(self._footing, bodies, self._dt)
         came = state.present & ~self._crowd_state.present
         if came.any():
-            self._footing = gait.chosen(came, gait.stand(state.position, state.heading, self._stature), self._footing)
+            self._footing = gait.chosen(came, gait.stand(state.position, state.heading, self.stature), self._footing)
         self._crowd_state = state
         self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
 
     def _look_about(self) -> None:
         """Heads turned as far as they get in a frame."""
         state = self._crowd_state
-        bodies = gait.Bodies(state.position, state.velocity, state.heading, self._stature)
+        bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
         points = np.concatenate([state.position[state.present], self._moving.qpos[self._poses[:, :2]]])
         self._gaze = gaze.look(self._gaze, bodies, points, self.scenario.period)
 
@@ -347,7 +333,7 @@ class Simulation:
         if self._posed:
             return
         state = self._crowd_state
-        poses = pedestrian.pose(self._stature, self._footing, state.position, state.heading, self.world.terrain)
+        poses = pedestrian.pose(self.stature, self._footing, state.position, state.heading, self.world.terrain)
         poses = gaze.turned(poses, self._gaze)
         self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
         self._data.mocap_pos[self._colliders] = self._parked(self._everybodys_feet())

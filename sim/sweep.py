@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import threading
@@ -16,6 +15,7 @@ from sim.claim import claim
 from sim.record import versions
 from sim.trial import SCHEMA, Trial, blank
 from sim.worker import Worker
+from sim.workforce import Workforce
 from tracker.atomic import write_text
 
 RESULTS, RUN, LOCK = "results.jsonl", "run.json", ".lock"
@@ -26,25 +26,30 @@ _workers: dict[tuple[int, float], Worker] = {}
 
 @dataclass(frozen=True)
 class Force:
-    """workers: processes on this machine; cluster: the address of a Dask scheduler in their place, or ""; limit s that a trial may take."""
+    """workers, cluster: as in Workforce; limit s that a trial may take."""
 
     workers: int = 1
-    cluster: str = ""
+    cluster: str | None = None
     limit: float = 1800.0
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise ValueError(f"--workers is {self.workers}, needs at least 1")
+        _ = self.workforce  # it checks the number
         if not self.limit > 0:
             raise ValueError(f"--limit is {self.limit} s, needs more than 0")
+
+    @property
+    def workforce(self) -> Workforce:
+        return Workforce(self.workers, self.cluster)
 
 
 def sweep(trials: Iterable[Trial], folder: Path, force: Force, command: str, progress: Callable[..., Any] | None = None) -> list[dict[str, Any]]:
     """All rows of the folder, those of the trials among them; trials whose row is there without an error are not run again.
 
-    progress: like tqdm, wraps the rows as they come. Raises ValueError where another command is at work in the folder, or where it holds something
-    else or results of another version.
+    progress: like tqdm, wraps the rows as they come. Raises ValueError where another command is at work in the folder, or where it is none, or holds
+    something else or results of another version.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: is a file, needs a folder")
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder):
         rows = {key_of(row): row for row in _whole_rows(folder)}
@@ -89,33 +94,11 @@ def _order(key: Key) -> tuple[str, int, int, str]:
 
 def _rows(trials: list[Trial], force: Force) -> Iterator[dict[str, Any]]:
     """Rows as they come."""
-    from joblib import Parallel, delayed, parallel_config
-
     if not trials:
         return
-    with contextlib.ExitStack() as stack:
-        if force.cluster:
-            stack.enter_context(_cluster(force.cluster))
-            stack.enter_context(parallel_config("dask"))
-        jobs = None if force.cluster else force.workers
-        # By threads: each waits for a process of its own, which does the work.
-        backend = {} if force.cluster else {"backend": "threading"}
-        rows = Parallel(n_jobs=jobs, return_as="generator_unordered", **backend)(delayed(_row)(trial.to_json(), force.limit) for trial in trials)
-        yield from rows
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[None]:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ValueError("--cluster needs dask: pip install 'pilsim[cluster]'") from None
-    try:
-        client = Client(address, timeout="20s")
-    except (OSError, ValueError) as error:
-        raise ValueError(f"--cluster {address}: no scheduler there ({error})") from None
-    with client:
-        yield
+    calls = ((trial.to_json(), force.limit) for trial in trials)
+    # By threads: each waits for a process of its own, which does the work.
+    yield from force.workforce.as_they_come(_row, calls, threads=True)
 
 
 def _row(trial: str, limit: float) -> dict[str, Any]:

@@ -17,9 +17,8 @@ import time
 from typing import IO, Any
 
 from sim.trial import Trial, attempted, blank
+from sim.workforce import ONE_THREAD
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""All 1 in a worker: the same bytes with any number of workers, and no fight over the cores."""
 POLL = 1.0
 """s between looks whether the parent is still there."""
 
@@ -60,7 +59,7 @@ class Worker:
             self._child = None
 
     def _start(self) -> subprocess.Popen[bytes]:
-        alone = os.environ | dict.fromkeys(THREADS, "1")
+        alone = os.environ | dict.fromkeys(ONE_THREAD, "1")
         self._child = subprocess.Popen([sys.executable, "-m", "sim.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=alone)
         return self._child
 

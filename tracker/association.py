@@ -51,10 +51,11 @@ def innovation_covariance(joint: Joint, robot: int, sight: Sight) -> Array:
     rotation, translation, point = joint.anchors
     anchored = replace(sight, body_rotation=rotation[robot], body_translation=translation[robot])
     H_body, H_point, H_correction = jacobians(anchored, point[:n])
-    H_robot = H_body if joint.stride == 6 else np.concatenate([H_body, H_correction], axis=2)
+    H_robot = np.concatenate([H_body, H_correction], axis=2) if joint.corrected else H_body
     at, base = joint.offset(robot), joint.base
-    own = slice(at, at + joint.stride)
-    cross = np.ascontiguousarray(joint.P[own, base:]).reshape(joint.stride, n, 3).transpose(1, 0, 2)
+    seen = H_robot.shape[2]
+    own = slice(at, at + seen)
+    cross = np.ascontiguousarray(joint.P[own, base:]).reshape(seen, n, 3).transpose(1, 0, 2)
     index = base + 3 * np.arange(n)[:, None] + np.arange(3)
     points = joint.P[index[:, :, None], index[:, None, :]]
     mixed = H_robot @ cross @ H_point.transpose(0, 2, 1)

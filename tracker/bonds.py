@@ -75,6 +75,25 @@ def bind(old: Bonds, parent: Ints, tree: Ints, box: Ints, place: Array, near: fl
 
 
 @njit(cache=True)
+def parts(conflict: Mask, rows: Ints) -> Ints:
+    """Of each of `rows` (k,) the number of its connected part of the conflict graph among them, counted from 0 in the order of the rows."""
+    label, waiting, count = np.full(len(rows), -1), np.empty(len(rows), np.int64), 0
+    for first in range(len(rows)):
+        if label[first] >= 0:
+            continue
+        label[first], waiting[0], size = count, first, 1
+        while size:
+            size -= 1
+            row = rows[waiting[size]]
+            for k in range(len(rows)):
+                if label[k] < 0 and conflict[row, rows[k]]:
+                    label[k], waiting[size] = count, k
+                    size += 1
+        count += 1
+    return label
+
+
+@njit(cache=True)
 def regrets(weight: Array, conflict: Mask, tree: Ints, best: Ints) -> Array:
     """By how much (n,) the weight of the best hypothesis falls when a leaf must be true: its own tree takes it, and each tree whose best leaf it
     excludes takes the best that it does not. An estimate: those may exclude each other, and others may find room; 0 for the leaves in `best`."""

@@ -21,6 +21,8 @@ Mask = NDArray[np.bool_]
 
 NEAREST = 12
 """Boxes of a view that a leaf looks at, at most."""
+NARROW = 2
+"""Ways that are followed from view to view where only the best without some box is wanted."""
 
 
 class Standing(NamedTuple):
@@ -221,9 +223,11 @@ def _order(i: int, leaves: Any, boxes: Any) -> Ints:
 
 @njit(cache=True)
 def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, beam: Any) -> int:
-    """All ways of leaf i to go on into the arrays of `beam` (a Branches of n.beam rows), unordered; how many. near (V, NEAREST): boxes that it may
-    take, −1 after the last; banned (D,): those that it must not."""
-    B = n.beam
+    """All ways of leaf i to go on into the arrays of `beam` (a Branches; as many are followed as it has rows), unordered; how many.
+
+    near (V, NEAREST): boxes that it may take, −1 after the last; banned (D,): those that it must not.
+    """
+    B = len(beam.gain)
     look, r, R, H = np.empty(15), np.empty(2), np.empty((2, 2)), np.empty((2, 2))
     beam.state[0], beam.covariance[0], beam.gain[0], count = leaves.state[i], leaves.covariance[i], 0.0, 1
     beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
@@ -308,7 +312,7 @@ def _wanted(leaves: Any, boxes: Any, n: Any) -> tuple[Any, Mask]:
 @njit(cache=True)
 def _write(out: Any, m: int, start: int, i: int, beam: Any, b: int) -> int:
     """Way b of leaf i into row m, unless it is among rows start to m or takes no box; the next free row."""
-    if beam.box[b].max() < 0:
+    if not (beam.box[b] >= 0).any():
         return m
     for k in range(start, m):
         if (out.box[k] == beam.box[b]).all():
@@ -320,14 +324,27 @@ def _write(out: Any, m: int, start: int, i: int, beam: Any, b: int) -> int:
 
 
 @njit(cache=True)
+def _spared(box: Ints, banned: Mask) -> bool:
+    """Whether one of the ways (k, V) takes none of the boxes that are banned."""
+    for k in range(len(box)):
+        free = True
+        for v in range(box.shape[1]):
+            free = free and (box[k, v] < 0 or not banned[box[k, v]])
+        if free:
+            return True
+    return False
+
+
+@njit(cache=True)
 def grow(leaves: Standing, boxes: Boxes, n: Numbers) -> Branches:
     """All ways in which the leaves may go on at this tick; each has one without any box.
 
-    Of the best way, each box that another tree may take, too, is forbidden in turn, and then all of them: whatever others take, a way is left.
+    Of the best way, each box that another tree may take, too, is forbidden in turn, and then all of them, where no way does without already:
+    whatever others take, a way is left.
     """
     V = len(boxes.origin)
     out = Branches(*_blank(len(leaves.state) * (n.most + V + 2), V))
-    beam = Branches(*_blank(n.beam, V))
+    beam, narrow = Branches(*_blank(n.beam, V)), Branches(*_blank(min(n.beam, NARROW), V))
     near, contested = _wanted(leaves, boxes, n)
     banned = np.zeros(len(boxes.usable), np.bool_)
     m = 0
@@ -344,12 +361,12 @@ def grow(leaves: Standing, boxes: Boxes, n: Numbers) -> Branches:
                 for w in range(V):
                     if (w == v or v == V) and taken[w] >= 0 and contested[taken[w]]:
                         banned[taken[w]] = True
-                if banned.any():
-                    count = _ways(i, leaves, boxes, n, near[i], banned, beam)
-                    b = int(np.argmax(beam.gain[:count]))
-                    if beam.gain[b] >= least:
-                        m = _write(out, m, start, i, beam, b)
-                    banned[:] = False
+                if banned.any() and not _spared(out.box[start:m], banned):
+                    count = _ways(i, leaves, boxes, n, near[i], banned, narrow)
+                    b = int(np.argmax(narrow.gain[:count]))
+                    if narrow.gain[b] >= least:
+                        m = _write(out, m, start, i, narrow, b)
+                banned[:] = False
         out.parent[m], out.state[m], out.covariance[m] = i, leaves.state[i], leaves.covariance[i]
         # Where all views lose a person at once they do so for one reason: that is two misses, not many.
         out.gain[m] = 0.0 if leaves.over[i] else max(n.miss * leaves.expected[i].sum(), 2 * n.miss)

@@ -44,12 +44,21 @@ class Graph:
         p = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         _check(w, p)
         both = np.concatenate([p, p[:, ::-1]])
-        code = np.unique(both[:, 0] * max(len(w), 1) + both[:, 1])
-        row, column = np.divmod(code, max(len(w), 1))
-        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(w)))]).astype(np.int64)
-        for array in (w, start, column):
-            array.flags.writeable = False
-        return Graph(w, start, column)
+        # numpy's unique is by hashing, which takes seconds on regular numbers like these.
+        code = np.sort(both[:, 0] * max(len(w), 1) + both[:, 1])
+        row, column = np.divmod(code[np.diff(code, prepend=-1) > 0], max(len(w), 1))
+        return _frozen(w, np.bincount(row, minlength=len(w)), column)
+
+    @staticmethod
+    def from_matrix(weight: ArrayLike, conflict: NDArray[np.bool_]) -> Graph:
+        """weight (n,), conflict (n, n), symmetric: which vertices exclude each other. Raises ValueError as from_conflicts does, or for a matrix of
+        another shape or that is not symmetric."""
+        w = np.array(weight, dtype=np.float64).reshape(-1)
+        if conflict.shape != (len(w), len(w)) or not np.array_equal(conflict, conflict.T):
+            raise ValueError(f"conflict has shape {conflict.shape}, needs a symmetric matrix of {len(w)} rows")
+        _check(w, np.repeat(np.flatnonzero(np.diagonal(conflict))[:, None], 2, axis=1))
+        column = np.flatnonzero(conflict) % max(len(w), 1)
+        return _frozen(w, np.count_nonzero(conflict, axis=1), column)
 
     @staticmethod
     def from_edges(weight: ArrayLike, edges: ArrayLike) -> Graph:
@@ -59,7 +68,7 @@ class Graph:
         _check(w, e)
         apart = ~np.eye(len(w), dtype=bool)
         apart[e[:, 0], e[:, 1]] = apart[e[:, 1], e[:, 0]] = False
-        return Graph.from_conflicts(w, np.argwhere(np.triu(apart)))
+        return Graph.from_matrix(w, apart)
 
     def __len__(self) -> int:
         return len(self.weight)
@@ -169,6 +178,13 @@ def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None 
     optima = breakout.remembered(state)
     best = np.flatnonzero(state.best)
     return Found(float(graph.weight[best].sum()), best, moves, time.perf_counter() - began, optima)
+
+
+def _frozen(weight: Array, degree: Ints, conflict: Ints) -> Graph:
+    start = np.concatenate([[0], np.cumsum(degree)]).astype(np.int64)
+    for array in (weight, start, conflict):
+        array.flags.writeable = False
+    return Graph(weight, start, conflict)
 
 
 def _check(weight: Array, pairs: Ints) -> None:

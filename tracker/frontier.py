@@ -99,7 +99,7 @@ class Frontier:
         """The state's columns that the rays came from (poses, then the correction) and the landmark's Jacobian (3, c) in them."""
         columns = [np.arange(6) + self.joint.offset(int(p)) for p in poses]
         G = placed.G_body.reshape(3, -1)
-        if self.joint.stride == 9:
+        if self.joint.corrected:
             columns.append(np.arange(6, 9) + self.joint.offset(self.robot))
             G = np.concatenate([G, placed.G_correction], axis=1)
         return np.concatenate(columns), G
@@ -115,7 +115,7 @@ class Frontier:
         if placed.point[2] < self.ground.height_at(placed.point[None])[0] - self.rule.under:
             return "below ground"
         H = placed.misfit_body.reshape(len(placed.misfit), -1)
-        if self.joint.stride == 9:
+        if self.joint.corrected:
             H = np.concatenate([H, placed.misfit_correction], axis=1)
         S = H @ self.joint.P[np.ix_(columns, columns)] @ H.T + np.eye(len(H))
         return "rays disagree" if mahalanobis2(placed.misfit, S) > gate(len(H), self.rule.probability) else ""

@@ -266,7 +266,7 @@ class Hypotheses:
         self.believed = self.believed | ((tracks.hits >= q.n_conf) & (tracks.score >= q.believe) & (tracks.misses == 0))
         missed = tracks.misses * self.setup.period
         known = (missed <= 2 * q.delta_a) & (tracks.score > q.end) & (self._gone <= q.outside)
-        keep = np.where(self.believed, known, (tracks.misses < 4) & (tracks.score > q.forget))
+        keep = np.where(self.believed, known, (tracks.misses < 4) & (tracks.score > q.forget)) & (tracks.speed <= q.motion.v_max)
         place = {int(tree): k for k, tree in enumerate(tracks.tree)}
         for (a, b), ratio in self._one.items():
             if ratio > q.duplicate and a in place and b in place:

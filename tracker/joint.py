@@ -1,6 +1,7 @@
 """The joint state of a team and its map: means and ONE covariance of all of them, every cross block kept (METHOD.md 1, eq. 9).
 
-Order of the covariance: robots (six numbers of the pose's right tangent, then three of the correction factor where there is one), clones
+Order of the covariance: robots (six numbers of the pose's right tangent, then three of the correction factor and eight of what hangs on of its
+odometry's errors, where these are kept), clones
 (six each: where a robot was at a few earlier ticks; Roumeliotis & Burdick 2002), landmarks (three each, metres in the world). The store has room for
 the largest map; landmarks fill it from the front, and a removed one is replaced by the last, so growing and shrinking cost O(n).
 """
@@ -19,15 +20,18 @@ from tracker.geometry import Array, Pose, exp_so3, log_so3
 from tracker.invariant import Means, landmark_shears, pose_charts, retracted
 from tracker.measurements import Mount, Start
 from tracker.motion import compose, exponential, orthogonal, retract, retraction_jacobian, right_jacobian
+from tracker.persistence import COUNT, Persistence, freed
 
 Indices = NDArray[np.intp]
+Held = tuple[Array, Array, Array, Array, Array]
+"""Means before an update: rotations, translations, corrections, landmarks, lasting errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
     """k measured directions linearised at the present mean: residual (2k,), H (2k, c) over the state's `columns` (c,), noise (k, 2, 2) rad².
 
-    The first columns are those of `robot` (pose, then the correction where there is one); the others belong to landmarks.
+    The first columns are those of `robot` (pose, then what else is kept of it); the others belong to landmarks.
     """
 
     robot: int
@@ -40,20 +44,30 @@ class Linear:
 class Joint:
     """Means and the joint covariance. Poses are numbered: robots first, then the clones of robot 0, of robot 1, …
 
-    rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; point (capacity, 3) m, of which the first `count` are alive.
+    rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; lasting (robots, 8) (tracker.persistence); point (capacity, 3) m, of
+    which the first `count` are alive.
 
     mode: "iekf", tangents at the present means; "invariant" (tracker.invariant); or "fej" (Huang, Mourikis, Roumeliotis 2010): Jacobians, and the
     axes of P, are those of first estimates: of a pose where it was last predicted, of a landmark where it was first put.
     """
 
-    def __init__(self, clones: int, capacity: int, correction_sigma: tuple[float, float, float] | None, mode: str = "iekf") -> None:
+    def __init__(
+        self,
+        clones: int,
+        capacity: int,
+        correction_sigma: tuple[float, float, float] | None,
+        mode: str = "iekf",
+        persistence: Persistence | None = None,
+    ) -> None:
         self.robots, self.clones, self.capacity, self.count = 0, clones, capacity, 0
         self.invariant, self.first_estimates = mode == "invariant", mode == "fej"
-        self.stride = 6 if correction_sigma is None else 9
-        self._correction_sigma = correction_sigma
+        self.corrected, self.persistent = correction_sigma is not None, persistence is not None
+        spread = () if persistence is None else persistence.spread
+        self._own_sigma = np.array([*(correction_sigma or ()), *spread])
+        self.stride = 6 + len(self._own_sigma)
         self.rotation, self.translation = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self.used = np.zeros(0, dtype=bool)
-        self.correction = np.zeros((0, 3))
+        self.correction, self.lasting = np.zeros((0, 3)), np.zeros((0, COUNT))
         self.point = np.zeros((capacity, 3))
         self._P = np.zeros((3 * capacity, 3 * capacity))
         self._first = (self.rotation, self.translation, np.zeros((capacity, 3))) if self.first_estimates else None
@@ -72,14 +86,14 @@ class Joint:
         P[np.ix_(new, new)] = self.P
         at = self.stride * robot
         P[at : at + 6, at : at + 6] = start.covariance
-        if self._correction_sigma is not None:
-            P[range(at + 6, at + 9), range(at + 6, at + 9)] = np.square(self._correction_sigma)
+        more = np.arange(at + 6, at + self.stride)
+        P[more, more] = self._own_sigma**2
         T, empty = start.T_world_robot, self.clones
         self.rotation, self.translation = _longer(self.rotation, self.translation, robot, T, empty)
         if self._first is not None:
             self._first = (*_longer(*self._first[:2], robot, T, empty), self._first[2])
         self.used = np.concatenate([np.insert(self.used, robot, True), np.zeros(empty, dtype=bool)])
-        self.correction = np.concatenate([self.correction, np.zeros((1, 3))])
+        self.correction, self.lasting = (np.concatenate([kept, np.zeros((1, kept.shape[1]))]) for kept in (self.correction, self.lasting))
         self.robots, self._P = robot + 1, P
         return robot
 
@@ -121,7 +135,7 @@ class Joint:
         return self.stride * pose if pose < self.robots else self.stride * self.robots + 6 * (pose - self.robots)
 
     def columns(self, robot: int, landmarks: Indices) -> Indices:
-        """The rows of a robot (pose and correction), then those of landmarks, three each."""
+        """The rows of a robot (pose, then what else is kept of it), then those of landmarks, three each."""
         at = self.offset(robot)
         return np.concatenate([np.arange(at, at + self.stride), (self.base + 3 * landmarks[:, None] + np.arange(3)).ravel()])
 
@@ -129,23 +143,41 @@ class Joint:
         """The number of the pose that is clone k of a robot."""
         return self.robots + robot * self.clones + k
 
-    def predict(self, robot: int, motion: Pose, Q: Array) -> None:
-        """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot (METHOD.md, eq. 10): T_before_now and the covariance (6, 6) of its right tangent."""
-        at = slice(self.offset(robot), self.offset(robot) + 6)
+    def predict(self, robot: int, motion: Pose, Q: Array, scale: Array | None = None) -> None:
+        """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot (METHOD.md, eq. 10): T_before_now and the covariance (6, 6) of its right tangent.
+
+        scale (6, 6): what one of each of the first six lasting errors makes of the motion, in that tangent; the motion is freed of them.
+        """
+        pose, G = slice(self.offset(robot), self.offset(robot) + 6), None
+        if scale is not None:
+            motion, G = freed(motion, scale, self.lasting[robot, :6])
         self.rotation[robot], self.translation[robot], F = compose(self.rotation[robot], self.translation[robot], motion)
         if self._first is not None:
             R, t = self._first[0][robot].copy(), self._first[1][robot].copy()
             self._first[0][robot], self._first[1][robot] = self.rotation[robot], self.translation[robot]
             # From one first estimate to the next: what updates in between have moved counts as motion.
             F = compose(R, t, Pose(orthogonal(R.T @ self.rotation[robot]), R.T @ (self.translation[robot] - t)))[2]
-        self._transform(at, F)
-        self.P[at, at] += Q
+        if G is not None:
+            wide = np.eye(self.stride)
+            wide[:6, :6], wide[:6, self.stride - COUNT : self.stride - 2] = F, G
+            self._transform(slice(pose.start, pose.start + self.stride), wide)
+        else:
+            self._transform(pose, F)
+        self.P[pose, pose] += Q
 
     def drift(self, sigma: float) -> None:
         """One step of the corrections' random walk, sigma rad an axis."""
-        for i in range(self.robots if self.stride == 9 else 0):
+        for i in range(self.robots if self.corrected else 0):
             rows = np.arange(self.offset(i) + 6, self.offset(i) + 9)
             self.P[rows, rows] += sigma**2
+
+    def fade(self, rho: Array) -> None:
+        """One step of the lasting errors: of each the share rho (8,) stays, and as much comes anew that its spread stays as it is."""
+        for i in range(self.robots if self.persistent else 0):
+            rows = slice(self.offset(i) + self.stride - COUNT, self.offset(i) + self.stride)
+            self.lasting[i] *= rho
+            self._transform(rows, np.diag(rho))
+            self.P[rows, rows] += np.diag((1 - rho**2) * self._own_sigma[-COUNT:] ** 2)
 
     def inflate(self, robot: int, variance: Array) -> None:
         """Add independent doubt to a robot's pose, variance (6,) m² and rad²."""
@@ -199,7 +231,7 @@ class Joint:
         Jacobians are then those of tracker.invariant. `threshold` is that of gaussian.robust_weights, whose weights (k,) of the
         last pass are returned.
         """
-        before = (self.rotation.copy(), self.translation.copy(), self.correction.copy(), self.point[: self.count].copy())
+        before = (self.rotation.copy(), self.translation.copy(), self.correction.copy(), self.point[: self.count].copy(), self.lasting.copy())
         delta = np.zeros(len(self.P))
         for _ in range(iterations):
             linear = linearise()
@@ -225,13 +257,14 @@ class Joint:
             self._transform(slice(0, self.base), self._chart(before, delta))
         return weights
 
-    def _tangents(self, delta: Array) -> tuple[Array, Array]:
-        """The parts of a change (n,) that belong to the poses (p, 6) and to the corrections (robots, 3 or 0)."""
+    def _tangents(self, delta: Array) -> tuple[Array, Array, Array]:
+        """The parts of a change (n,) that belong to the poses (p, 6), to the corrections (robots, 3 or 0) and to what lasts (robots, 8 or 0)."""
         team = delta[: self.stride * self.robots].reshape(self.robots, self.stride)
         clones = delta[self.stride * self.robots : self.base].reshape(-1, 6)
-        return np.concatenate([team[:, :6], clones]), team[:, 6:]
+        split = 9 if self.corrected else 6
+        return np.concatenate([team[:, :6], clones]), team[:, 6:split], team[:, split:]
 
-    def _means(self, held: tuple[Array, Array, Array, Array] | None = None) -> Means:
+    def _means(self, held: Held | None = None) -> Means:
         """Rotations, translations and landmarks: those of `held`, or as they are now."""
         return (self.rotation, self.translation, self.point[: self.count]) if held is None else (held[0], held[1], held[3])
 
@@ -245,21 +278,21 @@ class Joint:
         P[rows, rows] = 0.5 * (block + block.T)
         P[: self.base, rows] = P[rows, : self.base].T
 
-    def _chart(self, before: tuple[Array, Array, Array, Array], delta: Array) -> Array:
+    def _chart(self, before: Held, delta: Array) -> Array:
         """The retraction's Jacobian for all that comes before the landmarks, (base, base)."""
-        poses, corrections = self._tangents(delta)
+        poses, corrections, _ = self._tangents(delta)
         J = pose_charts(self._means(before), self._means()) if self.invariant else retraction_jacobian(poses)
-        out = np.zeros((self.base, self.base))
+        out = np.eye(self.base)
         for p in range(len(poses)):
             at = self.offset(p)
             out[at : at + 6, at : at + 6] = J[p]
-        for robot, block in enumerate(right_jacobian(corrections) if self.stride == 9 else ()):
+        for robot, block in enumerate(right_jacobian(corrections) if self.corrected else ()):
             at = self.offset(robot) + 6
             out[at : at + 3, at : at + 3] = block
         return out
 
-    def _retract(self, before: tuple[Array, Array, Array, Array], delta: Array, robot: int) -> None:
-        poses, corrections = self._tangents(delta)
+    def _retract(self, before: Held, delta: Array, robot: int) -> None:
+        poses, corrections, lasting = self._tangents(delta)
         if self._first is not None:
             turn = np.swapaxes(before[0], 1, 2) @ self._first[0]
             poses = np.concatenate([turn @ poses[:, :3, None], turn @ poses[:, 3:, None]], axis=1)[..., 0]
@@ -270,8 +303,10 @@ class Joint:
         else:
             self.rotation, self.translation = retract(before[0], before[1], poses)
             self.point[: self.count] = before[3] + moves
-        for robot, w in enumerate(corrections if self.stride == 9 else ()):
+        for robot, w in enumerate(corrections if self.corrected else ()):
             self.correction[robot] = log_so3(exp_so3(before[2][robot]) @ exp_so3(w))
+        if self.persistent:
+            self.lasting = before[4] + lasting
 
     def _transform(self, rows: slice, F: Array) -> None:
         """P ← F P Fᵀ for the rows and columns of one block."""

@@ -54,6 +54,11 @@ class Leaves:
     def __len__(self) -> int:
         return len(self.tree)
 
+    @property
+    def speed(self) -> Array:
+        """(n,) m/s."""
+        return np.asarray(np.linalg.norm(self.state[:, 2:], axis=1))
+
     def select(self, rows: Mask | Ints) -> Leaves:
         """The leaves in those rows."""
         return Leaves(*(getattr(self, name)[rows] for name in _COLUMNS))
@@ -98,7 +103,8 @@ def weights(tracks: Leaves, most: float) -> Array:
 
     A tree that has lived for long has a score that nothing could outweigh, and a search over sums that large would see no difference.
     """
-    best = np.full(int(tracks.tree.max(initial=0)) + 1, -np.inf)
-    np.maximum.at(best, tracks.tree, tracks.score)
-    top = best[tracks.tree]
+    trees, rank = np.unique(tracks.tree, return_inverse=True)
+    best = np.full(len(trees), -np.inf)
+    np.maximum.at(best, rank, tracks.score)
+    top = best[rank]
     return np.asarray(tracks.score - top + np.minimum(top, np.where(tracks.believed, 2 * most, most)))

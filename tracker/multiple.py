@@ -179,14 +179,17 @@ class MultipleHypotheses:
         # Who is not believed yet and takes what belongs to others would live for ever.
         young = (leaves.misses < 3) & (leaves.alive > -3) & (leaves.out <= q.patience)
         keep = np.where(leaves.believed, (leaves.misses <= longest) & (leaves.out <= self.n_scan), young)
+        keep &= leaves.speed <= q.motion.v_max
         decided = {int(leaves.tree[k]): int(leaves.node[k, self.n_scan]) for k in chosen.best if leaves.believed[k]}
         past = zip(leaves.tree.tolist(), leaves.node[:, self.n_scan].tolist(), strict=True)
         keep &= np.array([decided.get(tree, node) == node for tree, node in past], dtype=bool)
-        regret = bonds.regrets(np.maximum(weights(leaves, q.most_weight), 0.0), chosen.conflict, leaves.tree, chosen.best)
+        # Trees by their place among those that live: their ids grow for ever.
+        _, tree = np.unique(leaves.tree, return_inverse=True)
+        regret = bonds.regrets(np.maximum(weights(leaves, q.most_weight), 0.0), chosen.conflict, tree, chosen.best)
         regret[chosen.best] = -np.inf
         most = np.where(leaves.believed, q.tree_leaves, q.young_leaves)
         # Ended and undecided leaves are out before the places of a tree are given.
-        keep &= bonds.leaders(leaves.tree, self._boxes, leaves.state, np.where(keep, regret, np.inf), most)
+        keep &= bonds.leaders(tree, self._boxes, leaves.state, np.where(keep, regret, np.inf), most)
         keep &= (regret < q.most_regret) | ~leaves.believed
         if q.small_graphs:
             held = np.zeros(len(leaves), dtype=bool)

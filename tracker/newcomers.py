@@ -148,7 +148,7 @@ def adopt(joint: Joint, own: Joint, landmarks: Indices, alignment: Alignment) ->
     T, m = alignment.T_team_own, len(landmarks)
     pose, rows = T @ Pose(own.rotation[0], own.translation[0]), own.columns(0, landmarks)
     robot = joint.join(Start(pose, np.zeros((6, 6))))
-    joint.correction[robot] = own.correction[0]
+    joint.correction[robot], joint.lasting[robot] = own.correction[0], own.lasting[0]
     new = joint.count + np.arange(m)
     joint.point[new] = T.apply(own.point[landmarks])
     (rotation, translation, point), (R, t, p) = joint.anchors, own.anchors

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
-from tracker.bonds import Bonds, heaviest
+from tracker.bonds import Bonds, heaviest, parts
 from tracker.clique import Graph, Limits, Options, Tuning, search
 from tracker.dumping import dump
 from tracker.exact_clique import improved
@@ -26,6 +24,9 @@ NODE_ROWS = 4_000_000
 """Rows looked at by branch and bound in one part, at most: what bounds the time of a tick."""
 BRANCH_ROWS = 200_000
 """The same for the branch and bound by colouring that goes on from what the search found."""
+
+LONGER = 10_000
+"""Moves of a second search, where there is no proof."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class MultipleParameters:
     young_leaves: int = 4  # the same while nobody is believed there
     most_regret: float = 15.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the best of all
     patience: int = 4  # ticks that a young tree may be out of the best hypothesis
-    most_leaves: int = 600  # leaves kept in all; each has several children, and every two of them are compared
+    most_leaves: int = 160  # leaves kept in all; each has several children, and every two of them are compared
     most_weight: float = 30.0  # weight that a tree's best leaf has at most
     k_h: int = 25  # K_H, hypotheses kept
     i_bls_max: int = 2000  # moves of the search at most
@@ -69,6 +70,7 @@ class MultipleParameters:
     graphs: Path | None = None  # where every graph that is solved is written, with the clique that was chosen
     small_graphs: bool = False  # a graph for each hypothesis of the tick before, rather than one of all leaves
     warm: bool = True  # whether the search begins with the tracks that survive, or with the heaviest
+    mended: bool = True  # whether what the search finds is proved or mended by branch and bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +97,10 @@ def select(leaves: Leaves, bonds: Bonds, previous: list[Mask], parameters: Multi
         return Selection(found, [found], conflict)
     young = usable & ~leaves.believed
     sets: dict[bytes, tuple[float, Ints]] = {}
+    solved: Solved = {}
     for k, children in enumerate(previous):
         rows = np.flatnonzero(young | (usable & children))
-        for rows_found in _optima(Problem(weight, conflict, leaves.tree, children, seed + 1000 * k), rows, q):
+        for rows_found in _optima(Problem(weight, conflict, leaves.tree, children, seed + 1000 * k), rows, q, solved):
             sets.setdefault(rows_found.tobytes(), (float(weight[rows_found].sum()), rows_found))
     ranked = [rows for _, rows in sorted(sets.values(), key=lambda s: -s[0])][: q.k_h]
     return Selection(ranked[0], ranked, conflict)
@@ -105,11 +108,13 @@ def select(leaves: Leaves, bonds: Bonds, previous: list[Mask], parameters: Multi
 
 def _parts(conflict: NDArray[np.bool_], rows: Ints) -> list[Ints]:
     """Rows by connected parts of the conflict graph: what is chosen in one says nothing of another."""
-    if not len(rows):
-        return []
-    _, label = connected_components(csr_array(conflict[np.ix_(rows, rows)]), directed=False)
+    label = parts(conflict, rows)
     order = np.argsort(label, kind="stable")
-    return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1)
+    return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1) if len(rows) else []
+
+
+Solved = dict[bytes, tuple[Array, list[Ints]]]
+"""Weights and rows of the optima of parts, by the rows of a part and where its search began."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,29 +129,54 @@ class Problem:
 
 
 def _by_part(p: Problem, rows: Ints, q: MultipleParameters) -> Ints:
-    """The heaviest set, part by part: a search from the tracks that survive, then proved or mended by branch and bound as far as that goes."""
+    """The heaviest set, part by part; proved where branch and bound goes that far, and else a search, mended."""
     chosen = [np.zeros(0, dtype=np.int64)]
     for part in _parts(p.conflict, rows):
-        inner, weight, tree = p.conflict[np.ix_(part, part)], p.weight[part], p.tree[part]
+        inner, weight = p.conflict[np.ix_(part, part)], p.weight[part]
         if inner.sum() == len(part) * (len(part) - 1):
             chosen.append(part[[np.argmax(weight)]])
             continue
-        order = np.lexsort((-weight, tree))
-        part, inner, weight, tree = part[order], inner[np.ix_(order, order)], weight[order], tree[order]
+        part = _in_order(p, part)
+        inner, weight = p.conflict[np.ix_(part, part)], p.weight[part]
         known = np.zeros(len(part), dtype=bool)
         known[survivors(weight, inner, p.start[part] & q.warm)] = True
-        first = np.append(np.flatnonzero(np.concatenate([[True], tree[1:] != tree[:-1]])), len(tree))
-        best, proved = heaviest(weight, inner, first, known, min(q.nodes, NODE_ROWS // len(part)))
+        best, proved = _bounded(p, (part, inner), known, q) if q.mended else (known, False)
         if not proved:
-            graph = Graph.from_conflicts(weight, np.argwhere(np.triu(inner)))
-            moves = min(max(10 * graph.edges, 200), q.i_bls_max)
-            found = search(graph, Limits(moves=moves), p.seed, Options(start=np.flatnonzero(best), tuning=Tuning(T=10)))
-            best[:] = False
-            best[improved(graph, found.vertices, BRANCH_ROWS // len(part))[0]] = True
+            graph = Graph.from_matrix(weight, inner)
+            found = search(graph, Limits(moves=_moves(graph, q)), p.seed, Options(start=_begin(best, q), tuning=Tuning(T=10))).vertices
+            best = np.isin(np.arange(len(part)), _mended(graph, found, p.seed) if q.mended else found)
         if q.graphs is not None:
-            dump(q.graphs, f"{p.seed:08d}-{part.min()}", Graph.from_conflicts(weight, np.argwhere(np.triu(inner))), np.flatnonzero(best))
+            dump(q.graphs, f"{p.seed:08d}-{part.min()}", Graph.from_matrix(weight, inner), np.flatnonzero(best))
         chosen.append(part[best])
     return np.sort(np.concatenate(chosen))
+
+
+def _mended(graph: Graph, found: Ints, seed: int) -> Ints:
+    """What branch and bound makes of a clique, and where that ends without a proof a longer search that is patient before its strongest jump."""
+    better, proved = improved(graph, found, BRANCH_ROWS // len(graph))
+    return better if proved else search(graph, Limits(moves=LONGER), seed + 1, Options(start=better)).vertices
+
+
+def _in_order(p: Problem, part: Ints) -> Ints:
+    """By trees, the heaviest of a tree first: what branch and bound needs."""
+    return part[np.lexsort((-p.weight[part], p.tree[part]))]
+
+
+def _bounded(p: Problem, part: tuple[Ints, Mask], known: Mask, q: MultipleParameters) -> tuple[Mask, bool]:
+    """Branch and bound over the trees of a part (its rows in order, and their conflicts) from a known set; and whether the result is proved."""
+    rows, inner = part
+    tree = p.tree[rows]
+    first = np.append(np.flatnonzero(np.concatenate([[True], tree[1:] != tree[:-1]])), len(tree))
+    return heaviest(p.weight[rows], inner, first, known, min(q.nodes, NODE_ROWS // len(rows)))
+
+
+def _moves(graph: Graph, q: MultipleParameters) -> int:
+    return min(max(10 * graph.edges, 200), q.i_bls_max)
+
+
+def _begin(known: Mask, q: MultipleParameters) -> Ints | None:
+    """Where a search begins; nowhere, so that it begins by weight, where it shall know nothing."""
+    return np.flatnonzero(known) if q.warm or q.mended else None
 
 
 def survivors(weight: Array, conflict: Mask, start: Mask) -> Ints:
@@ -160,37 +190,40 @@ def survivors(weight: Array, conflict: Mask, start: Mask) -> Ints:
     return np.array(out, dtype=np.int64)
 
 
-def _optima(p: Problem, rows: Ints, q: MultipleParameters) -> list[Ints]:
-    """Sets that are local optima of one search, the best first; trees that conflict with no other give their best leaf."""
-    fixed, rest = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+def _optima(p: Problem, rows: Ints, q: MultipleParameters, solved: Solved) -> list[Ints]:
+    """The heaviest sets, at most K_H: the local optima of each part in all combinations. A part that another hypothesis has, too, is `solved`."""
+    found = []
     for part in _parts(p.conflict, rows):
-        (fixed if len(part) == 1 else rest).append(part)
-    sure, open_rows = np.concatenate(fixed), np.concatenate(rest)
-    if not len(open_rows):
-        return [np.sort(sure)]
-    open_rows = open_rows[np.lexsort((-p.weight[open_rows], p.tree[open_rows]))]
-    return [np.sort(np.concatenate([sure, open_rows[found]])) for found in _search(p, open_rows, q)]
+        key = part.tobytes() + (p.start[part].tobytes() if q.warm else b"")
+        if key not in solved:
+            solved[key] = _of_part(p, part, q)
+        found.append(solved[key])
+    total, choice = np.zeros(1), np.zeros((1, 0), dtype=np.int64)
+    for weight, _ in found:
+        sums = (total[:, None] + weight[None, :]).ravel()
+        best = np.argsort(-sums, kind="stable")[: q.k_h]
+        total, choice = sums[best], np.column_stack([choice[best // len(weight)], best % len(weight)])
+    nothing = np.zeros(0, dtype=np.int64)
+    return [np.sort(np.concatenate([nothing, *(sets[c] for (_, sets), c in zip(found, row, strict=True))])) for row in choice.tolist()]
 
 
-def _search(p: Problem, rows: Ints, q: MultipleParameters) -> list[Ints]:
-    """Optima among `rows`, which are in order of their trees, the heaviest of a tree first; the best is mended as far as branch and bound goes."""
-    weight, inner = p.weight[rows], p.conflict[np.ix_(rows, rows)]
-    graph = Graph.from_conflicts(weight, np.argwhere(np.triu(inner)))
-    moves = min(max(10 * graph.edges, 200), q.i_bls_max)
-    start = survivors(weight, inner, p.start[rows]) if q.warm else None
-    found = search(graph, Limits(moves=moves), p.seed, Options(keep=q.k_h, start=start, tuning=Tuning(T=10)))
+def _of_part(p: Problem, part: Ints, q: MultipleParameters) -> tuple[Array, list[Ints]]:
+    """Weights and rows of the local optima of one search in a part, at most K_H, the best first; that one is mended by branch and bound."""
+    weight, inner = p.weight[part], p.conflict[np.ix_(part, part)]
+    if inner.sum() == len(part) * (len(part) - 1):
+        order = np.argsort(-weight, kind="stable")[: q.k_h]
+        return weight[order], [part[[k]] for k in order]
+    part = _in_order(p, part)
+    weight, inner = p.weight[part], p.conflict[np.ix_(part, part)]
+    graph = Graph.from_matrix(weight, inner)
+    start = survivors(weight, inner, p.start[part]) if q.warm else None
+    found = search(graph, Limits(moves=_moves(graph, q)), p.seed, Options(keep=q.k_h, start=start, tuning=Tuning(T=10)))
     optima = [best for _, best in found.optima] or [found.vertices]
-    best = np.zeros(len(rows), dtype=bool)
-    for part in _parts(inner, np.arange(len(rows))):
-        known, tree, part_conflict = np.isin(part, optima[0]), p.tree[rows[part]], inner[np.ix_(part, part)]
-        first = np.append(np.flatnonzero(np.concatenate([[True], tree[1:] != tree[:-1]])), len(tree))
-        best[part], proved = heaviest(weight[part], part_conflict, first, known, min(q.nodes, NODE_ROWS // len(part)))
-        if not proved:
-            graph_of_part = Graph.from_conflicts(weight[part], np.argwhere(np.triu(part_conflict)))
-            better, _ = improved(graph_of_part, np.flatnonzero(best[part]), BRANCH_ROWS // len(part))
-            best[part] = np.isin(np.arange(len(part)), better)
-    if weight[best].sum() > weight[optima[0]].sum() + 1e-9:
-        optima = [np.flatnonzero(best), *optima]
+    if q.mended:
+        best, proved = _bounded(p, (part, inner), np.isin(np.arange(len(part)), optima[0]), q)
+        better = np.flatnonzero(best) if proved else improved(graph, np.flatnonzero(best), BRANCH_ROWS // len(part))[0]
+        if weight[better].sum() > weight[optima[0]].sum() + 1e-9:
+            optima = [better, *optima][: q.k_h]
     if q.graphs is not None:
-        dump(q.graphs, f"{p.seed:08d}-0", graph, optima[0])
-    return optima
+        dump(q.graphs, f"{p.seed:08d}-{part.min()}", graph, optima[0])
+    return np.array([weight[rows].sum() for rows in optima]), [part[rows] for rows in optima]

@@ -23,6 +23,7 @@ from tracker.landmarks import Floats, Landmarks, Survival, dissimilarity, spread
 from tracker.linearisation import Seen, linearise
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.newcomers import Newcomers, State
+from tracker.persistence import Persistence, root
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class SlamParameters:
     """mode: iekf, the iterated filter (with one iteration the plain one), fej or invariant (joint.Joint). iterations: linearisations of an
     update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
     correction_walk rad an axis a square root of a second. level_memory, turn_memory s: errors of the accelerometer's "up" and of the odometry's turns
-    hang together for so long (their biases), and are believed the less. robust: residuals beyond so many standard deviations lose weight
-    (inf: never).
+    hang together for so long, and are believed the less. persistence: what of them lasts is kept in the state, in the place of turn_memory (None:
+    nothing is; not for invariant). robust: residuals beyond so many standard deviations lose weight (inf: never).
 
     seen: landmarks a camera updates at once; capacity: landmarks in the map; growth: new ones a camera a tick. clones: earlier poses kept a robot,
     a new one each `stride` m. robot_radius m: nothing without a name becomes or matches a landmark so near to another robot's middle. reopen: a
@@ -45,6 +46,7 @@ class SlamParameters:
     correction_walk: float = 0.0005
     level_memory: float = 1.0
     turn_memory: float = 0.2
+    persistence: Persistence | None = None
     robust: float = 3.0
     seen: int = 32
     growth: int = 12
@@ -63,9 +65,17 @@ class SlamParameters:
     def __post_init__(self) -> None:
         if self.mode not in ("iekf", "fej", "invariant"):
             raise ValueError(f"mode is {self.mode!r}, needs iekf, fej or invariant")
+        if self.mode == "invariant" and self.persistence is not None:
+            raise ValueError("mode is 'invariant', needs fej or iekf where persistence is kept")
         for name in ("iterations", "clones", "capacity", "seen"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
+
+    def persistent(self) -> SlamParameters:
+        """With lasting errors of the odometry in the state, and what goes well with it: first-estimates Jacobians, and landmarks that wait for a
+        wider parallax, over earlier poses farther apart. NEES is nearer to one so; the steps from frame to frame are less smooth.
+        """
+        return replace(self, mode="fej", persistence=Persistence(), trial=replace(self.trial, parallax=0.15), stride=0.3)
 
 
 class Slam:
@@ -74,7 +84,7 @@ class Slam:
     def __init__(self, setup: Setup, parameters: SlamParameters) -> None:
         self.setup, self.parameters = setup, parameters
         correction = parameters.correction_sigma if parameters.correction else None
-        self._joint = Joint(parameters.clones, parameters.capacity, correction, parameters.mode)
+        self._joint = Joint(parameters.clones, parameters.capacity, correction, parameters.mode, parameters.persistence)
         self._map = Landmarks(parameters.capacity, max(1, len(setup.starts)))
         self._team: dict[str, int] = {}
         self._frontier: dict[str, Frontier] = {}
@@ -97,6 +107,8 @@ class Slam:
         for name in self._team:
             self._predict(name, views.get(name, []))
         self._joint.drift(self.parameters.correction_walk * np.sqrt(self.setup.period))
+        if self.parameters.persistence is not None:
+            self._joint.fade(self.parameters.persistence.kept(self.setup.period))
         for name in self._team:
             self._look(name, views.get(name, []), tick.index)
         for name, start in self.setup.starts.items():
@@ -171,19 +183,31 @@ class Slam:
         """Go on by odometry; in a gap of it a robot may have gone on as it last did, or stood still: its pose is doubted by that way."""
         odometry = next((v.odometry for v in views if v.odometry is not None), None)
         if odometry is not None:
-            turn, level = (np.sqrt(_worth(memory, self.setup.period)) for memory in (self.parameters.turn_memory, self.parameters.level_memory))
-            scale = np.array([1, 1, 1, turn, turn, turn])
-            odometry = replace(odometry, covariance=odometry.covariance * np.outer(scale, scale), gravity_sigma=odometry.gravity_sigma * level)
+            stated = odometry.covariance
+            odometry, scale = self._believed(odometry)
+            doubt = odometry.covariance if scale is None else stated
         self._odometry[name] = odometry
         if odometry is not None:
-            self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance)
-            self._blind[name] = 0, np.square(odometry.T_before_now.log()) + np.diag(odometry.covariance)
+            self._joint.predict(self._team[name], odometry.T_before_now, odometry.covariance, scale)
+            self._blind[name] = 0, np.square(odometry.T_before_now.log()) + np.diag(doubt)
         elif name in self._blind:
             gap, step = self._blind[name]
             # The way grows with the time, its variance with the square of it.
             self._joint.inflate(self._team[name], (2 * gap + 1) * np.repeat([step[:3].sum(), step[3:].sum()], 3))
             self._blind[name] = gap + 1, step
             self._counters["no odometry"] += 1
+
+    def _believed(self, odometry: Odometry) -> tuple[Odometry, Array | None]:
+        """The odometry with the errors that are new at this tick, and what one of each lasting error makes of it; where none are kept, with errors
+        that are believed the less, as they hang together.
+        """
+        rule, period = self.parameters, self.setup.period
+        level = np.sqrt(_worth(rule.level_memory, period))
+        if rule.persistence is not None:
+            covariance, sigma = rule.persistence.whitened(odometry)
+            return replace(odometry, covariance=covariance, gravity_sigma=sigma * level), root(odometry.covariance)
+        scale = np.repeat([1.0, np.sqrt(_worth(rule.turn_memory, period))], 3)
+        return replace(odometry, covariance=odometry.covariance * np.outer(scale, scale), gravity_sigma=odometry.gravity_sigma * level), None
 
     def _look(self, name: str, views: list[View], tick: int) -> None:
         """All that one robot sees at one tick: update, forget what fails, follow what is new."""

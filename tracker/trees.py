@@ -26,6 +26,7 @@ class MotionParameters:
     acceleration: float = 0.8  # m/s², spectral: variance of the velocity grows by its square a second
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
     foot_spread: float = 0.25  # m, the feet stray this far from the ground under the body
+    v_max: float = 3.0  # m/s, nobody goes faster: what does was made of other people's boxes, or of nobody's
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,11 @@ class Tracks:
 
     def __len__(self) -> int:
         return len(self.tree)
+
+    @property
+    def speed(self) -> Array:
+        """(n,) m/s."""
+        return np.asarray(np.linalg.norm(self.state[:, 2:], axis=1))
 
     def select(self, rows: Mask | Ints) -> Tracks:
         return Tracks(*(getattr(self, name)[rows] for name in _COLUMNS))

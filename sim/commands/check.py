@@ -39,7 +39,7 @@ class Check:
         from tracker.inspection import inspect
 
         def shown(items: Iterable[Any], name: str, total: int) -> Iterable[Any]:
-            return tqdm(items, desc=name, total=total, leave=False, disable=self.json)
+            return tqdm(items, desc=name, total=total, leave=False, disable=self.json or None)
 
         faults, count = [], 0
         for fault in inspect(self.source, shown):

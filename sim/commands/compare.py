@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
+
+from sim.commands.options import unset
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Compare:
 
     folders: Positional[tuple[Path, ...]]
     """Result folders; the first is what the others are compared with."""
-    out: Annotated[Path | None, arg(metavar="FILE.png")] = None
+    out: Annotated[Path | None, unset("FILE.png", "none is drawn")] = None
     """Draw the differences and their intervals."""
     json: bool = False
     """Print JSON alone."""

@@ -43,7 +43,7 @@ class Export:
         from tracker.exporting import export
 
         def progress(frames: Iterable[int], name: str) -> Iterable[int]:
-            return tqdm(frames, desc=name, unit="frame", disable=self.json)
+            return tqdm(frames, desc=name, unit="frame", disable=self.json or None)
 
         found = export(self.source, self.format, self.out, progress, self.rectangles)
         if self.json:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional
 
-from sim.commands.options import Out, numbers
+from sim.commands.options import Out, numbers, unset
 from sim.commands.settings import Settings
 
 if TYPE_CHECKING:
@@ -35,15 +35,15 @@ class Generate:
     out: Out
     """Where the dataset goes; what is whole in it is kept. A twin is one sequence, and must not be there yet."""
     settings: OmitArgPrefixes[Settings] = Settings()
-    views: str | None = None
-    """How many fixed cameras look on; or, for a twin, the numbers of the PETS cameras, as in 1,5,7 (1 where nothing is given)."""
+    views: Annotated[str | None, unset("STR", "the preset's; 1 of a twin")] = None
+    """How many fixed cameras look on; or, for a twin, the numbers of the PETS cameras, as in 1,5,7."""
     count: int = 1
     """How many sequences; the n-th has the seed + n, and with it another place, people and ways."""
     workers: int = 1
     """Processes on this machine; the bytes are the same with any number."""
-    cluster: Annotated[str | None, arg(metavar="ADDRESS")] = None
+    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
     """A Dask scheduler, as in tcp://10.0.0.1:8786, to use instead; its workers must see DIR under the same path."""
-    config: Annotated[Path | None, arg(metavar="FILE")] = None
+    config: Annotated[Path | None, unset("FILE", "none")] = None
     """A .toml or .json file of settings, as frames = 100 or at_once = 8; options given beside it win."""
     png: bool = False
     """Images without loss, as PNG in place of JPEG; three times as large."""
@@ -55,9 +55,9 @@ class Generate:
     """An MP4 of every camera too."""
     mesh: bool = True
     """The terrain as glTF, some MB a sequence."""
-    annotations: Annotated[Path | None, arg(metavar="FILE")] = None
+    annotations: Annotated[Path | None, unset("FILE", "needed for a twin")] = None
     """Of a twin, who walked where: the CVML file of any PETS 2009 sequence, boxes in View_001."""
-    calibration: Annotated[Path | None, arg(metavar="DIR")] = None
+    calibration: Annotated[Path | None, unset("DIR", "needed for a twin")] = None
     """Of a twin, the folder of View_001.xml and so on (Tsai)."""
 
     def run(self) -> None:

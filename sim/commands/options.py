@@ -10,6 +10,11 @@ from tyro.conf import arg
 Out = Annotated[Path, arg(metavar="DIR")]
 
 
+def unset(metavar: str, meaning: str) -> Any:
+    """What help says of an option that is not there by default: how its value is called, and what happens without it, in place of `None`."""
+    return arg(metavar=metavar, help_behavior_hint=f"(default: {meaning})")
+
+
 def numbers(text: str) -> list[int]:
     """Views as in 1,5,7. Raises ValueError for anything else."""
     try:

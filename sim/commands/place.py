@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import arg
+from sim.commands.options import unset
 
 if TYPE_CHECKING:
     from sim.placement_trial import Outcome
@@ -40,23 +40,26 @@ class Place:
     world: str = "ruins"
     """A name that `pilsim worlds` lists."""
     robots: int = 4
+    """Rovers with a panoramic camera each."""
     people: int = 10
+    """Who walk about."""
     difficulty: float = 0.5
+    """Of the ground, from 0 (gentle) to 1."""
     drive: str = "kinematic"
     """kinematic, or physics: wheels on MuJoCo's terrain."""
     observation: str = "state"
     """state: people who are seen are told apart; tracks: SLAM and tracker in the loop, and MOTA is told, too."""
-    density: str | None = None
+    density: Annotated[str | None, unset("STR", "none")] = None
     """pilsun, s2l1, s2l2 or s2l3: world, robots and people of that dataset, in place of the three options."""
     steps: int = 240
     """Decisions of an episode, two a second."""
-    train: int | None = None
+    train: Annotated[int | None, unset("INT", "no training")] = None
     """Train PPO for so many decisions instead; needs the extra `rl`."""
     out: Path = Path("runs/ppo")
     """Where --train leaves ppo.zip, curve.csv and curve.png."""
     workers: int = 1
     """Processes that try policies; the figures are the same with any number."""
-    picture: Annotated[Path | None, arg(metavar="FILE.png")] = None
+    picture: Annotated[Path | None, unset("FILE.png", "none is drawn")] = None
     """Draw the means with their intervals."""
     json: bool = False
     """Print JSON alone: means, intervals and every episode."""

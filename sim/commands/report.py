@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
+
+from sim.commands.options import unset
 
 
 @dataclass(frozen=True)
@@ -21,8 +23,8 @@ class Report:
 
     folder: Positional[Path]
     """The folder with results.jsonl."""
-    out: Annotated[Path | None, arg(metavar="FILE")] = None
-    """The page; FOLDER/report.html where it is not given."""
+    out: Annotated[Path | None, unset("FILE", "FOLDER/report.html")] = None
+    """The page."""
 
     def run(self) -> None:
         from sim.report import write_report

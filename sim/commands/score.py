@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from tyro.conf import Positional
 
-from sim.commands.options import views_of
+from sim.commands.options import unset, views_of
 
 
 @dataclass(frozen=True)
@@ -19,16 +20,16 @@ class Score:
               pilsim score --truth gt.txt --result mine.txt --iou 0.5
     """
 
-    source: Positional[Path | None] = None
+    source: Positional[Annotated[Path | None, unset("[SOURCE]", "two files")]] = None
     """The folder that was tracked."""
-    results: Positional[Path | None] = None
+    results: Positional[Annotated[Path | None, unset("[RESULTS]", "two files")]] = None
     """The folder that `track` wrote."""
-    truth: Path | None = None
+    truth: Annotated[Path | None, unset("FILE", "two folders")] = None
     """A MOT15 file of truth, instead of folders."""
-    result: Path | None = None
+    result: Annotated[Path | None, unset("FILE", "two folders")] = None
     """A MOT15 file of a tracker's output."""
-    iou: float | None = None
-    """Compare boxes with this least overlap; without it, places on the ground within 1 m."""
+    iou: Annotated[float | None, unset("FLOAT", "places on the ground within 1 m")] = None
+    """Compare boxes with this least overlap."""
     json: bool = False
     """Print JSON alone."""
 

@@ -4,48 +4,55 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from sim.commands.options import unset
+
+_OWN = "the preset's"
+Word = Annotated[str | None, unset("STR", _OWN)]
+Whole = Annotated[int | None, unset("INT", _OWN)]
+Number = Annotated[float | None, unset("FLOAT", _OWN)]
 
 
 @dataclass(frozen=True)
 class Settings:
     """What the preset says, changed."""
 
-    world: str | None = None
+    world: Word = None
     """The place: `pilsim worlds` lists them."""
-    difficulty: float | None = None
+    difficulty: Number = None
     """Of the ground, from 0 (gentle) to 1."""
-    seed: int | None = None
+    seed: Whole = None
     """Of everything random."""
-    robots: int | None = None
+    robots: Whole = None
     """Rovers with a panoramic camera each."""
-    people: int | None = None
+    people: Whole = None
     """Who walk about, in all."""
-    at_once: int | None = None
+    at_once: Whole = None
     """How many of the people are there at once, coming and going; all throughout where it is 0."""
-    children: float | None = None
+    children: Number = None
     """The share of people who are children."""
-    frames: int | None = None
+    frames: Whole = None
     """How many frames."""
-    rate: float | None = None
+    rate: Number = None
     """Frames a second."""
-    width: int | None = None
+    width: Whole = None
     """Of a panorama in pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
-    camera_height: float | None = None
+    camera_height: Number = None
     """Of the panoramic cameras over the ground, m."""
-    timestep: float | None = None
+    timestep: Number = None
     """Of the physics, s."""
-    exposure: float | None = None
+    exposure: Number = None
     """Sigma of a slow drift of the exposure, in stops."""
-    image_noise: float | None = None
+    image_noise: Number = None
     """Sigma of the noise of a pixel, in counts of 255."""
-    misses: float | None = None
+    misses: Number = None
     """The share of visible people whom the simulated detector misses."""
-    clutter: float | None = None
+    clutter: Number = None
     """Mean number of its false detections a view and frame."""
-    bearing_noise: float | None = None
+    bearing_noise: Number = None
     """Sigma of the edge of a detection, rad."""
-    min_visible: float | None = None
+    min_visible: Number = None
     """The visible fraction of a body below which it is never detected."""
 
     def given(self) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import arg
 
+from sim.commands.options import unset
+
 if TYPE_CHECKING:
     from sim.contender import Contender
     from sim.stress import Case
@@ -32,10 +34,10 @@ class Stress:
               pilsim stress --sweep misses --tracker mine:track --out runs/mine
     """
 
-    out: Path | None = None
+    out: Annotated[Path | None, unset("DIR", "needed, but for --list")] = None
     """Where the results go."""
-    sweep: tuple[str, ...] = ()
-    """Which sweeps, or single cases of them as in density/3; all where none is named."""
+    sweep: Annotated[tuple[str, ...], arg(help_behavior_hint="(default: all)")] = ()
+    """Which sweeps, or single cases of them as in density/3."""
     show: Annotated[bool, arg(name="list")] = False
     """Show the sweeps and do nothing."""
     json: bool = False
@@ -54,24 +56,24 @@ class Stress:
     """With panoramas and their features, as a real robot; --no-render: boxes and landmarks by rays, many times faster."""
     ladder: bool = False
     """Run each case with stages replaced by the truth, all 16 combinations, and share out the loss between them."""
-    pets: Path | None = None
+    pets: Annotated[Path | None, unset("DIR", "none")] = None
     """A PETS 2009 sequence (as for `pilsim track`): it and its twin are run too, or alone where no sweep is named."""
-    tracker: str = ""
-    """module:function, called with (setup, ticks), giving an Estimate a tick as tracker.pipeline.track does."""
-    results: Path | None = None
+    tracker: Annotated[str, unset("MODULE:FUNCTION", "pilsim's own")] = ""
+    """Called with (setup, ticks), giving an Estimate a tick as tracker.pipeline.track does."""
+    results: Annotated[Path | None, unset("DIR", "none")] = None
     """Tracks that were made elsewhere in place of a tracker: FOLDER/ID/SEED.txt, as in density/3/4.txt, MOT15 with x, y, z."""
-    slam: Literal["ekf", "iekf", "invariant"] | None = None
+    slam: Annotated[Literal["ekf", "iekf", "invariant"] | None, unset("{ekf,iekf,invariant}", "invariant")] = None
     """The filter of the robots' places, as for `pilsim track`; a sweep over it goes first. So with what follows."""
-    iterations: int | None = None
+    iterations: Annotated[int | None, unset("INT", "2")] = None
     """Linearisations of an update."""
-    correction: Literal["on", "off"] | None = None
+    correction: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on")] = None
     """Whether each robot's correction factor is estimated."""
-    hypotheses: Literal["single", "multiple"] | None = None
+    hypotheses: Annotated[Literal["single", "multiple"] | None, unset("{single,multiple}", "single")] = None
     """How people are followed."""
     workers: int = 1
     """Processes at work at once."""
-    cluster: str = ""
-    """Address of a Dask scheduler, as in tcp://10.0.0.1:8786: trials run there; the folder must be one that all see."""
+    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
+    """A Dask scheduler, as in tcp://10.0.0.1:8786, to use instead; its workers must see DIR under the same path."""
     limit: float = 1800.0
     """Seconds after which a run is ended."""
 
@@ -93,8 +95,8 @@ class Stress:
                 raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
         if self.world not in WORLDS:
             raise ValueError(f"--world is {self.world!r}, needs one of {', '.join(sorted(WORLDS))}")
-        force = Force(self.workers, self.cluster, self.limit)
-        rows = sweep(self._trials(), self.out, force, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
+        force, trials = Force(self.workers, self.cluster, self.limit), self._trials()
+        rows = sweep(trials, self.out, force, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
         if self.json:
             for row in rows:
                 print(json.dumps(row))
@@ -109,6 +111,8 @@ class Stress:
     def _cases(self) -> list[Case]:
         from sim.stress import cases, pets_cases, standard
 
+        if self.pets is not None and not self.pets.is_dir():
+            raise ValueError(f"{self.pets}: no such folder")
         start = replace(standard(self.frames, self.width), world=self.world)
         alone = self.pets is not None and not self.sweep
         chosen = [] if alone else cases(self.sweep, start)

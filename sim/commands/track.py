@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.conf import Positional
 
-from sim.commands.options import Out, numbers
+from sim.commands.options import Out, numbers, unset
 
 if TYPE_CHECKING:
     from tracker.pipeline import Parameters
@@ -42,38 +42,42 @@ class Track:
     """Frames that a frame is told late; people are smoothed by what came since."""
     images: bool = False
     """Follow the corners of boxes through the images: tracklets. A PETS folder has video/View_00N.mp4, of some views at least (single)."""
-    l_c: int | None = None
+    l_c: Annotated[int | None, unset("INT", "4")] = None
     """L_c: frames that corners are followed back (images)."""
-    delta_min: float | None = None
+    delta_min: Annotated[float | None, unset("FLOAT", "0.05")] = None
     """δ_min: a corner that moves less is static, px of the image at half its size (images)."""
-    omega: float | None = None
+    omega: Annotated[float | None, unset("FLOAT", "0.3")] = None
     """ω: corners of one body move alike within this share of its box's width (images)."""
     hypotheses: Literal["single", "multiple"] = "single"
     """Whether one best hypothesis on people is kept, or track trees with the best set of tracks as a maximum-weight clique."""
-    k_h: int | None = None
-    """K_H: hypotheses kept; those of each are children of one graph (multiple)."""
-    i_bls_max: int | None = None
+    k_h: Annotated[int | None, unset("INT", "one graph of all tracks")] = None
+    """K_H: hypotheses kept; where it is given, the children of each are a graph of their own (multiple)."""
+    i_bls_max: Annotated[int | None, unset("INT", "2000")] = None
     """Moves of the clique search at most (multiple)."""
     seed_search: int = 0
     """Of the clique search (multiple)."""
-    dump_graphs: Path | None = None
+    dump_graphs: Annotated[Path | None, unset("DIR", "nowhere")] = None
     """Where every weighted graph that is solved is written (DIMACS), beside the clique that was chosen (multiple)."""
-    theta_s: float | None = None
+    theta_s: Annotated[float | None, unset("FLOAT", "1.0")] = None
     """θ_s: two tracks nearer than this that no view tells apart are one person, m."""
-    n_scan: float | None = None
+    n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
     """Time after which a decision stands, s (multiple)."""
-    delta_a: float | None = None
+    v_max: Annotated[float | None, unset("FLOAT", "3.0")] = None
+    """v_max: nobody goes faster, m/s; a track that does is dropped."""
+    delta_a: Annotated[float | None, unset("FLOAT", "1.29")] = None
     """Longest gap that is bridged, s."""
-    n_conf: int | None = None
+    n_conf: Annotated[int | None, unset("INT", "2")] = None
     """Frames until a track may be believed."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter is told where the landmarks are."""
-    slam: Literal["ekf", "iekf", "fej", "invariant"] | None = None
+    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "invariant")] = None
     """The filter of the robots' places: extended, iterated, with first-estimates Jacobians, or with the right-invariant error."""
-    iterations: int | None = None
-    """Linearisations of an update, 2 where nothing is given; ekf has one."""
+    iterations: Annotated[int | None, unset("INT", "2")] = None
+    """Linearisations of an update; ekf has one."""
     correction: Literal["on", "off"] = "on"
     """Whether each robot's correction factor is estimated."""
+    persistence: Literal["on", "off"] = "off"
+    """Whether errors of odometry that last (slip, biases) are kept in the state: with fej, which is the default then, or iekf."""
     unknown_start: str = ""
     """Robots, as in robot_1,robot_2, that are not told where they start: each maps alone until it has enough in common with the others."""
 
@@ -90,6 +94,8 @@ class Track:
                 raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
             if self.unknown_start:
                 raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
+            if self.persistence == "on":
+                raise ValueError(f"{self.source}: --persistence is for sequences; biases of a UTIAS set are in the correction factor")
             self._explore()
             return
         if self.map != "unknown":
@@ -111,9 +117,13 @@ class Track:
         from tracker.slam import SlamParameters
 
         people = self._people()
-        if self.slam is None and self.iterations is None and self.correction == "on":
+        if self.slam is None and self.iterations is None and self.correction == "on" and self.persistence == "off":
             return people
         chosen = SlamParameters(correction=self.correction == "on")
+        if self.persistence == "on":
+            if self.slam == "invariant":
+                raise ValueError("--persistence on is for --slam fej or iekf, not invariant")
+            chosen = chosen.persistent()
         if self.iterations is not None:
             chosen = replace(chosen, iterations=self.iterations)
         if self.slam == "ekf":
@@ -127,7 +137,7 @@ class Track:
         from tracker.pipeline import Parameters
         from tracker.selection import MultipleParameters
 
-        names = ("k_h", "i_bls_max", "delta_a", "n_conf", "theta_s", "n_scan")
+        names = ("k_h", "i_bls_max", "delta_a", "n_conf", "theta_s", "n_scan", "v_max")
         given = {name: getattr(self, name) for name in names}
         given = {name: value for name, value in given.items() if value is not None}
         for name, value in given.items():
@@ -135,18 +145,21 @@ class Track:
                 raise ValueError(f"--{name.replace('_', '-')} is {value}, needs more than 0")
         if "theta_s" in given:
             given["same_person"] = given.pop("theta_s")
-        tracklets = self._tracklets()
+        v_max, tracklets = given.pop("v_max", None), self._tracklets()
+        single, many = Parameters().targets, MultipleParameters()
+        if v_max is not None:
+            single = replace(single, motion=replace(single.motion, v_max=v_max))
+            many = replace(many, motion=replace(many.motion, v_max=v_max))
         if self.hypotheses == "multiple":
             if tracklets:
                 raise ValueError("--images is for --hypotheses single")
             others: dict[str, Any] = {"small_graphs": self.k_h is not None, "seed": self.seed_search, "graphs": self.dump_graphs}
-            multiple = replace(MultipleParameters(), **given, **others)
-            return Parameters(multiple=multiple, delay=self.delay)
+            return Parameters(multiple=replace(many, **given, **others), delay=self.delay)
         if {"k_h", "i_bls_max", "n_scan"} & set(given) or self.dump_graphs is not None or self.seed_search:
             raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
-        if not given and not self.delay and tracklets is None:
+        if not given and v_max is None and not self.delay and tracklets is None:
             return None
-        return replace(Parameters(), targets=replace(Parameters().targets, **given), tracklets=tracklets, delay=self.delay)
+        return Parameters(targets=replace(single, **given), tracklets=tracklets, delay=self.delay)
 
     def _tracklets(self) -> TrackletParameters | None:
         from tracker.tracklets import TrackletParameters

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
+
+from sim.commands.options import unset
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,11 @@ class View:
 
     folder: Positional[Path]
     """A sequence, or what `demo` left: its sequence with its tracks."""
-    results: Annotated[Path | None, arg(metavar="DIR")] = None
+    results: Annotated[Path | None, unset("DIR", "FOLDER/track, if there")] = None
     """What `track` left of this sequence."""
     track: bool = False
     """Track it now instead: covariances of people, which files of tracks do not hold, are then shown, too."""
-    save: Annotated[Path | None, arg(metavar="FILE.rrd")] = None
+    save: Annotated[Path | None, unset("FILE.rrd", "the viewer opens")] = None
     """Write a recording instead of opening the viewer."""
 
     def run(self) -> None:

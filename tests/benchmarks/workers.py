@@ -13,9 +13,9 @@ import numpy as np
 from sim.panorama import PanoramaRenderer
 from sim.scenario import Scenario
 from sim.simulation import Simulation
+from sim.workforce import ONE_THREAD
 from tracker.cameras import Panorama
 
-ONE_THREAD = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 ROUNDS = 20
 
 

@@ -18,7 +18,7 @@ class Footfalls:
 
     def __init__(self, simulation: Simulation, frames: int) -> None:
         self._simulation = simulation
-        self._size = pedestrian.trunk_size(simulation._stature)
+        self._size = pedestrian.trunk_size(simulation.stature)
         names = [[f"person_{p}/{side}_shoe" for side in ("left", "right")] for p in simulation.everybody]
         self._shoes = np.array([[simulation.model.body(name).id for name in pair] for pair in names])
         gaps, slides, flexion, hips = [], [], [], []

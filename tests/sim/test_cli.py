@@ -61,6 +61,7 @@ def test_bad_scenarios(arguments: list[str], message: str, tmp_path: Path) -> No
         (["track", "x", "--out", "y", "--l-c", "4"], "no such folder"),
         (["compare"], "compare needs folders of results, the first as the reference"),
         (["stress", "--world", "mars", "--sweep", "robots/0", "--out", "y"], "--world is 'mars', needs one of campus, forest, "),
+        (["stress", "--pets", "nowhere", "--out", "y"], "nowhere: no such folder"),
         (["clique", "x.clq", "--seed", "-1"], "--seed is -1, needs at least 0"),
         (["worlds", "pilsun", "--slip", "inf"], "seconds is inf, needs 0 to 3600"),
     ],
@@ -138,6 +139,8 @@ def test_score_wants_one_of_two_forms(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1,1,0,0,5,5,1,0,0\n")
     assert "a.txt:line 1: 9 values, needs 10" in refused("score", "--truth", "a.txt", "--result", "a.txt", cwd=tmp_path)
     assert "b.txt" in refused("score", "--truth", "b.txt", "--result", "a.txt", cwd=tmp_path)
+    (tmp_path / "d").mkdir()
+    assert refused("score", "--truth", "d", "--result", "a.txt", cwd=tmp_path) == "error: d: Is a directory"
 
 
 def test_published_score_by_command(data: Callable[..., Path]) -> None:
@@ -148,8 +151,11 @@ def test_published_score_by_command(data: Callable[..., Path]) -> None:
 
 
 def test_help_teaches(tmp_path: Path) -> None:
-    for command in ("demo", "track", "score"):
-        assert "Example" in pilsim(command, "--help", cwd=tmp_path).stdout
+    for command in ("demo", "track", "score", "worlds", "generate", "place", "stress", "report", "compare", "view"):
+        said = pilsim(command, "--help", cwd=tmp_path).stdout
+        assert "Example" in said
+        # Who is told `None` knows nothing.
+        assert "None" not in said, command
 
 
 def test_no_gl_is_one_line(tmp_path: Path) -> None:

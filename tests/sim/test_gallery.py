@@ -53,6 +53,7 @@ def test_command_prints_json_and_exports(tmp_path: Path) -> None:
         (["pilsun", "--difficulty", "1.5"], "difficulty is 1.5"),
         (["pilsun", "--export", "lab.stl"], "needs an ending of"),
         (["--export", "lab.glb"], "needs the name of one world"),
+        (["pilsun", "--preview", __file__], "is a file, needs a folder"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path: Path, words: list[str], said: str) -> None:

@@ -127,6 +127,10 @@ def test_real_beside_its_twin(tmp_path: Path) -> None:
     said = predicted(folder.sweeps()[0], "default")
     assert said.startswith("MOTA is 0.980 on the real sequence and 0.950 on its simulated twin (−0.030); IDF1 is 0.970")
     assert [f.sweep.name for f in findings(folder, "default")] == ["density"]
+    # What a real row says of frames is of the runs beside it.
+    assert "2 seeds, 60 frames each, the real sequence and its twin at their own length;" in dict(summary(folder))["What was tested"]
+    assert "frames" not in dict(summary(read(tmp_path / "alone", rows)))["What was tested"]
+    assert "60 frames each;" in dict(summary(read(tmp_path / "ours", stress_rows.density(2))))["What was tested"]
 
 
 def test_the_worst_moments_are_of_many_kinds(tmp_path: Path) -> None:

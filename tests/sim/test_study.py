@@ -18,7 +18,7 @@ def cells(spread: float) -> list[Cell]:
 def test_cells_come_back(tmp_path: Path) -> None:
     made = cells(0.02)
     study.write_cells(tmp_path / "cells.csv", made)
-    assert study.read_cells(tmp_path / "cells.csv") == made
+    assert study.read_cells(tmp_path / "cells.csv", Cell) == made
     assert [p.name for p in tmp_path.iterdir()] == ["cells.csv"]
 
 
@@ -27,7 +27,7 @@ def test_a_broken_row_is_named(tmp_path: Path) -> None:
     study.write_cells(path, cells(0.02)[:2])
     path.write_text(path.read_text().replace(",500,", ",many,", 1))
     with pytest.raises(ValueError, match="line 2: is no cell"):
-        study.read_cells(path)
+        study.read_cells(path, Cell)
 
 
 def test_panels_and_words() -> None:

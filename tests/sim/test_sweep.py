@@ -90,6 +90,8 @@ def test_folders_that_hold_something_else(tmp_path: Path) -> None:
             sweep([], tmp_path, Force(), "pilsim stress")
     path.unlink()
     (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match=r"notes.txt: is a file, needs a folder"):
+        sweep([], tmp_path / "notes.txt", Force(), "pilsim stress")
     with pytest.raises(ValueError, match=r"holds notes.txt and no results.jsonl"):
         sweep([], tmp_path, Force(), "pilsim stress")
 

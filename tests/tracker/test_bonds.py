@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tracker.bonds import heaviest, leaders, regrets
+from tracker.bonds import heaviest, leaders, parts, regrets
 
 
 def problem(rng: np.random.Generator, trees: int, leaves: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -56,3 +56,12 @@ def test_leaders_are_the_best_of_a_tree_and_differ() -> None:
     box = np.zeros((5, 1), dtype=np.int64)
     keep = leaders(np.array([1, 1, 1, 1, 2]), box, state, np.array([0.0, 1.0, 2.0, 3.0, 0.0]), np.full(5, 2))
     assert keep.tolist() == [True, False, True, False, True]
+
+
+def test_parts_are_what_conflicts_connect() -> None:
+    conflict = np.zeros((6, 6), dtype=bool)
+    for a, b in ((0, 3), (3, 5), (1, 2)):
+        conflict[a, b] = conflict[b, a] = True
+    assert parts(conflict, np.arange(6)).tolist() == [0, 1, 1, 0, 2, 0]
+    assert parts(conflict, np.array([0, 5, 1])).tolist() == [0, 1, 2]
+    assert not len(parts(conflict, np.zeros(0, dtype=np.int64)))

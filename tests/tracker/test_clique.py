@@ -56,6 +56,29 @@ def test_conflicts_and_edges_say_the_same() -> None:
     again = Graph.from_edges(graph.weight, np.argwhere(~apart))
     np.testing.assert_array_equal(again.conflict, graph.conflict)
     assert again.edges == int((~apart).sum()) // 2
+    matrix = Graph.from_matrix(graph.weight, apart & ~np.eye(n, dtype=bool))
+    for a, b in ((graph.start, matrix.start), (graph.conflict, matrix.conflict), (graph.weight, matrix.weight)):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_pair_that_is_named_twice_is_one_and_a_vertex_without_edges_stands_alone() -> None:
+    graph = Graph.from_conflicts([2.0, 3.0, 4.0], [[0, 2], [2, 0], [1, 2], [0, 2]])
+    assert graph.conflict.tolist() == [2, 2, 0, 1]
+    for result in (exact(graph), search(graph, Limits(moves=100))):
+        assert result.vertices.tolist() == [0, 1]
+    heavier = Graph.from_conflicts([2.0, 3.0, 6.0], [[0, 2], [1, 2]])
+    for result in (exact(heavier), search(heavier, Limits(moves=100))):
+        assert result.vertices.tolist() == [2]
+
+
+def test_a_matrix_needs_to_be_one_of_conflicts() -> None:
+    with pytest.raises(ValueError, match="vertex 1 is paired with itself"):
+        Graph.from_matrix([1.0, 1.0], np.diag([False, True]))
+    with pytest.raises(ValueError, match="weight of vertex 0 is 0"):
+        Graph.from_matrix([0.0, 1.0], np.zeros((2, 2), dtype=bool))
+    for conflict in (np.array([[False, True], [False, False]]), np.zeros((3, 3), dtype=bool)):
+        with pytest.raises(ValueError, match="needs a symmetric matrix of 2 rows"):
+            Graph.from_matrix([1.0, 1.0], conflict)
 
 
 def test_renaming_vertices_renames_the_clique() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from tracker import crowds
 from tracker.exact_clique import exact
 from tracker.formats.dimacs import read_graph
 from tracker.pipeline import Parameters, track
-from tracker.selection import MultipleParameters
+from tracker.selection import MultipleParameters, Problem, _optima
 
 
 def gaps(folder: Path, many: MultipleParameters) -> np.ndarray:
@@ -35,3 +36,15 @@ def test_what_is_chosen_is_the_best_there_is(tmp_path: Path, small: bool, warm: 
     assert len(gap) >= 5
     assert (gap < 1e-6).mean() >= 0.995
     assert gap.mean() <= 1e-4
+
+
+def test_the_best_sets_of_parts_together_are_those_of_all_combinations() -> None:
+    """Four parts of leaves that exclude each other within a part: the heaviest sets by trying every choice of one leaf a part."""
+    rng = np.random.default_rng(4)
+    tree = np.repeat(np.arange(4), 3)
+    weight = rng.uniform(1, 5, len(tree))
+    conflict = (tree[:, None] == tree[None, :]) & ~np.eye(len(tree), dtype=bool)
+    found = _optima(Problem(weight, conflict, tree, np.zeros(len(tree), dtype=bool), 0), np.arange(len(tree)), MultipleParameters(k_h=6), {})
+    every = [np.array(rows) for rows in itertools.product(*(np.flatnonzero(tree == k) for k in range(4)))]
+    best = sorted((float(weight[rows].sum()) for rows in every), reverse=True)[:6]
+    np.testing.assert_allclose([weight[rows].sum() for rows in found], best)

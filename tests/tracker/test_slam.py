@@ -169,7 +169,8 @@ class PlainEkf:
 def test_one_iteration_without_correction_is_the_plain_ekf() -> None:
     room = Room(robots=1, named=True, landmarks=30, ticks=30, miss=0.0)
     setup, ticks, *_ = simulate(room)
-    plain_rule = {"mode": "iekf", "iterations": 1, "correction": False, "robust": np.inf, "level_memory": 0.0, "turn_memory": 0.0}
+    memories = {"persistence": None, "level_memory": 0.0, "turn_memory": 0.0}
+    plain_rule = {"mode": "iekf", "iterations": 1, "correction": False, "robust": np.inf, **memories}
     slam = Slam(setup, SlamParameters(**plain_rule, growth=100, seen=100))
     k = next(k for k, tick in enumerate(ticks) if (slam.step(tick), len(slam.landmarks()) >= 5)[1])
     joint, book = slam._joint, slam._map

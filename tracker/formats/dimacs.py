@@ -58,7 +58,11 @@ def write_graph(path: Path, graph: Graph) -> None:
     together = ~np.eye(n, dtype=bool)
     together[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = False
     edges = np.argwhere(np.triu(together)) + 1
-    lines = [f"p edge {n} {len(edges)}", *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())), *(f"e {a} {b}" for a, b in edges)]
+    lines = [
+        f"p edge {n} {len(edges)}",
+        *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())),
+        *(f"e {a} {b}" for a, b in edges.tolist()),
+    ]
     write_text(path, "\n".join(lines) + "\n")
 
 

@@ -1,0 +1,123 @@
+"""What both trackers of people must bear: empty and crowded ticks, equal boxes, views out of step or gone, ids that are large."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.tracker import crowds
+from tracker.clearmot import TargetScore, score
+from tracker.comparison import Frame
+from tracker.geometry import Array
+from tracker.measurements import Detections, Estimate, Setup, Tick, View
+from tracker.pipeline import Parameters, Tracker, track
+from tracker.selection import MultipleParameters
+
+BOTH = pytest.mark.parametrize(
+    "parameters",
+    [Parameters(), Parameters(multiple=MultipleParameters()), Parameters(multiple=MultipleParameters(small_graphs=True, k_h=3, i_bls_max=300))],
+    ids=["single", "multiple", "small graphs"],
+)
+
+
+def scored(walked: Array, estimates: list[Estimate], shift: int = 0) -> TargetScore:
+    people = np.arange(walked.shape[1]) + shift
+    return score([Frame(people, places, e.target_id + shift, e.position) for places, e in zip(walked, estimates, strict=True)])
+
+
+def standing(setup: Setup, places: Array) -> Detections:
+    """Boxes of people at places (n, 2), seen from the first camera without error."""
+    start, n = setup.starts["robot_0"], len(places)
+    assert start is not None
+    middle, extent = crowds.boxes(start.T_world_robot, np.column_stack([places, np.zeros(n)]))
+    return Detections(middle, extent, np.ones(n), np.tile(1e-5 * np.eye(2), (n, 1, 1)), np.zeros((n, 0)))
+
+
+@BOTH
+@pytest.mark.parametrize("boxes", [0, 500])
+def test_empty_and_crowded_ticks_pass(parameters: Parameters, boxes: int) -> None:
+    setup = crowds.setup()
+    found = standing(setup, np.random.default_rng(8).uniform(-4, 4, (boxes, 2))) if boxes else Detections.none()
+    for estimate in track(setup, [Tick(k, k / 6, tuple(View(name, found) for name in setup.mounts)) for k in range(3)], parameters):
+        assert np.isfinite(estimate.position).all()
+        assert bool(boxes) or not len(estimate.target_id)
+
+
+@BOTH
+def test_an_empty_tick_and_one_without_views_lose_nobody(parameters: Parameters) -> None:
+    rng = np.random.default_rng(2)
+    setup, walked = crowds.setup(), crowds.paths(3, 30, rng)
+    ticks = crowds.ticks(setup, walked, rng, misses=0.0, clutter=0.0)
+    ticks[15] = replace(ticks[15], views=tuple(replace(v, detections=Detections.none()) for v in ticks[15].views))
+    ticks[20] = replace(ticks[20], views=())
+    estimates = list(track(setup, ticks, parameters))
+    before, after = ({*e.target_id.tolist()} for e in (estimates[14], estimates[24]))
+    assert before == after
+    assert len(after) == 3
+
+
+@BOTH
+def test_equal_boxes_stay_in_their_place(parameters: Parameters) -> None:
+    setup = crowds.setup()
+    found = standing(setup, np.zeros((6, 2)))
+    last = list(track(setup, [Tick(k, k / 6, (View("camera_0", found),)) for k in range(8)], parameters))[-1]
+    assert 1 <= len(last.target_id) <= 6
+    np.testing.assert_allclose(last.position[:, :2], 0, atol=0.2)
+
+
+@BOTH
+def test_a_view_that_is_one_tick_late_does_little_harm(parameters: Parameters) -> None:
+    rng = np.random.default_rng(11)
+    setup, walked = crowds.setup(), crowds.paths(4, 50, rng)
+    ticks = crowds.ticks(setup, walked, rng)
+    late = [replace(t, views=(ticks[max(k - 1, 0)].views[0], *t.views[1:])) for k, t in enumerate(ticks)]
+    assert scored(walked, list(track(setup, late, parameters))).mota > 0.8
+
+
+@BOTH
+def test_a_view_that_vanishes_for_50_ticks_does_no_harm(parameters: Parameters) -> None:
+    rng = np.random.default_rng(9)
+    setup, walked = crowds.setup(), crowds.paths(4, 80, rng)
+    thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in crowds.ticks(setup, walked, rng)]
+    assert scored(walked, list(track(setup, thinned, parameters))).mota > 0.85
+
+
+@BOTH
+def test_numbers_of_trees_beyond_32_bits_change_nothing(parameters: Parameters) -> None:
+    rng = np.random.default_rng(12)
+    setup, walked = crowds.setup(), crowds.paths(4, 25, rng)
+    ticks = crowds.ticks(setup, walked, rng)
+    plain, far = Tracker(setup, parameters), Tracker(setup, parameters)
+    far._people.hypotheses._next_tree = 2**40  # type: ignore[attr-defined]
+    a, b = ([e for t in ticks if (e := tracker.step(t))] for tracker in (plain, far))
+    for one, other in zip(a, b, strict=True):
+        np.testing.assert_array_equal(one.target_id, other.target_id)
+        np.testing.assert_array_equal(one.position, other.position)
+    assert scored(walked, a, shift=2**40) == scored(walked, a)
+
+
+@BOTH
+@pytest.mark.parametrize("index", [3, 2])
+def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters, index: int) -> None:
+    tracker = Tracker(crowds.setup(), parameters)
+    tracker.step(Tick(3, 0.5, ()))
+    with pytest.raises(ValueError, match=f"tick {index} comes after tick 3"):
+        tracker.step(Tick(index, 0.5, ()))
+    with pytest.raises(ValueError, match="camera 'nose'"):
+        tracker.step(Tick(4, 0.6, (View("nose", Detections.none()),)))
+
+
+@BOTH
+@pytest.mark.parametrize(("speed", "followed"), [(2.0, True), (6.0, False)])
+def test_what_is_faster_than_people_is_not_followed(parameters: Parameters, speed: float, followed: bool) -> None:
+    """A box that goes straight on: a runner is somebody, what goes as fast as a car is not."""
+    setup = crowds.setup()
+    ticks = []
+    for k in range(8):
+        place = np.array([[speed * (k * setup.period - 0.6), 1.0]])
+        ticks.append(Tick(k, k * setup.period, (View("camera_0", standing(setup, place)),)))
+    last = list(track(setup, ticks, parameters))[-1]
+    near = np.linalg.norm(last.position[:, :2] - place, axis=1) < 0.5 if len(last.target_id) else np.zeros(0, dtype=bool)
+    assert near.any() == followed
+
+
