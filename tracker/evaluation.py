@@ -1,4 +1,4 @@
-"""A Sequence's truth beside Results: who counts, and all scores in one dictionary (METHOD 9)."""
+"""A Sequence's truth beside Results: who counts, and all scores in one dictionary."""
 
 from __future__ import annotations
 

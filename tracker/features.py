@@ -1,7 +1,7 @@
 """SIFT features of a panorama (Lowe 2004; OpenCV's), and their matching.
 
-The panorama is turned level first where the camera is not, because SIFT repeats itself well under yaw but not under 10° of roll and pitch
-(METHOD.md 1); it is padded by wrap-around at the seam and cut off towards the poles, where the projection stretches.
+The panorama is turned level first where the camera is not, because SIFT repeats itself well under yaw but not under 10° of roll and pitch;
+it is padded by wrap-around at the seam and cut off towards the poles, where the projection stretches.
 """
 
 from __future__ import annotations

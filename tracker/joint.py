@@ -1,9 +1,9 @@
-"""The joint state of a team and its map: means and ONE covariance of all of them, every cross block kept (METHOD.md 1, eq. 9).
+"""The joint state of a team and its map: means and ONE covariance of all of them, every cross block kept.
 
-Order of the covariance: robots (six numbers of the pose's right tangent, then three of the correction factor and eight of what hangs on of its
-odometry's errors, where these are kept), clones
-(six each: where a robot was at a few earlier ticks; Roumeliotis & Burdick 2002), landmarks (three each, metres in the world). The store has room for
-the largest map; landmarks fill it from the front, and a removed one is replaced by the last, so growing and shrinking cost O(n).
+Order of the covariance: robots (six numbers of the pose's right tangent, then three of the correction factor and eight of what lasts of its
+odometry's errors, where these are kept), clones (six each: where a robot was at a few earlier ticks; Roumeliotis & Burdick 2002), landmarks (three
+each, metres in the world). The store has room for the largest map; landmarks fill it from the front, and a removed one is replaced by the last, so
+growing and shrinking cost O(n).
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class Joint:
         return self.robots + robot * self.clones + k
 
     def predict(self, robot: int, motion: Pose, Q: Array, scale: Array | None = None) -> None:
-        """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot (METHOD.md, eq. 10): T_before_now and the covariance (6, 6) of its right tangent.
+        """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot: T_before_now and the covariance (6, 6) of its right tangent.
 
         scale (6, 6): what one of each of the first six lasting errors makes of the motion, in that tangent; the motion is freed of them.
         """

@@ -1,4 +1,4 @@
-"""EKF-SLAM of a team in the plane: SE(2) robots, landmarks in metres, one joint covariance, range and bearing (METHOD.md 1).
+"""EKF-SLAM of a team in the plane: SE(2) robots, landmarks in metres, one joint covariance, range and bearing.
 
 A robot has eight numbers: x, y (m), heading (rad), its correction factor (offsets of all its bearings, rad, and ranges, m, and the scale error
 of its ranges) and its odometry's scale errors (of speed and of turn, as shares); a landmark has two. An error is true minus estimated, added to
@@ -291,7 +291,7 @@ def reweigh(spread: Any, sigma: Any, innovation: Any, threshold: float) -> Any:
 
 @njit(cache=True)
 def start_landmark(s: Any, rule: Any, robot: int, scan: Any, i: int) -> None:
-    """Put the unknown landmark of sighting i into the state by the inverse model (METHOD.md 1)."""
+    """Put the unknown landmark of sighting i into the state by the inverse model."""
     robots = len(s.streak)
     to, at = column(robots, scan.subject[i]), ROBOT * robot
     G, own = place(s, (rule.mode == FEJ, at, to), scan.z[i], scan.sigma[i])

@@ -1,4 +1,4 @@
-"""Multi-robot EKF-SLAM in SE(3) from panoramas (METHOD.md 1): one joint covariance of the team and its map, a correction factor a robot, and an
+"""Multi-robot EKF-SLAM in SE(3) from panoramas: one joint covariance of the team and its map, a correction factor a robot, and an
 update of exactly two linearisations.
 
 A tick: predict by odometry, level by gravity, then robot by robot: sightings → association → update → new landmarks.

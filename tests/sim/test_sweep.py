@@ -96,6 +96,7 @@ def test_folders_that_hold_something_else(tmp_path: Path) -> None:
         sweep([], tmp_path, Force(), "pilsim stress")
 
 
+@pytest.mark.slow
 def test_rows_of_a_tracker_that_solves_graphs_say_how_near_to_the_best_it_came(tmp_path: Path) -> None:
     one = trial(tmp_path, people=6, robots=2, frames=8)
     row = attempted(replace(one, contender=Contender(options={"hypotheses": "multiple"})))

@@ -1,4 +1,4 @@
-"""Whole runs of the planar filter: METHOD's scenario beside the bound, in little, and what is said when it diverges."""
+"""Whole runs of the planar filter: the circle among 24 landmarks beside the bound, in little, and what is said when it diverges."""
 
 from __future__ import annotations
 

@@ -66,6 +66,7 @@ def test_a_robot_joins_and_is_as_good_as_the_others() -> None:
     assert 0.3 < mean["r1"] < 1.5 * max(mean["r0"], mean["r2"]) + 0.5
 
 
+@pytest.mark.slow
 def test_first_estimates_join_too() -> None:
     _, joined, errors, consistency = run(20, "fej")
     assert 0 < joined < 25
@@ -143,6 +144,7 @@ def test_a_robot_with_nothing_in_common_never_joins_and_does_no_harm() -> None:
         np.testing.assert_array_equal(slam.covariance(name), without.covariance(name))
 
 
+@pytest.mark.slow
 def test_names_that_lie_do_not_bring_a_robot_in() -> None:
     """All landmarks that r1 sees are called by the name of another."""
     setup, ticks, *_ = simulate(replace(HALL, seed=24, ticks=30, named=True))
@@ -165,6 +167,7 @@ def test_without_up_there_is_no_frame_to_begin_in() -> None:
     assert slam.counters["waits: no level"] == 2
 
 
+@pytest.mark.slow
 def test_a_small_map_makes_room() -> None:
     setup, ticks, *_ = simulate(HALL)
     slam = Slam(lost(setup), SlamParameters(capacity=45))
@@ -184,6 +187,7 @@ def test_a_level_start_has_up_where_it_was_measured() -> None:
     assert world[2, 2] < 1e-6 < world[0, 0]
 
 
+@pytest.mark.slow
 def test_the_whole_tracker_says_nothing_of_a_robot_that_is_nowhere() -> None:
     setup, ticks, truth, _ = simulate(HALL)
     shifted = [replace(tick, index=tick.index - 1) for tick in ticks]

@@ -1,4 +1,4 @@
-"""The filter on a room without pixels (walled_room): what it must beat, that its covariance is honest, and that it is what METHOD.md says."""
+"""The filter on a room without pixels (walled_room): what it must beat, and that its covariance is honest."""
 
 from __future__ import annotations
 
@@ -112,6 +112,7 @@ def test_the_order_of_sightings_does_not_matter() -> None:
     assert slam.counters == shuffled.counters
 
 
+@pytest.mark.slow
 def test_wrong_sightings_do_no_harm() -> None:
     _, clean, *_ = run(SHORT, SlamParameters())
     slam, error, drift, _ = run(replace(SHORT, wrong=0.15), SlamParameters())
@@ -119,6 +120,7 @@ def test_wrong_sightings_do_no_harm() -> None:
     assert slam.counters["gated"] + slam.counters["outlier"] > 50
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_carried_off_finds_back() -> None:
     """The gate opens again: odometry lies once, by 0.35 m and 6°, with a covariance that knows nothing of it."""
     setup, ticks, truth, _ = simulate(replace(SHORT, ticks=75))
