@@ -9,10 +9,11 @@ from __future__ import annotations
 import csv
 import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, Protocol, TypeVar, get_type_hints
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -26,7 +27,16 @@ from tracker.pipeline import Parameters, track
 from tracker.selection import MultipleParameters
 from tracker.sources import open_source
 
-Row = TypeVar("Row")
+
+class Keyed(Protocol):
+    """A cell of a study."""
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells it from the others."""
+
+
+Row = TypeVar("Row", bound=Keyed)
 K_H = (1, 5, 10, 15, 20, 25, 30)
 I_BLS_MAX = (500, 1000, 2000)
 PEOPLE = 20
@@ -128,17 +138,25 @@ def write_cells(path: Path, cells: Sequence[Any]) -> None:
 
 def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[list[Cell]]:
     """Run what is not in out/cells.csv yet; all cells so far after each, those that were there first."""
-    path = out / "cells.csv"
-    cells = read_cells(path, Cell)
-    done = {cell.key for cell in cells}
     for material in materials:
         # Compiling is no part of any cell.
         list(track(material.setup, material.ticks[:3], Parameters(multiple=MultipleParameters(small_graphs=True))))
-        for repetition, k, moves in itertools.product(range(repetitions), K_H, I_BLS_MAX):
-            if (material.name, k, moves, repetition) not in done:
-                cells.append(measured(material, k, moves, repetition))
-                write_cells(path, cells)
-            yield cells
+        choices = ((k, moves, repetition) for repetition, k, moves in itertools.product(range(repetitions), K_H, I_BLS_MAX))
+        yield from resumed(out / "cells.csv", Cell, choices, partial(measured, material), material.name)
+
+
+def resumed(path: Path, kind: type[Row], choices: Iterable[tuple[Any, ...]], run: Callable[..., Row], data: str) -> Iterator[list[Row]]:
+    """Run those choices of a data set that are not in the file yet; all cells so far after each, those that were there first.
+
+    The key of a cell is the name of its data set and what was chosen.
+    """
+    cells = read_cells(path, kind)
+    done = {cell.key for cell in cells}
+    for choice in choices:
+        if (data, *choice) not in done:
+            cells.append(run(*choice))
+            write_cells(path, cells)
+        yield cells
 
 
 def summary(cells: list[Cell]) -> str:

@@ -11,13 +11,14 @@ import itertools
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sim.cliques import gap
-from sim.study import Material, read_cells, tracked, write_cells
+from sim.study import Material, resumed, tracked
 from tracker.atomic import new_file
 from tracker.geometry import Array
 from tracker.pipeline import Parameters, track
@@ -63,18 +64,12 @@ def measured(material: Material, form: str, start: str, repetition: int) -> Run:
 
 def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[list[Run]]:
     """Run what is not in out/runs.csv yet; all runs so far after each, those that were there first."""
-    path = out / "runs.csv"
-    runs = read_cells(path, Run)
-    done = {run.key for run in runs}
     for material in materials:
         for form in FORMS:
             # Compiling is no part of any run.
             list(track(material.setup, material.ticks[:3], Parameters(multiple=MultipleParameters(small_graphs=FORMS[form], mended=False))))
-        for repetition, form, start in itertools.product(range(repetitions), FORMS, STARTS):
-            if (material.name, form, start, repetition) not in done:
-                runs.append(measured(material, form, start, repetition))
-                write_cells(path, runs)
-            yield runs
+        choices = ((form, start, repetition) for repetition, form, start in itertools.product(range(repetitions), FORMS, STARTS))
+        yield from resumed(out / "runs.csv", Run, choices, partial(measured, material), material.name)
 
 
 def panels(runs: list[Run]) -> Array:
