@@ -45,18 +45,18 @@ class Matches:
     expected: Mask
 
 
-def innovation_covariance(joint: Joint, robot: int, sight: Sight) -> Array:
-    """H P Hᵀ of the bearing of each landmark alone, (n, 2, 2) rad²."""
-    n = joint.count
+def innovation_covariance(joint: Joint, robot: int, sight: Sight, landmarks: Indices) -> Array:
+    """H P Hᵀ of the bearing of each of some landmarks (n,) alone, (n, 2, 2) rad²."""
+    n = len(landmarks)
     rotation, translation, point = joint.anchors
     anchored = replace(sight, body_rotation=rotation[robot], body_translation=translation[robot])
-    H_body, H_point, H_correction = jacobians(anchored, point[:n])
+    H_body, H_point, H_correction = jacobians(anchored, point[landmarks])
     H_robot = np.concatenate([H_body, H_correction], axis=2) if joint.corrected else H_body
     at, base = joint.offset(robot), joint.base
     seen = H_robot.shape[2]
     own = slice(at, at + seen)
-    cross = np.ascontiguousarray(joint.P[own, base:]).reshape(seen, n, 3).transpose(1, 0, 2)
-    index = base + 3 * np.arange(n)[:, None] + np.arange(3)
+    index = base + 3 * landmarks[:, None] + np.arange(3)
+    cross = joint.P[own][:, index.ravel()].reshape(seen, n, 3).transpose(1, 0, 2)
     points = joint.P[index[:, :, None], index[:, None, :]]
     mixed = H_robot @ cross @ H_point.transpose(0, 2, 1)
     S = H_robot @ joint.P[own, own] @ H_robot.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
@@ -78,26 +78,30 @@ def associate(joint: Joint, robot: int, sight: Sight, seen: tuple[Array, Array],
         return Matches(none, none, none, none, np.zeros(n, dtype=bool))
     predicted, distance = predict(sight, joint.point[:n])
     expected = distance > rule.nearest
-    S = innovation_covariance(joint, robot, sight)
-    e = (tangent_basis(predicted) @ bearing.T).transpose(0, 2, 1)
     near = predicted @ bearing.T > np.cos(rule.window)
-    d2 = _distances2(e, S, covariance)
-    inside = near & (d2 < gate(2, rule.probability))
-    alike = (unlike < np.where(known, rule.unlike, rule.stranger)[:, None]) & expected[:, None]
-    landmark, sighting = mutual(np.where(inside & alike, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
-    free = near & alike & ~inside
+    alike = near & (unlike < np.where(known, rule.unlike, rule.stranger)[:, None]) & expected[:, None]
+    # Most landmarks look like nothing that is near them: the rest is asked of the others alone.
+    some = np.flatnonzero(alike.any(axis=1))
+    if len(some) == 0:
+        return Matches(none, none, none, none, expected)
+    near, alike, unlike = near[some], alike[some], unlike[some]
+    row, column = np.nonzero(alike)
+    S = innovation_covariance(joint, robot, sight, some)[row] + covariance[column]
+    e = (tangent_basis(predicted[some])[row] @ bearing[column][:, :, None])[..., 0]
+    inside = np.zeros_like(alike)
+    inside[row, column] = _distances2(e, S) < gate(2, rule.probability)
+    landmark, sighting = mutual(np.where(inside, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
+    free = alike & ~inside
     free[landmark] = False
     free[:, sighting] = False
     refused, refused_sighting = mutual(np.where(free, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
-    return Matches(landmark, sighting, refused, refused_sighting, expected)
+    return Matches(some[landmark], sighting, some[refused], refused_sighting, expected)
 
 
-def _distances2(e: Array, S: Array, R: Array) -> Array:
-    """e (n, m, 2), S (n, 2, 2), R (m, 2, 2) → squared Mahalanobis distances (n, m), by the closed inverse of 2 × 2."""
-    a = S[:, None, 0, 0] + R[None, :, 0, 0]
-    b = S[:, None, 0, 1] + R[None, :, 0, 1]
-    c = S[:, None, 1, 1] + R[None, :, 1, 1]
-    x, y = e[..., 0], e[..., 1]
+def _distances2(e: Array, S: Array) -> Array:
+    """e (k, 2), S (k, 2, 2) → squared Mahalanobis distances (k,), by the closed inverse of 2 × 2."""
+    x, y = e.T
+    a, b, c = S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
     d2: Array = (c * x * x - 2 * b * x * y + a * y * y) / (a * c - b * b)
     return d2
 

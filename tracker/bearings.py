@@ -7,6 +7,7 @@ are those of the prediction: residual ≈ H δ + noise where δ is what the stat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,17 +29,22 @@ class Sight:
     mount_translation: Array
     correction: Array
 
-    @property
+    @cached_property
+    def bent(self) -> Array:
+        """Exp(w) of the correction, (3, 3)."""
+        return exp_so3(self.correction)
+
+    @cached_property
     def turn(self) -> Array:
         """R_body_camera with the correction, (3, 3)."""
-        return exp_so3(self.correction) @ self.mount_rotation
+        return self.bent @ self.mount_rotation
 
-    @property
+    @cached_property
     def rotation(self) -> Array:
         """R_world_camera, (3, 3) or (n, 3, 3)."""
         return self.body_rotation @ self.turn
 
-    @property
+    @cached_property
     def origin(self) -> Array:
         """The camera in the world, (3,) or (n, 3) m."""
         return self.body_translation + self.body_rotation @ self.mount_translation
@@ -82,7 +88,7 @@ def jacobians(sight: Sight, landmarks: Array) -> tuple[Array, Array, Array]:
     B = tangent_basis(bearing) / distance[:, None, None]
     across = B @ sight.turn.T
     q = _rows(landmarks - sight.body_translation, sight.body_rotation)
-    u = (q - sight.mount_translation) @ exp_so3(sight.correction)
+    u = (q - sight.mount_translation) @ sight.bent
     body = np.concatenate([-across, across @ skew(q)], axis=2)
     return body, across @ np.swapaxes(sight.body_rotation, -1, -2), B @ sight.mount_rotation.T @ skew(u)
 

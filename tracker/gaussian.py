@@ -10,11 +10,13 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.blas import dsyr2k
+from scipy.linalg.lapack import dposv
 from scipy.stats import chi2
 
 from tracker.geometry import Array
+
+PANEL = 192
+"""Rows of a covariance that are worked on at once: they stay in the processor's cache."""
 
 
 @cache
@@ -60,7 +62,7 @@ def robust_weights(spread: Array, noise: Array, innovation: Array, threshold: fl
         return weights
     for _ in range(4):
         S = spread + block_diagonal(noise / weights[:, None, None])
-        force = cho_solve(cho_factor(S, lower=True), innovation).reshape(k, d)
+        force = solve_positive(S, innovation).reshape(k, d)
         after = np.einsum("kij,kj->ki", noise, force) / weights[:, None]
         size = np.sqrt(np.maximum((after * force).sum(axis=1) / weights, 0.0))
         weights = np.minimum(1.0, (threshold / np.maximum(size, 1e-12)) ** 2)
@@ -68,22 +70,39 @@ def robust_weights(spread: Array, noise: Array, innovation: Array, threshold: fl
     return weights
 
 
+def solve_positive(S: Array, right: Array) -> Array:
+    """S⁻¹ right for a positive S (m, m) by Cholesky's factors, right (m,) or (m, n). Raises LinAlgError where S is not positive."""
+    _, solution, info = dposv(S, right, lower=1)
+    if info:
+        raise np.linalg.LinAlgError(f"matrix of {len(S)} rows is not positive definite, or not finite")
+    out: Array = solution
+    return out
+
+
 def kalman_gain(HP: Array, S: Array) -> Array:
-    """P Hᵀ S⁻¹, (n, m), by Cholesky's factors of the innovation covariance S (m, m). Raises LinAlgError where S is not positive."""
-    return cho_solve(cho_factor(S, lower=True), HP).T
+    """P Hᵀ S⁻¹, (n, m), S (m, m) the innovation covariance. Raises LinAlgError where S is not positive."""
+    return solve_positive(S, HP).T
 
 
 def joseph(P: Array, HP: Array, K: Array, S: Array) -> None:
-    """P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ in place, for any gain K (n, m); S = H P Hᵀ + R.
+    """P ← (I − KH) P (I − KH)ᵀ + K R Kᵀ in place, for any gain K (n, m); S = H P Hᵀ + R."""
+    subtract(P, K, joseph_factor(HP, K, S))
 
-    Joseph's form multiplied out: P − K U − (K U)ᵀ with U = HP − ½ S Kᵀ, two products of n² m instead of n³, and symmetric to the last bit.
-    """
-    U = HP.T - 0.5 * K @ S
-    lower = dsyr2k(1.0, K, U, lower=1)
-    diagonal = np.einsum("ii->i", lower)
-    diagonal *= 0.5
-    P -= lower.T
-    P -= lower
+
+def joseph_factor(HP: Array, K: Array, S: Array) -> Array:
+    """U = HPᵀ − ½ K S (n, m): Joseph's form multiplied out is P − K Uᵀ − U Kᵀ, two products of n² m instead of n³."""
+    return np.asarray(HP.T - 0.5 * K @ S)
+
+
+def subtract(P: Array, X: Array, Y: Array) -> None:
+    """P ← P − X Yᵀ − Y Xᵀ in place, P (n, n) symmetric and so to the last bit afterwards, X and Y (n, m)."""
+    left, right = np.hstack([X, Y]), np.hstack([Y, X]).T
+    for at in range(0, len(P), PANEL):
+        rows = slice(at, at + PANEL)
+        P[rows, :at] -= left[rows] @ right[:, :at]
+        P[:at, rows] = P[rows, :at].T
+        half = np.tril(P[rows, rows] - left[rows] @ right[:, rows])
+        P[rows, rows] = half + np.tril(half, -1).T
 
 
 def condition(P: ArrayLike, H: ArrayLike, residual: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:

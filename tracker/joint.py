@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.bearings import Sight
-from tracker.gaussian import block_diagonal, joseph, kalman_gain, robust_weights
-from tracker.geometry import Array, Pose, exp_so3, log_so3
+from tracker.gaussian import block_diagonal, joseph_factor, kalman_gain, robust_weights, solve_positive, subtract
+from tracker.geometry import Array, Pose
 from tracker.invariant import Means, landmark_shears, pose_charts, retracted
 from tracker.measurements import Mount, Start
-from tracker.motion import compose, exponential, orthogonal, retract, retraction_jacobian, right_jacobian
+from tracker.motion import compose, exponential, logarithm, orthogonal, retract, retraction_jacobian, right_jacobian
 from tracker.persistence import COUNT, Persistence, freed
 
 Indices = NDArray[np.intp]
@@ -184,6 +184,14 @@ class Joint:
         rows = np.arange(self.offset(robot), self.offset(robot) + 6)
         self.P[rows, rows] += variance
 
+    def put(self, robot: int, start: Start) -> None:
+        """Put a robot elsewhere: its pose is what `start` says, and has no error in common with anything else any more."""
+        rows, T = slice(self.offset(robot), self.offset(robot) + 6), start.T_world_robot
+        self.P[rows], self.P[:, rows] = 0.0, 0.0
+        self.P[rows, rows] = start.covariance
+        for rotation, translation in ((self.rotation, self.translation), self.anchors[:2]):
+            rotation[robot], translation[robot] = T.rotation, T.translation
+
     def clone(self, robot: int, k: int) -> int:
         """Remember the robot's present pose as its clone k, in the place of what was there; returns the number of the pose."""
         slot = self.clone_slot(robot, k)
@@ -233,8 +241,9 @@ class Joint:
         """
         before = (self.rotation.copy(), self.translation.copy(), self.correction.copy(), self.point[: self.count].copy(), self.lasting.copy())
         delta = np.zeros(len(self.P))
-        for _ in range(iterations):
-            linear = linearise()
+        linear = linearise()
+        rows = self.P[linear.columns]
+        for left in reversed(range(iterations)):
             H, own = linear.H.copy(), slice(self.offset(linear.robot), self.offset(linear.robot) + self.stride)
             if self._first is None:
                 H[:, : self.stride] = H[:, : self.stride] @ self._chart(before, delta)[own, own]
@@ -242,20 +251,34 @@ class Joint:
                 seen = (linear.columns[self.stride :: 3] - self.base) // 3
                 shears = landmark_shears(self._means(before), self._means(), linear.robot)[seen]
                 H[:, 3:6] += linear.H[:, self.stride :] @ shears.reshape(-1, 3)
-            HP = H @ self.P[linear.columns]
+            HP = H @ rows
             spread = HP[:, linear.columns] @ H.T
             innovation = linear.residual + H @ delta[linear.columns]
             weights = robust_weights(spread, linear.noise, innovation, threshold)
             S = spread + block_diagonal(linear.noise / weights[:, None, None])
-            K = kalman_gain(HP, S)
-            delta = K @ innovation
+            delta = HP.T @ solve_positive(S, innovation)
             self._retract(before, delta, linear.robot)
-        joseph(self.P, HP, K, S)
-        if self.invariant and self.count:
-            self._shear(landmark_shears(self._means(before), self._means(), linear.robot), self.offset(linear.robot) + 3)
+            if left:
+                linear = linearise()
+        self._settle(before, (HP, S), linear.robot)
         if self._first is None:
             self._transform(slice(0, self.base), self._chart(before, delta))
         return weights
+
+    def _settle(self, before: Held, measured: tuple[Array, Array], robot: int) -> None:
+        """P in Joseph's form, measured = H P and S; with the invariant error the landmarks' errors gain, beside, what those of the robot's rotation
+        were times the shears: P ← M P Mᵀ, M = I + A E with A (n, 3) and E the three rows of the rotation, in one pass with the other.
+        """
+        HP, S = measured
+        K = kalman_gain(HP, S)
+        U = joseph_factor(HP, K, S)
+        if self.invariant and self.count:
+            turn = slice(self.offset(robot) + 3, self.offset(robot) + 6)
+            E = self.P[turn] - K[turn] @ U.T - U[turn] @ K.T
+            A = np.zeros((len(K), 3))
+            A[self.base :] = landmark_shears(self._means(before), self._means(), robot).reshape(-1, 3)
+            K, U = np.hstack([K, -A]), np.hstack([U, E.T + 0.5 * A @ E[:, turn]])
+        subtract(self.P, K, U)
 
     def _tangents(self, delta: Array) -> tuple[Array, Array, Array]:
         """The parts of a change (n,) that belong to the poses (p, 6), to the corrections (robots, 3 or 0) and to what lasts (robots, 8 or 0)."""
@@ -267,16 +290,6 @@ class Joint:
     def _means(self, held: Held | None = None) -> Means:
         """Rotations, translations and landmarks: those of `held`, or as they are now."""
         return (self.rotation, self.translation, self.point[: self.count]) if held is None else (held[0], held[1], held[3])
-
-    def _shear(self, shears: Array, rotation: int) -> None:
-        """P ← M P Mᵀ where the landmarks' errors gain shears (n, 3, 3) times the error in the three rows from `rotation` on."""
-        P, rows = self.P, slice(self.base, self.base + 3 * self.count)
-        A = shears.reshape(-1, 3)
-        P[rows] += A @ P[rotation : rotation + 3]
-        P[:, rows] += P[:, rotation : rotation + 3] @ A.T
-        block = P[rows, rows]
-        P[rows, rows] = 0.5 * (block + block.T)
-        P[: self.base, rows] = P[rows, : self.base].T
 
     def _chart(self, before: Held, delta: Array) -> Array:
         """The retraction's Jacobian for all that comes before the landmarks, (base, base)."""
@@ -303,8 +316,8 @@ class Joint:
         else:
             self.rotation, self.translation = retract(before[0], before[1], poses)
             self.point[: self.count] = before[3] + moves
-        for robot, w in enumerate(corrections if self.corrected else ()):
-            self.correction[robot] = log_so3(exp_so3(before[2][robot]) @ exp_so3(w))
+        if self.corrected:
+            self.correction = logarithm(exponential(before[2]) @ exponential(corrections))
         if self.persistent:
             self.lasting = before[4] + lasting
 

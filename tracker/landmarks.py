@@ -29,10 +29,14 @@ def dissimilarity(look: Floats, subject: Indices, descriptor: Floats, other: Ind
     n, k, d = look.shape
     if n == 0:
         return np.zeros((0, len(descriptor)), dtype=np.float32)
-    product = (look.reshape(n * k, d) @ descriptor.T).reshape(n, k, len(descriptor))
-    empty = ~look.any(axis=2)
-    product[empty] = -1.0
-    distance = np.sqrt(np.maximum(2 - 2 * product.max(axis=1, initial=-1.0), 0.0))
+    filled = np.asarray(look.any(axis=2))
+    product = np.full((n, len(descriptor)), -1.0, dtype=np.float32)
+    # One product a look that is there; those of a landmark follow each other.
+    some = np.flatnonzero(filled.any(axis=1))
+    if len(some):
+        first = np.cumsum(filled.sum(axis=1))[some] - filled.sum(axis=1)[some]
+        product[some] = np.maximum.reduceat(look.reshape(n * k, d)[filled.ravel()] @ descriptor.T, first, axis=0)
+    distance = np.sqrt(np.maximum(2 - 2 * product, 0.0))
     named = (subject[:, None] >= 0) | (other[None, :] >= 0)
     out: Floats = np.where(named, np.where(subject[:, None] == other[None, :], np.float32(0), np.float32(np.inf)), distance)
     return out

@@ -37,6 +37,15 @@ def exponential(phi: Array) -> Array:
     return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (K @ K)
 
 
+def logarithm(rotation: Array) -> Array:
+    """Rotations (n, 3, 3) by angles well under π → rotation vectors (n, 3) rad; geometry.log_so3 is sound near π, too."""
+    odd = rotation - np.swapaxes(rotation, 1, 2)
+    sine = 0.5 * np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1)
+    size = np.linalg.norm(sine, axis=1)
+    angle = np.arctan2(size, 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1))
+    return sine * np.where(size > 1e-9, angle / np.maximum(size, 1e-9), 1.0)[:, None]
+
+
 def right_jacobian(phi: Array) -> Array:
     """J (n, 3, 3) with Exp(φ + δ) ≈ Exp(φ) Exp(J δ) for rows φ (n, 3) rad (Solà, Deray, Atchuthan 2018, eq. 143)."""
     angle2 = (phi * phi).sum(axis=-1)[..., None, None]

@@ -1,4 +1,5 @@
-"""Robots that do not know where they start: each maps in a frame of its own until that map lies firmly in the team's, then both become one state.
+"""Robots that do not know where they start: each maps in a frame of its own until it sees enough of the team's landmarks to be placed by them, as one
+that has lost its way, or until its map lies firmly in the team's; then both become one state.
 
 The two filters have no error in common until then, so the newcomer's block comes into the joint state as it is, moved by the alignment, with an
 error of the alignment that is next to unknown; common landmarks, told to be the same, then bring it down to what they know. Nothing counts twice.
@@ -18,6 +19,7 @@ from tracker.geometry import Array, Pose
 from tracker.joint import Indices, Joint, Linear
 from tracker.landmarks import Landmarks, dissimilarity
 from tracker.measurements import Setup, Start, Tick
+from tracker.relocation import Place, State, doubted, locate
 
 if TYPE_CHECKING:
     from tracker.slam import Slam, SlamParameters
@@ -29,10 +31,11 @@ FRAME_SIGMA = 1e-4
 WEAK = 100.0
 """Standard deviations of the alignment's error before the common landmarks are told to be the same, over those after: a prior that weighs 1e-4."""
 
+BY_SIGHT = "joined by what it sees"
+"""Counted where a robot has joined with a pose whose sightings have not been taken in yet."""
+
 ITERATIONS = 2
 """Linearisations of the update by what is in common."""
-
-State = tuple[Joint, Landmarks]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,7 @@ class Newcomers:
         self._alone: dict[str, Slam] = {}
 
     def step(self, name: str, tick: Tick, team: State, forget: Callable[[int, str], None]) -> tuple[int | None, str]:
-        """A waiting robot's views of one tick: its number in the team where it joins now, and "joined", or the reason why it waits.
+        """A waiting robot's views of one tick: its number in the team where it joins now, and "joined" or BY_SIGHT, or the reason why it waits.
 
         forget is called with landmarks of the team's map, and why, that must go to make room.
         """
@@ -63,11 +66,26 @@ class Newcomers:
             return None, "waits: no level"
         alone = self._alone[name]
         alone.step(tick)
+        if (pose := self._recognised(name, tick, team)) is not None:
+            del self._alone[name]
+            return team[0].join(doubted(pose, self.parameters.search)), BY_SIGHT
         encounter = meet(alone.state, team, self.parameters.meeting, self.parameters.survival.young)
         if isinstance(encounter, str):
             return None, f"waits: {encounter}"
         del self._alone[name]
         return unite(alone.state, team, encounter, tick.index, forget), "joined"
+
+    def _recognised(self, name: str, tick: Tick, team: State) -> Pose | None:
+        """T_team_robot where the robot sees at this tick as many of the team's landmarks as two maps must have in common."""
+        alone, rule = self._alone[name], self.parameters.search
+        strict = replace(rule, pairs=max(rule.pairs, self.parameters.meeting.pairs))
+        for view in tick.views:
+            if view.camera in alone.sighted:
+                mount = self.setup.mounts[view.camera]
+                found = locate(team, (alone.state[0].sight(0, mount), alone.pose(name)), alone.sighted[view.camera], strict)
+                if isinstance(found, Place):
+                    return found.pose
+        return None
 
     def counters(self, name: str) -> dict[str, int]:
         """What the robot's own filter has counted."""

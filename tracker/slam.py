@@ -22,8 +22,10 @@ from tracker.joint import Indices, Joint
 from tracker.landmarks import Floats, Landmarks, Survival, dissimilarity, spread, unit_rows
 from tracker.linearisation import Seen, linearise
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
-from tracker.newcomers import Newcomers, State
+from tracker.newcomers import BY_SIGHT, Newcomers
 from tracker.persistence import Persistence, root
+from tracker.relocation import Place, State, Wayfinder, doubted, locate
+from tracker.resection import Search
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class SlamParameters:
     survival: Survival = field(default_factory=Survival)
     extraction: Extraction = field(default_factory=Extraction)
     meeting: Meeting = field(default_factory=Meeting)
+    search: Search = field(default_factory=Search)
 
     def __post_init__(self) -> None:
         if self.mode not in ("iekf", "fej", "invariant"):
@@ -93,6 +96,8 @@ class Slam:
         self._counters: Counter[str] = Counter()
         self._newcomers = Newcomers(setup, parameters, Slam)
         self._blind: dict[str, tuple[int, Array]] = {}
+        self._wayfinder = Wayfinder(parameters.search, setup.period)
+        self.sighted: dict[str, Sightings] = {}  # by camera, what was seen last of what stands still
         self._tick = -1
 
     def step(self, tick: Tick) -> None:
@@ -171,6 +176,8 @@ class Slam:
         self._counters[reason] += 1
         if robot is not None:
             self._enlist(name, robot)
+        if reason == BY_SIGHT:
+            self._look(name, list(tick.views), tick.index)
 
     def _enlist(self, name: str, robot: int) -> None:
         """The robot is in the joint state."""
@@ -220,6 +227,8 @@ class Slam:
             self._correct(name, None)
         for landmark in self._map.doomed(self.parameters.survival)[::-1]:
             self._forget(int(landmark), "lost")
+        if self._wayfinder.astray(name):
+            return
         for frontier, seen, (free, matched) in rest:
             room = max(0, min(self.parameters.growth, self.parameters.seen - matched))
             while self._joint.count > self._joint.capacity - room:
@@ -240,7 +249,8 @@ class Slam:
         self._counters["on a robot"] += int(moving.sum())
         order = np.lexsort(seen.bearing.T)
         keep = order[~moving[order]]
-        return Sightings(seen.bearing[keep], seen.range[keep], seen.subject[keep], seen.descriptor[keep], seen.covariance[keep])
+        self.sighted[view.camera] = Sightings(seen.bearing[keep], seen.range[keep], seen.subject[keep], seen.descriptor[keep], seen.covariance[keep])
+        return self.sighted[view.camera]
 
     def _on_a_robot(self, name: str, mount: Mount, seen: Sightings) -> Mask:
         """(n,) whether a sighting without a name lies within robot_radius of another robot's middle."""
@@ -259,7 +269,14 @@ class Slam:
         robot, book = self._team[name], self._map
         descriptor = unit_rows(seen.descriptor)
         unlike = dissimilarity(book.look, book.subject[: book.count], descriptor, seen.subject)
-        m = self._associate(robot, mount, seen, (unlike, np.asarray(book.look[:, robot].any(axis=1))), tick)
+        looks = unlike, np.asarray(book.look[:, robot].any(axis=1))
+        m = self._associate(robot, mount, seen, looks, tick)
+        if self._wayfinder.doubts(name, len(seen), len(m.landmark)) and self._search(name, mount, seen, len(m.landmark)):
+            m = associate(self._joint, robot, self._joint.sight(robot, mount), (seen.bearing, seen.covariance), looks, self.parameters.gate)
+        self._wayfinder.judge(name, len(m.landmark))
+        if self._wayfinder.astray(name):
+            self._correct(name, None)
+            return np.zeros(0, dtype=np.intp), 0
         azimuth, _ = angles_from_bearing(seen.bearing[m.sighting])
         chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
@@ -312,6 +329,16 @@ class Slam:
             return again
         joint.inflate(robot, -doubt)
         return m
+
+    def _search(self, name: str, mount: Mount, seen: Sightings, matched: int) -> bool:
+        """Look for a robot that may have lost its way; where many more landmarks agree with another place, there it is put."""
+        robot, rule = self._team[name], self.parameters.search
+        found = locate(self.state, (self._joint.sight(robot, mount), self.pose(name)), seen, rule)
+        better = isinstance(found, Place) and found.agreed > 1.5 * matched
+        self._counters[f"lost: {found}" if isinstance(found, str) else "found again" if better else "not lost"] += 1
+        if isinstance(found, Place) and better:
+            self._joint.put(robot, doubted(found.pose, rule))
+        return better
 
     def _account(self, robot: int, m: Matches) -> None:
         """Book refusals, and misses of the robot that should know the landmark best."""

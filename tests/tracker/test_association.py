@@ -38,7 +38,7 @@ def test_innovation_covariance_is_the_dense_one() -> None:
     joint, _ = scene()
     sight = joint.sight(0, MOUNT)
     body, place, correction = jacobians(sight, POINTS)
-    for i, S in enumerate(innovation_covariance(joint, 0, sight)):
+    for i, S in enumerate(innovation_covariance(joint, 0, sight, np.arange(joint.count))):
         H = np.zeros((2, len(joint.P)))
         H[:, :6], H[:, 6:9], H[:, joint.base + 3 * i : joint.base + 3 * i + 3] = body[i], correction[i], place[i]
         np.testing.assert_allclose(S, H @ joint.P @ H.T, atol=1e-14)

@@ -57,7 +57,7 @@ def test_a_robot_joins_and_is_as_good_as_the_others() -> None:
     runs = [run(seed) for seed in (20, 21, 22)]
     for slam, joined, errors, _ in runs:
         assert 0 < joined < 25
-        assert slam.counters["joined"] == 1
+        assert slam.counters["joined by what it sees"] == 1
         assert slam.counters["unknown start"] == joined
         assert slam.counters["waits: too little in common"] == joined - 1
         assert np.mean(errors["r1"]) < 1.5 * max(np.mean(errors["r0"]), np.mean(errors["r2"])) + 0.01 < 0.2

@@ -137,6 +137,41 @@ def test_a_robot_that_was_carried_off_finds_back() -> None:
     assert max(errors[45:]) < 0.15
 
 
+def test_a_robot_that_was_carried_elsewhere_is_found_by_what_it_sees() -> None:
+    """Its wheels stand still and its camera sees nothing while it goes on for 15 ticks; 2 m away it knows where it is at once."""
+    setup, ticks, truth, _ = simulate(replace(SHORT, ticks=70))
+    slam, away = Slam(setup, SlamParameters()), range(40, 55)
+
+    for tick, true in zip(ticks, truth, strict=True):
+        if tick.index in away:
+            view = tick.views[0]
+            assert view.odometry is not None
+            still = replace(view.odometry, T_before_now=Pose.identity())
+            tick = replace(tick, views=(View(view.camera, Detections.none(), odometry=still), *tick.views[1:]))
+        slam.step(tick)
+        error = np.linalg.norm(slam.pose("r0").translation - true["r0"].translation)
+        if tick.index == away[-1]:
+            assert error > 1.0
+        if tick.index > away[-1]:
+            assert error < 0.15
+    assert slam.counters["found again"] == 1
+
+
+def test_who_knows_nothing_any_more_is_looked_for_and_then_begins_anew() -> None:
+    """Another world from tick 40 on: nothing goes into the map for 5 s, then it grows again."""
+    setup, ticks, _, _ = simulate(replace(SHORT, robots=1, ticks=100))
+    other = simulate(replace(SHORT, robots=1, ticks=100, seed=9))[1]
+    slam, count = Slam(setup, SlamParameters()), []
+    for k, tick in enumerate(ticks):
+        view, strange = tick.views[0], other[k].views[0]
+        slam.step(tick if k < 40 else replace(tick, views=(replace(view, sightings=strange.sightings),)))
+        count.append(slam.counters.get("new", 0))
+    wait = round(SlamParameters().search.patience / setup.period)
+    assert count[40 + wait - 1] == count[39] > 10
+    assert count[-1] > count[39] + 5
+    assert sum(n for reason, n in slam.counters.items() if reason.startswith("lost: ")) == wait + 1
+
+
 class PlainEkf:
     """One robot, landmarks with names: the textbook's filter with dense matrices, to hold Slam(iterations=1, correction=False) against."""
 
