@@ -22,9 +22,10 @@ from tracker.geometry import Array
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-ROOT, NODE = 600, 60
+ROUNDS = 5
+ROOT, NODE = 300, 60
 """Steps of the multipliers before the first branch, and at each further one."""
-STALL = 12
+STALL = 5
 """Steps without a lower bound after which they are made half as long."""
 FIX = 10
 """Steps from one look at what can be fixed, and at what the multipliers suggest, to the next."""
@@ -32,6 +33,7 @@ DEEPEST = 200
 """Branches that lie above each other, at most."""
 SHRUNK = 0.8
 """Share of the vertices below which what is left is a graph of its own."""
+FIRST, LONGER, SHORT, MIX = 1.0, 1.2, 0.6, 0.1
 EXACT = 1e-10
 """Of the weight: what is no more than this above the best is not better."""
 
@@ -102,17 +104,25 @@ def _part(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
     """`settled` for a graph whose conflicts hold together: what the multipliers leave is a smaller graph, to be settled anew or branched on."""
     known = search(graph, Limits(moves=effort.moves), effort.seed, Options(start=known, tuning=Tuning(T=10))).vertices
     n = len(graph)
-    packing, classes, groups = _packed(graph)
+    first, member, group, groups = _classes(graph)
     best, most = np.zeros(n, dtype=bool), np.array([graph.weight[known].sum()])
     best[known] = True
-    floats, ints = np.zeros((2, n)), np.zeros(groups, np.int64)
-    work = Work(best, most, floats[0], floats[1], np.zeros(groups), np.zeros(groups), ints, np.zeros(classes), np.zeros(n, np.bool_), np.zeros(classes))
-    free, y = np.ones((1, n), dtype=bool), np.zeros((1, classes))
-    if _lower(packing, work, free[0], y[0], ROOT):
-        return np.flatnonzero(best), True
-    rows = np.flatnonzero(free[0])
+    free, y, often, proved = np.ones(n, dtype=bool), np.zeros(0), np.zeros(n), False
+    for _ in range(ROUNDS):
+        packing, y = _packed(graph, first, member, group), np.append(y, np.zeros(len(first) - 1 - len(y)))
+        work = Work(
+            best, most, np.zeros(n), often, np.zeros(groups), np.zeros(groups), np.zeros(groups, np.int64), np.zeros(len(y)), np.zeros(n, np.bool_),
+            np.zeros(len(y)),
+        )  # fmt: skip
+        if _lower(packing, work, free, y, ROOT):
+            return np.flatnonzero(best), True
+        more, others = _violated(graph.start, graph.conflict, free, often)
+        if len(more) == 1:
+            break
+        first, member = np.append(first, first[-1] + more[1:]), np.append(member, others)
+    rows = np.flatnonzero(free)
     if len(rows) > SHRUNK * n:
-        proved = bool(_settle(packing, work, free[0], y[0], effort.branches))
+        proved = bool(_settle(packing, work, free, y, effort.branches))
         return np.flatnonzero(best), proved
     inner, proved = settled(_within(graph, rows), np.flatnonzero(best[rows]), effort)
     found, known = rows[inner], np.flatnonzero(best)
@@ -172,18 +182,65 @@ def _labels(start: Ints, conflict: Ints, rows: Ints) -> Ints:
     return label
 
 
-def _packed(graph: Graph) -> tuple[Packing, int, int]:
-    """A graph with its classes and groups; how many of each."""
+def _classes(graph: Graph) -> tuple[Ints, Ints, Ints, int]:
+    """Classes that need a multiplier: first, member; group (n,) and how many groups."""
     first, member = _cover(graph.start, graph.conflict)
     group, groups, whole = _grouped(first, member, len(graph))
+    # A class that is a group needs none.
     count = np.diff(first)
-    # A class that is a group needs no multiplier.
-    owner = np.repeat(np.cumsum(~whole) - 1, count)[np.repeat(~whole, count)]
-    member, count = member[np.repeat(~whole, count)], count[~whole]
+    return np.concatenate([[0], np.cumsum(count[~whole])]), member[np.repeat(~whole, count)], group, groups
+
+
+def _packed(graph: Graph, first: Ints, member: Ints, group: Ints) -> Packing:
     order = np.argsort(member, kind="stable")
     enter = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=len(graph)))])
-    first = np.concatenate([[0], np.cumsum(count)])
-    return Packing(graph.weight, graph.start, graph.conflict, first, member, enter, owner[order], group), len(count), groups
+    owner = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    return Packing(graph.weight, graph.start, graph.conflict, first, member, enter, owner[order], group)
+
+
+@njit(cache=True)
+def _violated(start: Ints, conflict: Ints, free: Mask, often: Array) -> tuple[Ints, Ints]:
+    """Classes of which more than one vertex is picked on the average, each grown greedily from one vertex: first, member."""
+    n = len(start) - 1
+    first, member = [0], [np.int64(0) for _ in range(0)]
+    mark, stamp, done = np.zeros(n, np.int64), 0, np.zeros(n, np.bool_)
+    fits = np.empty(n, np.int64)
+    value = often + 1e-9 * np.diff(start)
+    for a in np.argsort(-often, kind="mergesort"):
+        if not free[a] or often[a] < 0.01:
+            continue
+        size = 0
+        for k in range(start[a], start[a + 1]):
+            if free[conflict[k]]:
+                fits[size] = conflict[k]
+                size += 1
+        member.append(np.int64(a))
+        total, fresh = often[a], not done[a]
+        while size:
+            v = fits[0]
+            for q in range(1, size):
+                if value[fits[q]] > value[v]:
+                    v = fits[q]
+            member.append(v)
+            total += often[v]
+            fresh = fresh or (often[v] > 0.01 and not done[v])
+            stamp += 1
+            for k in range(start[v], start[v + 1]):
+                mark[conflict[k]] = stamp
+            kept = 0
+            for q in range(size):
+                if mark[fits[q]] == stamp:
+                    fits[kept] = fits[q]
+                    kept += 1
+            size = kept
+        if total > 1.03 and fresh:
+            for k in range(first[-1], len(member)):
+                done[member[k]] = True
+            first.append(len(member))
+        else:
+            while len(member) > first[-1]:
+                member.pop()
+    return np.array(first), np.array(member)
 
 
 @njit(cache=True)
@@ -304,49 +361,59 @@ def _fix(p: Any, w: Any, free: Mask, spare: float) -> None:
 
 
 @njit(cache=True)
+def _pick(p: Any, w: Any, share: float) -> None:
+    """Count what the groups pick now by its share among what they picked before."""
+    w.often[:] *= 1 - share
+    for v in w.pick:
+        if v >= 0:
+            w.often[v] += share
+
+
+@njit(cache=True)
 def _lower(p: Any, w: Any, free: Mask, y: Array, steps: int) -> bool:
     """Lower the bound by some steps of y (changed), fix what can be; whether nothing better is left."""
-    lowest, length, stalled = np.inf, 1.0, 0
+    lowest, length, stalled = _bound(p, w, free, y), FIRST, 0
     w.least[:] = y
-    w.step[:] = 0.0
+    _pick(p, w, 1.0 if w.often.sum() == 0 or steps == ROOT else 0.2)
     for t in range(steps):
-        bound = _bound(p, w, free, y)
-        if bound <= w.most[0] * (1 + EXACT):
+        if lowest <= w.most[0] * (1 + EXACT):
             return True
+        norm = 0.0
+        for c in range(len(y)):
+            s = 1.0
+            for k in range(p.first[c], p.first[c + 1]):
+                if free[p.member[k]]:
+                    s -= w.often[p.member[k]]
+            w.step[c] = s if w.least[c] > 0 or s < 0 else 0.0
+            norm += w.step[c] * w.step[c]
+        if norm < 1e-12:
+            break
+        far = length * (lowest - w.most[0]) / norm
+        for c in range(len(y)):
+            y[c] = max(0.0, w.least[c] - far * w.step[c])
+        bound = _bound(p, w, free, y)
+        _pick(p, w, MIX)
         if bound < lowest:
+            along = 0.0
+            for g in range(len(w.pick)):
+                v = w.pick[g]
+                if v >= 0:
+                    for k in range(p.enter[v], p.enter[v + 1]):
+                        along -= w.step[p.inside[k]]
+            for c in range(len(y)):
+                along += w.step[c]
+            if along > 0:
+                length *= LONGER
             lowest, stalled = bound, 0
             w.least[:] = y
         else:
             stalled += 1
             if stalled == STALL:
-                length, stalled = length / 2, 0
-                y[:] = w.least
-                w.step[:] = 0.0
-                continue
-        if t % FIX == 0:
-            _suggested(p, w, free, w.reduced if t % (2 * FIX) == 0 else w.often)
-            _fix(p, w, free, bound - w.most[0] * (1 + EXACT))
-            lowest = np.inf
-        w.often[:] *= 0.95
-        for v in w.pick:
-            if v >= 0:
-                w.often[v] += 0.05
-        norm = 0.0
-        for c in range(len(y)):
-            s = 1.0
-            for k in range(p.first[c], p.first[c + 1]):
-                v = p.member[k]
-                if w.pick[p.group[v]] == v:
-                    s -= 1.0
-            w.step[c] = s + 0.5 * w.step[c]
-            if y[c] == 0.0 and w.step[c] > 0:
-                w.step[c] = 0.0
-            norm += w.step[c] * w.step[c]
-        if norm < 1e-12:
-            break
-        far = length * (bound - w.most[0]) / norm
-        for c in range(len(y)):
-            y[c] = max(0.0, y[c] - far * w.step[c])
+                length, stalled = length * SHORT, 0
+        if t % FIX == FIX - 1:
+            _bound(p, w, free, w.least)
+            _suggested(p, w, free, w.reduced if t % (2 * FIX) == FIX - 1 else w.often)
+            _fix(p, w, free, lowest - w.most[0] * (1 + EXACT))
     y[:] = w.least
     bound = _bound(p, w, free, y)
     _suggested(p, w, free, w.often)
