@@ -1,4 +1,4 @@
-"""What holds between the leaves of track trees, compiled: who excludes whom, what a leaf costs, the best set of leaves."""
+"""What holds between the leaves of track trees, compiled: who excludes whom, what a leaf costs."""
 
 from __future__ import annotations
 
@@ -53,25 +53,39 @@ def bind(old: Bonds, parent: Ints, tree: Ints, box: Ints, place: Array, near: fl
     """The bonds of children: those of their parents (−1 for a root, which has none), and those of this tick. Columns of box are views."""
     m, V = box.shape
     conflict, together = np.zeros((m, m), np.bool_), np.zeros((m, m), np.int16)
+    seen, x, y = np.zeros(m, np.int64), place[:, 0].copy(), place[:, 1].copy()
+    for i in range(m):
+        for v in range(V):
+            if box[i, v] >= 0:
+                seen[i] |= 1 << v
+        if parent[i] >= 0:
+            for j in range(m):
+                conflict[i, j] = parent[j] >= 0 and old.conflict[parent[i], parent[j]]
+        conflict[i, i] = False
+    _exclude(tree, conflict)
+    for v in range(V):
+        _exclude(box[:, v].copy(), conflict)
     for i in range(m):
         for j in range(i + 1, m):
-            shares = tree[i] == tree[j]
-            told = False
-            for v in range(V):
-                if box[i, v] >= 0 and box[j, v] >= 0:
-                    told = True
-                    if box[i, v] == box[j, v]:
-                        shares = True
-            if parent[i] >= 0 and parent[j] >= 0 and old.conflict[parent[i], parent[j]]:
-                shares = True
-            dx, dy = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
-            if not told and dx * dx + dy * dy < near * near:
+            dx, dy = x[i] - x[j], y[i] - y[j]
+            if dx * dx + dy * dy < near * near and not seen[i] & seen[j]:
                 count = 1
                 if parent[i] >= 0 and parent[j] >= 0:
                     count += old.together[parent[i], parent[j]]
                 together[i, j] = together[j, i] = min(count, 1000)
-            conflict[i, j] = conflict[j, i] = shares
     return Bonds(conflict, together)
+
+
+@njit(cache=True)
+def _exclude(name: Ints, conflict: Mask) -> None:
+    """Those of one name, which is not below 0, exclude each other."""
+    order, first = np.argsort(name, kind="mergesort"), 0
+    for k in range(1, len(order) + 1):
+        if k == len(order) or name[order[k]] != name[order[first]]:
+            for i in order[first:k]:
+                for j in order[first:k]:
+                    conflict[i, j] |= i != j and name[i] >= 0
+            first = k
 
 
 @njit(cache=True)
@@ -91,6 +105,22 @@ def parts(conflict: Mask, rows: Ints) -> Ints:
                     size += 1
         count += 1
     return label
+
+
+@njit(cache=True)
+def among(conflict: Mask, rows: Ints) -> tuple[Ints, Ints]:
+    """The conflicts among `rows` (k,): how many each of them has, and with which others, by their place in `rows`, of one after another."""
+    degree = np.zeros(len(rows), np.int64)
+    for i in range(len(rows)):
+        for j in rows:
+            degree[i] += conflict[rows[i], j]
+    with_, k = np.empty(degree.sum(), np.int64), 0
+    for i in rows:
+        for j in range(len(rows)):
+            if conflict[i, rows[j]]:
+                with_[k] = j
+                k += 1
+    return degree, with_
 
 
 @njit(cache=True)
@@ -139,51 +169,3 @@ def leaders(tree: Ints, box: Ints, state: Array, regret: Array, most: Ints) -> M
             following[i], first[t] = first[t], i
             count[t] += 1
     return keep
-
-
-@njit(cache=True)
-def heaviest(weight: Array, conflict: Mask, first: Ints, known: Mask, nodes: int) -> tuple[Mask, bool]:
-    """The heaviest set of leaves by branch and bound over trees, one leaf of each or none, and whether it is proved to be.
-
-    Rows of tree t are first[t] to first[t + 1], the heaviest first; known (n,): a set to begin with; nodes: leaves tried at most. The bound is the
-    sum of the best leaves of the trees to come that the set so far does not exclude.
-    """
-    n, trees = len(weight), len(first) - 1
-    best, most = known.copy(), weight[known].sum()
-    blocked, taken, at, value, depth = np.zeros(n, np.int64), np.full(trees + 1, -1), first.copy(), 0.0, 0
-    for _ in range(nodes):
-        if depth < trees and taken[depth] >= 0:
-            v = taken[depth]
-            value -= weight[v]
-            blocked[conflict[v]] -= 1
-            taken[depth] = -1
-        while depth < trees and at[depth] < first[depth + 1] and blocked[at[depth]]:
-            at[depth] += 1
-        if depth == trees or at[depth] > first[depth + 1]:
-            if depth == trees and value > most + 1e-9:
-                most = value
-                best[:] = False
-                for t in range(trees):
-                    if taken[t] >= 0:
-                        best[taken[t]] = True
-            depth -= 1
-            if depth < 0:
-                return best, True
-            continue
-        if at[depth] < first[depth + 1]:
-            v = at[depth]
-            taken[depth] = v
-            value += weight[v]
-            blocked[conflict[v]] += 1
-        at[depth] += 1
-        bound = value
-        for t in range(depth + 1, trees):
-            for u in range(first[t], first[t + 1]):
-                if not blocked[u]:
-                    bound += weight[u]
-                    break
-        if bound > most + 1e-9:
-            depth += 1
-            if depth < trees:
-                at[depth] = first[depth]
-    return best, False

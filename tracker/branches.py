@@ -87,7 +87,8 @@ class Branches(NamedTuple):
 
 @njit(cache=True)
 def _look(x: Array, z: float, slope: Array, origin: Array, out: Array) -> None:
-    """Sight from origin to feet at x: out[0:3] direction, [3:6] and [6:9] tangent basis, [9:13] H row by row, [13] distance, [14] across."""
+    """Sight from origin to feet at x: out[0:3] direction, [3:6] and [6:9] tangent basis, [9:13] H row by row, [13] distance, [14] across,
+    [15] rad that a body reaches up."""
     sx, sy, sz = x[0] - origin[0], x[1] - origin[1], z - origin[2]
     d = max(math.sqrt(sx * sx + sy * sy + sz * sz), 0.2)
     ex, ey, ez = sx / d, sy / d, sz / d
@@ -99,7 +100,7 @@ def _look(x: Array, z: float, slope: Array, origin: Array, out: Array) -> None:
     out[6], out[7], out[8] = ux, uy, uz
     out[9], out[10] = ax / d, ay / d
     out[11], out[12] = (ux + uz * slope[0]) / d, (uy + uz * slope[1]) / d
-    out[13], out[14] = d, math.hypot(sx, sy)
+    out[13], out[14], out[15] = d, math.hypot(sx, sy), math.atan2(1.2, d)
 
 
 @njit(cache=True)
@@ -129,7 +130,7 @@ def _gain(r0: float, r1: float, S: tuple[float, float, float], look: Array, hidd
     lying = 0.6 if hidden else n.hidden_feet
     seen = n.certain + math.log(1 - lying) - 0.5 * (both + math.log(39.4784176 * det)) if both <= n.gate * n.gate else -np.inf
     # Feet out of sight: the lower edge is anywhere above where they must be, as far up as the body reaches.
-    body = math.atan2(1.2, look[13])
+    body = look[15]
     unseen = -np.inf
     if side <= n.gate * n.gate and -2 * math.sqrt(c) < r1 < body:
         unseen = n.certain + math.log(lying / body) - 0.5 * (side + math.log(6.28318531 * a))
@@ -137,52 +138,29 @@ def _gain(r0: float, r1: float, S: tuple[float, float, float], look: Array, hidd
 
 
 @njit(cache=True)
-def _update(x: Array, P: Array, H: Array, r: Array, R: Array, m: int) -> None:
-    """Kalman's update in Joseph form, in place: the first m rows of H (2, 2) by x, y, residual r (2,), R (2, 2)."""
-    HP = np.zeros((m, 4))
-    for i in range(m):
-        for j in range(4):
-            HP[i, j] = H[i, 0] * P[0, j] + H[i, 1] * P[1, j]
-    K = np.zeros((4, m))
-    s00 = HP[0, 0] * H[0, 0] + HP[0, 1] * H[0, 1] + R[0, 0]
-    if m == 1:
-        for j in range(4):
-            K[j, 0] = HP[0, j] / s00
-    else:
-        s01 = HP[0, 0] * H[1, 0] + HP[0, 1] * H[1, 1] + R[0, 1]
-        s11 = HP[1, 0] * H[1, 0] + HP[1, 1] * H[1, 1] + R[1, 1]
-        det = s00 * s11 - s01 * s01
-        for j in range(4):
-            K[j, 0] = (HP[0, j] * s11 - HP[1, j] * s01) / det
-            K[j, 1] = (HP[1, j] * s00 - HP[0, j] * s01) / det
-    A = np.eye(4)
+def _update(x: Array, P: Array, look: Array, r: tuple[float, float], S: tuple[float, float, float], m: int) -> None:
+    """Kalman's update, in place: of a look and what is seen in it the first m rows, residual r, its covariance S as its entries 00, 01, 11."""
+    a, b, c, d = look[9], look[10], look[11], look[12]
+    old = (
+        (P[0, 0], P[0, 1], P[0, 2], P[0, 3]), (P[1, 0], P[1, 1], P[1, 2], P[1, 3]),
+    )  # fmt: skip
+    det = S[0] * S[2] - S[1] * S[1]
     for i in range(4):
-        for k in range(m):
-            x[i] += K[i, k] * r[k]
-            A[i, 0] -= K[i, k] * H[k, 0]
-            A[i, 1] -= K[i, k] * H[k, 1]
-    new = np.zeros((4, 4))
-    AP = np.zeros((4, 4))
-    for i in range(4):
-        for j in range(4):
-            for k in range(4):
-                AP[i, j] += A[i, k] * P[k, j]
-    for i in range(4):
+        p0 = a * old[0][i] + b * old[1][i]
+        p1 = c * old[0][i] + d * old[1][i]
+        k0, k1 = p0 / S[0], 0.0
+        if m == 2:
+            k0, k1 = (p0 * S[2] - p1 * S[1]) / det, (p1 * S[0] - p0 * S[1]) / det
+        x[i] += k0 * r[0] + k1 * r[1]
         for j in range(i, 4):
-            total = 0.0
-            for k in range(4):
-                total += AP[i, k] * A[j, k]
-            for k in range(m):
-                for q in range(m):
-                    total += K[i, k] * R[k, q] * K[j, q]
-            new[i, j] = new[j, i] = total
-    P[:] = new
+            P[i, j] -= k0 * (a * old[0][j] + b * old[1][j]) + k1 * (c * old[0][j] + d * old[1][j])
+            P[j, i] = P[i, j]
 
 
 @njit(cache=True)
 def _near(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
     """Rows of the boxes of view v that leaf i may take, by its prediction alone, into `near`; how many."""
-    look = np.empty(15)
+    look = np.empty(16)
     _look(leaves.state[i], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
     S0 = _expected(look, leaves.covariance[i], n.foot_spread)
     found, worth = 0, np.empty(NEAREST)
@@ -228,7 +206,7 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
     near (V, NEAREST): boxes that it may take, −1 after the last; banned (D,): those that it must not.
     """
     B = len(beam.gain)
-    look, r, R, H = np.empty(15), np.empty(2), np.empty((2, 2)), np.empty((2, 2))
+    look = np.empty(16)
     beam.state[0], beam.covariance[0], beam.gain[0], count = leaves.state[i], leaves.covariance[i], 0.0, 1
     beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
     size = B * (NEAREST + 1)
@@ -269,17 +247,15 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
                 continue
             _look(state[b], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
             S0 = _expected(look, covariance[b], n.foot_spread)
-            _, r[0], r[1] = _residual(look, boxes.direction[d], boxes.offset[v])
+            _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
             C = boxes.covariance[d]
             S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
-            _, upright = _gain(r[0], r[1], S, look, boxes.hidden[d], n)
-            H[0, 0], H[0, 1], H[1, 0], H[1, 1] = look[9], look[10], look[11], look[12]
-            R[:] = C + n.foot_spread * n.foot_spread * (H @ H.T)
-            _update(beam.state[q], beam.covariance[q], H, r, R, 2 if upright else 1)
+            _, upright = _gain(r0, r1, S, look, boxes.hidden[d], n)
+            _update(beam.state[q], beam.covariance[q], look, (r0, r1), S, 2 if upright else 1)
             beam.box[q, v] = d
             if upright:
-                beam.residual[q, v] = r
-                beam.H[q, v] = H
+                beam.residual[q, v, 0], beam.residual[q, v, 1] = r0, r1
+                beam.H[q, v, 0, 0], beam.H[q, v, 0, 1], beam.H[q, v, 1, 0], beam.H[q, v, 1, 1] = look[9], look[10], look[11], look[12]
                 beam.S[q, v, 0, 0], beam.S[q, v, 1, 1] = S[0], S[2]
                 beam.S[q, v, 0, 1] = beam.S[q, v, 1, 0] = S[1]
         count = len(chosen)

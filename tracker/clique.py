@@ -47,7 +47,7 @@ class Graph:
         # numpy's unique is by hashing, which takes seconds on regular numbers like these.
         code = np.sort(both[:, 0] * max(len(w), 1) + both[:, 1])
         row, column = np.divmod(code[np.diff(code, prepend=-1) > 0], max(len(w), 1))
-        return _frozen(w, np.bincount(row, minlength=len(w)), column)
+        return Graph.from_rows(w, np.bincount(row, minlength=len(w)), column)
 
     @staticmethod
     def from_matrix(weight: ArrayLike, conflict: NDArray[np.bool_]) -> Graph:
@@ -58,7 +58,15 @@ class Graph:
             raise ValueError(f"conflict has shape {conflict.shape}, needs a symmetric matrix of {len(w)} rows")
         _check(w, np.repeat(np.flatnonzero(np.diagonal(conflict))[:, None], 2, axis=1))
         column = np.flatnonzero(conflict) % max(len(w), 1)
-        return _frozen(w, np.count_nonzero(conflict, axis=1), column)
+        return Graph.from_rows(w, np.count_nonzero(conflict, axis=1), column)
+
+    @staticmethod
+    def from_rows(weight: Array, degree: Ints, conflict: Ints) -> Graph:
+        """weight (n,), degree (n,): how many conflicts each vertex has, conflict: those of one vertex after another, ascending. Nothing is checked."""
+        start = np.concatenate([[0], np.cumsum(degree)]).astype(np.int64)
+        for array in (weight, start, conflict):
+            array.flags.writeable = False
+        return Graph(weight, start, conflict)
 
     @staticmethod
     def from_edges(weight: ArrayLike, edges: ArrayLike) -> Graph:
@@ -178,13 +186,6 @@ def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None 
     optima = breakout.remembered(state)
     best = np.flatnonzero(state.best)
     return Found(float(graph.weight[best].sum()), best, moves, time.perf_counter() - began, optima)
-
-
-def _frozen(weight: Array, degree: Ints, conflict: Ints) -> Graph:
-    start = np.concatenate([[0], np.cumsum(degree)]).astype(np.int64)
-    for array in (weight, start, conflict):
-        array.flags.writeable = False
-    return Graph(weight, start, conflict)
 
 
 def _check(weight: Array, pairs: Ints) -> None:

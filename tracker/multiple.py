@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from tracker import bonds, branches
@@ -163,14 +164,10 @@ class MultipleHypotheses:
         """Take the innovations of who is believed as looks at the views' own offsets; Kalman's update, widened as looks are not independent."""
         if self.parameters.offset_sigma <= 0:
             return
-        old = [int(k) for k in best if self.leaves.believed[k] and self._parent[k] >= 0]
+        old = best[self.leaves.believed[best] & (self._parent[best] >= 0)]
         for v, feet in enumerate(views):
-            for k in old:
-                residual, H, S = ways.residual[k, v], ways.H[k, v], ways.S[k, v]
-                if np.isfinite(residual[0]):
-                    offset, P = self._offset(feet.camera)
-                    K = np.linalg.solve(H @ P @ H.T + self.parameters.offset_memory * S, H @ P).T
-                    self.offsets[feet.camera] = offset + K @ residual, P - K @ H @ P
+            looks = ways.residual[old, v], ways.H[old, v], ways.S[old, v]
+            self.offsets[feet.camera] = _learnt(self._offset(feet.camera), looks, self.parameters.offset_memory)
 
     def _prune(self, chosen: Selection) -> None:
         """Drop what has ended, what was decided against n_scan ticks ago, and what is too much."""
@@ -205,6 +202,18 @@ class MultipleHypotheses:
         self.leaves, self._bonds = leaves.select(rows), Bonds(self._bonds.conflict[np.ix_(rows, rows)], self._bonds.together[np.ix_(rows, rows)])
         self.best = number[chosen.best][keep[chosen.best]]
         self.kept = [number[h][keep[h]] for h in chosen.hypotheses]
+
+
+@njit(cache=True)
+def _learnt(offset: tuple[Array, Array], looks: tuple[Array, Array, Array], memory: float) -> tuple[Array, Array]:
+    """Offset (2,) and its covariance (2, 2) after looks: residual (k, 2), NaN where there is none, H and S (k, 2, 2)."""
+    x, P = offset
+    for residual, H, S in zip(*looks):
+        if np.isfinite(residual[0]):
+            HP = H.copy() @ P
+            K = np.ascontiguousarray(np.linalg.solve(HP @ H.T + memory * S, HP).T)
+            x, P = x + K @ residual, P - K @ HP
+    return x, P
 
 
 @final

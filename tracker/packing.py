@@ -9,14 +9,14 @@ Conflicts of trackers come from trees and boxes, whose leaves are such classes, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tracker.clique import Graph, Limits, Options, Tuning, _frozen, search
+from tracker.clique import Graph, Limits, Options, Tuning, search
 from tracker.geometry import Array
 
 Ints = NDArray[np.int64]
@@ -31,7 +31,7 @@ FIX = 10
 """Steps from one look at what can be fixed, and at what the multipliers suggest, to the next."""
 DEEPEST = 200
 """Branches that lie above each other, at most."""
-SHRUNK = 0.8
+SHRUNK = 0.7
 """Share of the vertices below which what is left is a graph of its own."""
 FIRST, LONGER, SHORT, MIX = 1.0, 1.2, 0.6, 0.1
 EXACT = 1e-10
@@ -71,7 +71,7 @@ class Work(NamedTuple):
 
 @dataclass(frozen=True)
 class Effort:
-    """What a solution may cost: moves of a search before the multipliers and seed of it, branches at most of each part."""
+    """What a solution may cost: moves of a search before the multipliers (0: none) and seed of it, branches at most of each part."""
 
     moves: int = 2000
     seed: int = 0
@@ -102,7 +102,8 @@ def settled(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
 
 def _part(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
     """`settled` for a graph whose conflicts hold together: what the multipliers leave is a smaller graph, to be settled anew or branched on."""
-    known = search(graph, Limits(moves=effort.moves), effort.seed, Options(start=known, tuning=Tuning(T=10))).vertices
+    if effort.moves:
+        known = search(graph, Limits(moves=effort.moves), effort.seed, Options(start=known, tuning=Tuning(T=10))).vertices
     n = len(graph)
     first, member, group, groups = _classes(graph)
     best, most = np.zeros(n, dtype=bool), np.array([graph.weight[known].sum()])
@@ -116,17 +117,16 @@ def _part(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
         )  # fmt: skip
         if _lower(packing, work, free, y, ROOT):
             return np.flatnonzero(best), True
+        rows = np.flatnonzero(free)
+        if len(rows) < SHRUNK * n:
+            inner, proved = settled(_within(graph, rows), np.flatnonzero(best[rows]), replace(effort, moves=0))
+            return (rows[inner] if graph.weight[rows[inner]].sum() > most[0] else np.flatnonzero(best)), proved
         more, others = _violated(graph.start, graph.conflict, free, often)
         if len(more) == 1:
             break
         first, member = np.append(first, first[-1] + more[1:]), np.append(member, others)
-    rows = np.flatnonzero(free)
-    if len(rows) > SHRUNK * n:
-        proved = bool(_settle(packing, work, free, y, effort.branches))
-        return np.flatnonzero(best), proved
-    inner, proved = settled(_within(graph, rows), np.flatnonzero(best[rows]), effort)
-    found, known = rows[inner], np.flatnonzero(best)
-    return (found if graph.weight[found].sum() > most[0] else known), proved
+    proved = bool(_settle(packing, work, free, y, effort.branches))
+    return np.flatnonzero(best), proved
 
 
 def _within(graph: Graph, rows: Ints) -> Graph:
@@ -136,7 +136,7 @@ def _within(graph: Graph, rows: Ints) -> Graph:
     other = number[graph.conflict]
     both = np.repeat(number >= 0, np.diff(graph.start)) & (other >= 0)
     degree = np.add.reduceat(np.append(both, False), graph.start[:-1]) * (np.diff(graph.start) > 0)
-    return _frozen(graph.weight[rows], degree[rows], other[both])
+    return Graph.from_rows(graph.weight[rows], degree[rows], other[both])
 
 
 @njit(cache=True)

@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.bonds import Bonds, heaviest, parts
+from tracker.bonds import Bonds, among, parts
 from tracker.clique import Graph, Limits, Options, Tuning, search
 from tracker.dumping import dump
-from tracker.exact_clique import improved
 from tracker.fusion import FusionParameters
 from tracker.geometry import Array
 from tracker.leaves import Leaves, weights
 from tracker.measurements import Ints
+from tracker.packing import Effort, settled
 from tracker.trees import MotionParameters
 
 Mask = NDArray[np.bool_]
-
-NODE_ROWS = 4_000_000
-"""Rows looked at by branch and bound in one part, at most: what bounds the time of a tick."""
-BRANCH_ROWS = 200_000
-"""The same for the branch and bound by colouring that goes on from what the search found."""
-
-LONGER = 10_000
-"""Moves of a second search, where there is no proof."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +57,12 @@ class MultipleParameters:
     most_weight: float = 30.0  # weight that a tree's best leaf has at most
     k_h: int = 25  # K_H, hypotheses kept
     i_bls_max: int = 2000  # moves of the search at most
-    nodes: int = 20_000  # leaves that branch and bound tries before the search takes over
+    branches: int = 60  # of a part that is not settled without; they bound the time of a tick
     seed: int = 0  # of the searches
     graphs: Path | None = None  # where every graph that is solved is written, with the clique that was chosen
     small_graphs: bool = False  # a graph for each hypothesis of the tick before, rather than one of all leaves
     warm: bool = True  # whether the search begins with the tracks that survive, or with the heaviest
-    mended: bool = True  # whether what the search finds is proved or mended by branch and bound
+    mended: bool = True  # whether what the search finds is proved, or mended, by multipliers (tracker/packing.py)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +85,14 @@ def select(leaves: Leaves, bonds: Bonds, previous: list[Mask], parameters: Multi
     np.fill_diagonal(conflict, False)
     if not q.small_graphs or not previous:
         start = previous[0] if previous else np.zeros(len(leaves), dtype=bool)
-        found = _by_part(Problem(weight, conflict, leaves.tree, start, seed), np.flatnonzero(usable), q)
-        return Selection(found, [found], conflict)
+        found = _optima(Problem(weight, conflict, start, seed), np.flatnonzero(usable), replace(q, k_h=1), {})
+        return Selection(found[0], found, conflict)
     young = usable & ~leaves.believed
     sets: dict[bytes, tuple[float, Ints]] = {}
     solved: Solved = {}
     for k, children in enumerate(previous):
         rows = np.flatnonzero(young | (usable & children))
-        for rows_found in _optima(Problem(weight, conflict, leaves.tree, children, seed + 1000 * k), rows, q, solved):
+        for rows_found in _optima(Problem(weight, conflict, children, seed + 1000 * k), rows, q, solved):
             sets.setdefault(rows_found.tobytes(), (float(weight[rows_found].sum()), rows_found))
     ranked = [rows for _, rows in sorted(sets.values(), key=lambda s: -s[0])][: q.k_h]
     return Selection(ranked[0], ranked, conflict)
@@ -119,74 +111,25 @@ Solved = dict[bytes, tuple[Array, list[Ints]]]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """weight (n,), conflict (n, n), tree (n,) of the leaves, start (n,): where to begin; seed of the search."""
+    """weight (n,), conflict (n, n) of the leaves, start (n,): where to begin; seed of the search."""
 
     weight: Array
     conflict: Mask
-    tree: Ints
     start: Mask
     seed: int
-
-
-def _by_part(p: Problem, rows: Ints, q: MultipleParameters) -> Ints:
-    """The heaviest set, part by part; proved where branch and bound goes that far, and else a search, mended."""
-    chosen = [np.zeros(0, dtype=np.int64)]
-    for part in _parts(p.conflict, rows):
-        inner, weight = p.conflict[np.ix_(part, part)], p.weight[part]
-        if inner.sum() == len(part) * (len(part) - 1):
-            chosen.append(part[[np.argmax(weight)]])
-            continue
-        part = _in_order(p, part)
-        inner, weight = p.conflict[np.ix_(part, part)], p.weight[part]
-        known = np.zeros(len(part), dtype=bool)
-        known[survivors(weight, inner, p.start[part] & q.warm)] = True
-        best, proved = _bounded(p, (part, inner), known, q) if q.mended else (known, False)
-        if not proved:
-            graph = Graph.from_matrix(weight, inner)
-            found = search(graph, Limits(moves=_moves(graph, q)), p.seed, Options(start=_begin(best, q), tuning=Tuning(T=10))).vertices
-            best = np.isin(np.arange(len(part)), _mended(graph, found, p.seed) if q.mended else found)
-        if q.graphs is not None:
-            dump(q.graphs, f"{p.seed:08d}-{part.min()}", Graph.from_matrix(weight, inner), np.flatnonzero(best))
-        chosen.append(part[best])
-    return np.sort(np.concatenate(chosen))
-
-
-def _mended(graph: Graph, found: Ints, seed: int) -> Ints:
-    """What branch and bound makes of a clique, and where that ends without a proof a longer search that is patient before its strongest jump."""
-    better, proved = improved(graph, found, BRANCH_ROWS // len(graph))
-    return better if proved else search(graph, Limits(moves=LONGER), seed + 1, Options(start=better)).vertices
-
-
-def _in_order(p: Problem, part: Ints) -> Ints:
-    """By trees, the heaviest of a tree first: what branch and bound needs."""
-    return part[np.lexsort((-p.weight[part], p.tree[part]))]
-
-
-def _bounded(p: Problem, part: tuple[Ints, Mask], known: Mask, q: MultipleParameters) -> tuple[Mask, bool]:
-    """Branch and bound over the trees of a part (its rows in order, and their conflicts) from a known set; and whether the result is proved."""
-    rows, inner = part
-    tree = p.tree[rows]
-    first = np.append(np.flatnonzero(np.concatenate([[True], tree[1:] != tree[:-1]])), len(tree))
-    return heaviest(p.weight[rows], inner, first, known, min(q.nodes, NODE_ROWS // len(rows)))
 
 
 def _moves(graph: Graph, q: MultipleParameters) -> int:
     return min(max(10 * graph.edges, 200), q.i_bls_max)
 
 
-def _begin(known: Mask, q: MultipleParameters) -> Ints | None:
-    """Where a search begins; nowhere, so that it begins by weight, where it shall know nothing."""
-    return np.flatnonzero(known) if q.warm or q.mended else None
-
-
-def survivors(weight: Array, conflict: Mask, start: Mask) -> Ints:
-    """Rows of a set to begin with: the heaviest of `start` that go together, then the heaviest of the others that do."""
-    free, out = np.ones(len(weight), dtype=bool), []
-    for k in np.lexsort((-weight, ~start)):
+def survivors(graph: Graph, start: Mask) -> Ints:
+    """Vertices to begin with: the heaviest of `start` (n,) that go together, then the heaviest of the others that do."""
+    free, out = np.ones(len(graph), dtype=bool), []
+    for k in np.lexsort((-graph.weight, ~start)):
         if free[k]:
             out.append(k)
-            free &= ~conflict[k]
-            free[k] = False
+            free[graph.conflict[graph.start[k] : graph.start[k + 1]]] = False
     return np.array(out, dtype=np.int64)
 
 
@@ -208,20 +151,20 @@ def _optima(p: Problem, rows: Ints, q: MultipleParameters, solved: Solved) -> li
 
 
 def _of_part(p: Problem, part: Ints, q: MultipleParameters) -> tuple[Array, list[Ints]]:
-    """Weights and rows of the local optima of one search in a part, at most K_H, the best first; that one is mended by branch and bound."""
-    weight, inner = p.weight[part], p.conflict[np.ix_(part, part)]
-    if inner.sum() == len(part) * (len(part) - 1):
+    """Weights and rows of the local optima of one search in a part, at most K_H, the best first; that one is proved or mended."""
+    weight = p.weight[part]
+    graph = Graph.from_rows(weight, *among(p.conflict, part))
+    if not graph.edges:
         order = np.argsort(-weight, kind="stable")[: q.k_h]
         return weight[order], [part[[k]] for k in order]
-    part = _in_order(p, part)
-    weight, inner = p.weight[part], p.conflict[np.ix_(part, part)]
-    graph = Graph.from_matrix(weight, inner)
-    start = survivors(weight, inner, p.start[part]) if q.warm else None
-    found = search(graph, Limits(moves=_moves(graph, q)), p.seed, Options(keep=q.k_h, start=start, tuning=Tuning(T=10)))
-    optima = [best for _, best in found.optima] or [found.vertices]
-    if q.mended:
-        best, proved = _bounded(p, (part, inner), np.isin(np.arange(len(part)), optima[0]), q)
-        better = np.flatnonzero(best) if proved else improved(graph, np.flatnonzero(best), BRANCH_ROWS // len(part))[0]
+    start = survivors(graph, p.start[part]) if q.warm else None
+    if q.mended and q.k_h == 1:
+        best, _ = settled(graph, np.zeros(0, dtype=np.int64) if start is None else start, Effort(_moves(graph, q), p.seed, q.branches))
+        optima = [best]
+    else:
+        found = search(graph, Limits(moves=_moves(graph, q)), p.seed, Options(keep=q.k_h, start=start, tuning=Tuning(T=10)))
+        optima = [best for _, best in found.optima] or [found.vertices]
+        better = settled(graph, optima[0], Effort(0, p.seed, q.branches))[0] if q.mended else optima[0]
         if weight[better].sum() > weight[optima[0]].sum() + 1e-9:
             optima = [better, *optima][: q.k_h]
     if q.graphs is not None:
