@@ -62,7 +62,7 @@ class Graph:
 
     @staticmethod
     def from_rows(weight: Array, degree: Ints, conflict: Ints) -> Graph:
-        """weight (n,), degree (n,): how many conflicts each vertex has, conflict: those of one vertex after another, ascending. Nothing is checked."""
+        """weight (n,), degree (n,): how many conflicts each vertex has; conflict: those of one after another, ascending. Nothing is checked."""
         start = np.concatenate([[0], np.cumsum(degree)]).astype(np.int64)
         for array in (weight, start, conflict):
             array.flags.writeable = False

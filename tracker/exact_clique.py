@@ -1,4 +1,4 @@
-"""The heaviest clique of a small graph, proved: branch and bound with a bound by weighted colouring, on bitsets.
+"""The heaviest clique of a small graph, proved: by tracker/packing.py, else by branch and bound with a bound by weighted colouring, on bitsets.
 
 Vertices that are pairwise in conflict form a class, of which a clique holds one at most: so no clique weighs more than the sum of the classes'
 heaviest (Kumlander 2004, On importance of a special sorting in the maximum-weight clique algorithm; bitsets as in San Segundo et al. 2011).
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tracker.clique import Found, Graph
 from tracker.geometry import Array
+from tracker.packing import Effort, settled
 
 Words = NDArray[np.uint64]
 LARGEST = 2000
@@ -26,7 +27,7 @@ for _k in range(64):
 
 
 def exact(graph: Graph, seconds: float = 60.0) -> Found:
-    """The heaviest clique, proved; `moves` counts the branches.
+    """The heaviest clique, proved; `moves` counts the branches by colouring.
 
     Raises ValueError for a graph of more than LARGEST vertices, or where the proof is not done after that many seconds.
     """
@@ -34,28 +35,19 @@ def exact(graph: Graph, seconds: float = 60.0) -> Found:
     if n > LARGEST:
         raise ValueError(f"graph has {n} vertices, an exact solution needs at most {LARGEST}")
     began = time.perf_counter()
+    known, proved = settled(graph, np.zeros(0, dtype=np.int64), Effort())
+    weight = float(graph.weight[known].sum())
+    if proved:
+        return Found(weight, known, 0, time.perf_counter() - began, ((weight, known),))
     state, order = _started(graph)
+    state[6][np.argsort(order)[known]] = True
+    state[8][0] = weight
     while not _branch(state, 200_000):
         if time.perf_counter() - began > seconds:
             raise ValueError(f"no proof after {seconds} s; breakout local search has no such limit")
     best = np.sort(order[np.flatnonzero(state[6])])
     weight = float(graph.weight[best].sum())
     return Found(weight, best, int(state[7][1]), time.perf_counter() - began, ((weight, best),))
-
-
-def improved(graph: Graph, known: NDArray[np.int64], branches: int) -> tuple[NDArray[np.int64], bool]:
-    """The heaviest clique that so many branches find, at least as heavy as the clique `known`, and whether it is proved to be the heaviest.
-
-    The same graph, clique and number give the same result. A graph of more than LARGEST vertices is not looked at.
-    """
-    if len(graph) > LARGEST:
-        return known, False
-    state, order = _started(graph)
-    rank = np.argsort(order)
-    state[6][rank[known]] = True
-    state[8][0] = graph.weight[known].sum()
-    over = bool(_branch(state, branches))
-    return np.sort(order[np.flatnonzero(state[6])]), over
 
 
 def _started(graph: Graph) -> tuple[tuple[Any, ...], NDArray[np.int64]]:

@@ -208,10 +208,11 @@ class MultipleHypotheses:
 def _learnt(offset: tuple[Array, Array], looks: tuple[Array, Array, Array], memory: float) -> tuple[Array, Array]:
     """Offset (2,) and its covariance (2, 2) after looks: residual (k, 2), NaN where there is none, H and S (k, 2, 2)."""
     x, P = offset
-    for residual, H, S in zip(*looks):
+    for k in range(len(looks[0])):
+        residual, H, S = looks[0][k], looks[1][k], looks[2][k]
         if np.isfinite(residual[0]):
-            HP = H.copy() @ P
-            K = np.ascontiguousarray(np.linalg.solve(HP @ H.T + memory * S, HP).T)
+            HP = H @ P
+            K = np.linalg.solve(HP @ H.T.copy() + memory * S, HP).T.copy()
             x, P = x + K @ residual, P - K @ HP
     return x, P
 

@@ -1,44 +1,29 @@
-"""The best set of leaves by branch and bound against all sets, and the cost of holding a leaf."""
-
-from itertools import product
+"""Who excludes whom, and the cost of holding a leaf."""
 
 import numpy as np
-import pytest
 
-from tracker.bonds import heaviest, leaders, parts, regrets
-
-
-def problem(rng: np.random.Generator, trees: int, leaves: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights, conflicts and trees; within a tree the heaviest comes first."""
-    tree = np.repeat(np.arange(trees), leaves)
-    weight = -np.sort(-rng.uniform(1, 10, (trees, leaves)), axis=1).ravel()
-    conflict = rng.random((len(tree), len(tree))) < 0.4
-    conflict = conflict | conflict.T | (tree[:, None] == tree[None, :])
-    np.fill_diagonal(conflict, False)
-    return weight, conflict, tree
+from tracker.bonds import Bonds, among, bind, leaders, parts, regrets
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_branch_and_bound_finds_the_heaviest_set(seed: int) -> None:
-    weight, conflict, _ = problem(np.random.default_rng(seed), 5, 3)
-    best, proved = heaviest(weight, conflict, np.arange(0, 16, 3), np.zeros(15, dtype=bool), 100_000)
-    assert proved
-    assert not conflict[np.ix_(best, best)].any()
-    most = 0.0
-    for choice in product(range(4), repeat=5):
-        rows = [3 * t + k for t, k in enumerate(choice) if k < 3]
-        if not conflict[np.ix_(rows, rows)].any():
-            most = max(most, float(weight[rows].sum()))
-    assert weight[best].sum() == pytest.approx(most)
+def test_the_conflicts_among_some_rows() -> None:
+    conflict = np.zeros((5, 5), dtype=bool)
+    for a, b in ((0, 3), (3, 4), (1, 2)):
+        conflict[a, b] = conflict[b, a] = True
+    degree, others = among(conflict, np.array([0, 3, 4]))
+    assert degree.tolist() == [1, 2, 1]
+    assert others.tolist() == [1, 0, 2, 1]
 
 
-def test_a_cap_leaves_what_was_known() -> None:
-    weight, conflict, _ = problem(np.random.default_rng(0), 5, 3)
-    known = np.zeros(15, dtype=bool)
-    known[4] = True
-    best, proved = heaviest(weight, conflict, np.arange(0, 16, 3), known, 1)
-    assert not proved
-    np.testing.assert_array_equal(best, known)
+def test_bonds_of_children() -> None:
+    """Four leaves of trees 1, 1, 2, 3 before two views: the first two share a tree, the second and third a box, and the fourth inherits what its
+    parent had against the third's; the third and fourth are near and no view told them apart, as were their parents for two ticks."""
+    old = Bonds(np.array([[False, True], [True, False]]), np.array([[0, 2], [2, 0]], dtype=np.int16))
+    box, place = np.array([[0, -1], [1, -1], [1, -1], [-1, 2]]), np.array([[0.0, 0], [5.0, 0], [9.0, 0], [9.5, 0]])
+    bonds = bind(old, np.array([-1, -1, 0, 1]), np.array([1, 1, 2, 3]), box, place, 1.0)
+    assert np.argwhere(np.triu(bonds.conflict)).tolist() == [[0, 1], [1, 2], [2, 3]]
+    assert np.argwhere(np.triu(bonds.together)).tolist() == [[2, 3]]
+    assert bonds.together[2, 3] == 3
+    np.testing.assert_array_equal(bonds.conflict, bonds.conflict.T)
 
 
 def test_regret_is_what_a_leaf_costs_the_best() -> None:
