@@ -35,7 +35,7 @@ def exact(graph: Graph, seconds: float = 60.0) -> Found:
     if n > LARGEST:
         raise ValueError(f"graph has {n} vertices, an exact solution needs at most {LARGEST}")
     began = time.perf_counter()
-    known, proved = settled(graph, np.zeros(0, dtype=np.int64), Effort())
+    known, proved = settled(graph, np.zeros(0, dtype=np.int64), Effort(branches=0))
     weight = float(graph.weight[known].sum())
     if proved:
         return Found(weight, known, 0, time.perf_counter() - began, ((weight, known),))

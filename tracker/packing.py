@@ -3,8 +3,8 @@
 Every conflict lies in a class of vertices that all exclude each other, and a clique holds one vertex of a class at most: a linear program over the
 classes bounds its weight. Vertices that another dominates are left out first, and parts that no conflict joins are solved by themselves. The bound
 is lowered by multipliers (tracker/multipliers.py); classes of which more than one vertex is picked on the average are added; what the bound shows to
-be in no better clique, or in every one, is fixed. What is left is a smaller graph, to be settled anew, or is branched on. The conflicts of trackers
-come from trees and boxes, whose leaves are such classes, and that program is nearly integral.
+be in no better clique, or in every one, is fixed. What is left is a smaller graph, to be settled anew, or is branched on; where that does not end,
+HiGHS is asked. The conflicts of trackers come from trees and boxes, whose leaves are such classes, and that program is nearly integral.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_array
 
 from tracker.clique import Graph, Limits, Options, Tuning, search
 from tracker.covering import cover, dominated, grouped, labels, violated
@@ -28,7 +30,8 @@ SHRUNK = 0.7
 
 @dataclass(frozen=True)
 class Effort:
-    """What a solution may cost: moves of a search before the multipliers (0: none) and seed of it, branches at most of each part."""
+    """What a solution may cost: moves of a search before the multipliers (0: none) and seed of it, branches, and nodes of HiGHS, at most of each
+    part (0: neither)."""
 
     moves: int = 2000
     seed: int = 0
@@ -82,8 +85,23 @@ def _part(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
         if len(more) == 1:
             break
         first, member = np.append(first, first[-1] + more[1:]), np.append(member, others)
-    proved = bool(settle(packing, work, free, y, effort.branches))
-    return np.flatnonzero(best), proved
+    if settle(packing, work, free, y, effort.branches):
+        return np.flatnonzero(best), True
+    if not effort.branches:
+        return np.flatnonzero(best), False
+    found, proved = _programmed(graph, effort.branches)
+    return (found if graph.weight[found].sum() > most[0] else np.flatnonzero(best)), proved
+
+
+def _programmed(graph: Graph, nodes: int) -> tuple[Ints, bool]:
+    """The clique that HiGHS finds by integer programming in so many nodes, none where it finds none, and whether it is proved to be the heaviest."""
+    first, member = cover(graph.start, graph.conflict)
+    classes = csr_array((np.ones(len(member)), member, first), shape=(len(first) - 1, len(graph)))
+    options = {"mip_rel_gap": 0.0, "node_limit": nodes}
+    limits = LinearConstraint(classes, -np.inf, 1)
+    answer = milp(-graph.weight, constraints=limits, bounds=Bounds(0, 1), integrality=np.ones(len(graph)), options=options)
+    found = np.flatnonzero(answer.x > 0.5) if answer.x is not None else np.zeros(0, dtype=np.int64)
+    return found, answer.status == 0
 
 
 def _within(graph: Graph, rows: Ints) -> Graph:

@@ -57,7 +57,7 @@ class MultipleParameters:
     most_weight: float = 30.0  # weight that a tree's best leaf has at most
     k_h: int = 25  # K_H, hypotheses kept
     i_bls_max: int = 2000  # moves of the search at most
-    branches: int = 60  # of a part that is not settled without; they bound the time of a tick
+    branches: int = 20  # of a part that is not settled without; they bound the time of a tick
     seed: int = 0  # of the searches
     graphs: Path | None = None  # where every graph that is solved is written, with the clique that was chosen
     small_graphs: bool = False  # a graph for each hypothesis of the tick before, rather than one of all leaves
