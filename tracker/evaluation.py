@@ -10,6 +10,7 @@ import numpy as np
 
 from tracker.clearmot import score, score_boxes
 from tracker.comparison import Frame, Mask
+from tracker.cramer_rao import surveyed
 from tracker.formats.motchallenge import read_mot15
 from tracker.geometry import Pose
 from tracker.measurements import Truth
@@ -66,6 +67,20 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
         each = {robot: score.to_dict() for robot, score in score_each(robots, told, results.covariances).items()}
         out["robots"] = score_robots(robots, told, results.covariances).to_dict() | {"each": each}
         out["dead_reckoning"] = score_robots(robots, dead_reckoning(sequence)).to_dict()
+    return out
+
+
+def efficiency(sequence: Sequence, results: Results) -> dict[str, float | None]:
+    """bound_m, the Cramér-Rao bound of the robots' places (cramer_rao.surveyed says of what), and `efficiency`, ATE over it; None where there is no
+    map, or a start was not told. It takes about as long as the filter did.
+    """
+    out: dict[str, float | None] = {"bound_m": None, "efficiency": None}
+    if sequence.truth is None or results.survey is None or results.run.get("unknown_start"):
+        return out
+    bound = surveyed(sequence.setup, [t.T_world_robot for t in sequence.truth], sequence.ticks.odometry(), results.survey)
+    if bound:
+        moving = {robot: [t.T_world_robot[robot] for t in sequence.truth] for robot in results.poses if robot in sequence.truth[0].T_world_robot}
+        out = {"bound_m": bound, "efficiency": score_robots(moving, results.poses).ate_m / bound}
     return out
 
 
@@ -133,4 +148,6 @@ def _of_robots(team: dict[str, Any], reckoned: dict[str, Any], number: Callable[
         out.append(f"{name[:12]:13}" + "".join(f"{cell:9}" for cell in cells) + number(r["nees_per_dof"], 2))
     band = f" ({team['nees_low']:.2f} to {team['nees_high']:.2f} in 95 % of honest runs)" if team["nees_low"] is not None else ""
     out[1] += band
+    if team.get("efficiency"):
+        out.append(f"{'':13}{number(team['bound_m'])} m  Cramér-Rao bound of the same sightings; ATE over it (efficiency) {team['efficiency']:.2f}")
     return [*out, f"{'':13}{number(reckoned['ate_m'])} m  by dead reckoning"]

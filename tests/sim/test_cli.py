@@ -102,7 +102,7 @@ def test_track_then_score_and_reuse(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     scores = json.loads(done.stdout)
     assert set(scores["targets"]) == set(TARGET_KEYS.split())
-    assert set(scores["robots"]) == {*MEASURES, "nees_low", "nees_high", "each"}
+    assert set(scores["robots"]) == {*MEASURES, "nees_low", "nees_high", "each", "bound_m", "efficiency"}
     assert set(scores["robots"]["each"]["robot_0"]) == {*MEASURES, "nees_low", "nees_high"}
     stamp = (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns
     assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
