@@ -101,7 +101,7 @@ def limits(first: Finding) -> str:
     charted = [(row.scores["map_aligned_m"], row.scores["map_complete"], row.scores["map_ghosts"]) for row in rows if row.scores.get("map_aligned_m")]
     if charted:
         off, share, ghosts = (mean_interval(list(values)) for values in zip(*charted, strict=True))
-        said.append(f"Landmarks are {off.text()} m off; {100 * share.mean:.0f} % of those to be had are mapped, ghosts are {100 * ghosts.mean:.0f} %.")
+        said.append(f"Landmarks are {off.text()} m off; {100 * share.mean:.0f} % of those to be had are there, ghosts are {100 * ghosts.mean:.0f} %.")
     places = [(row.scores["motp_m"], row.limits["target_bound_m"]) for row in rows if "motp_m" in row.scores and "target_bound_m" in row.limits]
     if places:
         off, bound = (mean_interval(list(values)) for values in zip(*places, strict=True))
