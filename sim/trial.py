@@ -17,6 +17,7 @@ from sim.footage import Footage, filmed
 from sim.landmarks import map_score
 from sim.record import versions
 from sim.stress import Case
+from tracker.cartography import MapScore
 from tracker.clearmot import score
 from tracker.comparison import Frame
 from tracker.evaluation import evaluate, who_counts
@@ -117,8 +118,8 @@ def run(trial: Trial) -> dict[str, Any]:
         results = contender.results_of(footage.told, footage.ticks, (case.id, case.scenario.seed), graphs)
         reachable = limits.limits(footage, graphs, results.survey)
     scores = scored(footage, results)
-    if scores["ate_m"] is not None and reachable.get("ate_bound_m"):
-        scores["efficiency"] = scores["ate_m"] / reachable["ate_bound_m"]
+    known = scores["ate_m"] is not None and reachable.get("ate_bound_m")
+    scores["efficiency"] = scores["ate_m"] / reachable["ate_bound_m"] if known else None
     evidence = causes.gather(footage, results)
     mistakes = causes.mistakes(evidence)
     climbed = ladder.climb(footage, contender) if trial.climbs else None
@@ -144,8 +145,7 @@ def scored(footage: Footage, results: Results) -> dict[str, Any]:
         targets, everybody, robots, reckoned = _people(footage, results, True), _people(footage, results, False), {}, {}
     out = {name: targets[name] for name in TARGETS}
     out |= {"mota_all": everybody["mota"], "ate_m": robots.get("ate_m"), "dead_reckoning_m": reckoned.get("ate_m")}
-    mapped = map_score(footage, results)
-    return out | {name: robots.get(name) for name in ROBOTS} | (mapped.to_dict() if mapped else {})
+    return out | {name: robots.get(name) for name in ROBOTS} | (map_score(footage, results) or MapScore()).to_dict()
 
 
 def _people(footage: Footage, results: Results, by_count: bool) -> dict[str, Any]:
