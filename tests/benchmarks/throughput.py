@@ -40,13 +40,14 @@ def per_frame(landmarks: int, robots: int) -> float:
     mounts = {f"c{i}": Mount(CAMERA, Pose.identity(), f"r{i}") for i in range(robots)}
     setup = Setup(mounts, Flat(0.0), {f"r{i}": Start(pose, NOISE) for i, pose in enumerate(poses)}, 0.2)
     slam = Slam(setup, SlamParameters(capacity=landmarks + 16))
-    spent = []
+    spent, given = [], 0
     for k in range(FRAMES + 1):
         poses = [pose @ STEP for pose in poses]
         # The first frame takes the robots in, then the map is there.
         seen = rng.choice(landmarks, (robots, SEEN)) if k else np.zeros((robots, 0), dtype=np.int64)
         views = tuple(_view(f"c{i}", pose, points[np.unique(seen[i])], looks[np.unique(seen[i])], rng) for i, pose in enumerate(poses))
         tick = Tick(k, 0.2 * k, views)
+        given += sum(len(v.sightings) for v in views if v.sightings is not None)
         began = time.process_time()
         slam.step(tick)
         spent.append(1000 * (time.process_time() - began))
@@ -56,7 +57,7 @@ def per_frame(landmarks: int, robots: int) -> float:
                 joint.add(point + PLACED * rng.normal(size=3), np.zeros(0, dtype=np.intp), np.zeros((3, 0)), np.eye(3) * PLACED**2)
                 book.add(-1, looks[n], n % robots, 0, 10)
     assert len(slam.landmarks()) >= landmarks
-    assert slam.counters["matched"] > 0.8 * FRAMES * robots * SEEN * min(1.0, landmarks / SEEN / 3)
+    assert slam.counters["matched"] + slam.counters.get("on a robot", 0) > 0.9 * given
     return float(np.median(spent[1:]))
 
 
