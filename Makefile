@@ -26,7 +26,7 @@ test-all: .venv/installed-test gl
 # Peers of the benchmarks, without what they would drag in (jupedsim: PySide6 and VTK).
 bench: .venv/installed-test gl
 	$(BIN)/pip install -q --disable-pip-version-check --no-deps jupedsim pysocialforce py360convert shapely deprecated wrapt toml
-	$(BIN)/pip install -q --disable-pip-version-check networkx ortools imageio
+	$(BIN)/pip install -q --disable-pip-version-check networkx ortools imageio gtsam
 	$(BIN)/python -m tests.benchmarks
 
 lint: .venv/installed-test

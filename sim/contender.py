@@ -16,7 +16,7 @@ from tracker.formats.motchallenge import read_mot15
 from tracker.geometry import Array, Pose
 from tracker.measurements import Estimate, Setup, Tick
 from tracker.pipeline import Parameters, track
-from tracker.results import Results
+from tracker.results import Results, surveyed
 from tracker.selection import MultipleParameters
 from tracker.slam import SlamParameters
 
@@ -82,7 +82,7 @@ def gathered(estimates: list[Estimate], setup: Setup) -> Results:
     tracks = {e.index: (e.target_id, e.position) for e in estimates}
     poses: dict[str, list[Pose | None]] = {robot: [e.T_world_robot[robot] for e in estimates] for robot in moving}
     covariances: dict[str, list[Array | None]] = {robot: [e.robot_covariance[robot] for e in estimates] for robot in moving}
-    return Results(len(estimates), tracks, poses, covariances, run={})
+    return Results(len(estimates), tracks, poses, covariances, {}, surveyed(estimates))
 
 
 def parameters_of(options: dict[str, Any]) -> Parameters:

@@ -14,27 +14,28 @@ import numpy as np
 
 from sim import cliques
 from sim.footage import Footage
+from sim.landmarks import whose
 from sim.target_limits import target_bound
 from tracker.bearings import Sight, jacobians
+from tracker.cramer_rao import surveyed
 from tracker.evaluation import who_counts
 from tracker.geometry import Array, Pose, skew, tangent_basis
-from tracker.measurements import Ints, Mount, Odometry, Sightings, View
+from tracker.measurements import Mount, Odometry, Sightings, Survey, View
 
 MOMENTS = 5
 """Frames, evenly spread, at which the bound is taken; the errors of a run are the mean of squares over them."""
-SAME = np.radians(1.0)
-"""rad between a sighting and a landmark that it can be of."""
 FAINT = 1e-9
 
 
-def limits(footage: Footage, graphs: Path | None = None) -> dict[str, Any]:
+def limits(footage: Footage, graphs: Path | None = None, survey: Survey | None = None) -> dict[str, Any]:
     """visible_recall: the share of all true places at which somebody stood whom some view had shown lately: nobody can follow whom no robot sees.
-    ate_bound_m: the least mean error of the robots' places, m, where landmarks are known as such (not in pictures). target_bound_m: of people's
-    places, m, where it is known whose boxes are whose (not in real sequences). clique_gap: by what share the
-    tracker's cliques weigh less than the best, where it left its graphs in the folder `graphs`. What is not known is left out.
+    ate_bound_m: the least mean error of the robots' places, m; in pictures, where no landmark is known as such, for the sightings of a tracker's
+    `survey` (cramer_rao.surveyed). target_bound_m: of people's places, m, where it is known whose boxes are whose (not in real sequences).
+    clique_gap: by what share the tracker's cliques weigh less than the best, where it left its graphs in the folder `graphs`. What is not known is
+    left out.
     """
     out: dict[str, Any] = {"visible_recall": visible_recall(footage)}
-    if (bound := ate_bound(footage)) is not None:
+    if (bound := ate_bound(footage, survey)) is not None:
         out["ate_bound_m"] = bound
     if (bound := target_bound(footage)) is not None:
         out["target_bound_m"] = bound
@@ -50,12 +51,14 @@ def visible_recall(footage: Footage) -> float | None:
     return float(sum(int(np.sum(c)) for c in counts)) / total if total else None
 
 
-def ate_bound(footage: Footage) -> float | None:
-    """As in `limits`; None for runs without known landmarks, and where odometry is made worse than it says."""
+def ate_bound(footage: Footage, survey: Survey | None = None) -> float | None:
+    """As in `limits`; None for runs without landmarks, and where odometry is made worse than it says."""
     troubles = footage.case.troubles
     moving = [robot for robot, start in footage.setup.starts.items() if start is not None and start.covariance.any()]
-    if footage.landmarks is None or not moving or troubles.slip or troubles.kidnapped or troubles.skew:
+    if not moving or troubles.slip or troubles.kidnapped or troubles.skew:
         return None
+    if footage.landmarks is None:
+        return None if survey is None else surveyed(footage.setup, [t.T_world_robot for t in footage.truth], footage.in_memory().odometry(), survey)
     problem = _Problem(footage, moving)
     last = len(footage.ticks) - 1
     ends = sorted({round(last * k / MOMENTS) for k in range(1, MOMENTS + 1)} - {0}) or [0]
@@ -115,7 +118,7 @@ class _Problem:
 
     def _see(self, k: int, mount: Mount, seen: Sightings) -> None:
         pose = self.footage.truth[k].T_world_robot[mount.robot]
-        landmark = self._whose(pose @ mount.T_body_camera, seen)
+        landmark = whose(self.landmarks, pose @ mount.T_body_camera, seen)
         rows = np.flatnonzero(landmark >= 0)
         which = landmark[rows]
         T = mount.T_body_camera
@@ -125,18 +128,6 @@ class _Problem:
         self.J[at, at] += np.einsum("nki,nkl,nlj->ij", H, W, H)
         self.cross[at, which] += np.einsum("nki,nkl,nlj->inj", H, W, G)
         self.own[which] += np.einsum("nki,nkl,nlj->nij", G, W, G)
-
-    def _whose(self, T_world_camera: Pose, seen: Sightings) -> Ints:
-        """(n,) the landmark nearest in direction, each at most once, −1 where none is near: a sighting that strays tells nothing."""
-        way = self.landmarks - T_world_camera.translation
-        way /= np.linalg.norm(way, axis=1, keepdims=True)
-        cosine = seen.bearing @ T_world_camera.rotation.T @ way.T
-        best = cosine.argmax(axis=1)
-        good = cosine[np.arange(len(best)), best] > np.cos(SAME)
-        _, first = np.unique(best, return_index=True)
-        once = np.zeros(len(best), dtype=bool)
-        once[first] = True
-        return np.where(good & once, best, -1)
 
     def take(self, k: int) -> None:
         """The bound at a frame from all that was measured until then: landmarks taken out, and the poses of that frame left."""

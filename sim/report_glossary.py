@@ -8,6 +8,7 @@ GLOSSARY = (
     ("MOTA", "tracking accuracy. 1 is perfect; each person missed, each false one and each swapped identity counts against it; it can be below 0."),
     ("IDF1", "how much of the time people keep one identity, from 0 to 1."),
     ("ATE", "how far the robots believe to be from where they are, in metres (root mean square, without alignment)."),
+    ("Ghost", "a landmark of the map that is half a metre or more from any true one, or a second copy of one."),
     ("MOTP", "how far the people who are followed are told from where they are, in metres, on average."),
     ("Broken", f"here: a mean MOTA below {BROKEN:g}."),
     ("0.61 (0.55 to 0.67)", "a mean over seeds, and the interval that holds the true mean with 95 % confidence (Student's t)."),

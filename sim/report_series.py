@@ -30,6 +30,9 @@ MEASURES = (
     Measure("idf1", "Identities kept", "IDF1 (1 is perfect)"),
     Measure("ate_m", "Robots' places", "ATE [m] (0 is perfect)", BOUNDS, (0.0, 0.01)),
     Measure("motp_m", "People's places", "MOTP [m] (0 is perfect)", (("target_bound_m", "Cramér-Rao bound"),), (0.0, 0.1)),
+    Measure("efficiency", "Robots' places beside what is possible", "ATE over the Cramér-Rao bound (1 is perfect)", (), (0.0, 1.0)),
+    Measure("map_aligned_m", "Landmarks' places", "RMSE after alignment [m] (0 is perfect)", (), (0.0, 0.01)),
+    Measure("map_complete", "Landmarks mapped", "share of those seen often (1 is perfect)"),
     Measure("mota_all", "Everybody, seen or not", "MOTA over everybody", (("visible_recall", "limit: share seen by robots"),)),
 )
 

@@ -95,9 +95,13 @@ def limits(first: Finding) -> str:
         every = [row.scores["mota_all"] for row in rows if "mota_all" in row.scores]
         if every:
             said.append(f"Over everybody, seen or not, MOTA is {mean_interval(every).text()}.")
-    ratio = [row.scores["ate_m"] / row.limits["ate_bound_m"] for row in rows if row.limits.get("ate_bound_m") and "ate_m" in row.scores]
+    ratio = [row.scores["efficiency"] for row in rows if "efficiency" in row.scores]
     if ratio:
         said.append(f"The robots' error is {mean_interval(ratio).text(1)} times the Cramér-Rao bound.")
+    charted = [(row.scores["map_aligned_m"], row.scores["map_complete"], row.scores["map_ghosts"]) for row in rows if row.scores.get("map_aligned_m")]
+    if charted:
+        off, share, ghosts = (mean_interval(list(values)) for values in zip(*charted, strict=True))
+        said.append(f"Landmarks are {off.text()} m off; {100 * share.mean:.0f} % of those to be had are there, ghosts are {100 * ghosts.mean:.0f} %.")
     places = [(row.scores["motp_m"], row.limits["target_bound_m"]) for row in rows if "motp_m" in row.scores and "target_bound_m" in row.limits]
     if places:
         off, bound = (mean_interval(list(values)) for values in zip(*places, strict=True))

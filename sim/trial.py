@@ -14,8 +14,10 @@ import numpy as np
 from sim import causes, ladder, limits, moment_pictures, moments
 from sim.contender import Contender
 from sim.footage import Footage, filmed
+from sim.landmarks import map_score
 from sim.record import versions
 from sim.stress import Case
+from tracker.cartography import MapScore
 from tracker.clearmot import score
 from tracker.comparison import Frame
 from tracker.evaluation import evaluate, who_counts
@@ -23,6 +25,7 @@ from tracker.results import Results
 from tracker.sequence import Sequence
 
 SCHEMA = 1
+ROBOTS = ("ate_aligned_m", "rpe_m", "rpe_between_m", "nees_per_dof")
 TARGETS = ("mota", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths")
 
 
@@ -113,8 +116,10 @@ def run(trial: Trial) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as solved:
         graphs = Path(solved) if contender.solves_graphs else None
         results = contender.results_of(footage.told, footage.ticks, (case.id, case.scenario.seed), graphs)
-        reachable = limits.limits(footage, graphs)
+        reachable = limits.limits(footage, graphs, results.survey)
     scores = scored(footage, results)
+    known = scores["ate_m"] is not None and reachable.get("ate_bound_m")
+    scores["efficiency"] = scores["ate_m"] / reachable["ate_bound_m"] if known else None
     evidence = causes.gather(footage, results)
     mistakes = causes.mistakes(evidence)
     climbed = ladder.climb(footage, contender) if trial.climbs else None
@@ -139,7 +144,8 @@ def scored(footage: Footage, results: Results) -> dict[str, Any]:
     else:
         targets, everybody, robots, reckoned = _people(footage, results, True), _people(footage, results, False), {}, {}
     out = {name: targets[name] for name in TARGETS}
-    return out | {"mota_all": everybody["mota"], "ate_m": robots.get("ate_m"), "dead_reckoning_m": reckoned.get("ate_m")}
+    out |= {"mota_all": everybody["mota"], "ate_m": robots.get("ate_m"), "dead_reckoning_m": reckoned.get("ate_m")}
+    return out | {name: robots.get(name) for name in ROBOTS} | (map_score(footage, results) or MapScore()).to_dict()
 
 
 def _people(footage: Footage, results: Results, by_count: bool) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,13 @@ import numpy as np
 
 from tracker.clearmot import score, score_boxes
 from tracker.comparison import Frame, Mask
+from tracker.cramer_rao import surveyed
 from tracker.formats.motchallenge import read_mot15
 from tracker.geometry import Pose
 from tracker.measurements import Truth
 from tracker.results import Results
 from tracker.sequence import Sequence
-from tracker.trajectory import score_robots
+from tracker.trajectory import score_each, score_robots
 
 SEEN = 0.2  # visible fraction from which a person has been seen
 MEMORY = 9 / 7  # s: a person counts who was seen within this time (δ_a, 9 frames at 7 frames/s)
@@ -34,7 +36,8 @@ def who_counts(truth: tuple[Truth, ...], period: float) -> list[Mask]:
 
 
 def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
-    """Scores as JSON values: `targets`, `everybody` (nobody ignored; the same where all were seen), `robots` and `dead_reckoning` or None.
+    """Scores as JSON values: `targets`, `everybody` (nobody ignored; the same where all were seen), `robots` (with `each`, a robot's own) and
+    `dead_reckoning` or None.
 
     Raises ValueError where the sequence has no truth or the results are of another source or have fewer frames.
     """
@@ -60,8 +63,24 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
         # A robot that was told no start may have found the team late, or never.
         late = set(results.run.get("unknown_start", ())) & set(robots) - set(results.poses)
         absent: dict[str, list[Pose | None]] = {robot: [None] * results.frames for robot in late}
-        out["robots"] = score_robots(robots, results.poses | absent, results.covariances).to_dict()
+        told = results.poses | absent
+        each = {robot: score.to_dict() for robot, score in score_each(robots, told, results.covariances).items()}
+        out["robots"] = score_robots(robots, told, results.covariances).to_dict() | {"each": each}
         out["dead_reckoning"] = score_robots(robots, dead_reckoning(sequence)).to_dict()
+    return out
+
+
+def efficiency(sequence: Sequence, results: Results) -> dict[str, float | None]:
+    """bound_m, the Cramér-Rao bound of the robots' places (cramer_rao.surveyed says of what), and `efficiency`, ATE over it; None where there is no
+    map, or a start was not told. It takes about as long as the filter did.
+    """
+    out: dict[str, float | None] = {"bound_m": None, "efficiency": None}
+    if sequence.truth is None or results.survey is None or results.run.get("unknown_start"):
+        return out
+    bound = surveyed(sequence.setup, [t.T_world_robot for t in sequence.truth], sequence.ticks.odometry(), results.survey)
+    if bound:
+        moving = {robot: [t.T_world_robot[robot] for t in sequence.truth] for robot in results.poses if robot in sequence.truth[0].T_world_robot}
+        out = {"bound_m": bound, "efficiency": score_robots(moving, results.poses).ate_m / bound}
     return out
 
 
@@ -115,10 +134,20 @@ def table(scores: dict[str, Any]) -> str:
     if scores["everybody"] != t:
         lines.append(f"         MOTA over everybody, seen or not: {number(scores['everybody']['mota'])}")
     if scores["robots"]:
-        r, d = scores["robots"], scores["dead_reckoning"]
-        lines += [
-            "robots   ATE      aligned  RPE      NEES/dof",
-            f"         {number(r['ate_m'])} m  {number(r['ate_aligned_m'])} m  {number(r['rpe_m'])} m  {number(r['nees_per_dof'], 2)}",
-            f"         {number(d['ate_m'])} m  by dead reckoning",
-        ]
+        lines += _of_robots(scores["robots"], scores["dead_reckoning"], number)
     return "\n".join(lines)
+
+
+def _of_robots(team: dict[str, Any], reckoned: dict[str, Any], number: Callable[..., str]) -> list[str]:
+    """A line for the team, one a robot, and dead reckoning."""
+    metres = ("ate_m", "ate_aligned_m", "ate_yaw_m", "rpe_m", "rpe_between_m", "way_m")
+    out = [f"{'robots':13}ATE      aligned  by yaw   RPE      between  way      ATE/way  NEES/dof"]
+    for name, r in [("", team), *sorted(team["each"].items())]:
+        cells = [f"{number(r[m])} m" if r[m] is not None else "–" for m in metres]
+        cells.append("–" if r["ate_share"] is None else f"{r['ate_share']:.2%}")
+        out.append(f"{name[:12]:13}" + "".join(f"{cell:9}" for cell in cells) + number(r["nees_per_dof"], 2))
+    band = f" ({team['nees_low']:.2f} to {team['nees_high']:.2f} in 95 % of honest runs)" if team["nees_low"] is not None else ""
+    out[1] += band
+    if team.get("efficiency"):
+        out.append(f"{'':13}{number(team['bound_m'])} m  Cramér-Rao bound of the same sightings; ATE over it (efficiency) {team['efficiency']:.2f}")
+    return [*out, f"{'':13}{number(reckoned['ate_m'])} m  by dead reckoning"]

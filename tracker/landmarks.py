@@ -55,12 +55,13 @@ class Landmarks:
     """Rows 0 … count − 1 run with the landmarks of the joint state and are removed in the same way: the last takes the place.
 
     identity: a number that is never used again; subject: the given name or −1; look (capacity, robots, d): the last descriptor that each robot saw;
-    hits, missed, refused; last: the tick of the last sighting; by: the robot that had it.
+    hits, missed, refused; last: the tick of the last sighting; by: the robot that had it; when (capacity, robots): the last one of each, −1 for none.
     """
 
     def __init__(self, capacity: int, robots: int) -> None:
         self.count, self._next = 0, 0
         self.identity, self.subject, self.hits, self.missed, self.refused, self.last, self.by = np.zeros((7, capacity), dtype=np.intp)
+        self.when = np.full((capacity, robots), -1, dtype=np.intp)
         self._look = np.zeros((capacity, robots, 0), dtype=np.float32)
 
     @property
@@ -74,6 +75,8 @@ class Landmarks:
         self.count += 1
         self.identity[i], self.subject[i], self.hits[i], self.missed[i], self.refused[i] = self._next, subject, hits, 0, 0
         self.last[i], self.by[i] = tick, robot
+        self.when[i] = -1
+        self.when[i, robot] = tick
         self._look[i] = 0
         self._look[i, robot] = descriptor
         self._next += 1
@@ -86,6 +89,7 @@ class Landmarks:
         self.hits[landmarks] += 1
         self.missed[landmarks] = self.refused[landmarks] = 0
         self.last[landmarks], self.by[landmarks] = tick, robot
+        self.when[landmarks, robot] = tick
 
     def doomed(self, survival: Survival) -> Indices:
         """The landmarks to be dropped now, ascending."""
@@ -100,7 +104,7 @@ class Landmarks:
 
     def remove(self, landmark: int) -> None:
         last = self.count - 1
-        for column in (self.identity, self.subject, self.hits, self.missed, self.refused, self.last, self.by, self._look):
+        for column in (self.identity, self.subject, self.hits, self.missed, self.refused, self.last, self.by, self.when, self._look):
             column[landmark] = column[last]
         self.count = last
 

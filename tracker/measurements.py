@@ -241,11 +241,42 @@ class Setup:
 
 
 @dataclass(frozen=True, eq=False)
+class Chart:
+    """The map at one tick: identity (m,), never used again, place (m, 3) m; sighted: robot → the identities (k,) that it saw at this tick."""
+
+    identity: Ints
+    place: Array
+    sighted: dict[str, Ints]
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """The charts of a run as one: places, landmark → (3,) m where it was last believed to be; final: those in the map at the end; sighted: a frame,
+    robot → landmarks (k,) that it saw.
+    """
+
+    places: dict[int, Array]
+    final: Ints
+    sighted: tuple[dict[str, Ints], ...]
+
+    @staticmethod
+    def of(charts: list[Chart]) -> Survey:
+        """Of a chart a frame."""
+        places = {int(n): place for chart in charts for n, place in zip(chart.identity, chart.place, strict=True)}
+        return Survey(places, charts[-1].identity if charts else np.zeros(0, dtype=np.int64), tuple(chart.sighted for chart in charts))
+
+    @property
+    def map(self) -> Array:
+        """(m, 3) m: the map at the end."""
+        return np.array([self.places[int(n)] for n in self.final]).reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What the tracker believes at one tick.
 
     T_world_robot and covariance (6, 6) of its right tangent a robot; target_id (k,), never used again; position (k, 3) m on the ground;
-    covariance (k, 3, 3) m².
+    covariance (k, 3, 3) m²; chart: the map, or None where the tracker tells of none.
     """
 
     index: int
@@ -255,6 +286,7 @@ class Estimate:
     position: Array
     covariance: Array
     counters: dict[str, int] = field(default_factory=dict)
+    chart: Chart | None = None
 
     @staticmethod
     def of_robots(index: int, T_world_robot: dict[str, Pose], covariance: dict[str, Array], counters: dict[str, int]) -> Estimate:

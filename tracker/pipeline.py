@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from tracker.cameras import Camera
+from tracker.charting import chart
 from tracker.fusion import Feet, stand
 from tracker.geometry import Pose
 from tracker.hypotheses import SingleTargets, TargetParameters
@@ -87,7 +88,8 @@ class Tracker:
             feet.append(replace(stand(self.setup, view.camera, view.detections, pose, self._fusion), links=links))
             cameras.append((mount.camera, pose[0] @ mount.T_body_camera))
         placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
-        self._waiting.append(Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters)))
+        estimate = Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters))
+        self._waiting.append(replace(estimate, chart=chart(self.slam, tick.index)))
         return self._told(self._people.step(feet, cameras))
 
     def finish(self) -> Estimate | None:

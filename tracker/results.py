@@ -1,4 +1,6 @@
-"""What `track` leaves in a folder: tracks.txt (MOT15, 3-D), robots.csv, run.json. Writer and reader side by side."""
+"""What `track` leaves in a folder: tracks.txt (MOT15, 3-D), robots.csv, run.json; of robots with a map, map.csv (final: 1 where a landmark was in it
+at the end) and sightings.csv, too. Writer and reader side by side.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +16,21 @@ from tracker.atomic import new_folder
 from tracker.formats.motchallenge import read_mot15, rows_from_tracks, write_mot15
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.layout import POSE, UPPER
-from tracker.measurements import Estimate, Ints
+from tracker.measurements import Estimate, Ints, Survey
 from tracker.sequence import read_json
 from tracker.tables import read_table, write_table
 
 SCHEMA = 1
 MAX_FRAMES = 10_000_000
+MAP = {"landmark": int, "final": int, "tx": float, "ty": float, "tz": float}
+SIGHTINGS = {"frame": int, "robot": str, "landmark": int}
 ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER}
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
     """Tracks and robots of a run: frame → ids (k,) and positions (k, 3) m; robot → a pose and covariance a frame, of robots that move;
-    frames: how many there were; run: what was tracked and how, as JSON values.
+    frames: how many there were; run: what was tracked and how, as JSON values; survey: the landmarks, None where the tracker told of none.
     """
 
     frames: int
@@ -34,6 +38,7 @@ class Results:
     poses: dict[str, list[Pose | None]]
     covariances: dict[str, list[Array | None]]
     run: dict[str, Any]
+    survey: Survey | None = None
 
     @staticmethod
     def of(estimates: Iterable[Estimate], run: dict[str, Any]) -> Results:
@@ -47,7 +52,15 @@ class Results:
             {r: [e.T_world_robot.get(r) for e in listed] for r in names},
             {r: [e.robot_covariance.get(r) for e in listed] for r in names},
             run,
+            surveyed(listed),
         )
+
+
+def surveyed(estimates: list[Estimate]) -> Survey | None:
+    """What all charts tell; None where there was never a landmark."""
+    charts = [e.chart for e in estimates if e.chart is not None]
+    survey = Survey.of(charts) if len(charts) == len(estimates) else None
+    return survey if survey is not None and survey.places else None
 
 
 def write_results(folder: Path, results: Results) -> None:
@@ -61,6 +74,11 @@ def write_results(folder: Path, results: Results) -> None:
             if pose is not None and P is not None
         ]
         write_table(partial / "robots.csv", list(ROBOTS), rows)
+        if results.survey is not None:
+            final = set(results.survey.final.tolist())
+            write_table(partial / "map.csv", list(MAP), [[n, int(n in final), *place] for n, place in results.survey.places.items()])
+            seen = [[k, robot, n] for k, by in enumerate(results.survey.sighted) for robot, ids in by.items() for n in ids.tolist()]
+            write_table(partial / "sightings.csv", list(SIGHTINGS), seen)
         text = json.dumps({"schema": SCHEMA, "frames": results.frames} | results.run, indent=1, sort_keys=True)
         (partial / "run.json").write_text(text + "\n", encoding="utf-8")
 
@@ -92,4 +110,18 @@ def read_results(folder: Path) -> Results:
             P[i, j] = P[j, i] = row[f"c{i}{j}"]
         poses.setdefault(robot, [None] * frames)[k] = Pose(rotation_from_quaternion(pose[3:]), np.array(pose[:3]))
         covariances.setdefault(robot, [None] * frames)[k] = P
-    return Results(frames, tracks, poses, covariances, run)
+    return Results(frames, tracks, poses, covariances, run, _read_survey(folder, frames))
+
+
+def _read_survey(folder: Path, frames: int) -> Survey | None:
+    if not (folder / "map.csv").exists():
+        return None
+    table, seen = read_table(folder / "map.csv", MAP), read_table(folder / "sightings.csv", SIGHTINGS)
+    places = dict(zip(table["landmark"].tolist(), np.column_stack([table[c] for c in ("tx", "ty", "tz")]), strict=True))
+    listed: list[dict[str, list[int]]] = [{} for _ in range(frames)]
+    for line, (k, robot, n) in enumerate(zip(*(seen[c].tolist() for c in SIGHTINGS), strict=True), 2):
+        if not 0 <= k < frames or n not in places:
+            raise ValueError(f"{folder / 'sightings.csv'}:{line}: landmark {n} in frame {k}, needs one of map.csv and frames from 0 to {frames - 1}")
+        listed[k].setdefault(robot, []).append(n)
+    sighted = tuple({robot: np.array(ids, dtype=np.int64) for robot, ids in by.items()} for by in listed)
+    return Survey(places, table["landmark"][table["final"] == 1], sighted)

@@ -5,11 +5,13 @@ and consistency (NEES, Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from itertools import permutations
 
 import numpy as np
+from scipy.stats import chi2
 
-from tracker.geometry import Array, Pose
+from tracker.geometry import Array, Pose, rotation_z
 
 Poses = Mapping[str, Sequence[Pose | None]]
 Covariances = Mapping[str, Sequence[Array | None] | None]
@@ -17,14 +19,16 @@ Covariances = Mapping[str, Sequence[Array | None] | None]
 DEGREES_OF_FREEDOM = 6
 # An eigenvalue below this share of the largest belongs to a direction that the covariance calls certain.
 CERTAIN = 1e-12
+MEASURES = ("ate_m", "ate_aligned_m", "ate_yaw_m", "rpe_m", "rpe_between_m", "nees_per_dof", "way_m", "ate_share")
 
 
 @dataclass(frozen=True)
 class RobotScore:
     """Sums over robots and frames; `+` merges sequences and RobotScore() is neutral. Ratios are derived last, NaN where undefined.
 
-    robots: those with at least one estimated frame; frames: their estimated frames; absent: frames without an estimate. ate, ate_aligned:
-    Σ over robots of the RMSE of position, m. steps, rpe: number and Σ of squares (m²) of relative errors. nees: Σ over nees_frames.
+    robots: those with at least one estimated frame; frames: their estimated frames; absent: frames without an estimate. ate, ate_aligned,
+    ate_yaw: Σ over robots of the RMSE of position, m; way: Σ of how far they truly went, m. steps, rpe: number and Σ of squares (m²) of relative
+    errors; looks, between: the same between robots. nees: Σ over nees_frames; runs: sequences with any.
     """
 
     robots: int = 0
@@ -32,8 +36,13 @@ class RobotScore:
     absent: int = 0
     ate: float = 0.0
     ate_aligned: float = 0.0
+    ate_yaw: float = 0.0
+    way: float = 0.0
     steps: int = 0
     rpe: float = 0.0
+    looks: int = 0
+    between: float = 0.0
+    runs: int = 0
     nees_frames: int = 0
     nees: float = 0.0
 
@@ -51,6 +60,26 @@ class RobotScore:
         return self.ate_aligned / self.robots if self.robots else float("nan")
 
     @property
+    def ate_yaw_m(self) -> float:
+        """The same after a turn about the vertical and a shift of the team alone: where "up" is measured, no more of the start can be unknown."""
+        return self.ate_yaw / self.robots if self.robots else float("nan")
+
+    @property
+    def way_m(self) -> float:
+        """Mean over robots of the way from estimated frame to estimated frame, by the truth, m."""
+        return self.way / self.robots if self.robots else float("nan")
+
+    @property
+    def ate_share(self) -> float:
+        """ATE over the way; undefined for robots that stood still."""
+        return self.ate / self.way if self.way else float("nan")
+
+    @property
+    def rpe_between_m(self) -> float:
+        """RMSE over ordered pairs of robots and frames of where the one believes the other, in its own frame, m."""
+        return float(np.sqrt(self.between / self.looks)) if self.looks else float("nan")
+
+    @property
     def rpe_m(self) -> float:
         """RMSE over robots and frames of the translation of the relative pose error, m."""
         return float(np.sqrt(self.rpe / self.steps)) if self.steps else float("nan")
@@ -60,9 +89,23 @@ class RobotScore:
         """Mean of ξᵀ Σ⁻¹ ξ over robots and frames, over 6: 1 where the filter knows how wrong it is, more where it is overconfident."""
         return self.nees / (DEGREES_OF_FREEDOM * self.nees_frames) if self.nees_frames else float("nan")
 
+    @property
+    def nees_band(self) -> tuple[float, float]:
+        """Where nees_per_dof of an honest filter lies in 95 % of cases: χ² with 6 degrees of freedom a run, over as many.
+
+        Independent are runs (sequences added by `+`) and nothing else: frames follow from each other and robots share a map, so all of a run count
+        as one error. A mean of errors that hang together strays no more than one of them, so within a long run the band is rather too wide.
+        """
+        if not self.runs:
+            return float("nan"), float("nan")
+        freedom = DEGREES_OF_FREEDOM * self.runs
+        low, high = chi2.ppf([0.025, 0.975], freedom) / freedom
+        return float(low), float(high)
+
     def to_dict(self) -> dict[str, float | None]:
         """For JSON: plain numbers, None for what is undefined."""
-        values = {name: float(getattr(self, name)) for name in ("ate_m", "ate_aligned_m", "rpe_m", "nees_per_dof")}
+        values = {name: float(getattr(self, name)) for name in MEASURES}
+        values |= dict(zip(("nees_low", "nees_high"), self.nees_band, strict=True))
         return {name: None if np.isnan(value) else value for name, value in values.items()}
 
 
@@ -73,16 +116,24 @@ def score_robots(truth: Poses, estimate: Poses, covariances: Covariances | None 
     (a robot that was told where it is) has no NEES and is left out of it. delta: frames between the two ends of a relative error.
     Raises ValueError naming robot and frame: a robot without estimates, lists of other lengths, a covariance that is none.
     """
+    parts = score_each(truth, estimate, covariances, delta=delta)
+    team = sum(parts.values(), RobotScore())
+    pairs = {robot: _pairs(robot, truth[robot], estimate) for robot in sorted(truth)}
+    return replace(team + _between(pairs), runs=min(team.runs, 1))
+
+
+def score_each(truth: Poses, estimate: Poses, covariances: Covariances | None = None, *, delta: int = 1) -> dict[str, RobotScore]:
+    """As score_robots, a score a robot; the alignments are still those of the whole team."""
     if delta < 1:
         raise ValueError(f"delta is {delta} frames, needs at least 1")
-    score = RobotScore()
     pairs = {robot: _pairs(robot, truth[robot], estimate) for robot in sorted(truth)}
     wanted, given = (np.array([p[i].translation for ps in pairs.values() for p in ps.values()]).reshape(-1, 3) for i in (0, 1))
-    alignment = align(given, wanted) if len(given) else Pose.identity()
+    alignments = tuple(align(given, wanted, upright) if len(given) else Pose.identity() for upright in (False, True))
+    out = {}
     for robot, frames in pairs.items():
-        score += RobotScore(absent=len(truth[robot]) - len(frames)) + _absolute(frames, alignment) + _relative(frames, delta)
-        score += _consistency(robot, frames, (covariances or {}).get(robot), len(truth[robot]))
-    return score
+        score = RobotScore(absent=len(truth[robot]) - len(frames)) + _absolute(frames, alignments) + _relative(frames, delta)
+        out[robot] = score + _consistency(robot, frames, (covariances or {}).get(robot), len(truth[robot]))
+    return out
 
 
 Pairs = dict[int, tuple[Pose, Pose]]
@@ -98,15 +149,21 @@ def _pairs(robot: str, truth: Sequence[Pose | None], estimates: Poses) -> Pairs:
     return {k: (t, e) for k, (t, e) in enumerate(zip(truth, estimate, strict=True)) if t is not None and e is not None}
 
 
-def align(points: Array, onto: Array) -> Pose:
-    """The rigid motion that brings `points` (n, 3) nearest to `onto` (n, 3) in the mean of squares (Umeyama 1991, scale 1)."""
+def align(points: Array, onto: Array, upright: bool = False) -> Pose:
+    """The rigid motion that brings `points` (n, 3) nearest to `onto` (n, 3) in the mean of squares (Umeyama 1991, scale 1); upright: among those
+    that turn about z alone.
+    """
     middle, target = points.mean(axis=0), onto.mean(axis=0)
-    U, _, Vt = np.linalg.svd((onto - target).T @ (points - middle))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
+    M = (onto - target).T @ (points - middle)
+    if upright:
+        R = rotation_z(float(np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])))
+    else:
+        U, _, Vt = np.linalg.svd(M)
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
     return Pose(R, target - R @ middle)
 
 
-def _absolute(frames: Pairs, alignment: Pose) -> RobotScore:
+def _absolute(frames: Pairs, alignments: tuple[Pose, ...]) -> RobotScore:
     if not frames:
         return RobotScore()
     wanted, given = (np.array([pair[i].translation for pair in frames.values()]) for i in (0, 1))
@@ -114,7 +171,9 @@ def _absolute(frames: Pairs, alignment: Pose) -> RobotScore:
     def rmse(points: Array) -> float:
         return float(np.sqrt(((points - wanted) ** 2).sum(axis=1).mean()))
 
-    return RobotScore(robots=1, frames=len(frames), ate=rmse(given), ate_aligned=rmse(alignment.apply(given)))
+    aligned, yaw = (rmse(alignment.apply(given)) for alignment in alignments)
+    way = float(np.linalg.norm(np.diff(wanted, axis=0), axis=1).sum())
+    return RobotScore(robots=1, frames=len(frames), ate=rmse(given), ate_aligned=aligned, ate_yaw=yaw, way=way)
 
 
 def _relative(frames: Pairs, delta: int) -> RobotScore:
@@ -126,6 +185,16 @@ def _relative(frames: Pairs, delta: int) -> RobotScore:
             error = (true.inverse() @ true_later).inverse() @ (estimated.inverse() @ estimated_later)
             squares.append(float(error.translation @ error.translation))
     return RobotScore(steps=len(squares), rpe=sum(squares))
+
+
+def _between(pairs: Mapping[str, Pairs]) -> RobotScore:
+    """E = (T*ᵢ⁻¹ T*ⱼ)⁻¹ (Tᵢ⁻¹ Tⱼ) at a frame, its translation, for robots i ≠ j: what _relative is in time."""
+    number, total = 0, 0.0
+    for one, other in permutations(pairs.values(), 2):
+        for k in one.keys() & other.keys():
+            true, estimated = (one[k][i].inverse().apply(other[k][i].translation[None])[0] for i in (0, 1))
+            number, total = number + 1, total + float(((estimated - true) ** 2).sum())
+    return RobotScore(looks=number, between=total)
 
 
 def _consistency(robot: str, frames: Pairs, covariances: Sequence[Array | None] | None, length: int) -> RobotScore:
@@ -142,7 +211,7 @@ def _consistency(robot: str, frames: Pairs, covariances: Sequence[Array | None] 
         xi = (estimated.inverse() @ true).log()
         number += 1
         total += float(xi @ np.linalg.solve(P, xi))
-    return RobotScore(nees_frames=number, nees=total)
+    return RobotScore(nees_frames=number, nees=total, runs=min(number, 1))
 
 
 def _definite(P: Array, name: str) -> bool:

@@ -35,7 +35,7 @@ class Score:
 
     def run(self) -> None:
         from tracker import expedition, paths
-        from tracker.evaluation import evaluate, evaluate_files, table
+        from tracker.evaluation import efficiency, evaluate, evaluate_files, table
         from tracker.formats.utias import is_utias
         from tracker.results import read_results
         from tracker.sources import Choice, open_source
@@ -46,7 +46,10 @@ class Score:
             return
         if self.source and self.results and not (self.truth or self.result) and self.iou is None:
             results = read_results(self.results)
-            scores = evaluate(open_source(self.source, views_of(results.run), Choice.of_run(results.run)), results)
+            sequence = open_source(self.source, views_of(results.run), Choice.of_run(results.run))
+            scores = evaluate(sequence, results)
+            if scores["robots"]:
+                scores["robots"] |= efficiency(sequence, results)
         elif self.truth and self.result and not (self.source or self.results):
             scores = evaluate_files(self.truth, self.result, self.iou)
         else:

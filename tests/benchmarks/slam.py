@@ -96,6 +96,13 @@ class Row:
     bound: Array
     lost: int
 
+    @staticmethod
+    def of(runs: list[tuple[float, float, float]]) -> Row:
+        """From square, nees and bound of each run, NaN where it diverged."""
+        table = np.array(runs)
+        whole = np.isfinite(table).all(axis=1)
+        return Row(*table[whole].T, lost=int((~whole).sum()))
+
     @property
     def rmse(self) -> float:
         return float(np.sqrt(self.square.mean()))
@@ -132,12 +139,7 @@ def rows(level: str, offset: bool, modes: dict[str, PlanarParameters], runs: int
                 continue
             nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(P), error).mean() / 3
             found[name].append((float((error[:, :2] ** 2).sum(axis=1).mean()), float(nees), bounds[parameters.correction]))
-    out = {}
-    for name, values in found.items():
-        table = np.array(values)
-        whole = np.isfinite(table).all(axis=1)
-        out[name] = Row(*table[whole].T, lost=int((~whole).sum()))
-    return out
+    return {name: Row.of(values) for name, values in found.items()}
 
 
 def modes() -> dict[str, PlanarParameters]:
@@ -154,22 +156,28 @@ def modes() -> dict[str, PlanarParameters]:
     return {f"{name}, {'on' if on else 'off'}": replace(p, correction=on) for name, p in table.items() for on in (False, True)}
 
 
+HEAD = """| noise | filter, correction factor | RMSE, m | over its bound | NEES per degree of freedom | gain | lost |
+|---|---|---|---|---|---|---|"""
+
+
+def show(level: str, table: dict[str, Row]) -> None:
+    """Lines below HEAD; names end in ", on" or ", off", and the gain is that of the correction factor."""
+    for name, row in table.items():
+        (a, b), (c, d) = row.interval("efficiency"), row.interval("nees")
+        nees = f"{row.nees.mean():.2f} ({c:.2f}–{d:.2f})"
+        gain = f"{1 - row.rmse / table[name.replace(', on', ', off')].rmse:+.0%}" if name.endswith("on") else ""
+        cells = (level, name, f"{row.rmse:.3f}", f"{row.efficiency:.2f} ({a:.2f}–{b:.2f})", nees, gain, str(row.lost or ""))
+        print(f"| {' | '.join(cells)} |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100)
-    runs = parser.parse_args().runs
+    runs = parser.parse_known_args()[0].runs
     for offset in (False, True):
-        print(f"\n{'With' if offset else 'Without'} true offsets of ±{OFFSET[0]} rad and ±{OFFSET[1]} m, {runs} runs\n")
-        print("| noise | filter, correction factor | RMSE, m | over its bound | NEES per degree of freedom | gain | lost |")
-        print("|---|---|---|---|---|---|---|")
+        print(f"\n{'With' if offset else 'Without'} true offsets of ±{OFFSET[0]} rad and ±{OFFSET[1]} m, {runs} runs\n\n{HEAD}")
         for level in LEVELS:
-            table = rows(level, offset, modes(), runs)
-            for name, row in table.items():
-                (a, b), (c, d) = row.interval("efficiency"), row.interval("nees")
-                nees = f"{row.nees.mean():.2f} ({c:.2f}–{d:.2f})"
-                gain = f"{1 - row.rmse / table[name.replace(', on', ', off')].rmse:+.0%}" if name.endswith("on") else ""
-                cells = (level, name, f"{row.rmse:.3f}", f"{row.efficiency:.2f} ({a:.2f}–{b:.2f})", nees, gain, str(row.lost or ""))
-                print(f"| {' | '.join(cells)} |", flush=True)
+            show(level, rows(level, offset, modes(), runs))
 
 
 if __name__ == "__main__":

@@ -33,6 +33,7 @@ def row(sweep: str, k: int, value: Any, seed: int, **changes: Any) -> dict[str, 
         "scores": {
             "mota": 1 - loss, "mota_all": 0.95 - loss, "idf1": 0.98 - loss, "hota": 0.8 - loss, "motp_m": 0.08, "false_positives": false,
             "misses": misses, "switches": switches, "truths": truths, "ate_m": 0.03 + 0.001 * people + 0.1 * noise, "dead_reckoning_m": 0.2,
+            "efficiency": (0.03 + 0.001 * people + 0.1 * noise) / 0.02, "map_aligned_m": 0.04, "map_complete": 0.8, "map_ghosts": 0.1,
         },
         "limits": {"visible_recall": 1 - people / 500, "ate_bound_m": 0.02, "clique_gap": 0.0},
         "causes": {

@@ -10,6 +10,7 @@ import pytest
 
 from tests.tracker import sequences
 from tests.tracker.formats.mrclam import write_set
+from tracker.trajectory import MEASURES
 
 TARGET_KEYS = """mota motp_m motp_percent false_positives misses switches fragments mostly_tracked mostly_lost truths idf1 hota moda modp"""
 PILSIM = Path(sys.executable).parent / "pilsim"
@@ -101,7 +102,8 @@ def test_track_then_score_and_reuse(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     scores = json.loads(done.stdout)
     assert set(scores["targets"]) == set(TARGET_KEYS.split())
-    assert set(scores["robots"]) == {"ate_m", "ate_aligned_m", "rpe_m", "nees_per_dof"}
+    assert set(scores["robots"]) == {*MEASURES, "nees_low", "nees_high", "each", "bound_m", "efficiency"}
+    assert set(scores["robots"]["each"]["robot_0"]) == {*MEASURES, "nees_low", "nees_high"}
     stamp = (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns
     assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
     assert (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns == stamp

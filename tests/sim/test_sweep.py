@@ -12,8 +12,9 @@ from sim.contender import Contender
 from sim.scenario import Scenario
 from sim.stress import Case
 from sim.sweep import Force, key_of, sweep
-from sim.trial import Trial, attempted, blank
+from sim.trial import ROBOTS, Trial, attempted, blank
 from sim.worker import Worker
+from tracker.cartography import MapScore
 
 SCENARIO = Scenario(seed=1005, robots=1, people=3, frames=4, width=256)
 
@@ -29,7 +30,8 @@ def test_a_row_has_all_that_it_promises_and_is_json(tmp_path: Path) -> None:
     assert json.loads(json.dumps(row)) == row
     assert set(row) == set(blank(trial(tmp_path)))
     names = ("mota", "mota_all", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths", "ate_m", "dead_reckoning_m")
-    assert set(row["scores"]) == set(names)
+    assert set(row["scores"]) == {*names, *ROBOTS, *MapScore().to_dict(), "efficiency"}
+    assert row["scores"]["efficiency"] == pytest.approx(row["scores"]["ate_m"] / row["limits"]["ate_bound_m"])
     assert row["limits"]["visible_recall"] >= row["scores"]["mota_all"]
     assert row["limits"]["target_bound_m"] < row["scores"]["motp_m"]
     for moment in row["moments"]:

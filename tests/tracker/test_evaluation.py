@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
-from tracker.evaluation import dead_reckoning, evaluate, evaluate_files, table, who_counts
+from tracker.evaluation import dead_reckoning, efficiency, evaluate, evaluate_files, table, who_counts
 from tracker.geometry import Pose
-from tracker.measurements import Start, Truth
+from tracker.measurements import Start, Survey, Truth
 from tracker.results import Results
 from tracker.sequence import read_sequence
 
@@ -37,6 +37,15 @@ def test_perfect_results_score_one(tmp_path: Path) -> None:
     assert scores["robots"]["ate_m"] == pytest.approx(0, abs=1e-9)
     assert scores["dead_reckoning"]["ate_m"] > 0.01
     assert "MOTA" in table(scores)
+    assert efficiency(sequence, results) == {"bound_m": None, "efficiency": None}
+    # One landmark that both robots see in all frames: the bound is below what the start and dead reckoning leave, and the truth is perfect.
+    seen = {robot: np.array([3]) for robot in poses}
+    survey = Survey({3: np.array([5.0, 5.0, 1.0])}, np.array([3]), (seen,) * 3)
+    found = efficiency(sequence, replace(results, survey=survey))
+    assert found["efficiency"] == pytest.approx(0, abs=1e-9)
+    assert 0 < (found["bound_m"] or 0) < np.sqrt(0.04)
+    scores["robots"] |= {"bound_m": 0.01, "efficiency": 1.25}
+    assert "(efficiency) 1.25" in table(scores)
 
 
 def test_fixed_cameras_are_not_scored_as_robots(tmp_path: Path) -> None:

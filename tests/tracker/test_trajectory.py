@@ -11,7 +11,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tracker.geometry import Pose
-from tracker.trajectory import RobotScore, align, score_robots
+from tracker.trajectory import RobotScore, align, score_each, score_robots
+
+KEYS = ["ate_m", "ate_aligned_m", "ate_yaw_m", "rpe_m", "rpe_between_m", "nees_per_dof", "way_m", "ate_share", "nees_low", "nees_high"]
 
 
 def walk(rng: np.random.Generator, length: int = 20) -> list[Pose]:
@@ -73,6 +75,82 @@ def test_alignment_against_an_oracle() -> None:
         assert_allclose(T.apply(points).mean(axis=0), onto.mean(axis=0), atol=1e-9)
 
 
+def test_a_turn_about_the_vertical_is_aligned_away_by_yaw_and_a_tilt_is_not() -> None:
+    rng = np.random.default_rng(6)
+    truth = team(rng)
+    for T, found in ((Pose.planar(3, -2, 2.5), True), (Pose.exp([3, -2, 1, 0.3, -0.2, 2.5]), False)):
+        s = score_robots(truth, {r: [T @ p for p in poses] for r, poses in truth.items()})
+        assert (s.ate_yaw_m < 1e-9) == found
+        assert s.ate_aligned_m < 1e-9
+        assert_allclose([s.rpe_m, s.rpe_between_m], 0, atol=1e-9)
+
+
+def test_errors_between_robots_by_hand() -> None:
+    # r1 stands 3 m ahead of r0, which turns a quarter to the left in its own belief: r0 then has r1 at (0, -3) instead of (3, 0), √18 off; r1, who
+    # still looks along x, has r0 where it is. Over both ordered pairs: √(18 / 2) = 3.
+    truth = {"r0": [Pose.identity()], "r1": [Pose.planar(3, 0, 0)]}
+    s = score_robots(truth, truth | {"r0": [Pose.planar(0, 0, np.pi / 2)]})
+    assert_allclose(s.rpe_between_m, 3)
+    assert s.looks == 2
+    assert math.isnan(score_robots({"r0": truth["r0"]}, truth).rpe_between_m)
+
+
+def test_robots_scores_add_up_to_the_team() -> None:
+    # r0 goes 3 m and is 0.3 m off, r1 stands: 0.15 m of 1.5 m.
+    truth = {"r0": [Pose.planar(k, 0, 0) for k in range(4)], "r1": [Pose.identity()] * 4}
+    estimate = {"r0": [Pose.planar(k, 0.3, 0) for k in range(4)], "r1": truth["r1"]}
+    each, s = score_each(truth, estimate, {"r0": [np.eye(6)] * 4}), score_robots(truth, estimate, {"r0": [np.eye(6)] * 4})
+    assert_allclose([each["r0"].ate_m, each["r0"].way_m, each["r0"].ate_share, s.ate_m, s.way_m, s.ate_share], [0.3, 3, 0.1, 0.15, 1.5, 0.1])
+    assert math.isnan(each["r1"].ate_share)
+    assert (each["r0"].runs, each["r1"].runs, s.runs) == (1, 0, 1)
+
+
+def test_the_band_holds_what_honest_runs_give() -> None:
+    # Whole runs are one error each: of 400 means of ten such runs 95 % lie inside, ± 4 standard deviations √(0.95 · 0.05 / 400).
+    rng = np.random.default_rng(7)
+    values = rng.chisquare(6, (400, 10)).mean(axis=1) / 6
+    low, high = sum([RobotScore(nees_frames=50, runs=1)] * 10, RobotScore()).nees_band
+    assert abs(((values > low) & (values < high)).mean() - 0.95) < 4 * 0.0109
+    wide = RobotScore(nees_frames=50, runs=1).nees_band
+    assert wide[0] < low < 1 < high < wide[1]
+
+
+def test_evo_finds_the_same_of_a_team() -> None:
+    metrics, trajectory = pytest.importorskip("evo.core.metrics"), pytest.importorskip("evo.core.trajectory")
+    from evo.core.geometry import umeyama_alignment
+
+    rng = np.random.default_rng(8)
+    truth, T = team(rng), Pose.exp([3, -2, 1, 0.1, -0.2, 2.5])
+    estimate = {r: [T @ p @ Pose.exp(rng.normal(0, 0.1, 6)) for p in poses] for r, poses in truth.items()}
+    s = score_robots(truth, estimate)
+
+    def matrix(pose: Pose) -> np.ndarray:
+        return np.block([[pose.rotation, pose.translation[:, None]], [np.zeros((1, 3)), np.eye(1)]])
+
+    def path(poses: list[Pose]) -> object:
+        return trajectory.PosePath3D(poses_se3=[matrix(p) for p in poses])
+
+    def rmse(given: dict[str, np.ndarray]) -> float:
+        values = []
+        for r, moved in given.items():
+            ape = metrics.APE(metrics.PoseRelation.translation_part)
+            ape.process_data((path(truth[r]), path([Pose(np.eye(3), p) for p in moved])))
+            values.append(ape.get_statistic(metrics.StatisticsType.rmse))
+        return float(np.mean(values))
+
+    given = {r: np.array([p.translation for p in poses]) for r, poses in estimate.items()}
+    points, onto = np.concatenate(list(given.values())).T, np.array([p.translation for poses in truth.values() for p in poses]).T
+    R, t, _ = umeyama_alignment(points, onto)
+    assert_allclose(s.ate_aligned_m, rmse({r: p @ R.T + t for r, p in given.items()}))
+    flat, shift, _ = umeyama_alignment(points[:2], onto[:2])
+    yaw, lift = np.block([[flat, np.zeros((2, 1))], [np.zeros((1, 2)), np.eye(1)]]), np.append(shift, (onto - points)[2].mean())
+    assert_allclose(s.ate_yaw_m, rmse({r: p @ yaw.T + lift for r, p in given.items()}))
+    pairs = [(a, b, k) for a in truth for b in truth if a != b for k in range(len(truth[a]))]
+    ends = [[matrix(poses[r][k]) for poses in (truth, estimate) for r in (a, b)] for a, b, k in pairs]
+    errors = [metrics.RPE.rpe_base(*four)[:3, 3] for four in ends]
+    assert_allclose(s.rpe_between_m, np.sqrt((np.array(errors) ** 2).sum(axis=1).mean()))
+
+
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_alignment_of_too_few_or_collinear_points(n: int) -> None:
     points = np.outer(np.arange(n), [1.0, 2, 3])
@@ -129,13 +207,13 @@ def test_scores_add_and_nothing_is_neutral() -> None:
 
 def test_nothing_at_all_is_undefined() -> None:
     for s in (score_robots({}, {}), score_robots({"r": []}, {"r": []}), RobotScore()):
-        assert s.to_dict() == {"ate_m": None, "ate_aligned_m": None, "rpe_m": None, "nees_per_dof": None}
+        assert s.to_dict() == dict.fromkeys(KEYS)
 
 
 def test_json_types() -> None:
-    truth = {"r": [Pose.identity()] * 2}
-    d = score_robots(truth, truth, {"r": [np.eye(6)] * 2}).to_dict()
-    assert list(d) == ["ate_m", "ate_aligned_m", "rpe_m", "nees_per_dof"]
+    truth = {r: [Pose.identity(), Pose.planar(1, 0, 0)] for r in ("r", "s")}
+    d = score_robots(truth, truth, {r: [np.eye(6)] * 2 for r in truth}).to_dict()
+    assert list(d) == KEYS
     assert all(type(v) is float for v in d.values())
     json.dumps(d, allow_nan=False)
 

@@ -1,0 +1,65 @@
+"""The bound of the robots' places: two ways to it, and what a filter makes of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.footage import Footage
+from sim.landmarks import map_score
+from sim.limits import ate_bound
+from sim.scenario import Scenario
+from sim.stress import Case
+from tests.tracker.walled_room import Room, simulate
+from tracker import cramer_rao
+from tracker.measurements import Truth
+from tracker.pipeline import track
+from tracker.results import Results
+
+ROOM = Room(seed=3, robots=2, ticks=11, landmarks=40, named=True, miss=0.2)
+NOBODY = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 2)))
+
+
+@pytest.fixture(scope="module")
+def footage() -> Footage:
+    setup, ticks, poses, points = simulate(ROOM)
+    truth = tuple(Truth(tick.index, true, *NOBODY) for tick, true in zip(ticks, poses, strict=True))
+    case = Case("room/0", "room", "none", 0, Scenario())
+    return Footage(case, setup, ticks, truth, [{} for _ in ticks], setup, ticks, {}, points)
+
+
+def test_the_recursion_and_the_whole_problem_agree(footage: Footage) -> None:
+    frames = []
+    for tick, truth, odometry in zip(footage.ticks, footage.truth, footage.in_memory().odometry(), strict=True):
+        seen = {v.camera: (v.sightings.subject, v.sightings.covariance) for v in tick.views if v.sightings is not None}
+        frames.append(cramer_rao.Frame(truth.T_world_robot, odometry, seen))
+    assert footage.landmarks is not None
+    places = dict(enumerate(footage.landmarks))
+    found = cramer_rao.variances(footage.setup, frames, places)
+    # The problem takes the bound at every other frame here, and drops sightings of which it is not sure whose they are.
+    assert cramer_rao.ate_bound(found[[2, 4, 6, 8, 10]]) == pytest.approx(ate_bound(footage), rel=0.02)
+    # An offset that is estimated as well costs something.
+    more = cramer_rao.variances(footage.setup, frames, places, (0.02, 0.02, 0.02))
+    assert cramer_rao.ate_bound(more) > cramer_rao.ate_bound(found)
+
+
+def test_what_the_tracker_saw_gives_a_bound_and_a_map(footage: Footage) -> None:
+    results = Results.of(track(footage.setup, footage.ticks), {})
+    survey = results.survey
+    assert survey is not None
+    assert set(survey.final.tolist()) <= set(survey.places)
+    for tick, sighted in zip(footage.ticks, survey.sighted, strict=True):
+        for view in tick.views:
+            assert view.sightings is not None
+            assert len(sighted[footage.setup.mounts[view.camera].robot]) <= len(view.sightings)
+    poses, odometry = [t.T_world_robot for t in footage.truth], footage.in_memory().odometry()
+    bound = cramer_rao.surveyed(footage.setup, poses, odometry, survey)
+    # The same sightings of fewer landmarks, and from a start that is 0.035 m off.
+    assert bound is not None
+    assert 0.3 * (ate_bound(footage) or 0) < bound < 0.05
+    score = map_score(footage, results)
+    assert score is not None
+    d = score.to_dict()
+    assert d["map_aligned_m"] is not None
+    assert d["map_aligned_m"] < 0.3
+    assert (d["map_complete"] or 0) > 0.2
