@@ -7,7 +7,9 @@ A tick: predict by odometry, level by gravity, then robot by robot: sightings â†
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -124,6 +126,11 @@ class Slam:
     def state(self) -> State:
         """The joint state and the book of its landmarks, which go on changing with the filter."""
         return self._joint, self._map
+
+    @property
+    def team(self) -> Mapping[str, int]:
+        """The robots in the joint state, and their numbers there."""
+        return MappingProxyType(self._team)
 
     def placed(self, robot: str) -> bool:
         """Whether it is known where the robot is: no more than where its start is unknown and it has not yet joined the team."""
