@@ -28,7 +28,7 @@ class FusionParameters:
     foot_spread: float = 0.25  # m, the lowest point of a walking body strays this far from the ground under its middle
     reach: float = 60.0  # m, feet farther away are not believed
     edge: float = 0.012  # rad, an occluder this near under the lower edge may hide the feet
-    covered: float = 0.6  # share of a lower edge that nearer boxes lie over, from which these may hide the feet
+    covered: float = 0.3  # share of a lower edge that nearer boxes lie over, from which these may hide the feet
     lying: tuple[float, float, float, float] = (0.03, 0.6, 0.2, 0.6)  # how often a box ends above the feet: nothing, people, things, both before it
     doubtful: float = 0.3  # boxes that end above the feet more often start nobody ...
     near: float = 0.5  # m, and those with something before them only where the place is so sure (standard deviation)
@@ -162,9 +162,9 @@ def combine(views: list[Feet], free: list[Mask], height: tuple[float, float], pa
 
 
 def _standing(feet: Feet, parameters: FusionParameters) -> Mask:
-    """Whether each box may start somebody: far away, one that ends above the feet puts them many metres off."""
+    """Whether each box may start somebody: where the place is not sure, one with anything before it, ended above the feet, puts them metres off."""
     sure = np.trace(feet.spread, axis1=1, axis2=2) <= parameters.near**2
-    return feet.grounded & np.where(sure, feet.lying <= parameters.doubtful, feet.lying <= parameters.lying[0])
+    return feet.grounded & np.where(sure, feet.lying <= parameters.doubtful, ~feet.hidden)
 
 
 @njit(cache=True)
