@@ -1,7 +1,7 @@
 """From boxes to feet on the ground, and from views to places.
 
-A box says where the feet are only if the feet are in it. `stand` marks those whose lower edge may be an occluder's edge: a nearer
-box over it, or a wall or a table just under the line of sight. Such a box still gives a direction, and no range.
+A box says where the feet are only if the feet are in it. `stand` marks those whose lower edge may be an occluder's edge: nearer boxes
+over it, or a wall or a table just under the line of sight, and says how likely that is: most such boxes end at the feet all the same.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from tracker.measurements import Detections, Mount, Setup
 
 Mask = NDArray[np.bool_]
 
+EDGE = np.linspace(-0.9, 0.9, 9)
+"""Places along a box's lower edge, from its middle in half widths, at which is looked for what lies over it."""
+
 
 @dataclass(frozen=True)
 class FusionParameters:
@@ -25,6 +28,10 @@ class FusionParameters:
     foot_spread: float = 0.25  # m, the lowest point of a walking body strays this far from the ground under its middle
     reach: float = 60.0  # m, feet farther away are not believed
     edge: float = 0.012  # rad, an occluder this near under the lower edge may hide the feet
+    covered: float = 0.3  # share of a lower edge that nearer boxes lie over, from which these may hide the feet
+    lying: tuple[float, float, float, float] = (0.03, 0.6, 0.2, 0.6)  # how often a box ends above the feet: nothing, people, things, both before it
+    doubtful: float = 0.3  # boxes that end above the feet more often start nobody ...
+    near: float = 0.5  # m, and those with something before them only where the place is so sure (standard deviation)
     gate: float = 3.5  # standard deviations between two feet of one person
 
 
@@ -35,7 +42,7 @@ class Feet:
     origin (3,) m and direction (n, 3): line of sight to the feet; covariance (n, 2, 2) rad² in its tangent plane, pose included.
     point (n, 3) m and spread (n, 2, 2) m²: where it meets the ground, and how surely. height (n,) m of the box standing there.
     head_elevation (n,) rad above the horizon of the box's upper edge. grounded (n,): there is a point and it is near enough.
-    hidden (n,): the feet may be out of sight. confidence (n,).
+    hidden (n,): the feet may be out of sight; lying (n,): how often such a box ends above the feet. confidence (n,).
     links: what images say of the boxes of the last frames and these (tracklets.Tracklets.step); None where they are not looked at.
     """
 
@@ -49,6 +56,7 @@ class Feet:
     head_elevation: Array
     grounded: Mask
     hidden: Mask
+    lying: Array
     confidence: Array
     links: tuple[Array, ...] | None = None
 
@@ -71,10 +79,12 @@ def stand(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, A
     height = origin[2] - point[:, 2] + distance * np.tan(angles_from_bearing(head)[1])
     covariance = detections.covariance + _pose_in_sight(foot, np.where(grounded, np.linalg.norm(point - origin, axis=1), 10.0), mount, pose)
     spread = _spread_on_ground(foot, point - origin, covariance) + parameters.foot_spread**2 * np.eye(2)
-    hidden = _hidden(setup, origin, foot, elevation - half, azimuth, detections, point, parameters)
     lowered = bearing_from_angles(azimuth, elevation - half - parameters.edge)
-    hidden |= ~mount.camera.pixels_from_bearings(lowered @ T_world_camera.rotation)[1]
-    return Feet(camera, origin, foot, covariance, point, spread, height, elevation + half, grounded, hidden, detections.confidence)
+    people, covered = _behind_people(elevation - half, azimuth, detections, parameters)
+    things = _behind_things(setup, origin, lowered, point, parameters)
+    cut = ~mount.camera.pixels_from_bearings(lowered @ T_world_camera.rotation)[1]
+    hidden, lying = people | things | cut, np.array(parameters.lying)[np.where(cut, 3, covered + 2 * things)]
+    return Feet(camera, origin, foot, covariance, point, spread, height, elevation + half, grounded, hidden, lying, detections.confidence)
 
 
 def _pose_in_sight(foot: Array, distance: Array, mount: Mount, pose: tuple[Pose, Array]) -> Array:
@@ -102,21 +112,23 @@ def _spread_on_ground(foot: Array, sight: Array, covariance: Array) -> Array:
     return J @ covariance @ J.transpose(0, 2, 1)
 
 
-def _hidden(
-    setup: Setup, origin: Array, foot: Array, low: Array, azimuth: Array, detections: Detections, point: Array, parameters: FusionParameters
-) -> Mask:
-    """Whether the lower edge of each box may be an occluder's: a box that reaches lower in front of it, or something standing there."""
-    half = detections.extent[:, 0] / 2
-    high = low + detections.extent[:, 1]
-    beside = np.abs(wrap(azimuth[:, None] - azimuth[None, :])) < 0.7 * half[:, None] + half[None, :]
+def _behind_people(low: Array, azimuth: Array, detections: Detections, parameters: FusionParameters) -> tuple[Mask, Mask]:
+    """Whether a nearer box (one that reaches lower) lies over a part of the lower edge of each box, and over so much that it may hide the feet."""
+    half, high = detections.extent[:, 0] / 2, low + detections.extent[:, 1]
+    apart = wrap(azimuth[:, None] - azimuth[None, :])
     nearer = (low[None, :] < low[:, None] - 1e-3) & (high[None, :] > low[:, None] - parameters.edge)
-    hidden = (beside & nearer).any(axis=1)
-    if setup.occluders is None or not len(foot):
-        return hidden
-    lowered = bearing_from_angles(azimuth, low - parameters.edge)
-    stop, stopped = setup.occluders.intersect(np.broadcast_to(origin, foot.shape), lowered, parameters.reach)
+    beside = np.abs(apart) < 0.7 * half[:, None] + half[None, :]
+    along = np.array([(nearer & (np.abs(apart + u * half[:, None]) < half[None, :])).any(axis=1) for u in EDGE])
+    return (nearer & beside).any(axis=1), np.asarray(along.mean(axis=0) >= parameters.covered)
+
+
+def _behind_things(setup: Setup, origin: Array, lowered: Array, point: Array, parameters: FusionParameters) -> Mask:
+    """Whether something stands just under the lower edge of each box, nearer than where the box meets the ground."""
+    if setup.occluders is None or not len(lowered):
+        return np.zeros(len(lowered), dtype=bool)
+    stop, stopped = setup.occluders.intersect(np.broadcast_to(origin, lowered.shape), lowered, parameters.reach)
     over = stop[:, 2] > setup.ground.height_at(stop) + 0.1
-    return hidden | (stopped & over & (np.hypot(*(stop - origin)[:, :2].T) < np.hypot(*(point - origin)[:, :2].T)))
+    return np.asarray(stopped & over & (np.hypot(*(stop - origin)[:, :2].T) < np.hypot(*(point - origin)[:, :2].T)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +144,9 @@ def combine(views: list[Feet], free: list[Mask], height: tuple[float, float], pa
     """Group the boxes that are `free` in each view, at most one a view, by the Mahalanobis distance of their feet.
 
     The surest foot starts a group and takes from each other view the nearest within the gate; the point is the covariance-weighted mean.
-    Feet that may be hidden neither start a group nor join one. Greedy: which groups are people is for the hypotheses to say.
+    Feet that are too likely hidden neither start a group nor join one. Greedy: which groups are people is for the hypotheses to say.
     """
-    fit = [np.flatnonzero(free[v] & f.grounded & ~f.hidden & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
+    fit = [np.flatnonzero(free[v] & _standing(f, parameters) & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
     view = np.repeat(np.arange(len(views)), [len(rows) for rows in fit])
     if not len(view):
         return []
@@ -147,6 +159,12 @@ def combine(views: list[Feet], free: list[Mask], height: tuple[float, float], pa
     for k, g in zip(order.tolist(), group.tolist(), strict=True):
         members[g].append((int(view[k]), int(box[k])))
     return [Combination(tuple(m), x, P) for m, x, P in zip(members, mean, covariance, strict=True)]
+
+
+def _standing(feet: Feet, parameters: FusionParameters) -> Mask:
+    """Whether each box may start somebody: where the place is not sure, one with anything before it, ended above the feet, puts them metres off."""
+    sure = np.trace(feet.spread, axis1=1, axis2=2) <= parameters.near**2
+    return feet.grounded & np.where(sure, feet.lying <= parameters.doubtful, ~feet.hidden)
 
 
 @njit(cache=True)

@@ -42,7 +42,6 @@ class TargetParameters:
     apart: float = 0.8  # ... and share of what a view's second box is worth that speaks for two
     duplicate: float = 10.0  # log-likelihood ratio from which two tracks are one person
     gate: float = 4.0  # standard deviations of the innovation
-    hidden_feet: float = 0.03  # how often a box ends above the feet for no reason that is known
     delta_a: float = 9 / 7  # s, longest gap that is bridged
     n_conf: int = 2  # frames until a track may be believed
     believe: float = 4.0  # score from which it is
@@ -144,7 +143,7 @@ class Hypotheses:
         reach = np.where(feet.grounded, np.linalg.norm(feet.point - feet.origin, axis=1), q.fusion.reach)
         dense = np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach))
         certain = (self.trust.worth(feet.camera, feet.confidence) - dense)[None, :]
-        lying = np.where(feet.hidden, 0.6, q.hidden_feet)[None, :]
+        lying = feet.lying[None, :]
         gain_both = certain + np.log(1 - lying) - 0.5 * (both + np.log((2 * np.pi) ** 2 * det))
         # Feet out of sight: the lower edge is anywhere above where they must be, as far up as the body reaches.
         body = np.arctan2(1.2, look.distance)[:, None]
@@ -250,7 +249,7 @@ class Hypotheses:
             miss = np.log(1 - self.trust.detection(feet.camera) * expected)
             here = member >= 0
             score[~here] += miss[~here]
-            score[here] += self.trust.worth(feet.camera, feet.confidence[member[here]])
+            score[here] += self.trust.worth(feet.camera, feet.confidence[member[here]]) + np.log(1 - feet.lying[member[here]])
         # Each box after the first must lie near: its density about the common place, at the spread of feet.
         size = np.array([len(g.members) for g in groups])
         area = np.array([2 * np.pi * np.sqrt(np.linalg.det(2 * n * g.covariance)) for n, g in zip(size, groups, strict=True)])

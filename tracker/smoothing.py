@@ -54,7 +54,7 @@ class Lag:
         return people
 
     def _oldest(self) -> Tracks:
-        """Who was there at the oldest tick: believed by now, and seen then or again since, or not yet given up."""
+        """Who was there at the oldest tick: believed by now, and seen then or again since, or believed then and not yet given up."""
         first, last = self._window[0], self._window[-1]
         known, seen = set(first.tracks.tree[first.believed].tolist()), set(first.tracks.tree[first.tracks.misses == 0].tolist())
         for later in list(self._window)[1:]:
@@ -62,6 +62,8 @@ class Lag:
             seen |= set(later.tracks.tree[later.tracks.misses == 0].tolist())
         seen |= set(last.tracks.tree[last.believed].tolist())
         going = set(last.tracks.tree.tolist())
+        # Whom no view should have seen is still followed: out of sight, not gone.
+        seen |= going & set(first.tracks.tree[first.believed].tolist())
         hits: dict[int, int] = {}
         for moment in self._window:
             hits.update(zip(moment.tracks.tree.tolist(), moment.tracks.hits.tolist(), strict=True))

@@ -84,17 +84,17 @@ def test_without_a_delay_nothing_is_changed() -> None:
         np.testing.assert_array_equal(people.state, t.state)
 
 
-def test_who_is_believed_later_was_there_and_who_is_not_seen_again_had_gone() -> None:
-    state, P = np.zeros((3, 4)), np.tile(np.eye(4), (3, 1, 1))
+def test_who_is_believed_later_was_there_and_who_is_out_of_sight_but_not_given_up() -> None:
+    state, P = np.zeros((4, 4)), np.tile(np.eye(4), (4, 1, 1))
     lag = Lag(2, PERIOD, MOTION)
-    now = tracks_of([1, 2, 3], state, P, [0, 4, 4])
-    later = predict(tracks_of([1, 2, 3], state, P, [0, 0, 5]), PERIOD, MOTION)
-    assert lag.feed(now, np.array([False, True, True])) is None
-    lag.feed(later, np.array([True, True, True]))
-    people = lag.feed(later, np.array([True, True, False]))
+    now = replace(tracks_of([1, 2, 3, 4], state, P, [0, 4, 4, 4]), hits=np.full(4, 40))
+    later = predict(tracks_of([1, 2, 3, 4], state, P, [0, 0, 5, 5]), PERIOD, MOTION)
+    assert lag.feed(now, np.array([False, True, True, True])) is None
+    lag.feed(later, np.array([True, True, True, True]))
+    people = lag.feed(later.select(np.array([0, 1, 2])), np.array([True, True, False]))
     assert people is not None
-    # 1 was not believed yet, 2 was out of sight for a while, 3 never came back.
-    assert people.tree.tolist() == [1, 2]
+    # 1 was not believed yet, 2 was out of sight for a while, 3 still is, 4 was given up unseen.
+    assert people.tree.tolist() == [1, 2, 3]
 
 
 def test_what_ended_after_a_short_life_is_not_told() -> None:
