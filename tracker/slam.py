@@ -99,12 +99,13 @@ class Slam:
         self._newcomers = Newcomers(setup, parameters, Slam)
         self._blind: dict[str, tuple[int, Array]] = {}
         self._wayfinder = Wayfinder(parameters.search, setup.period)
-        self.sighted: dict[str, Sightings] = {}  # by camera, what was seen last of what stands still
+        self.sighted: dict[str, Sightings] = {}  # by camera, what was seen at the last tick of what stands still
         self._tick = -1
 
     def step(self, tick: Tick) -> None:
         """Take in all views of one tick. Raises ValueError for a view of a camera that the setup does not know."""
         self._tick, views = tick.index, dict[str, list[View]]()
+        self.sighted.clear()
         for view in tick.views:
             if view.camera not in self.setup.mounts:
                 raise ValueError(f"view of camera {view.camera!r}, needs one of {sorted(self.setup.mounts)}")
