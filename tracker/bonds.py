@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tracker.branches import Branches
+from tracker.covering import labels
 from tracker.geometry import Array
 
 Ints = NDArray[np.int64]
@@ -88,23 +89,11 @@ def _exclude(name: Ints, conflict: Mask) -> None:
             first = k
 
 
-@njit(cache=True)
 def parts(conflict: Mask, rows: Ints) -> Ints:
     """Of each of `rows` (k,) the number of its connected part of the conflict graph among them, counted from 0 in the order of the rows."""
-    label, waiting, count = np.full(len(rows), -1), np.empty(len(rows), np.int64), 0
-    for first in range(len(rows)):
-        if label[first] >= 0:
-            continue
-        label[first], waiting[0], size = count, first, 1
-        while size:
-            size -= 1
-            row = rows[waiting[size]]
-            for k in range(len(rows)):
-                if label[k] < 0 and conflict[row, rows[k]]:
-                    label[k], waiting[size] = count, k
-                    size += 1
-        count += 1
-    return label
+    degree, with_ = among(conflict, rows)
+    out: Ints = labels(np.append(0, np.cumsum(degree)), with_, np.arange(len(rows)))
+    return out
 
 
 @njit(cache=True)

@@ -26,8 +26,6 @@ FIX = 10
 """Steps from one look at what can be fixed, and at what the multipliers suggest, to the next."""
 DEEPEST = 200
 """Branches that lie above each other, at most."""
-SHRUNK = 0.7
-"""Share of the vertices below which what is left is a graph of its own."""
 LONGER, SHORTER = 1.2, 0.6
 """What a step's length is multiplied by where it might have gone farther, and where it went too far too often."""
 MIX = 0.1
