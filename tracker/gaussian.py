@@ -10,13 +10,14 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg.blas import dsyr2k
 from scipy.linalg.lapack import dposv
 from scipy.stats import chi2
 
 from tracker.geometry import Array
 
-PANEL = 192
-"""Rows of a covariance that are worked on at once: they stay in the processor's cache."""
+TILE = 128
+"""Rows and columns of a covariance that are mirrored at once: they stay in the processor's cache."""
 
 
 @cache
@@ -95,13 +96,20 @@ def joseph_factor(HP: Array, K: Array, S: Array) -> Array:
 
 
 def subtract(P: Array, X: Array, Y: Array) -> None:
-    """P ← P − X Yᵀ − Y Xᵀ in place, P (n, n) symmetric and so to the last bit afterwards, X and Y (n, m)."""
-    left, right = np.hstack([X, Y]), np.hstack([Y, X]).T
-    for at in range(0, len(P), PANEL):
-        rows = slice(at, at + PANEL)
-        P[rows, :at] -= left[rows] @ right[:, :at]
-        P[:at, rows] = P[rows, :at].T
-        half = np.tril(P[rows, rows] - left[rows] @ right[:, rows])
+    """P ← P − X Yᵀ − Y Xᵀ in place, P (n, n) C-contiguous, symmetric and so to the last bit afterwards; X and Y (k, m), k ≤ n, for its first k rows.
+
+    Raises ValueError where P is not contiguous: BLAS would change a copy.
+    """
+    if not P.flags.c_contiguous:
+        raise ValueError(f"covariance of shape {P.shape} is not contiguous, needs its whole store")
+    below = ((0, len(P) - len(X)), (0, 0))
+    # Of P.T, which is in Fortran's order, the upper triangle: the lower one of P.
+    dsyr2k(-1.0, np.pad(X, below).T, np.pad(Y, below).T, beta=1.0, c=P.T, trans=1, overwrite_c=1)
+    for at in range(0, len(X), TILE):
+        rows = slice(at, at + TILE)
+        for left in range(0, at, TILE):
+            P[left : left + TILE, rows] = P[rows, left : left + TILE].T
+        half = np.tril(P[rows, rows])
         P[rows, rows] = half + np.tril(half, -1).T
 
 

@@ -2,8 +2,8 @@
 
 Order of the covariance: robots (six numbers of the pose's right tangent, then three of the correction factor and eight of what lasts of its
 odometry's errors, where these are kept), clones (six each: where a robot was at a few earlier ticks; Roumeliotis & Burdick 2002), landmarks (three
-each, metres in the world). The store has room for the largest map; landmarks fill it from the front, and a removed one is replaced by the last, so
-growing and shrinking cost O(n).
+each, metres in the world). The store has some room to spare; landmarks fill it from the front, and a removed one is replaced by the last, so that
+shrinking, and mostly growing, cost O(n).
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from tracker.persistence import COUNT, Persistence, freed
 Indices = NDArray[np.intp]
 Held = tuple[Array, Array, Array, Array, Array]
 """Means before an update: rotations, translations, corrections, landmarks, lasting errors."""
+ROOM = 32
+"""Landmarks by which the store grows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class Joint:
         self.used = np.zeros(0, dtype=bool)
         self.correction, self.lasting = np.zeros((0, 3)), np.zeros((0, COUNT))
         self.point = np.zeros((capacity, 3))
-        self._P = np.zeros((3 * capacity, 3 * capacity))
+        self._P = np.zeros((0, 0))
         self._first = (self.rotation, self.translation, np.zeros((capacity, 3))) if self.first_estimates else None
 
     @property
@@ -212,6 +214,8 @@ class Joint:
         if self.count >= self.capacity:
             raise ValueError(f"map holds {self.count} landmarks, needs fewer than {self.capacity}")
         n = self.base + 3 * self.count
+        if n + 3 > len(self._P):
+            self._P = np.pad(self._P, (0, 3 * ROOM))
         cross = G @ self.P[columns]
         self._P[n : n + 3, :n] = cross
         self._P[:n, n : n + 3] = cross.T
@@ -262,7 +266,10 @@ class Joint:
                 linear = linearise()
         self._settle(before, (HP, S), linear.robot)
         if self._first is None:
-            self._transform(slice(0, self.base), self._chart(before, delta))
+            chart = self._chart(before, delta)
+            for p in range(len(self.used)):
+                own = slice(self.offset(p), self.offset(p) + (self.stride if p < self.robots else 6))
+                self._transform(own, chart[own, own])
         return weights
 
     def _settle(self, before: Held, measured: tuple[Array, Array], robot: int) -> None:
@@ -278,7 +285,7 @@ class Joint:
             A = np.zeros((len(K), 3))
             A[self.base :] = landmark_shears(self._means(before), self._means(), robot).reshape(-1, 3)
             K, U = np.hstack([K, -A]), np.hstack([U, E.T + 0.5 * A @ E[:, turn]])
-        subtract(self.P, K, U)
+        subtract(self._P, K, U)
 
     def _tangents(self, delta: Array) -> tuple[Array, Array, Array]:
         """The parts of a change (n,) that belong to the poses (p, 6), to the corrections (robots, 3 or 0) and to what lasts (robots, 8 or 0)."""

@@ -20,7 +20,8 @@ from tracker.landmarks import Indices
 class Search:
     """unlike, ratio: how much alike a pair must look, as in association.Gate; limit: pairs that are used, the most alike first; threes: of so many of
     them all threes are tried; tolerance rad: by which a right pair may be off, beside the landmark's own error; pairs: at least so many must agree
-    (of pairs at random 3 to 5 do), and the share of all; sharp m, rad: largest standard deviations.
+    (of pairs at random 3 to 5 do), strangers: the same for a robot that has never been one of the team, and the share of all; sharp m, rad: largest
+    standard deviations.
 
     drop: a robot that matches less than this share of the landmarks that it used to match may have lost its way; few: with at most so many it has,
     and is looked for; patience s: for so long; doubt m, rad: standard deviations of its pose where it is found, before the landmarks that it sees
@@ -33,6 +34,7 @@ class Search:
     threes: int = 20
     tolerance: float = 0.02
     pairs: int = 7
+    strangers: int = 10
     share: float = 0.2
     sharp: tuple[float, float] = (0.3, 0.1)
     drop: float = 0.4

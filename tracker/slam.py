@@ -13,7 +13,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tracker.alignment import Meeting
 from tracker.association import Gate, Matches, associate
 from tracker.cameras import Mask, Panorama
 from tracker.candidates import Trial
@@ -24,7 +23,7 @@ from tracker.joint import Indices, Joint
 from tracker.landmarks import Floats, Landmarks, Survival, dissimilarity, spread, unit_rows
 from tracker.linearisation import Seen, linearise
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
-from tracker.newcomers import BY_SIGHT, Newcomers
+from tracker.newcomers import Newcomers
 from tracker.persistence import Persistence, root
 from tracker.relocation import Place, State, Wayfinder, doubted, locate
 from tracker.resection import Search
@@ -64,7 +63,6 @@ class SlamParameters:
     trial: Trial = field(default_factory=Trial)
     survival: Survival = field(default_factory=Survival)
     extraction: Extraction = field(default_factory=Extraction)
-    meeting: Meeting = field(default_factory=Meeting)
     search: Search = field(default_factory=Search)
 
     def __post_init__(self) -> None:
@@ -178,13 +176,12 @@ class Slam:
             self._enlist(name, self._joint.join(self._start(name)))
 
     def _meet(self, name: str, tick: Tick) -> None:
-        """A robot whose start is unknown goes on in a frame of its own, or joins where the two maps have enough in common."""
+        """A robot whose start is unknown is looked for by what it sees, and joins where it is found."""
         self._counters["unknown start"] += 1
-        robot, reason = self._newcomers.step(name, tick, self.state, self._forget)
-        self._counters[reason] += 1
-        if robot is not None:
-            self._enlist(name, robot)
-        if reason == BY_SIGHT:
+        found = self._newcomers.step(name, tick, self.state)
+        self._counters[f"waits: {found}" if isinstance(found, str) else "joined"] += 1
+        if isinstance(found, Pose):
+            self._enlist(name, self._joint.join(doubted(found, self.parameters.search)))
             self._look(name, list(tick.views), tick.index)
 
     def _enlist(self, name: str, robot: int) -> None:

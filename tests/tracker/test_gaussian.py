@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.gaussian import block_diagonal, condition, gate, joseph, kalman_gain, mahalanobis2, nees, robust_weights
+from tracker.gaussian import block_diagonal, condition, gate, joseph, kalman_gain, mahalanobis2, nees, robust_weights, subtract
 
 
 @pytest.fixture
@@ -38,15 +38,26 @@ def test_joseph_is_the_long_form_for_any_gain(rng: np.random.Generator) -> None:
         np.testing.assert_array_equal(got, got.T)
 
 
-def test_joseph_writes_into_a_view(rng: np.random.Generator) -> None:
+def test_joseph_leaves_the_rest_of_a_store_alone_and_takes_no_part_of_one(rng: np.random.Generator) -> None:
     store = np.zeros((8, 8))
     P, H = positive(rng, 5), rng.normal(size=(2, 5))
     store[:5, :5] = P
     S = H @ P @ H.T + np.eye(2)
-    joseph(store[:5, :5], H @ P, kalman_gain(H @ P, S), S)
+    joseph(store, H @ P, kalman_gain(H @ P, S), S)
     np.testing.assert_allclose(store[:5, :5], condition(P, H, np.zeros(2), np.eye(2))[1], atol=1e-12)
     assert not store[5:].any()
     assert not store[:, 5:].any()
+    with pytest.raises(ValueError, match="not contiguous"):
+        joseph(store[:5, :5], H @ P, kalman_gain(H @ P, S), S)
+
+
+@pytest.mark.parametrize("n", [1, 127, 128, 129, 300])
+def test_what_is_subtracted_is_symmetric_to_the_last_bit(rng: np.random.Generator, n: int) -> None:
+    P, X, Y = positive(rng, n), rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
+    got = P.copy()
+    subtract(got, X, Y)
+    np.testing.assert_allclose(got, P - X @ Y.T - Y @ X.T, atol=1e-9)
+    np.testing.assert_array_equal(got, got.T)
 
 
 def test_condition_is_the_product_of_two_gaussians() -> None:
