@@ -7,7 +7,7 @@ the state, so the new landmark's covariance and cross covariances are those of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ class Trial:
     """What a candidate must show. parallax: rad between two of its rays; sightings: how many ticks it was followed; strip: rad about the way that
     its direction can have gone since it was seen; unlike and ratio as in association.Gate; misses in a row that end it; probability: gate of the
     misfit of its rays; doubt: largest standard deviation of the range over the range; nearest, farthest: m; under: m below the known ground
-    that are still believed; limit: how many a camera follows.
+    that are still believed; limit: how many a camera follows. Where bearings err much, parallax is at least `crossing` standard deviations of the
+    difference of two, and strip `straying`.
     """
 
     parallax: float = 0.07
@@ -36,6 +37,13 @@ class Trial:
     farthest: float = 40.0
     under: float = 0.3
     limit: int = 250
+    crossing: float = 12.0
+    straying: float = 2.0
+
+    def fitted(self, covariance: Array) -> Trial:
+        """The rule for sightings with covariances (n, 2, 2) rad²."""
+        sigma = float(np.sqrt(np.median(np.trace(covariance, axis1=1, axis2=2)))) if len(covariance) else 0.0
+        return replace(self, parallax=max(self.parallax, self.crossing * sigma), strip=max(self.strip, self.straying * sigma))
 
 
 class Candidates:

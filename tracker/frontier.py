@@ -34,11 +34,11 @@ class Frontier:
     def advance(self, seen: Sightings, free: Indices, room: int, tick: int) -> None:
         """Follow the candidates among the sightings `free` and make at most `room` landmarks of those that are ripe."""
         c, sight = self.candidates, self.joint.sight(self.robot, self.mount)
-        direction = seen.bearing[free] @ sight.rotation.T
-        match = c.follow(sight.origin, direction, (unit_rows(seen.descriptor[free]), seen.subject[free]), self.rule)
+        direction, rule = seen.bearing[free] @ sight.rotation.T, self.rule.fitted(seen.covariance)
+        match = c.follow(sight.origin, direction, (unit_rows(seen.descriptor[free]), seen.subject[free]), rule)
         earlier = self.joint.sight(self.robot, self.mount, self._clones())
         found = match >= 0
-        wide = c.parallax(earlier.rotation) > self.rule.parallax
+        wide = c.parallax(earlier.rotation) > rule.parallax
         self.counters["little parallax"] += int((found & ~wide).sum())
         done = np.zeros(len(c), dtype=bool)
         for row in np.flatnonzero(found & wide & (c.hits >= self.rule.sightings)):

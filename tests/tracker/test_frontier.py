@@ -103,3 +103,11 @@ def test_a_tick_without_anything_to_follow_is_a_miss() -> None:
     frontier.advance(nothing, np.zeros(0, dtype=np.int64), 10, 10)
     frontier.remember(1)
     assert len(frontier.candidates) == candidates
+
+
+def test_blunt_bearings_must_cross_more_widely() -> None:
+    rule = Trial()
+    sharp, blunt = (rule.fitted(np.tile(np.eye(2) * np.deg2rad(noise) ** 2, (5, 1, 1))) for noise in (0.12, 0.5))
+    assert sharp == rule == rule.fitted(np.zeros((0, 2, 2)))
+    assert 2 * rule.parallax < blunt.parallax < 3 * rule.parallax
+    assert 2 * rule.strip < blunt.strip < 3 * rule.strip
