@@ -1,7 +1,8 @@
 """From boxes to feet on the ground, and from views to places.
 
 A box says where the feet are only if the feet are in it. `stand` marks those whose lower edge may be an occluder's edge: nearer boxes
-over it, or a wall or a table just under the line of sight, and says how likely that is: most such boxes end at the feet all the same.
+over it, a wall or a table just under the line of sight, or ground that falls away there, and says how likely that is: most such boxes
+end at the feet all the same.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ Mask = NDArray[np.bool_]
 
 EDGE = np.linspace(-0.9, 0.9, 9)
 """Places along a box's lower edge, from its middle in half widths, at which is looked for what lies over it."""
+ALONG = np.linspace(0.0, 1.0, 12)
+"""Places along a line of sight, between where it may meet the ground at the nearest and at the farthest."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,9 @@ class FusionParameters:
     foot_spread: float = 0.25  # m, the lowest point of a walking body strays this far from the ground under its middle
     reach: float = 60.0  # m, feet farther away are not believed
     edge: float = 0.012  # rad, an occluder this near under the lower edge may hide the feet
+    fall: float = 0.2  # m, ground that falls away by more than this within `edge` of the lower edge may hide the feet
     covered: float = 0.3  # share of a lower edge that nearer boxes lie over, from which these may hide the feet
-    lying: tuple[float, float, float, float] = (0.03, 0.6, 0.2, 0.6)  # how often a box ends above the feet: nothing, people, things, both before it
+    lying: tuple[float, float, float, float] = (0.03, 0.6, 0.2, 0.6)  # how often boxes end above the feet: nothing, people, things, more before them
     doubtful: float = 0.3  # boxes that end above the feet more often start nobody ...
     near: float = 0.5  # m, and those with something before them only where the place is so sure (standard deviation)
     gate: float = 3.5  # standard deviations between two feet of one person
@@ -83,6 +87,7 @@ def stand(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, A
     people, covered = _behind_people(elevation - half, azimuth, detections, parameters)
     things = _behind_things(setup, origin, lowered, point, parameters)
     cut = ~mount.camera.pixels_from_bearings(lowered @ T_world_camera.rotation)[1]
+    cut |= _beyond_a_lip(setup, origin, azimuth, elevation - half, parameters)
     hidden, lying = people | things | cut, np.array(parameters.lying)[np.where(cut, 3, covered + 2 * things)]
     return Feet(camera, origin, foot, covariance, point, spread, height, elevation + half, grounded, hidden, lying, detections.confidence)
 
@@ -129,6 +134,21 @@ def _behind_things(setup: Setup, origin: Array, lowered: Array, point: Array, pa
     stop, stopped = setup.occluders.intersect(np.broadcast_to(origin, lowered.shape), lowered, parameters.reach)
     over = stop[:, 2] > setup.ground.height_at(stop) + 0.1
     return np.asarray(stopped & over & (np.hypot(*(stop - origin)[:, :2].T) < np.hypot(*(point - origin)[:, :2].T)))
+
+
+def _beyond_a_lip(setup: Setup, origin: Array, azimuth: Array, low: Array, parameters: FusionParameters) -> Mask:
+    """Whether the ground falls away under the line of sight just over the lower edge of each box: feet beyond are lower than one sees.
+
+    Over level ground the height of a line of sight only shrinks on its way, from where a line a little lower meets the ground to where it does.
+    """
+    origins, ray = np.broadcast_to(origin, (len(low), 3)), bearing_from_angles(azimuth, low + parameters.edge)
+    near, met = setup.ground.intersect(origins, bearing_from_angles(azimuth, low - parameters.edge), parameters.reach)
+    far, ends = setup.ground.intersect(origins, ray, parameters.reach)
+    first, last = (np.hypot(*(p - origin)[:, :2].T) for p in (near, far))
+    way = first + ALONG[:, None] * (np.where(ends, last, parameters.reach) - first)
+    places = origin + way[:, :, None] * (ray / np.hypot(ray[:, 0], ray[:, 1])[:, None])
+    height = places[:, :, 2] - setup.ground.height_at(places.reshape(-1, 3)).reshape(way.shape)
+    return np.asarray(met & (height.max(axis=0) > height[0] + parameters.fall))
 
 
 @dataclass(frozen=True, eq=False)

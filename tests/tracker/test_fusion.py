@@ -8,15 +8,17 @@ import pytest
 from tracker.cameras import Panorama
 from tracker.fusion import Feet, FusionParameters, combine, stand
 from tracker.geometry import Pose, bearing_from_angles
-from tracker.ground import Flat, Grid
+from tracker.ground import Flat, Grid, Ground
 from tracker.measurements import Detections, Mount, Setup, Start
 
 EYE = 1.5
 RULE = FusionParameters()
 
 
-def seen(people: list[tuple[float, float]], wall: float | None = None) -> Feet:
-    """Whole boxes of people 1.7 m tall at (azimuth rad, distance m) from a panorama; a wall of 0.5 m stands `wall` m ahead of it."""
+def seen(people: list[tuple[float, float]], wall: float | None = None, ground: Ground | None = None) -> Feet:
+    """Whole boxes of people 1.7 m tall at (azimuth rad, distance m) from a panorama; a wall of 0.5 m stands `wall` m ahead of it. Another ground
+    than the plane makes them end elsewhere than at it.
+    """
     azimuth, distance = np.array(people).T
     low, high = -np.arctan2(EYE, distance), np.arctan2(1.7 - EYE, distance)
     extent, n = np.stack([0.5 / distance, high - low], axis=1), len(people)
@@ -29,7 +31,7 @@ def seen(people: list[tuple[float, float]], wall: float | None = None) -> Feet:
         heights[:, 400 + round(wall / 0.1)] = 0.5
         occluders = Grid(heights, np.array([-40.0, -10.0]), 0.1)
     mount = Mount(Panorama(1024, 512), Pose(np.eye(3), np.array([0.0, 0.0, EYE])), "r")
-    setup = Setup({"r": mount}, Flat(), {"r": Start(Pose.identity(), np.zeros((6, 6)))}, 1 / 6, occluders=occluders)
+    setup = Setup({"r": mount}, ground or Flat(), {"r": Start(Pose.identity(), np.zeros((6, 6)))}, 1 / 6, occluders=occluders)
     return stand(setup, "r", boxes, (Pose.identity(), np.zeros((6, 6))), RULE)
 
 
@@ -51,3 +53,19 @@ def test_feet_just_over_a_wall_start_somebody_where_they_are_near(distance: floa
     assert feet.hidden[0]
     assert feet.lying[0] == RULE.lying[2]
     assert (born(feet) == {0}) is starts
+
+
+def terrace(fall: float) -> Grid:
+    """Level up to 6 m ahead, then lower by `fall` m."""
+    heights = np.zeros((201, 801))
+    heights[:, 461:] = -fall
+    return Grid(heights, np.array([-40.0, -10.0]), 0.1)
+
+
+@pytest.mark.parametrize("fall", [0.0, 0.1, 0.8])
+def test_a_box_that_ends_at_a_lip_of_the_ground_may_end_above_the_feet(fall: float) -> None:
+    """To within the margin: just before the lip, and just over it, where the line of sight goes on to the lower ground."""
+    hidden = fall > RULE.fall
+    alone = [seen([(0.0, d)], ground=terrace(fall)) for d in (4.0, 5.9, 6.1, 8.0)]
+    assert [bool(f.hidden[0]) for f in alone] == [False, hidden, hidden, False]
+    assert [f.lying[0] for f in alone] == [RULE.lying[3 if h else 0] for h in (False, hidden, hidden, False)]
