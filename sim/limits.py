@@ -1,8 +1,8 @@
 """How good any tracker could have been on the same footage: what stands beside its scores.
 
 The bound of the robots' places is the posterior Cramér-Rao bound (Van Trees 1968; Tichavský, Muravchik, Nehorai 1998) of the whole problem: all poses
-of the team and all landmarks, their places unknown, from starts, odometry, "up" and bearings, with Jacobians at the truth. It holds for errors that
-are as the measurements' covariances say, and for who is told which landmark is which: nobody can do better.
+of the team and all landmarks, their places unknown, from starts, odometry, "up" and bearings, of each other too, with Jacobians at the truth. It
+holds for errors that are as the measurements' covariances say, and for who is told which landmark is which: nobody can do better.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from sim import cliques
 from sim.footage import Footage
 from sim.landmarks import whose
 from sim.target_limits import target_bound
-from tracker.bearings import Sight, jacobians
+from tracker.bearings import Sight, jacobians, robot_jacobians
 from tracker.cramer_rao import surveyed
 from tracker.evaluation import who_counts
 from tracker.geometry import Array, Pose, skew, tangent_basis
-from tracker.measurements import Mount, Odometry, Sightings, Survey, View
+from tracker.measurements import Companions, Mount, Odometry, Sightings, Survey, View
 
 MOMENTS = 5
 """Frames, evenly spread, at which the bound is taken; the errors of a run are the mean of squares over them."""
@@ -98,6 +98,8 @@ class _Problem:
             self._move(k, mount.robot, view)
             if view.sightings is not None:
                 self._see(k, mount, view.sightings)
+            if view.companions is not None:
+                self._meet(k, mount, view.companions)
 
     def _move(self, k: int, robot: str, view: View) -> None:
         """Odometry ties two poses, e = ξ now − Ad ξ before; "up" is tied to one."""
@@ -128,6 +130,22 @@ class _Problem:
         self.J[at, at] += np.einsum("nki,nkl,nlj->ij", H, W, H)
         self.cross[at, which] += np.einsum("nki,nkl,nlj->inj", H, W, G)
         self.own[which] += np.einsum("nki,nkl,nlj->nij", G, W, G)
+
+    def _meet(self, k: int, mount: Mount, seen: Companions) -> None:
+        """The bearing of another robot's camera ties two poses."""
+        poses, T = self.footage.truth[k].T_world_robot, mount.T_body_camera
+        sight = Sight(poses[mount.robot].rotation, poses[mount.robot].translation, T.rotation, T.translation, np.zeros(3))
+        others = np.array([poses[r].rotation for r in seen.robot]), np.array([poses[r].translation for r in seen.robot])
+        levers = np.array([self.footage.setup.mount_of(r).T_body_camera.translation for r in seen.robot])
+        H, _, G = robot_jacobians(sight, (others[0].reshape(-1, 3, 3), others[1].reshape(-1, 3)), levers.reshape(-1, 3))
+        a = self._at(k, mount.robot)
+        for robot, W, own, other in zip(seen.robot, np.linalg.inv(seen.covariance), H, G, strict=True):
+            if robot not in self.moving:
+                continue
+            b = self._at(k, robot)
+            for i, one in ((a, own), (b, other)):
+                for j, two in ((a, own), (b, other)):
+                    self.J[i, j] += one.T @ W @ two
 
     def take(self, k: int) -> None:
         """The bound at a frame from all that was measured until then: landmarks taken out, and the poses of that frame left."""

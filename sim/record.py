@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import pedestrian
+from sim.companions import Spotter
 from sim.exposure import Exposure
 from sim.keypoints import Sight
 from sim.labels import classes
@@ -87,6 +88,7 @@ def open_renderer(scenario: Scenario, simulation: Simulation, others: Iterable[C
 def run(scenario: Scenario, simulation: Simulation, setup: Setup, renderer: PanoramaRenderer) -> Iterator[Moment]:
     """The frames of a scenario, from the first on. The renderer must have been opened with every camera of the setup."""
     detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
+    spotter = Spotter(scenario, setup, simulation)
     drifts = {name: Exposure(scenario.exposure, scenario.image_noise, scenario.period, scenario.stream(f"exposure/{name}")) for name in setup.mounts}
     for index in range(scenario.frames):
         if index:
@@ -98,7 +100,8 @@ def run(scenario: Scenario, simulation: Simulation, setup: Setup, renderer: Pano
         views = []
         for name, mount in setup.mounts.items():
             found = detector.detect(mount.camera, true[name], streams[name])
-            views.append(View(name, found, odometry=odometry.get(mount.robot), image=drifts[name].take(shots[name].colour)))
+            image = drifts[name].take(shots[name].colour)
+            views.append(View(name, found, odometry=odometry.get(mount.robot), image=image, companions=spotter.spot(name)))
         tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
         truth = Truth(index, robots, people.person, simulation.feet(), fractions_of(people.person, true), people.joints, tipped)
         instances = {name: sight.instances for name, sight in sights.items()}

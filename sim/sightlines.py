@@ -12,28 +12,23 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.drawlist import GROUPS
+from sim.companions import Spotter, on_rover
 from sim.pedestrian import LIMBS
+from sim.rays import Rays
 from sim.record import fractions_of, poses_of
 from sim.scenario import Scenario
 from sim.sensing import Detector, People
-from sim.simulation import ABSENT, Simulation
+from sim.simulation import Simulation
 from tracker.annotations import Boxes, Keypoints, ViewTruth
 from tracker.cameras import Camera, Mask, Panorama
 from tracker.geometry import Array, Pose, tangent_basis
-from tracker.ground import Grid
-from tracker.measurements import Ints, Mount, Setup, Sightings, Tick, Truth, View
+from tracker.measurements import Ints, Setup, Sightings, Tick, Truth, View
 
-SHOWN = np.array([1, 1, 1, 1, 0, 0], np.uint8)
-"""Geom groups that stop a ray: those that are drawn."""
 STILL = np.array([1, 1, 0, 0, 0, 0], np.uint8)
-"""Of these, what stands still: ground and props."""
+"""Geom groups of what stands still: ground and props."""
 SKIN = 48
 """Points on a person's skin that are looked for, uniform over its area."""
-BEFORE = 0.02
-"""m: what a ray meets less than this before its goal is the goal."""
 FARTHEST = 200.0
 HIPS = (11, 12)
 _DIRECTIONS = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 3)
@@ -80,7 +75,7 @@ class Sightlines:
         self.landmarks = _on_surfaces(simulation, self.landmarking.count, rng)
         looks = rng.normal(size=(len(self.landmarks), self.landmarking.look))
         self._looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
-        self._grounds = _grounds(simulation.model, simulation.data)
+        self.rays = Rays(simulation)
         self._skins = {int(person): _Skin.of(simulation.model, f"person_{person}") for person in simulation.everybody}
 
     def view(self, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
@@ -123,7 +118,7 @@ class Sightlines:
         away = self.landmarks - T_world_camera.translation
         distance = np.linalg.norm(away, axis=1)
         found &= (distance < rule.reach) & (distance > 0.3)
-        found[found] = self._stopped(T_world_camera.translation, self.landmarks[found])[1]
+        found[found] = self.rays.stopped(T_world_camera.translation, self.landmarks[found])[1]
         rows = order[found[order]]
         sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
         bearing = sight + np.einsum("nk,nki->ni", error[rows], tangent_basis(sight))
@@ -138,37 +133,17 @@ class Sightlines:
             return []
         ends = np.cumsum([len(p) for p in points])[:-1]
         owner = np.repeat(persons, [len(p) for p in points])
-        geom, free = self._stopped(eye, np.concatenate(points))
+        geom, free = self.rays.stopped(eye, np.concatenate(points))
         own = (geom >= 0) & (self.simulation.person_of_geom[geom] == owner)
         return np.split(free | own, ends)
 
-    def _stopped(self, eye: Array, goals: Array) -> tuple[NDArray[np.int32], Mask]:
-        """The first geom (n,) on the ways from eye to goals (n, 3) m, −1 for none, and whether it lies no nearer than the goal."""
-        model, away = self.simulation.model, goals - eye
-        length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-        geom, distance = np.full((len(goals), 1), -1, np.int32), np.full((len(goals), 1), -1.0)
-        if not len(goals):
-            return geom[:, 0], np.zeros(0, dtype=bool)
-        sight, start = np.ascontiguousarray(away / length[:, None]), np.array(eye, dtype=np.float64)
-        # MuJoCo looks at every cell under a ray; ours goes from line to line of the same triangles, ten times as fast.
-        groups = model.geom_group.copy()
-        model.geom_group[list(self._grounds)] = ABSENT
-        try:
-            rays = sight.ravel(), SHOWN, 1, -1, geom, distance, None, len(goals), float(length.max()) + 1.0
-            mujoco.mj_multiRay(model, self.simulation.data, start, *rays)
-        finally:
-            model.geom_group[:] = groups
-        first, nearest = geom[:, 0], np.where(geom[:, 0] < 0, np.inf, distance[:, 0])
-        for k, ground in self._grounds.items():
-            met, hit = ground.intersect(np.broadcast_to(start, sight.shape), sight, float(length.max()) + 1.0)
-            there = np.where(hit, np.linalg.norm(met - start, axis=1), np.inf)
-            first, nearest = np.where(there < nearest, k, first).astype(np.int32), np.minimum(there, nearest)
-        return first, nearest > length - BEFORE
-
 
 def run_unrendered(scenario: Scenario, simulation: Simulation, setup: Setup, sightlines: Sightlines | None = None) -> Iterator[Glimpse]:
-    """As record.run, of rays instead of pictures: detections, sightings of landmarks for rovers, odometry, truth; no images, no instances."""
+    """As record.run, of rays instead of pictures: detections, sightings of landmarks for rovers, companions, odometry, truth; no images, no
+    instances.
+    """
     lines = sightlines or Sightlines(simulation)
+    spotter = Spotter(scenario, setup, simulation, lines.rays)
     detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
     marks = {name: scenario.stream(f"sightings/{name}") for name in setup.mounts}
     for index in range(scenario.frames):
@@ -182,13 +157,9 @@ def run_unrendered(scenario: Scenario, simulation: Simulation, setup: Setup, sig
             pose = robots[mount.robot] @ mount.T_body_camera
             true[name] = lines.view(mount.camera, pose, people)
             found = detector.detect(mount.camera, true[name], streams[name])
-            seen = lines.sightings(pose, marks[name]) if _on_rover(simulation, mount) else None
-            views.append(View(name, found, seen, odometry.get(mount.robot)))
+            seen = lines.sightings(pose, marks[name]) if on_rover(simulation, mount) else None
+            views.append(View(name, found, seen, odometry.get(mount.robot), companions=spotter.spot(name)))
         yield Glimpse(Tick(index, index * scenario.period, tuple(views)), _truth(simulation, index, robots, people, true), true)
-
-
-def _on_rover(simulation: Simulation, mount: Mount) -> bool:
-    return mount.robot in simulation.robots and isinstance(mount.camera, Panorama)
 
 
 def _truth(simulation: Simulation, index: int, robots: dict[str, Pose], people: People, true: Mapping[str, ViewTruth]) -> Truth:
@@ -259,20 +230,6 @@ def _on_surfaces(simulation: Simulation, count: int, rng: np.random.Generator) -
         if 0.5 < distance < FARTHEST:
             out.append(eye + distance * sight)
     return np.array(out).reshape(-1, 3)
-
-
-def _grounds(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Grid]:
-    """Geom → its heights, of every height field that is drawn, level and square."""
-    out = {}
-    for k in np.flatnonzero((model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD)) & (model.geom_group <= GROUPS[-1])).tolist():
-        field = int(model.geom_dataid[k])
-        half, high = model.hfield_size[field, :2], model.hfield_size[field, 2]
-        rows, columns, first = int(model.hfield_nrow[field]), int(model.hfield_ncol[field]), int(model.hfield_adr[field])
-        spacing = 2 * half / np.array([columns - 1, rows - 1])
-        if abs(spacing[0] - spacing[1]) < 1e-9 and np.abs(data.geom_xmat[k] - np.eye(3).ravel()).max() < 1e-9:
-            z = model.hfield_data[first : first + rows * columns].reshape(rows, columns).astype(np.float64) * high + data.geom_xpos[k, 2]
-            out[k] = Grid(z, data.geom_xpos[k, :2] - half, float(spacing[0]))
-    return out
 
 
 def _pixels(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array, Mask]:

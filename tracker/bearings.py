@@ -1,4 +1,5 @@
-"""Measurement models of unit directions: of a landmark by a camera on a robot, and of "up" by an accelerometer; and the inverse model.
+"""Measurement models of unit directions: of a landmark, or of another robot, by a camera on a robot, and of "up" by an accelerometer; and the
+inverse model.
 
 A residual lives in the tangent plane of the predicted direction (geometry.tangent_basis): two numbers, no seam at ±π, no pole. Its Jacobians
 are those of the prediction: residual ≈ H δ + noise where δ is what the state lacks.
@@ -91,6 +92,16 @@ def jacobians(sight: Sight, landmarks: Array) -> tuple[Array, Array, Array]:
     u = (q - sight.mount_translation) @ sight.bent
     body = np.concatenate([-across, across @ skew(q)], axis=2)
     return body, across @ np.swapaxes(sight.body_rotation, -1, -2), B @ sight.mount_rotation.T @ skew(u)
+
+
+def robot_jacobians(sight: Sight, others: tuple[Array, Array], levers: Array) -> tuple[Array, Array, Array]:
+    """Of the bearings of places at levers m (n, 3) in the bodies of other robots, with rotations R (n, 3, 3) and translations (n, 3) m: (n, 2, 6) in
+    the right tangent of the body that sees, (n, 2, 3) in that of its correction, (n, 2, 6) in those of the others, dl = R ρ − R [m]× φ.
+    """
+    rotation, translation = others
+    body, place, correction = jacobians(sight, translation + (rotation @ levers[..., None])[..., 0])
+    across = place @ rotation
+    return body, correction, np.concatenate([across, -across @ skew(levers)], axis=2)
 
 
 def gravity(rotation: Array, up: Array) -> tuple[Array, Array]:

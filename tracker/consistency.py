@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.annotations import VISIBLE, ViewTruth, read_joints, read_views
+from tracker.bearings import residual
 from tracker.cameras import Camera, Panorama
+from tracker.gaussian import mahalanobis2
 from tracker.geometry import Array
 from tracker.images import decode
 from tracker.layout import LAYERS
-from tracker.measurements import Ints, Truth
-from tracker.sequence import Sequence
+from tracker.measurements import Ints, Setup, Truth
+from tracker.sequence import Sequence, read_companions
 
 Finding = tuple[Path, str]
 Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
@@ -29,6 +31,8 @@ KINDS: dict[str, type] = {"instances": np.uint16, "range": np.uint16, "classes":
 JOINT_STEP = 1e-4
 """m, to which joints are written; and px, to which key points are."""
 PIXEL_STEP = 0.01
+ASTRAY = 7.0
+"""Standard deviations of a bearing that none of a sequence is off."""
 BESIDE = 2
 """px: a visible key point is at most so far from its person, the step of its column included."""
 
@@ -51,6 +55,8 @@ def inconsistencies(folder: Path, sequence: Sequence, files: Collection[str], pr
     frames = range(len(tables.truth))
     cameras = {name: mount.camera for name, mount in sequence.setup.mounts.items()}
     yield from _poses(folder, tables)
+    if "companions.csv" in files:
+        yield from _companions(folder, tables, sequence.setup)
     wanted = {(k, name) for k in frames for name in cameras}
     for k, name in sorted(wanted ^ set(tables.views)):
         there = "has no row" if (k, name) in wanted else "is not of the sequence"
@@ -77,6 +83,18 @@ def _poses(folder: Path, tables: _Tables) -> Iterator[Finding]:
     for k, name, pose, file in poses:
         if not np.allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-6):
             yield folder / "truth" / file, f"frame {k} of {name} has a quaternion that is not of length 1"
+
+
+def _companions(folder: Path, tables: _Tables, setup: Setup) -> Iterator[Finding]:
+    """Robots are seen where they are."""
+    for (k, camera), seen in read_companions(folder, setup, len(tables.truth)).items():
+        poses, mount = tables.truth[k].T_world_robot, setup.mounts[camera]
+        places = np.array([(poses[robot] @ setup.mount_of(robot).T_body_camera).translation for robot in seen.robot])
+        sight = (poses[mount.robot] @ mount.T_body_camera).inverse().apply(places)
+        error = residual(seen.bearing, sight / np.linalg.norm(sight, axis=1, keepdims=True))
+        for robot, d2 in zip(seen.robot, mahalanobis2(error, seen.covariance), strict=True):
+            if not d2 < ASTRAY**2:
+                yield folder / "companions.csv", f"frame {k} of {camera}: {robot} is {np.sqrt(d2):.0f} standard deviations off its place in truth"
 
 
 def _image(folder: Path, stem: str, camera: Camera, files: Collection[str]) -> tuple[Path, NDArray[Any] | None, str]:

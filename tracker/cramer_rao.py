@@ -96,8 +96,8 @@ def surveyed(setup: Setup, truth: Iterable[Mapping[str, Pose]], odometry: Iterab
     """The bound, m, for a run from pictures, where no landmark has a name: for sightings that the tracker itself took in, as its own map had them.
 
     So it takes each of the tracker's associations for right and each landmark to be where it was last believed to be, and a feature to be as good
-    as Extraction says. What a tracker could have seen beside is not in it, nor are the rays that a landmark was placed from before: another
-    front end may well be below it. None where no robot moves from a start that was told, or nothing was seen.
+    as Extraction says. What a tracker could have seen beside is not in it, nor are other robots, nor the rays that a landmark was placed from before:
+    another front end may well be below it. None where no robot moves from a start that was told, or nothing was seen.
     """
     if not survey.places or not any(start is not None and start.covariance.any() for start in setup.starts.values()):
         return None

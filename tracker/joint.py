@@ -33,7 +33,8 @@ ROOM = 32
 class Linear:
     """k measured directions linearised at the present mean: residual (2k,), H (2k, c) over the state's `columns` (c,), noise (k, 2, 2) rad².
 
-    The first columns are those of `robot` (pose, then what else is kept of it); the others belong to landmarks.
+    The first columns are those of `robot` (pose, then what else is kept of it), the next belong to landmarks, the last to the poses of the
+    `others` (j,), robots that it sees.
     """
 
     robot: int
@@ -41,6 +42,7 @@ class Linear:
     H: Array
     residual: Array
     noise: Array
+    others: tuple[int, ...] = ()
 
 
 class Joint:
@@ -136,10 +138,11 @@ class Joint:
         """The first row of a robot's or clone's pose."""
         return self.stride * pose if pose < self.robots else self.stride * self.robots + 6 * (pose - self.robots)
 
-    def columns(self, robot: int, landmarks: Indices) -> Indices:
-        """The rows of a robot (pose, then what else is kept of it), then those of landmarks, three each."""
-        at = self.offset(robot)
-        return np.concatenate([np.arange(at, at + self.stride), (self.base + 3 * landmarks[:, None] + np.arange(3)).ravel()])
+    def columns(self, robot: int, landmarks: Indices, others: tuple[int, ...] = ()) -> Indices:
+        """The rows of a robot (pose, then what else is kept of it), then those of landmarks, three each, then the poses of other robots, six each."""
+        own = np.arange(self.offset(robot), self.offset(robot) + self.stride)
+        poses = [np.arange(self.offset(other), self.offset(other) + 6) for other in others]
+        return np.concatenate([own, (self.base + 3 * landmarks[:, None] + np.arange(3)).ravel(), *poses])
 
     def clone_slot(self, robot: int, k: int) -> int:
         """The number of the pose that is clone k of a robot."""
@@ -248,13 +251,15 @@ class Joint:
         linear = linearise()
         rows = self.P[linear.columns]
         for left in reversed(range(iterations)):
-            H, own = linear.H.copy(), slice(self.offset(linear.robot), self.offset(linear.robot) + self.stride)
+            H, marks = linear.H.copy(), slice(self.stride, len(linear.columns) - 6 * len(linear.others))
             if self._first is None:
-                H[:, : self.stride] = H[:, : self.stride] @ self._chart(before, delta)[own, own]
+                poses = np.delete(np.arange(len(linear.columns)), marks)
+                at = linear.columns[poses]
+                H[:, poses] = H[:, poses] @ self._chart(before, delta)[np.ix_(at, at)]
             if self.invariant:
-                seen = (linear.columns[self.stride :: 3] - self.base) // 3
+                seen = (linear.columns[marks][::3] - self.base) // 3
                 shears = landmark_shears(self._means(before), self._means(), linear.robot)[seen]
-                H[:, 3:6] += linear.H[:, self.stride :] @ shears.reshape(-1, 3)
+                H[:, 3:6] += linear.H[:, marks] @ shears.reshape(-1, 3)
             HP = H @ rows
             spread = HP[:, linear.columns] @ H.T
             innovation = linear.residual + H @ delta[linear.columns]

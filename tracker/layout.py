@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 SCHEMA = 3
 READS = (2, 3)
-"""Versions that are read: 3 has no table or column that 2 has not, but may have images without loss, range, classes, videos and a mesh."""
+"""Versions that are read: 3 has no column that 2 has not, but may have companions, images without loss, range, classes, videos and a mesh."""
 LAYERS = ("images", "instances", "range", "classes", "videos")
 """Folders of what is large and looked at one by one."""
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
@@ -17,6 +17,8 @@ ODOMETRY = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "up_x": fl
 DETECTIONS = {"frame": int, "camera": str} | dict.fromkeys(
     ["bearing_x", "bearing_y", "bearing_z", "width", "height", "confidence", "c00", "c01", "c11"], float
 )
+COMPANIONS = {"frame": int, "camera": str, "robot": str} | dict.fromkeys(["bearing_x", "bearing_y", "bearing_z", "c00", "c01", "c11"], float)
+"""Of a table that need not be there."""
 ROBOTS: dict[str, type] = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "tipped": int}
 BOXES: dict[str, type] = {"frame": int, "camera": str, "person": int} | dict.fromkeys(
     ["left", "top", "right", "bottom", "full_left", "full_top", "full_right", "full_bottom", "visible", "range"], float
@@ -72,6 +74,8 @@ Quaternions are wxyz. Poses are T_world_robot unless it says otherwise: x, y, z 
   up_x, up_y, up_z: up in the body's frame by the accelerometer, up_sigma its error [rad].
 * `detections.csv`: what the detector reports: bearing of the box's middle in the camera's frame (unit), its spans of azimuth (width) and
   elevation (height) [rad], confidence, covariance of an edge [rad²] along azimuth and elevation.
+* `companions.csv`: other robots that a robot's camera sees: bearing of the middle of the seen robot's camera in the frame of the camera that sees it
+  (unit), covariance [rad²] along azimuth and elevation. Not there in sequences of older versions.
 * `truth/robots.csv`: poses of the robots' bodies; tipped is 1 where a robot has tipped over, else 0.
 * `truth/cameras.csv`: poses of the cameras (T_world_camera), ground [m]: the height of the terrain straight below, normal_x, normal_y, normal_z:
   its unit normal there.

@@ -90,7 +90,7 @@ class Detections:
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """Landmarks and other robots seen by one camera in one frame.
+    """Landmarks seen by one camera in one frame.
 
     bearing (n, 3) unit, camera frame; range (n,) m or NaN; subject (n,): which landmark, −1 where that must be found;
     descriptor (n, d); covariance (n, 2, 2) rad² in the tangent plane.
@@ -123,6 +123,36 @@ class Sightings:
 
 
 @dataclass(frozen=True, eq=False)
+class Companions:
+    """Other robots seen by one camera in one frame, each known by its name.
+
+    bearing (n, 3) unit, camera frame: to the middle of the seen robot's camera (Setup.mount_of); robot: names (n,), none twice; covariance
+    (n, 2, 2) rad² in the tangent plane.
+    """
+
+    bearing: Array
+    robot: tuple[str, ...]
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "robot", tuple(map(str, self.robot)))
+        n = len(self.robot)
+        _set(self, "bearing", (n, 3))
+        _set(self, "covariance", (n, 2, 2))
+        _check_unit(self.bearing, "bearing of a companion")
+        _check_covariances(self.covariance, "covariance of companion")
+        if len(set(self.robot)) < n:
+            raise ValueError(f"companions are {', '.join(self.robot)}, needs each robot once")
+
+    @staticmethod
+    def none() -> Companions:
+        return Companions(np.zeros((0, 3)), (), np.zeros((0, 2, 2)))
+
+    def __len__(self) -> int:
+        return len(self.robot)
+
+
+@dataclass(frozen=True, eq=False)
 class Odometry:
     """The motion of a robot's body since the tick before: T_before_now, covariance (6, 6) of its right tangent [m, rad].
 
@@ -145,13 +175,16 @@ class Odometry:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one camera has at one tick. image (H, W, 3) uint8 RGB or None; odometry of the robot that carries the camera, or None."""
+    """What one camera has at one tick. image (H, W, 3) uint8 RGB or None; odometry of the robot that carries the camera, or None; companions: None
+    where nobody looks for other robots.
+    """
 
     camera: str
     detections: Detections
     sightings: Sightings | None = None
     odometry: Odometry | None = None
     image: Image | None = None
+    companions: Companions | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,6 +271,20 @@ class Setup:
         missing = {m.robot for m in self.mounts.values()} - set(self.starts)
         if missing:
             raise ValueError(f"robots {sorted(missing)} carry cameras and have no entry in starts")
+
+    def mount_of(self, robot: str) -> Mount:
+        """The camera that others see of a robot: its first. Raises ValueError for a robot without one."""
+        mount = next((m for m in self.mounts.values() if m.robot == robot), None)
+        if mount is None:
+            raise ValueError(f"robot {robot!r} carries no camera, needs one of {sorted({m.robot for m in self.mounts.values()})}")
+        return mount
+
+    def check_companions(self, camera: str, companions: Companions) -> None:
+        """Raises ValueError for robots without a camera, and for a robot that sees itself."""
+        for robot in companions.robot:
+            self.mount_of(robot)
+            if robot == self.mounts[camera].robot:
+                raise ValueError(f"{camera} sees robot {robot!r}, which carries it; needs another one")
 
 
 @dataclass(frozen=True, eq=False)

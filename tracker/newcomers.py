@@ -36,7 +36,8 @@ class Newcomers:
         if name not in self._alone and not self._begin(name, tick):
             return "no level"
         alone, reason = self._alone[name], "sees nothing"
-        alone.step(tick)
+        # In a frame of its own nobody else is anywhere.
+        alone.step(replace(tick, views=tuple(replace(view, companions=None) for view in tick.views)))
         for view in tick.views:
             if view.camera in alone.sighted:
                 mount = self.setup.mounts[view.camera]

@@ -23,7 +23,7 @@ from tracker.cameras import Tsai
 from tracker.formats.pets2009 import write_camera
 from tracker.ground import Grid
 from tracker.images import JPEG, PNG, RANGE, RUNS, Coders, range_counts
-from tracker.layout import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, README, ROBOTS, SCHEMA, UPPER, people_columns
+from tracker.layout import BOXES, CAMERAS, COMPANIONS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, README, ROBOTS, SCHEMA, UPPER, people_columns
 from tracker.manifests import manifest_sum
 from tracker.measurements import Image, Setup, Tick, Truth, View
 from tracker.tables import write_arrays, write_table
@@ -68,13 +68,15 @@ class SequenceWriter:
         self.tops = tops
         self._coders = Coders(self.partial)
         self._videos = Videos(self.partial / "videos", 1 / setup.period) if self.form.video else None
+        self._looked = False  # whether any view was searched for other robots
         self._rows: dict[str, list[list[object]]] = {name.split("/")[-1]: [] for name in self._tables()}
 
     def _tables(self) -> dict[str, list[str]]:
         """Table → its columns."""
         truth: dict[str, dict[str, type]] = {"robots": ROBOTS, "cameras": CAMERAS, "boxes": BOXES, "keypoints": KEYPOINTS, "joints": JOINTS}
         truth["people"] = people_columns(self.setup.mounts)
-        return {"odometry": list(ODOMETRY), "detections": list(DETECTIONS)} | {f"truth/{name}": list(columns) for name, columns in truth.items()}
+        measured = {"odometry": list(ODOMETRY), "detections": list(DETECTIONS), "companions": list(COMPANIONS)}
+        return measured | {f"truth/{name}": list(columns) for name, columns in truth.items()}
 
     def __enter__(self) -> SequenceWriter:
         if self.partial.exists():
@@ -118,7 +120,7 @@ class SequenceWriter:
         rows["joints"] += joint_rows(k, truth.person_id, truth.joints)
 
     def _measured(self, k: int, view: View) -> None:
-        """Odometry and detections of a view."""
+        """Odometry, detections and companions of a view."""
         if view.odometry is not None:
             o, robot = view.odometry, self.setup.mounts[view.camera].robot
             up = [*map(float, o.gravity), o.gravity_sigma] if o.gravity is not None else [0.0, 0.0, 0.0, 0.0]
@@ -126,6 +128,10 @@ class SequenceWriter:
         d = view.detections
         for b, e, c, s in zip(d.bearing, d.extent, d.confidence, d.covariance, strict=True):
             self._rows["detections"].append([k, view.camera, *map(float, [*b, *e, c, s[0, 0], s[0, 1], s[1, 1]])])
+        if view.companions is not None:
+            self._looked, seen = True, view.companions
+            for robot, b, s in zip(seen.robot, seen.bearing, seen.covariance, strict=True):
+                self._rows["companions"].append([k, view.camera, robot, *map(float, [*b, s[0, 0], s[0, 1], s[1, 1]])])
 
     def _images(self, k: int, camera: str, image: Image, layers: Layers) -> None:
         """Have all images of a view written. Raises ValueError where the form wants a layer that is not there."""
@@ -149,6 +155,8 @@ class SequenceWriter:
             self._videos.finish()
         root = self.partial
         for name, columns in self._tables().items():
+            if name == "companions" and not self._looked:
+                continue
             rows = self._rows[name.split("/")[-1]]
             write_table(root / f"{name}.csv", columns, rows)
             if len(rows) * len(columns) > LARGE:

@@ -16,10 +16,11 @@ import numpy as np
 
 from tracker.annotations import Boxes, read_boxes
 from tracker.calibration import pose_from, read_terrain, setup_from
+from tracker.geometry import Array
 from tracker.images import decode
-from tracker.layout import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOTS, UPPER, people_columns
+from tracker.layout import COMPANIONS, DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOTS, UPPER, people_columns
 from tracker.manifests import check_file, read_json, read_manifest
-from tracker.measurements import Detections, Image, Mount, Odometry, Setup, Tick, Truth, View
+from tracker.measurements import Companions, Detections, Image, Mount, Odometry, Setup, Tick, Truth, View
 from tracker.recording import SequenceWriter
 from tracker.tables import rows_by_frame
 
@@ -147,6 +148,7 @@ class _DiskTicks:
         frames = range(count)
         self._odometry = rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
         self._detections = rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
+        self._companions = read_companions(folder, setup, count) if "companions.csv" in files else None
 
     def __len__(self) -> int:
         return self.count
@@ -167,6 +169,7 @@ class _DiskTicks:
                         _detections([row for row in boxes if row["camera"] == name]),
                         odometry=odometry.get(mount.robot),
                         image=self._image(f"images/{name}/{k:06d}", mount),
+                        companions=None if self._companions is None else self._companions.get((k, name), Companions.none()),
                     )
                     for name, mount in self.setup.mounts.items()
                 ),
@@ -187,6 +190,25 @@ class _DiskTicks:
         return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 
 
+def read_companions(folder: Path, setup: Setup, count: int) -> dict[tuple[int, str], Companions]:
+    """(frame, camera) → the robots that it sees, of `count` frames; views that show none are not there. Raises ValueError, with the file's name, for
+    what is no companion.
+    """
+    path, found = folder / "companions.csv", dict[tuple[int, str], list[dict[str, Any]]]()
+    known = {"frame": range(count), "camera": setup.mounts, "robot": setup.starts}
+    for k, rows in rows_by_frame(path, COMPANIONS, ("camera", "robot"), known).items():
+        for row in rows:
+            found.setdefault((k, row["camera"]), []).append(row)
+    out = {}
+    for (k, camera), rows in found.items():
+        try:
+            out[k, camera] = Companions(_bearings(rows), tuple(row["robot"] for row in rows), _covariances(rows))
+            setup.check_companions(camera, out[k, camera])
+        except ValueError as error:
+            raise ValueError(f"{path}: frame {k} of {camera}: {error}") from None
+    return out
+
+
 def _odometry(row: dict[str, Any]) -> Odometry:
     covariance = np.zeros((6, 6))
     for i, j in UPPER:
@@ -198,11 +220,23 @@ def _odometry(row: dict[str, Any]) -> Odometry:
 def _detections(rows: list[dict[str, Any]]) -> Detections:
     if not rows:
         return Detections.none()
-    bearing = np.array([[r["bearing_x"], r["bearing_y"], r["bearing_z"]] for r in rows])
     return Detections(
-        bearing / np.linalg.norm(bearing, axis=1, keepdims=True),
+        _bearings(rows),
         np.array([[r["width"], r["height"]] for r in rows]),
         np.array([r["confidence"] for r in rows]),
-        np.array([[[r["c00"], r["c01"]], [r["c01"], r["c11"]]] for r in rows]),
+        _covariances(rows),
         np.zeros((len(rows), 0)),
     )
+
+
+def _bearings(rows: list[dict[str, Any]]) -> Array:
+    """(n, 3): of length 1 again after the digits of the file."""
+    bearing = np.array([[r["bearing_x"], r["bearing_y"], r["bearing_z"]] for r in rows])
+    length = np.linalg.norm(bearing, axis=1, keepdims=True)
+    if not (length > 0).all():
+        raise ValueError("a bearing is (0, 0, 0), needs a direction")
+    return np.asarray(bearing / length)
+
+
+def _covariances(rows: list[dict[str, Any]]) -> Array:
+    return np.array([[[r["c00"], r["c01"]], [r["c01"], r["c11"]]] for r in rows])

@@ -16,12 +16,13 @@ import numpy as np
 from tracker.association import Gate, Matches, associate
 from tracker.cameras import Mask, Panorama
 from tracker.candidates import Trial
+from tracker.companions import met, on_robots, reopened
 from tracker.features import Extraction, extract
 from tracker.frontier import Frontier
 from tracker.geometry import Array, Pose, angles_from_bearing
 from tracker.joint import Indices, Joint
 from tracker.landmarks import Floats, Landmarks, Survival, dissimilarity, spread, unit_rows
-from tracker.linearisation import Seen, linearise
+from tracker.linearisation import Met, Seen, linearise
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.newcomers import Newcomers
 from tracker.persistence import Persistence, root
@@ -39,7 +40,7 @@ class SlamParameters:
 
     seen: landmarks a camera updates at once; capacity: landmarks in the map; growth: new ones a camera a tick. clones: earlier poses kept a robot,
     a new one each `stride` m. robot_radius m: nothing without a name becomes or matches a landmark so near to another robot's middle. reopen: a
-    robot's pose is doubted by reopen_sigma (m, rad) where the landmarks that it saw in the last `reopen` ticks are mostly refused.
+    robot's pose is doubted by reopen_sigma (m, rad) where most of the landmarks seen in the last `reopen` ticks, or of the robots, are refused.
     """
 
     mode: str = "invariant"
@@ -101,12 +102,14 @@ class Slam:
         self._tick = -1
 
     def step(self, tick: Tick) -> None:
-        """Take in all views of one tick. Raises ValueError for a view of a camera that the setup does not know."""
+        """Take in all views of one tick. Raises ValueError for a view of a camera, or of a robot, that the setup does not know."""
         self._tick, views = tick.index, dict[str, list[View]]()
         self.sighted.clear()
         for view in tick.views:
             if view.camera not in self.setup.mounts:
                 raise ValueError(f"view of camera {view.camera!r}, needs one of {sorted(self.setup.mounts)}")
+            if view.companions is not None:
+                self.setup.check_companions(view.camera, view.companions)
             views.setdefault(self.setup.mounts[view.camera].robot, []).append(view)
         for name in self.setup.starts:
             self._admit(name, views.get(name, []))
@@ -227,7 +230,9 @@ class Slam:
         for view in views:
             seen = self._sightings(name, view)
             if seen is not None:
-                rest.append((self._frontier[view.camera], seen, self._update(name, self.setup.mounts[view.camera], seen, tick)))
+                rest.append((self._frontier[view.camera], seen, self._update(name, view, seen, tick)))
+            elif view.companions:
+                self._correct(name, None, view)
         if not rest:
             self._correct(name, None)
         for landmark in self._map.doomed(self.parameters.survival)[::-1]:
@@ -250,28 +255,17 @@ class Slam:
             seen = extract(view.image, mount.camera, up, view.detections, self.parameters.extraction).sightings()
         if seen is None:
             return None
-        moving = self._on_a_robot(name, mount, seen)
+        others = [number for other, number in self._team.items() if other != name]
+        moving = on_robots(self._joint, self._joint.sight(self._team[name], mount), others, seen, self.parameters.robot_radius)
         self._counters["on a robot"] += int(moving.sum())
         order = np.lexsort(seen.bearing.T)
         keep = order[~moving[order]]
         self.sighted[view.camera] = Sightings(seen.bearing[keep], seen.range[keep], seen.subject[keep], seen.descriptor[keep], seen.covariance[keep])
         return self.sighted[view.camera]
 
-    def _on_a_robot(self, name: str, mount: Mount, seen: Sightings) -> Mask:
-        """(n,) whether a sighting without a name lies within robot_radius of another robot's middle."""
-        moving = np.zeros(len(seen), dtype=bool)
-        sight = self._joint.sight(self._team[name], mount)
-        for other, number in self._team.items():
-            if other != name:
-                p = sight.points(self._joint.translation[number][None])[0]
-                distance = np.linalg.norm(p)
-                reach = np.arctan2(self.parameters.robot_radius, max(float(distance), 1e-6))
-                moving |= (seen.bearing @ p > distance * np.cos(reach)) & (seen.subject < 0)
-        return moving
-
-    def _update(self, name: str, mount: Mount, seen: Sightings, tick: int) -> tuple[Indices, int]:
+    def _update(self, name: str, view: View, seen: Sightings, tick: int) -> tuple[Indices, int]:
         """Associate and update; returns the sightings that belong to no landmark, and how many did."""
-        robot, book = self._team[name], self._map
+        robot, book, mount = self._team[name], self._map, self.setup.mounts[view.camera]
         descriptor = unit_rows(seen.descriptor)
         unlike = dissimilarity(book.look, book.subject[: book.count], descriptor, seen.subject)
         looks = unlike, np.asarray(book.look[:, robot].any(axis=1))
@@ -286,7 +280,7 @@ class Slam:
         chosen = spread(azimuth, book.hits[m.landmark].astype(np.float64), self.parameters.seen)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
         self._account(robot, m)
-        good = self._correct(name, (mount, landmark, seen.bearing[sighting], seen.covariance[sighting])) > 0.3
+        good = self._correct(name, (mount, landmark, seen.bearing[sighting], seen.covariance[sighting]), view) > 0.3
         book.seen(landmark[good], descriptor[sighting[good]], robot, tick)
         book.refused[landmark[~good]] += 1
         self._counters["outlier"] += int((~good).sum())
@@ -295,21 +289,34 @@ class Slam:
         self._counters["no match"] += int(free.sum())
         return np.flatnonzero(free), len(m.landmark)
 
-    def _correct(self, name: str, seen: Seen | None) -> Array:
-        """One update by what was associated, and by gravity if it was not yet used at this tick; the weights (k,) of what was seen."""
-        robot, odometry = self._team[name], self._odometry.pop(name, None)
+    def _correct(self, name: str, seen: Seen | None, view: View | None = None) -> Array:
+        """One update by what was associated, by robots in the view, and by gravity if not yet used; the weights (k,) of what was associated."""
+        robot, odometry, others = self._team[name], self._odometry.pop(name, None), self._met(name, view)
         up = None if odometry is None or odometry.gravity is None else odometry
-        if up is None and (seen is None or not len(seen[1])):
+        k = 0 if seen is None else len(seen[1])
+        if up is None and not k and not others:
             return np.ones(0)
         try:
-            weights = self._joint.update(lambda: linearise(self._joint, robot, seen, up), self.parameters.iterations, self.parameters.robust)
+            weights = self._joint.update(lambda: linearise(self._joint, robot, seen, up, others), self.parameters.iterations, self.parameters.robust)
         except np.linalg.LinAlgError:
             weights = np.full(1, np.nan)
         if not (np.isfinite(weights).all() and np.isfinite(self._joint.translation).all()):
             where, doubt = self._joint.translation[robot].tolist(), float(self._joint.P[self._joint.offset(robot), self._joint.offset(robot)])
             raise ValueError(f"the filter diverged at tick {self._tick}: robot {name!r} is at {where}, variance {doubt:.3g} m²")
         self._counters["shaken level"] += int(up is not None and weights[-1] < 0.3)
-        return weights if up is None else weights[:-1]
+        return weights[:k]
+
+    def _met(self, name: str, view: View | None) -> Met | None:
+        """The robots of the team that a view shows where they may be. Who is being looked for tells nothing of others, nor they of it."""
+        if view is None or not view.companions or self._wayfinder.astray(name):
+            return None
+        there = {other: number for other, number in self._team.items() if not self._wayfinder.astray(other)}
+        seen = met(self.setup, self.setup.mounts[view.camera], view.companions, there)
+        doubt = np.repeat(self.parameters.reopen_sigma, 3) ** 2
+        inside, again = reopened(self._joint, self._team[name], seen, self.parameters.gate.probability, doubt)
+        counts = {"robot seen": inside.sum(), "robot refused": (~inside).sum(), "robot unplaced": len(view.companions) - len(seen), "reopened": again}
+        self._counters.update({reason: int(count) for reason, count in counts.items() if count})
+        return seen.those(inside)
 
     def _associate(self, robot: int, mount: Mount, seen: Sightings, looks: tuple[Floats, Mask], tick: int) -> Matches:
         """Matches with the map; where most of what the robot saw a moment ago is refused, it is the pose that is wrong (a wheel slipped, a rover

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,12 @@ from sim.landmarks import map_score
 from sim.limits import ate_bound
 from sim.scenario import Scenario
 from sim.stress import Case
+from tests.tracker.test_companions import with_companions
 from tests.tracker.walled_room import Room, simulate
 from tracker import cramer_rao
+from tracker.companions import met
+from tracker.joint import Joint
+from tracker.linearisation import linearise
 from tracker.measurements import Truth
 from tracker.pipeline import track
 from tracker.results import Results
@@ -41,6 +47,31 @@ def test_the_recursion_and_the_whole_problem_agree(footage: Footage) -> None:
     # An offset that is estimated as well costs something.
     more = cramer_rao.variances(footage.setup, frames, places, (0.02, 0.02, 0.02))
     assert cramer_rao.ate_bound(more) > cramer_rao.ate_bound(found)
+
+
+def test_robots_that_see_each_other_lower_the_bound() -> None:
+    """Of a first frame alone it is what the filter makes of the starts at the truth, where no landmark is known."""
+    setup, ticks, poses = with_companions(Room(seed=3, robots=3, ticks=1, landmarks=1), np.random.default_rng(0))
+    truth, case = (Truth(1, poses[0], *NOBODY),), Case("room/0", "room", "none", 0, Scenario())
+    views = tuple(replace(view, sightings=None, odometry=None) for view in ticks[0].views)
+    blind = tuple(replace(view, companions=None) for view in views)
+    bounds = []
+    for seen in (views, blind):
+        told = [replace(ticks[0], views=seen)]
+        bounds.append(ate_bound(Footage(case, setup, told, truth, [{}], setup, told, {}, np.zeros((1, 3)))))
+    joint, team = Joint(1, 1, None), {}
+    for name, start in setup.starts.items():
+        assert start is not None
+        team[name] = joint.join(replace(start, T_world_robot=poses[0][name]))
+    for view in views:
+        mount = setup.mounts[view.camera]
+        assert view.companions is not None
+        seen_at_all = met(setup, mount, view.companions, team)
+        joint.update(lambda mount=mount, seen=seen_at_all: linearise(joint, team[mount.robot], None, None, seen), 1, np.inf)  # type: ignore[misc]
+    expected = np.mean([np.sqrt(joint.covariance(robot)[:3, :3].trace()) for robot in team.values()])
+    # The filter's mean moves by the noise of the bearings, the bound's does not.
+    assert bounds[0] == pytest.approx(expected, rel=1e-3)
+    assert bounds[0] < 0.9 * (bounds[1] or 0)
 
 
 def test_what_the_tracker_saw_gives_a_bound_and_a_map(footage: Footage) -> None:

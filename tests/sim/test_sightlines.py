@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim.rays import BEFORE
 from sim.record import Moment, open_renderer, run, setup_of
 from sim.scenario import Scenario
 from sim.sensing import People
-from sim.sightlines import BEFORE, Glimpse, Landmarking, Sightlines, run_unrendered
+from sim.sightlines import Glimpse, Landmarking, Sightlines, run_unrendered
 from sim.simulation import Simulation
 from tests.sim.yard import yard
 from tracker.cameras import Panorama

@@ -11,7 +11,7 @@ from tracker.cameras import Camera, Panorama, pinhole
 from tracker.geometry import Array, Pose
 from tracker.ground import Grid
 from tracker.layout import KEYPOINT_NAMES
-from tracker.measurements import Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
+from tracker.measurements import Companions, Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
 from tracker.recording import Form, Layers, SequenceWriter
 
 FRAMES = 3
@@ -73,6 +73,12 @@ def view_truth(k: int, name: str, image: NDArray[np.uint16]) -> ViewTruth:
     return ViewTruth(T, 0.0, np.array([0.0, 0.0, 1.0]), Boxes(ids, edges, edges, np.ones(len(shown)), far), Keypoints(ids, pixels, visibility))
 
 
+def companions(poses: dict[str, Pose]) -> Companions:
+    """The robot sees the fixed camera; poses of cameras."""
+    sight = poses["robot_0_camera"].inverse().apply(poses["View_001"].translation)
+    return Companions(sight[None] / np.linalg.norm(sight), ("View_001",), 1e-5 * np.eye(2)[None])
+
+
 def write(folder: Path, form: Form | None = None) -> None:
     """Write the sequence into `folder`."""
     rng = np.random.default_rng(3)
@@ -85,7 +91,8 @@ def write(folder: Path, form: Form | None = None) -> None:
             truths = {name: view_truth(k, name, instances[name]) for name in CAMERAS}
             colours = {name: cv2.resize(rng.integers(0, 255, (9, 12, 3), np.uint8), image.shape[::-1]) for name, image in instances.items()}
             still = Odometry(Pose.planar(0.1, 0, 0), 1e-4 * np.eye(6)) if k else None
-            views = [View(n, Detections.none(), odometry=still if n != "View_001" else None, image=colours[n]) for n in CAMERAS]
+            robot = View("robot_0_camera", Detections.none(), odometry=still, image=colours["robot_0_camera"], companions=companions(poses))
+            views = [robot, View("View_001", Detections.none(), image=colours["View_001"])]
             visible = np.array([[float(p in truths[n].boxes.person) for n in CAMERAS] for p in (1, 2)])
             truth = Truth(k, robots(k), np.array([1, 2]), joints(k)[:, 0] * [1, 1, 0], visible, joints(k))
             ranges = {n: np.where(i > 0, 3.0, np.inf).astype(np.float32) for n, i in instances.items()}

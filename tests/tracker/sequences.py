@@ -8,7 +8,7 @@ from tracker.annotations import Boxes, Keypoints, ViewTruth
 from tracker.cameras import Panorama
 from tracker.geometry import Pose
 from tracker.ground import Grid
-from tracker.measurements import Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
+from tracker.measurements import Companions, Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
 from tracker.recording import Layers, SequenceWriter
 
 FRAMES = 3
@@ -22,6 +22,16 @@ def setup() -> Setup:
     return Setup(mounts, Grid(heights, np.array([-5.0, -5.0]), 0.5), starts, 1 / 6)
 
 
+def companions(k: int, camera: str) -> Companions:
+    """Each sees the other where it is, but for the first frame of the second."""
+    if camera == "robot_1_camera" and k == 0:
+        return Companions.none()
+    poses, mount = truth(k).T_world_robot, setup().mounts[camera]
+    other = next(robot for robot in poses if robot != mount.robot)
+    sight = (poses[mount.robot] @ mount.T_body_camera).inverse().apply((poses[other] @ mount.T_body_camera).translation)
+    return Companions(sight[None] / np.linalg.norm(sight), (other,), np.array([[[2e-6, 1e-7], [1e-7, 3e-6]]]))
+
+
 def tick(k: int, rng: np.random.Generator) -> Tick:
     views = []
     for name in setup().mounts:
@@ -31,7 +41,8 @@ def tick(k: int, rng: np.random.Generator) -> Tick:
         covariance = np.tile(np.array([[2e-5, 1e-6], [1e-6, 3e-5]]), (n, 1, 1))
         found = Detections(bearing, rng.uniform(0.1, 0.5, (n, 2)), rng.uniform(0.5, 1, n), covariance, np.zeros((n, 0)))
         odometry = Odometry(Pose.exp(rng.normal(0, 0.1, 6)), 0.001 * np.eye(6), np.array([0.0, 0.0, 1.0]), 0.01) if k else None
-        views.append(View(name, found, odometry=odometry, image=rng.integers(0, 255, (32, 64, 3), dtype=np.uint8)))
+        image = rng.integers(0, 255, (32, 64, 3), dtype=np.uint8)
+        views.append(View(name, found, odometry=odometry, image=image, companions=companions(k, name)))
     return Tick(k, k / 6, tuple(views))
 
 

@@ -116,6 +116,8 @@ def test_a_link_out_of_the_folder(folder: Path, tmp_path: Path) -> None:
         ("truth/people.csv", "\n0,2,", "\n0,70000,", "people.csv: frame 0 has an id that is not in 1 to 65535"),
         ("truth/joints.csv", "\n2,1,", "\n2,3,", "joints.csv: frame 2 has other people than people.csv"),
         ("truth/robots.csv", "0,robot_0,0,0,0,", "0,robot_0,nan,0,0,", "robots.csv: line 2: x is nan, needs a finite number"),
+        ("companions.csv", "0,robot_0_camera,View_001,-", "0,robot_0_camera,View_001,", "companions.csv: frame 0 of robot_0_camera: View_001 is 803"),
+        ("companions.csv", "2,robot_0_camera,View_001,", "2,robot_0_camera,robot_0,", "companions.csv: frame 2 of robot_0_camera: "),
         ("odometry.csv", "1,robot_0,0.1,", "1,robot_0,inf,", "odometry.csv: line 2: x is inf, needs a finite number"),
         ("calibration.json", '"period": ', '"period": Infinity, "was": ', "calibration.json: holds Infinity, needs finite numbers"),
         ("calibration/View_001.xml", 'focal="', 'focal="1', "View_001.xml: is another camera than calibration.json has"),

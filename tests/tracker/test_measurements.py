@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tracker.geometry import Pose
-from tracker.measurements import Odometry, Sightings, Start
+from tracker.measurements import Companions, Odometry, Sightings, Start
 
 
 def sightings(covariance: object, reach: float = np.nan) -> Sightings:
@@ -43,3 +43,16 @@ def test_covariances_of_poses_are_not_negative() -> None:
 def test_up_is_a_direction(up: list[float], sigma: float) -> None:
     with pytest.raises(ValueError, match="needs a direction and more than 0"):
         Odometry(Pose.identity(), np.eye(6), np.array(up, dtype=np.float64), sigma)
+
+
+def test_companions_are_directions_of_different_robots() -> None:
+    ahead, sure = np.array([[1.0, 0, 0], [0, 1, 0]]), np.tile(1e-4 * np.eye(2), (2, 1, 1))
+    assert Companions(ahead, ("a", "b"), sure).robot == ("a", "b")
+    with pytest.raises(ValueError, match="companions are a, a, needs each robot once"):
+        Companions(ahead, ("a", "a"), sure)
+    with pytest.raises(ValueError, match="bearing of a companion has length 2 off 1"):
+        Companions(2 * ahead, ("a", "b"), sure)
+    with pytest.raises(ValueError, match="covariance of companion 0 is"):
+        Companions(ahead, ("a", "b"), 0 * sure)
+    with pytest.raises(ValueError, match=r"bearing has shape \(2, 3\)"):
+        Companions(ahead, ("a",), sure)

@@ -15,7 +15,7 @@ from typing import Any
 
 from tracker.atomic import write_text
 from tracker.dataset import sequences
-from tracker.layout import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOTS, people_columns
+from tracker.layout import BOXES, CAMERAS, COMPANIONS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOTS, people_columns
 from tracker.manifests import read_json
 
 FILE = "croissant.json"
@@ -64,6 +64,7 @@ CONTEXT: dict[str, Any] = {
 TABLES: dict[str, tuple[str, Mapping[str, type], str]] = {
     "odometry": ("odometry.csv", ODOMETRY, "Motion of a robot's body since the frame before, measured, with its covariance."),
     "detections": ("detections.csv", DETECTIONS, "What the simulated detector reported: directions in the camera's frame."),
+    "companions": ("companions.csv", COMPANIONS, "Other robots in the views of robots: directions in the camera's frame."),
     "robots": ("truth/robots.csv", ROBOTS, "True poses of the robots' bodies."),
     "cameras": ("truth/cameras.csv", CAMERAS, "True poses of the cameras, and the terrain straight below."),
     "boxes": ("truth/boxes.csv", BOXES, "True boxes of people in every view."),
@@ -82,10 +83,10 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     (r"q[wxyz]", f"unit quaternion {_POSE}"),
     (r"up_[xyz]", "direction of up in the body's frame by the accelerometer; zeros where there is none"),
     (r"up_sigma", "[rad] its error"),
-    (r"bearing_[xyz]", "unit direction of the box's middle, camera frame (x forward, y left, z up)"),
+    (r"bearing_[xyz]", "unit direction of the box's middle, or of the seen robot's camera, in the camera's frame (x forward, y left, z up)"),
     (r"width|height", "[rad] span of the box in azimuth (width) or elevation (height)"),
     (r"confidence", "in [0, 1]"),
-    (r"c\d\d", "covariance, upper triangle: [rad²] of detections; of odometry, right tangent [translation m, rotation rad]"),
+    (r"c\d\d", "covariance, upper triangle: [rad²] of detections and companions; of odometry, right tangent [translation m, rotation rad]"),
     (r"(full_)?(left|top|right|bottom)", "[px] edge from the image's corner, of what is seen, or of the whole body (full_); right may pass W"),
     (r"visible|visible_.*", "in [0, 1]: pixels seen / pixels that the body would cover alone"),
     (r"range", "[m] from the camera to the middle between the hips"),

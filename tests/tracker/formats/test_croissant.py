@@ -11,7 +11,7 @@ from tests.tracker import sequences
 from tracker.annotations import read_boxes
 from tracker.formats.card import card_of, size_of, write_card
 from tracker.formats.croissant import describe, write_croissant
-from tracker.layout import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOTS, people_columns
+from tracker.layout import BOXES, CAMERAS, COMPANIONS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOTS, people_columns
 from tracker.sequence import read_json
 
 NAMES = ["pilsun-00000", "pilsun-00001"]
@@ -53,7 +53,7 @@ def test_mlcroissant_validates_and_reads_records(dataset: Path) -> None:
     assert len(images) == 2 * 2 * sequences.FRAMES
     assert np.asarray(images[0]["images/image"]).shape == (32, 64, 3)
     assert (images[0]["images/camera"], images[1]["images/frame"]) == (b"robot_0_camera", 1)
-    for name in ("odometry", "detections", "robots", "cameras", "keypoints", "joints", "instances"):
+    for name in ("odometry", "detections", "companions", "robots", "cameras", "keypoints", "joints", "instances"):
         assert list(found.records(name))
 
 
@@ -97,7 +97,7 @@ def test_a_single_sequence_has_metadata_too(tmp_path: Path) -> None:
 
 
 def test_every_column_is_described() -> None:
-    for columns in (ODOMETRY, DETECTIONS, ROBOTS, BOXES, CAMERAS, KEYPOINTS, JOINTS, people_columns(["robot_0_camera", "view-1"])):
+    for columns in (ODOMETRY, DETECTIONS, COMPANIONS, ROBOTS, BOXES, CAMERAS, KEYPOINTS, JOINTS, people_columns(["robot_0_camera", "view-1"])):
         for column in columns:
             assert len(describe(column)) > 2, column
 
