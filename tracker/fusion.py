@@ -46,7 +46,8 @@ class Feet:
     origin (3,) m and direction (n, 3): line of sight to the feet; covariance (n, 2, 2) rad² in its tangent plane, pose included.
     point (n, 3) m and spread (n, 2, 2) m²: where it meets the ground, and how surely. height (n,) m of the box standing there.
     head_elevation (n,) rad above the horizon of the box's upper edge. grounded (n,): there is a point and it is near enough.
-    hidden (n,): the feet may be out of sight; lying (n,): how often such a box ends above the feet. confidence (n,).
+    hidden (n,): the feet may be out of sight, walled (n,): behind things, the ground or the image's edge; lying (n,): how often such a box ends
+    above the feet. confidence (n,).
     links: what images say of the boxes of the last frames and these (tracklets.Tracklets.step); None where they are not looked at.
     """
 
@@ -60,6 +61,7 @@ class Feet:
     head_elevation: Array
     grounded: Mask
     hidden: Mask
+    walled: Mask
     lying: Array
     confidence: Array
     links: tuple[Array, ...] | None = None
@@ -88,8 +90,9 @@ def stand(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, A
     things = _behind_things(setup, origin, lowered, point, parameters)
     cut = ~mount.camera.pixels_from_bearings(lowered @ T_world_camera.rotation)[1]
     cut |= _beyond_a_lip(setup, origin, azimuth, elevation - half, parameters)
-    hidden, lying = people | things | cut, np.array(parameters.lying)[np.where(cut, 3, covered + 2 * things)]
-    return Feet(camera, origin, foot, covariance, point, spread, height, elevation + half, grounded, hidden, lying, detections.confidence)
+    lying, walled = np.array(parameters.lying)[np.where(cut, 3, covered + 2 * things)], things | cut
+    hidden, head = people | walled, elevation + half
+    return Feet(camera, origin, foot, covariance, point, spread, height, head, grounded, hidden, walled, lying, detections.confidence)
 
 
 def _pose_in_sight(foot: Array, distance: Array, mount: Mount, pose: tuple[Pose, Array]) -> Array:

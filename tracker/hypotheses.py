@@ -49,6 +49,7 @@ class TargetParameters:
     end: float = -5.0  # the same for one that was believed
     most_score: float = 20.0  # what is known of somebody counts at most so much against what is seen now
     at_once: float = 2.0  # misses that all views' missing somebody at once is worth, at most
+    stature: tuple[float, float] = (1.72, 0.1)  # m, how tall people are, mean and standard deviation; asked where things hide their feet
     surely: float = 0.6  # m, standard deviation of a place up to which a box without feet is taken
     before: float = 0.3  # share of those without a box who stand before somebody else's, whose corners are theirs then
     outside: float = 3 / 7  # s, after which somebody is gone who is out of all views
@@ -113,10 +114,15 @@ class Hypotheses:
             if not worth[t, d] > least:
                 continue
             taken[d], given[0][t], given[1][t] = True, d, gain[t, d]
-            m = 2 if upright[t, d] else 1
-            H, r = look.H[t, :m], look.residual[t, d, :m]
-            R = feet.covariance[d, :m, :m] + (H @ H.T) * q.motion.foot_spread**2
-            if m == 2 and self.believed[t]:
+            H, r, R = look.H[t], look.residual[t, d], feet.covariance[d]
+            R = R + (H @ H.T) * q.motion.foot_spread**2
+            if not upright[t, d] and feet.walled[d]:
+                # The head tells how far somebody is whose feet are hidden, as well as it is known how tall people are.
+                H, r = np.stack([H[0], look.climb[t, d]]), np.array([r[0], q.stature[0] - look.height[t, d]])
+                R = np.diag([R[0, 0], q.stature[1] ** 2 + feet.covariance[d, 1, 1] * look.distance[t] ** 2])
+            elif not upright[t, d]:
+                H, r, R = H[:1], r[:1], R[:1, :1]
+            elif self.believed[t]:
                 self._learn_offset(feet.camera, r, H, R + H @ self.tracks.covariance[t, :2, :2] @ H.T)
             self.tracks = update(self.tracks, int(t), r, H, R)
 

@@ -97,14 +97,15 @@ class Sights:
 
     residual (t, d, 2) rad: box minus expected foot direction, along azimuth and along elevation; H (t, 2, 2): its derivative by x, y;
     expected (t, 2, 2): covariance of the expected direction; height (t, d) m: the box's upper edge over the ground where the track stands;
-    distance (t,) m; drop (t,) m: how far the feet are below the view; doubt (t,) m: standard deviation of the
-    place, the greater of two.
+    climb (t, d, 2): its derivative by x, y; distance (t,) m; drop (t,) m: how far the feet are below the view; doubt (t,) m: standard deviation of
+    the place, the greater of two.
     """
 
     residual: Array
     H: Array
     expected: Array
     height: Array
+    climb: Array
     distance: Array
     drop: Array
     doubt: Array
@@ -131,8 +132,11 @@ def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: Mo
     a, b, c = (tracks.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
     doubt = np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b))
     over = np.hypot(sight[:, 0], sight[:, 1])
-    height = feet.origin[2] - z[:, None] + over[:, None] * np.tan(feet.head_elevation)[None, :]
-    return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, distance, feet.origin[2] - z, doubt)
+    steep = np.tan(feet.head_elevation)
+    height = feet.origin[2] - z[:, None] + over[:, None] * steep[None, :]
+    toward = sight[:, :2] / np.maximum(over, 1e-9)[:, None]
+    climb = toward[:, None, :] * steep[None, :, None] - np.stack(rise, axis=1)[:, None, :]
+    return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, climb, distance, feet.origin[2] - z, doubt)
 
 
 def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tracks:

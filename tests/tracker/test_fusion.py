@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from tracker.fusion import Feet, FusionParameters, combine, stand
 from tracker.geometry import Pose, bearing_from_angles
 from tracker.ground import Flat, Grid, Ground
 from tracker.measurements import Detections, Mount, Setup, Start
+from tracker.trees import MotionParameters, Sights, Tracks, sights
 
 EYE = 1.5
 RULE = FusionParameters()
@@ -69,3 +72,25 @@ def test_a_box_that_ends_at_a_lip_of_the_ground_may_end_above_the_feet(fall: flo
     alone = [seen([(0.0, d)], ground=terrace(fall)) for d in (4.0, 5.9, 6.1, 8.0)]
     assert [bool(f.hidden[0]) for f in alone] == [False, hidden, hidden, False]
     assert [f.lying[0] for f in alone] == [RULE.lying[3 if h else 0] for h in (False, hidden, hidden, False)]
+
+
+def test_how_tall_a_box_looks_changes_with_the_place_as_is_said() -> None:
+    heights = 0.3 * np.sin(np.linspace(0, 20, 201))[:, None] * np.cos(np.linspace(0, 60, 801))[None, :]
+    ground = Grid(heights, np.array([-40.0, -10.0]), 0.1)
+    feet = seen([(0.0, 6.0), (0.2, 9.0)], ground=ground)
+
+    def look(x: float, y: float) -> Sights:
+        track = replace(Tracks.none(), tree=np.ones(1, dtype=np.int64), state=np.array([[x, y, 0.0, 0.0]]), covariance=np.eye(4)[None])
+        return sights(track, feet, np.zeros(2), ground, MotionParameters())
+
+    here, step = look(7.0, 0.5), 0.1
+    for axis, (dx, dy) in enumerate(((step, 0.0), (0.0, step))):
+        slope = (look(7.0 + dx, 0.5 + dy).height - look(7.0 - dx, 0.5 - dy).height) / (2 * step)
+        np.testing.assert_allclose(here.climb[..., axis], slope, atol=2e-3)
+
+
+def test_what_may_hide_feet_is_told_apart() -> None:
+    assert seen([(0.0, 10.0)], wall=6.6).walled.all()
+    people = seen([(0.0, 10.0), (0.0, 6.0)])
+    assert people.hidden[0]
+    assert not people.walled.any()
