@@ -111,6 +111,7 @@ def test_track_then_score_and_reuse(tmp_path: Path) -> None:
     assert "r: holds another run" in refused("track", "t", "--out", "r", cwd=tmp_path)
 
 
+@pytest.mark.slow
 def test_a_utias_set_by_command(tmp_path: Path) -> None:
     write_set(tmp_path / "s")
     done = pilsim("track", "s", "--map", "known", "--slam", "ekf", "--correction", "off", "--out", "r", cwd=tmp_path)
@@ -124,6 +125,7 @@ def test_a_utias_set_by_command(tmp_path: Path) -> None:
     assert "a UTIAS set has none" in refused("track", "s", "--views", "1", "--out", "q", cwd=tmp_path)
 
 
+@pytest.mark.slow
 def test_filters_by_name(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0

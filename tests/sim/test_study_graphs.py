@@ -35,6 +35,7 @@ def test_the_picture(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["graphs.png"]
 
 
+@pytest.mark.slow
 def test_a_run_is_seeded_and_not_run_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "PEOPLE", 6)
     monkeypatch.setattr(study_graphs, "PROVED", 4)

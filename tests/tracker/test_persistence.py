@@ -69,6 +69,7 @@ def biased(ticks: list[Tick], truth: list[dict[str, Pose]]) -> list[Tick]:
     return [ticks[0], *out]
 
 
+@pytest.mark.slow
 def test_a_gyroscope_that_is_off_for_good_is_found_out() -> None:
     setup, ticks, truth, _ = simulate(Room(robots=2, ticks=70, landmarks=90, seed=3))
     honest = {}
