@@ -18,6 +18,7 @@ from tracker.geometry import Array
 
 TILE = 128
 """Rows and columns of a covariance that are mirrored at once: they stay in the processor's cache."""
+UPPER = np.triu(np.ones((TILE, TILE), dtype=bool), 1)
 
 
 @cache
@@ -96,21 +97,20 @@ def joseph_factor(HP: Array, K: Array, S: Array) -> Array:
 
 
 def subtract(P: Array, X: Array, Y: Array) -> None:
-    """P ← P − X Yᵀ − Y Xᵀ in place, P (n, n) C-contiguous, symmetric and so to the last bit afterwards; X and Y (k, m), k ≤ n, for its first k rows.
+    """P ← P − X Yᵀ − Y Xᵀ in place, P (n, n) C-contiguous, symmetric and so to the last bit afterwards; X and Y (n, m).
 
     Raises ValueError where P is not contiguous: BLAS would change a copy.
     """
     if not P.flags.c_contiguous:
         raise ValueError(f"covariance of shape {P.shape} is not contiguous, needs its whole store")
-    below = ((0, len(P) - len(X)), (0, 0))
     # Of P.T, which is in Fortran's order, the upper triangle: the lower one of P.
-    dsyr2k(-1.0, np.pad(X, below).T, np.pad(Y, below).T, beta=1.0, c=P.T, trans=1, overwrite_c=1)
-    for at in range(0, len(X), TILE):
+    dsyr2k(-1.0, X.T, Y.T, beta=1.0, c=P.T, trans=1, overwrite_c=1)
+    for at in range(0, len(P), TILE):
         rows = slice(at, at + TILE)
         for left in range(0, at, TILE):
             P[left : left + TILE, rows] = P[rows, left : left + TILE].T
-        half = np.tril(P[rows, rows])
-        P[rows, rows] = half + np.tril(half, -1).T
+        block = P[rows, rows]
+        np.copyto(block, block.T, where=UPPER[: len(block), : len(block)])
 
 
 def condition(P: ArrayLike, H: ArrayLike, residual: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:

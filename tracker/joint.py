@@ -284,13 +284,16 @@ class Joint:
         HP, S = measured
         K = kalman_gain(HP, S)
         U = joseph_factor(HP, K, S)
-        if self.invariant and self.count:
+        n, m, sheared = len(K), len(S), self.invariant and self.count > 0
+        X, Y = np.zeros((2, len(self._P), m + 3 * sheared))
+        X[:n, :m], Y[:n, :m] = K, U
+        if sheared:
             turn = slice(self.offset(robot) + 3, self.offset(robot) + 6)
             E = self.P[turn] - K[turn] @ U.T - U[turn] @ K.T
-            A = np.zeros((len(K), 3))
-            A[self.base :] = landmark_shears(self._means(before), self._means(), robot).reshape(-1, 3)
-            K, U = np.hstack([K, -A]), np.hstack([U, E.T + 0.5 * A @ E[:, turn]])
-        subtract(self._P, K, U)
+            A = landmark_shears(self._means(before), self._means(), robot).reshape(-1, 3)
+            X[self.base : n, m:], Y[:n, m:] = -A, E.T
+            Y[self.base : n, m:] += 0.5 * A @ E[:, turn]
+        subtract(self._P, X, Y)
 
     def _tangents(self, delta: Array) -> tuple[Array, Array, Array]:
         """The parts of a change (n,) that belong to the poses (p, 6), to the corrections (robots, 3 or 0) and to what lasts (robots, 8 or 0)."""
