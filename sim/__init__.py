@@ -5,6 +5,6 @@ import os
 # Matrices here are small: with a second thread OpenBLAS waits more than it works (the filter takes twice as long), and its sums are other numbers.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import gymnasium  # noqa: E402
+import gymnasium
 
 gymnasium.register("pilsim/Placement-v0", "sim.placement:Placement", max_episode_steps=240)
