@@ -12,7 +12,7 @@ from sim.rays import Rays
 from sim.scenario import Scenario
 from sim.simulation import Simulation
 from tracker.cameras import Panorama
-from tracker.geometry import tangent_basis
+from tracker.geometry import deflected
 from tracker.measurements import Companions, Mount, Setup
 
 LEAST_VARIANCE = 1e-8
@@ -45,7 +45,6 @@ class Spotter:
         found[found] = self._rays.stopped(pose.translation, goals[found])[1]
         sight = pose.inverse().apply(goals[found])
         sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-        bearing = sight + np.einsum("nk,nki->ni", error[found], tangent_basis(sight))
-        bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+        bearing = deflected(sight, error[found])
         covariance = np.tile(np.eye(2) * max(self._noise**2, LEAST_VARIANCE), (len(bearing), 1, 1))
         return Companions(bearing, tuple(np.array(others)[found].tolist()), covariance)

@@ -18,7 +18,7 @@ from sim.sightlines import Landmarking
 from tracker.annotations import Boxes, Keypoints, ViewTruth
 from tracker.cameras import Panorama
 from tracker.clearmot import Frame, score
-from tracker.geometry import Array, Pose, angles_from_bearing, tangent_basis, wrap
+from tracker.geometry import Array, Pose, angles_from_bearing, deflected, wrap
 from tracker.ground import Grid
 from tracker.measurements import Detections, Estimate, Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.pipeline import Parameters, Tracker
@@ -138,8 +138,7 @@ class Tracking:
         found[found] = clear(self.place.heights, camera.translation, self.landmarks[found], BEFORE) > 0
         rows = order[found[order]]
         sight = away[rows] @ camera.rotation / distance[rows, None]
-        bearing = sight + np.einsum("nk,nki->ni", error[rows], tangent_basis(sight))
-        bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+        bearing = deflected(sight, error[rows])
         look, covariance = (self.looks[rows] + blur[rows]).astype(np.float32), np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1))
         return Sightings(bearing, np.full(len(rows), np.nan), np.full(len(rows), -1), look, covariance)
 

@@ -22,7 +22,7 @@ from sim.sensing import Detector, People
 from sim.simulation import Simulation
 from tracker.annotations import Boxes, Keypoints, ViewTruth
 from tracker.cameras import Camera, Mask, Panorama
-from tracker.geometry import Array, Pose, tangent_basis
+from tracker.geometry import Array, Pose, deflected
 from tracker.measurements import Ints, Setup, Sightings, Tick, Truth, View
 
 STILL = np.array([1, 1, 0, 0, 0, 0], np.uint8)
@@ -121,8 +121,7 @@ class Sightlines:
         found[found] = self.rays.stopped(T_world_camera.translation, self.landmarks[found])[1]
         rows = order[found[order]]
         sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
-        bearing = sight + np.einsum("nk,nki->ni", error[rows], tangent_basis(sight))
-        bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+        bearing = deflected(sight, error[rows])
         subject = rows if rule.named else np.full(len(rows), -1)
         look = (self._looks[rows] + blur[rows]).astype(np.float32)
         return Sightings(bearing, np.full(len(rows), np.nan), subject, look, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))

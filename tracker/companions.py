@@ -13,7 +13,6 @@ import numpy as np
 from tracker.bearings import Sight
 from tracker.cameras import Mask
 from tracker.gaussian import gate, mahalanobis2
-from tracker.geometry import Array
 from tracker.joint import Joint
 from tracker.linearisation import Met, linearise
 from tracker.measurements import Companions, Mount, Setup, Sightings
@@ -34,21 +33,6 @@ def expected(joint: Joint, robot: int, seen: Met, probability: float) -> Mask:
     S = spread.reshape(len(j), 2, len(j), 2)[j, :, j] + linear.noise
     inside: Mask = mahalanobis2(linear.residual.reshape(-1, 2), S) < gate(2, probability)
     return inside
-
-
-def reopened(joint: Joint, robot: int, seen: Met, probability: float, doubt: Array) -> tuple[Mask, bool]:
-    """As `expected`; where most of the others, two at least, are not where the robot looks for them, its own pose is doubted by variances `doubt`
-    (6,) m² and rad² (a wheel slipped), and the doubt stays if more of them agree then: whether it did.
-    """
-    inside = expected(joint, robot, seen, probability)
-    if (~inside).sum() <= max(1, inside.sum()):
-        return inside, False
-    joint.inflate(robot, doubt)
-    again = expected(joint, robot, seen, probability)
-    if again.sum() > 1.5 * inside.sum():
-        return again, True
-    joint.inflate(robot, -doubt)
-    return inside, False
 
 
 def on_robots(joint: Joint, sight: Sight, others: Iterable[int], seen: Sightings, radius: float) -> Mask:

@@ -194,6 +194,13 @@ def tangent_basis(bearing: ArrayLike) -> Array:
     return out
 
 
+def deflected(bearing: Array, error: Array) -> Array:
+    """Unit directions (n, 3) that are off by error (n, 2) rad along the rows of their tangent bases; (n, 3), of length 1."""
+    out = bearing + np.einsum("nk,nki->ni", error, tangent_basis(bearing))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    return np.asarray(out)
+
+
 def triangulate(origins: ArrayLike, directions: ArrayLike) -> tuple[Array, float]:
     """The point nearest to several lines, in the mean of squares.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from tracker.motion import compose, exponential, logarithm, orthogonal, retract,
 from tracker.persistence import COUNT, Persistence, freed
 
 Indices = NDArray[np.intp]
+Found = TypeVar("Found")
 Held = tuple[Array, Array, Array, Array, Array]
 """Means before an update: rotations, translations, corrections, landmarks, lasting errors."""
 ROOM = 32
@@ -188,6 +190,21 @@ class Joint:
         """Add independent doubt to a robot's pose, variance (6,) m² and rad²."""
         rows = np.arange(self.offset(robot), self.offset(robot) + 6)
         self.P[rows, rows] += variance
+
+    def reopened(self, robot: int, variance: Array, attempt: Callable[[], tuple[Found, int, int]], few: int) -> tuple[Found, bool]:
+        """What an attempt to find what a robot sees gives, which says beside how many agree and how many are refused. Where these are more than
+        those, and than `few`, it is the pose that is wrong (a wheel slipped): it is doubted by variance (6,) m² and rad² for another attempt, and
+        the doubt stays if more agree then: whether it did.
+        """
+        found, agreed, refused = attempt()
+        if refused <= max(few, agreed):
+            return found, False
+        self.inflate(robot, variance)
+        again, more, _ = attempt()
+        if more > 1.5 * agreed:
+            return again, True
+        self.inflate(robot, -variance)
+        return found, False
 
     def put(self, robot: int, start: Start) -> None:
         """Put a robot elsewhere: its pose is what `start` says, and has no error in common with anything else any more."""

@@ -16,7 +16,7 @@ import numpy as np
 from tracker.association import Gate, Matches, associate
 from tracker.cameras import Mask, Panorama
 from tracker.candidates import Trial
-from tracker.companions import met, on_robots, reopened
+from tracker.companions import expected, met, on_robots
 from tracker.features import Extraction, extract
 from tracker.frontier import Frontier
 from tracker.geometry import Array, Pose, angles_from_bearing
@@ -99,6 +99,7 @@ class Slam:
         self._blind: dict[str, tuple[int, Array]] = {}
         self._wayfinder = Wayfinder(parameters.search, setup.period)
         self.sighted: dict[str, Sightings] = {}  # by camera, what was seen at the last tick of what stands still
+        self._doubt = np.repeat(parameters.reopen_sigma, 3) ** 2
         self._tick = -1
 
     def step(self, tick: Tick) -> None:
@@ -312,16 +313,18 @@ class Slam:
             return None
         there = {other: number for other, number in self._team.items() if not self._wayfinder.astray(other)}
         seen = met(self.setup, self.setup.mounts[view.camera], view.companions, there)
-        doubt = np.repeat(self.parameters.reopen_sigma, 3) ** 2
-        inside, again = reopened(self._joint, self._team[name], seen, self.parameters.gate.probability, doubt)
+
+        def attempt() -> tuple[Mask, int, int]:
+            inside = expected(self._joint, self._team[name], seen, self.parameters.gate.probability)
+            return inside, int(inside.sum()), int((~inside).sum())
+
+        inside, again = self._joint.reopened(self._team[name], self._doubt, attempt, 1)
         counts = {"robot seen": inside.sum(), "robot refused": (~inside).sum(), "robot unplaced": len(view.companions) - len(seen), "reopened": again}
         self._counters.update({reason: int(count) for reason, count in counts.items() if count})
         return seen.those(inside)
 
     def _associate(self, robot: int, mount: Mount, seen: Sightings, looks: tuple[Floats, Mask], tick: int) -> Matches:
-        """Matches with the map; where most of what the robot saw a moment ago is refused, it is the pose that is wrong (a wheel slipped, a rover
-        was pushed): it is doubted by reopen_sigma at once, and the doubt stays if more landmarks agree then.
-        """
+        """Matches with the map, if need be with a pose that is doubted by reopen_sigma: asked of what the robot saw a moment ago."""
         joint, book, rule = self._joint, self._map, self.parameters
 
         def attempt() -> tuple[Matches, int, int]:
@@ -330,16 +333,9 @@ class Slam:
             fresh = (book.by[: book.count] == robot) & (book.last[: book.count] >= tick - rule.reopen)
             return m, int(fresh[m.landmark].sum()), int(fresh[m.refused].sum())
 
-        m, agreed, refused = attempt()
-        if refused <= max(5, agreed):
-            return m
-        doubt = np.repeat(rule.reopen_sigma, 3) ** 2
-        joint.inflate(robot, doubt)
-        again, more, _ = attempt()
-        if more > 1.5 * agreed:
+        m, again = joint.reopened(robot, self._doubt, attempt, 5)
+        if again:
             self._counters["reopened"] += 1
-            return again
-        joint.inflate(robot, -doubt)
         return m
 
     def _search(self, name: str, mount: Mount, seen: Sightings, matched: int) -> bool:

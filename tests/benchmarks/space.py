@@ -18,7 +18,7 @@ from tests.benchmarks.slam import HEAD, Row, show
 from tracker.cameras import Panorama
 from tracker.cramer_rao import Frame, variances
 from tracker.gaussian import nees
-from tracker.geometry import Pose, exp_so3, rotation_z, tangent_basis
+from tracker.geometry import Pose, deflected, exp_so3, rotation_z
 from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.slam import Slam, SlamParameters
@@ -91,8 +91,7 @@ def _sightings(level: str, camera: Pose, landmarks: Array, rng: np.random.Genera
     distance = np.linalg.norm(points, axis=1)
     subject = np.flatnonzero(distance < SIGHT)
     bearing, n = points[subject] / distance[subject, None], len(subject)
-    bearing = bearing + np.einsum("nk,nki->ni", sigma * rng.normal(size=(n, 2)), tangent_basis(bearing))
-    bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+    bearing = deflected(bearing, sigma * rng.normal(size=(n, 2)))
     return Sightings(bearing, np.full(n, np.nan), subject, np.zeros((n, 0)), np.tile(np.eye(2) * sigma**2, (n, 1, 1)))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tracker.cameras import Panorama
 from tracker.features import Extraction, extract
-from tracker.geometry import Pose, tangent_basis
+from tracker.geometry import Pose, deflected
 from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.slam import Slam, SlamParameters
@@ -64,8 +64,7 @@ def per_frame(landmarks: int, robots: int) -> float:
 def _view(camera: str, pose: Pose, points: Array, looks: NDArray[np.float32], rng: np.random.Generator) -> View:
     bearing, n = pose.inverse().apply(points), len(points)
     bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
-    bearing += np.einsum("nk,nki->ni", SIGMA * rng.normal(size=(n, 2)), tangent_basis(bearing))
-    bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+    bearing = deflected(bearing, SIGMA * rng.normal(size=(n, 2)))
     look = looks + np.float32(0.2 / np.sqrt(LOOK)) * rng.normal(size=looks.shape).astype(np.float32)
     seen = Sightings(bearing, np.full(n, np.nan), np.full(n, -1), look, np.tile(np.eye(2) * SIGMA**2, (n, 1, 1)))
     motion = STEP @ Pose.exp(np.sqrt(np.diag(NOISE)) * rng.normal(size=6))
