@@ -14,9 +14,10 @@ from typing import Protocol
 
 from tracker.cameras import Camera
 from tracker.charting import chart
+from tracker.evidence import TargetParameters
 from tracker.fusion import Feet, stand
 from tracker.geometry import Pose
-from tracker.hypotheses import SingleTargets, TargetParameters
+from tracker.hypotheses import SingleTargets
 from tracker.measurements import Estimate, Setup, Tick
 from tracker.multiple import MultipleTargets
 from tracker.naming import Names

@@ -1,0 +1,133 @@
+"""What boxes, and their absence, say of people: what both trackers of people (hypotheses.py, multiple.py) hold of views.
+
+A view is learned while it is used: how often it finds people and how many of its boxes are nobody's (tracker/trust.py), and how far it
+is off on the ground for good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.cameras import Camera
+from tracker.fusion import Combination, Feet, FusionParameters
+from tracker.geometry import Array, Pose
+from tracker.measurements import Ints, Setup
+from tracker.trees import MotionParameters
+from tracker.trust import Trust, TrustParameters
+from tracker.visibility import Bodies
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TargetParameters:
+    """Named as in the paper where it has a name for it; times in seconds, so that other frame rates work."""
+
+    fusion: FusionParameters = field(default_factory=FusionParameters)
+    motion: MotionParameters = field(default_factory=MotionParameters)
+    trust: TrustParameters = field(default_factory=TrustParameters)
+    min_confidence: float = 0.6  # boxes below say nothing of whether there is anybody, but keep those who are known from others' boxes ...
+    least_confidence: float = 0.4  # ... and below this they are not looked at
+    birth_confidence: float = 0.8  # and below this they start nobody
+    arrivals: float = 2e-4  # people who appear, a square metre and tick ...
+    present: float = 2e-2  # ... and who are there at the start, a square metre
+    most_gain: float = 6.0  # log-likelihood ratio that one box counts at most
+    alone: float = 2.0  # log-likelihood ratio for one person, at most, of a tick in which views see but one of two tracks ...
+    apart: float = 0.8  # ... and share of what a view's second box is worth that speaks for two
+    duplicate: float = 10.0  # log-likelihood ratio from which two tracks are one person
+    gate: float = 4.0  # standard deviations of the innovation
+    delta_a: float = 9 / 7  # s, longest gap that is bridged
+    n_conf: int = 2  # frames until a track may be believed
+    believe: float = 4.0  # score from which it is
+    forget: float = -8.0  # score below which a young track is dropped
+    end: float = -5.0  # the same for one that was believed
+    most_score: float = 20.0  # what is known of somebody counts at most so much against what is seen now
+    at_once: float = 2.0  # misses that all views' missing somebody at once is worth, at most
+    stature: tuple[float, float] = (1.72, 0.1)  # m, how tall people are, mean and standard deviation; asked where things hide their feet
+    surely: float = 0.6  # m, standard deviation of a place up to which a box without feet is taken
+    before: float = 0.3  # share of those without a box who stand before somebody else's, whose corners are theirs then
+    outside: float = 3 / 7  # s, after which somebody is gone who is out of all views
+    same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
+    offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off
+    offset_memory: float = 30.0  # innovations that are worth one independent look at the offset: they come in runs
+
+
+class Evidence:
+    """What is known of the views. `offsets`: camera → offset (2,) m on the ground and its covariance (2, 2) m²."""
+
+    def __init__(self, setup: Setup, parameters: TargetParameters) -> None:
+        self.setup, self.parameters = setup, parameters
+        area = setup.area
+        square = float(np.prod(area[1] - area[0])) if area is not None else np.pi * parameters.trust.watched**2
+        self.trust = Trust(parameters.trust, square)
+        self.offsets: dict[str, tuple[Array, Array]] = {}
+
+    def detection(self, camera: str) -> float:
+        """Share of the people in full view of `camera` who get a box."""
+        return self.trust.detection(camera)
+
+    def certain(self, feet: Feet) -> Array:
+        """log (d,) of the rate at which people get such boxes over the density of false ones on the sphere of directions."""
+        # False boxes are even on the ground; on the sphere they are as dense as the ground is slanted and far.
+        reach = np.where(feet.grounded, np.linalg.norm(feet.point - feet.origin, axis=1), self.parameters.fusion.reach)
+        return self.trust.worth(feet.camera, feet.confidence) - np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach))
+
+    def offset(self, camera: str) -> tuple[Array, Array]:
+        """How far the view is off on the ground: (2,) m, covariance (2, 2) m²."""
+        return self.offsets.get(camera, (np.zeros(2), self.parameters.offset_sigma**2 * np.eye(2)))
+
+    def learn_offset(self, camera: str, residual: Array, H: Array, S: Array) -> None:
+        """Take an innovation, covariance S, as a look at this view's own offset; Kalman's update, S widened as looks are not independent."""
+        if self.parameters.offset_sigma > 0:
+            offset, P = self.offset(camera)
+            K = np.linalg.solve(H @ P @ H.T + self.parameters.offset_memory * S, H @ P).T
+            self.offsets[camera] = offset + K @ residual, P - K @ H @ P
+
+    def learn(self, views: list[Feet], box: Ints, expected: Array, people: tuple[Mask, Array]) -> None:
+        """Count what each view found and missed of the people who are known, and what it showed beside them.
+
+        box (t, v): of each track the box of each view, −1 for none; expected (t, v): how much of it the view should see; people: which tracks
+        (t,) are known, and the score (t,) of each.
+        """
+        q, area, (sure, score) = self.parameters, self.setup.area, people
+        for v, feet in enumerate(views):
+            known = sure & (expected[:, v] > 0.5)
+            weight = np.ones(len(feet))
+            mine = box[:, v] >= 0
+            weight[box[mine, v]] = 1 / (1 + np.exp(np.clip(score[mine], -20, 20)))
+            weight[box[sure & mine, v]] = 0
+            place = feet.point[:, :2]
+            if area is None:
+                inside = np.linalg.norm(place - feet.origin[:2], axis=1) < q.trust.watched
+            else:
+                inside = ((place >= area[0]) & (place <= area[1])).all(axis=1)
+            low, high = self.setup.height
+            other = inside & feet.grounded & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
+            self.trust.learn(feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other]))
+
+    def prior(self, seen: list[tuple[Feet, Camera, Pose]], groups: list[Combination], others: tuple[Array, Ints], ticks: int) -> Array:
+        """log-likelihood ratio (g,) of "somebody new" over "false boxes": who sees, who should, and how rare new people are.
+
+        seen: of each view its boxes, model and T_world_camera; others: places (t, 2) m and trees (t,) of who is there, who may stand before them;
+        ticks: how many there have been, this one with them.
+        """
+        q, (place, tree) = self.parameters, others
+        rate = q.arrivals + q.present * np.exp(-(ticks - 1) * self.setup.period / 0.3)
+        points = np.array([g.point for g in groups]).reshape(-1, 2)
+        score, nobody = np.full(len(groups), np.log(rate)), np.full(len(groups), -1, dtype=np.int64)
+        front = np.arange(len(groups), len(groups) + len(place))
+        bodies = Bodies(np.concatenate([points, place]), np.concatenate([nobody, tree]), front, self.setup.ground)
+        for v, (feet, camera, pose) in enumerate(seen):
+            member = np.array([dict(g.members).get(v, -1) for g in groups], dtype=np.int64)
+            expected = bodies.expected((camera, pose), self.setup.occluders, q.fusion.reach)[: len(groups)]
+            miss = np.log(1 - self.detection(feet.camera) * expected)
+            here = member >= 0
+            score[~here] += miss[~here]
+            score[here] += self.trust.worth(feet.camera, feet.confidence[member[here]]) + np.log(1 - feet.lying[member[here]])
+        # Each box after the first must lie near: its density about the common place, at the spread of feet.
+        size = np.array([len(g.members) for g in groups])
+        area = np.array([2 * np.pi * np.sqrt(np.linalg.det(2 * n * g.covariance)) for n, g in zip(size, groups, strict=True)])
+        return np.minimum(score - (size - 1) * np.log(np.maximum(area, 0.3)), q.most_gain * size)
