@@ -22,7 +22,7 @@ from tracker.slam import SlamParameters
 
 Tracking = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
 
-SLAM = ("ekf", "iekf", "invariant")
+SLAM = ("ekf", "iekf", "fej", "invariant")
 OPTIONS = ("slam", "iterations", "correction", "hypotheses", "k_h", "i_bls_max")
 
 
@@ -85,19 +85,28 @@ def gathered(estimates: list[Estimate], setup: Setup) -> Results:
     return Results(len(estimates), tracks, poses, covariances, {}, surveyed(estimates))
 
 
+def filter_of(slam: str, iterations: int, correction: bool, persistence: bool | None = None) -> SlamParameters:
+    """The filter by the name of its mode on the command line; persistence: whether errors of the odometry that last are kept in the state, by default
+    with fej. Raises ValueError where there is no such filter.
+    """
+    if slam not in SLAM:
+        raise ValueError(f"slam is {slam!r}, needs one of {', '.join(SLAM)}")
+    if persistence and slam not in ("iekf", "fej"):
+        raise ValueError(f"--persistence on is for --slam fej or iekf, not {slam}")
+    chosen = SlamParameters().persistent() if persistence or (persistence is None and slam == "fej") else SlamParameters()
+    mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, iterations)
+    return replace(chosen, mode=mode, iterations=iterations, correction=correction)
+
+
 def parameters_of(options: dict[str, Any]) -> Parameters:
     """Parameters of our tracker from options by their names on the command line. Raises ValueError for one that is unknown or out of bounds."""
     unknown = sorted(set(options) - set(OPTIONS))
     if unknown:
         raise ValueError(f"option {unknown[0]!r} of the tracker is unknown, needs one of {', '.join(OPTIONS)}")
-    slam, iterations = options.get("slam", "invariant"), int(options.get("iterations", 2))
-    if slam not in SLAM:
-        raise ValueError(f"slam is {slam!r}, needs one of {', '.join(SLAM)}")
     for name, allowed in (("correction", ("on", "off")), ("hypotheses", ("single", "multiple"))):
         if options.get(name, allowed[0]) not in allowed:
             raise ValueError(f"{name} is {options[name]!r}, needs {' or '.join(allowed)}")
-    mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, iterations)
-    filter_ = SlamParameters(mode=mode, iterations=iterations, correction=options.get("correction", "on") == "on")
+    filter_ = filter_of(options.get("slam", "fej"), int(options.get("iterations", 2)), options.get("correction", "on") == "on")
     if options.get("hypotheses", "single") == "single":
         if {"k_h", "i_bls_max"} & set(options):
             raise ValueError("k_h and i_bls_max are for hypotheses multiple")

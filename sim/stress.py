@@ -53,7 +53,8 @@ SWEEPS: dict[str, Sweep] = {
         Sweep("terrain", "what is known of the terrain", "terrain", KNOWLEDGE, "terrain known: {}"),
         Sweep("kidnapped", "one robot is carried away, blind, its wheels still", "kidnapped", (0.0, 1.0, 2.0, 4.0), "{:g} s carried", "seconds"),
         Sweep("filter", "the filter of the robots' places and its correction factor", "slam", (
-            "invariant, 2 iterations, correction", "invariant, 2 iterations", "iekf, 2 iterations, correction", "iekf, 2 iterations",
+            "fej, 2 iterations, correction", "fej, 2 iterations", "invariant, 2 iterations, correction", "invariant, 2 iterations",
+            "iekf, 2 iterations, correction", "iekf, 2 iterations",
             "ekf, correction", "ekf",
         ), "filter: {}"),
         Sweep("hypotheses", "K_H, global hypotheses that are kept", "k_h", (1, 5, 10, 15, 20, 25, 30), "K_H = {}"),

@@ -31,7 +31,7 @@ from tracker.trees import Tracks
 class Parameters:
     """All that can be set, by part."""
 
-    slam: SlamParameters = field(default_factory=SlamParameters)
+    slam: SlamParameters = field(default_factory=lambda: SlamParameters().persistent())  # wheels slip for a while, gyroscopes are off for good
     targets: TargetParameters = field(default_factory=TargetParameters)
     multiple: MultipleParameters | None = None  # where given, people are followed by multiple hypotheses in place of `targets`
     tracklets: TrackletParameters | None = None  # where given, images tell whose box is whose, too (with `targets`)

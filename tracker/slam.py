@@ -76,10 +76,10 @@ class SlamParameters:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
 
     def persistent(self) -> SlamParameters:
-        """With lasting errors of the odometry in the state, and what goes well with it: first-estimates Jacobians, and landmarks that wait for a
-        wider parallax, over earlier poses farther apart. NEES is nearer to one so; the steps from frame to frame are less smooth.
+        """With lasting errors of the odometry in the state, and first-estimates Jacobians, which go well with it: NEES is near one so. For wheels
+        that slip; where errors are new at every tick it is no better.
         """
-        return replace(self, mode="fej", persistence=Persistence(), trial=replace(self.trial, parallax=0.15), stride=0.3)
+        return replace(self, mode="fej", persistence=Persistence())
 
 
 class Slam:

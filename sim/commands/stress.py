@@ -62,7 +62,7 @@ class Stress:
     """Called with (setup, ticks), giving an Estimate a tick as tracker.pipeline.track does."""
     results: Annotated[Path | None, unset("DIR", "none")] = None
     """Tracks that were made elsewhere in place of a tracker: FOLDER/ID/SEED.txt, as in density/3/4.txt, MOT15 with x, y, z."""
-    slam: Annotated[Literal["ekf", "iekf", "invariant"] | None, unset("{ekf,iekf,invariant}", "invariant")] = None
+    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej")] = None
     """The filter of the robots' places, as for `pilsim track`; a sweep over it goes first. So with what follows."""
     iterations: Annotated[int | None, unset("INT", "2")] = None
     """Linearisations of an update."""

@@ -70,14 +70,14 @@ class Track:
     """Frames until a track may be believed."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter is told where the landmarks are."""
-    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "invariant")] = None
+    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej; UTIAS: invariant")] = None
     """The filter of the robots' places: extended, iterated, with first-estimates Jacobians, or with the right-invariant error."""
     iterations: Annotated[int | None, unset("INT", "2")] = None
     """Linearisations of an update; ekf has one."""
     correction: Literal["on", "off"] = "on"
     """Whether each robot's correction factor is estimated."""
-    persistence: Literal["on", "off"] = "off"
-    """Whether errors of odometry that last (slip, biases) are kept in the state: with fej, which is the default then, or iekf."""
+    persistence: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on with fej")] = None
+    """Whether errors of odometry that last (slip, biases) are kept in the state; for fej or iekf."""
     unknown_start: str = ""
     """Robots, as in robot_1,robot_2, that are not told where they start: each maps alone until it has enough in common with the others."""
 
@@ -113,23 +113,14 @@ class Track:
 
     def _parameters(self) -> Parameters | None:
         """What was asked of the filter, for a sequence; None where nothing was."""
+        from sim.contender import filter_of
         from tracker.pipeline import Parameters
-        from tracker.slam import SlamParameters
 
         people = self._people()
-        if self.slam is None and self.iterations is None and self.correction == "on" and self.persistence == "off":
+        if self.slam is None and self.iterations is None and self.correction == "on" and self.persistence is None:
             return people
-        chosen = SlamParameters(correction=self.correction == "on")
-        if self.persistence == "on":
-            if self.slam == "invariant":
-                raise ValueError("--persistence on is for --slam fej or iekf, not invariant")
-            chosen = chosen.persistent()
-        if self.iterations is not None:
-            chosen = replace(chosen, iterations=self.iterations)
-        if self.slam == "ekf":
-            chosen = replace(chosen, mode="iekf", iterations=1)
-        elif self.slam is not None:
-            chosen = replace(chosen, mode=self.slam)
+        lasting = None if self.persistence is None else self.persistence == "on"
+        chosen = filter_of(self.slam or "fej", 2 if self.iterations is None else self.iterations, self.correction == "on", lasting)
         return replace(people or Parameters(), slam=chosen)
 
     def _people(self) -> Parameters | None:

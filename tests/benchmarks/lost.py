@@ -16,8 +16,9 @@ from tqdm import tqdm
 
 from tracker.geometry import Array, Pose
 from tracker.measurements import Detections, Setup, Tick, View
+from tracker.pipeline import Parameters
 from tracker.sequence import Sequence, read_sequence
-from tracker.slam import Slam, SlamParameters
+from tracker.slam import Slam
 
 FAR, BLIND, WATCHED = 2.0, 3.0, 10.0
 """m, s, and s that are looked at afterwards."""
@@ -27,7 +28,7 @@ NEAR = 0.3
 
 def looked(sequence: Sequence) -> list[Tick]:
     """The ticks with what is seen in the panoramas in the place of these: SIFT is done once for all runs."""
-    slam, ticks = Slam(sequence.setup, SlamParameters()), []
+    slam, ticks = Slam(sequence.setup, Parameters().slam), []
     for tick in tqdm(sequence.ticks, total=len(sequence.truth or ()), desc="key points", leave=False):
         slam.step(tick)
         views = [replace(v, image=None, sightings=slam.sighted.get(v.camera)) for v in tick.views]
@@ -51,7 +52,7 @@ def troubled(setup: Setup, tick: Tick, robot: str, carried: bool) -> Tick:
 
 def errors(setup: Setup, ticks: Iterable[Tick], robot: str, places: Array) -> Array:
     """(n,) m: how far the robot is off."""
-    slam, out = Slam(setup, SlamParameters()), []
+    slam, out = Slam(setup, Parameters().slam), []
     for tick, place in zip(ticks, places, strict=False):
         slam.step(tick)
         out.append(float(np.linalg.norm(slam.pose(robot).translation - place)))

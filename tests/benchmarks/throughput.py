@@ -6,6 +6,7 @@ Each robot sees 30 landmarks a frame, known by how they look; all of the map is 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,7 +17,8 @@ from tracker.features import Extraction, extract
 from tracker.geometry import Pose, deflected
 from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
-from tracker.slam import Slam, SlamParameters
+from tracker.pipeline import Parameters
+from tracker.slam import Slam
 
 Array = NDArray[np.float64]
 
@@ -39,7 +41,7 @@ def per_frame(landmarks: int, robots: int) -> float:
     poses = [Pose.planar(3 * np.cos(a), 3 * np.sin(a), a, 0.3) for a in 2 * np.pi * np.arange(robots) / robots]
     mounts = {f"c{i}": Mount(CAMERA, Pose.identity(), f"r{i}") for i in range(robots)}
     setup = Setup(mounts, Flat(0.0), {f"r{i}": Start(pose, NOISE) for i, pose in enumerate(poses)}, 0.2)
-    slam = Slam(setup, SlamParameters(capacity=landmarks + 16))
+    slam = Slam(setup, replace(Parameters().slam, capacity=landmarks + 16))
     spent, given = [], 0
     for k in range(FRAMES + 1):
         poses = [pose @ STEP for pose in poses]
