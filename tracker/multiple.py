@@ -6,7 +6,7 @@ was taken for somebody else is put right within the N-scan: the best hypothesis 
 It departs from the scheme of Yoo et al. in this: a track takes boxes one by one, not tracklets, with the likelihood of its own Kalman filter as
 score; all leaves make one graph, which falls into parts that are solved by themselves (`small_graphs` has one graph for each hypothesis); and a
 leaf stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. By default the tracker of
-tracker/hypotheses.py is used, which was better on the low cameras of PETS 2009 when this was written."""
+tracker/hypotheses.py is used, which is better on PETS 2009: it learns how far each view can be believed (tracker/evidence.py), this does not yet."""
 
 from __future__ import annotations
 

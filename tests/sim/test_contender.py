@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from sim.contender import Contender, parameters_of
+from sim.contender import Contender, filter_of, parameters_of
 from sim.footage import Footage, filmed
 from sim.scenario import Scenario
 from sim.stress import Case
@@ -67,6 +67,17 @@ def test_options_are_those_of_the_command_line() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             parameters_of(options)
+
+
+def test_lasting_errors_are_states_by_default_and_left_out_with_other_filters() -> None:
+    assert filter_of("fej", 2, True) == Parameters().slam
+    assert Parameters().slam.persistence is not None
+    for slam in ("ekf", "iekf", "invariant"):
+        assert filter_of(slam, 2, True).persistence is None
+    assert filter_of("fej", 2, True, persistence=False).persistence is None
+    assert filter_of("iekf", 2, True, persistence=True).persistence is not None
+    with pytest.raises(ValueError, match="--persistence on is for --slam fej or iekf, not invariant"):
+        filter_of("invariant", 2, True, persistence=True)
 
 
 def test_a_cases_options_go_first() -> None:
