@@ -85,16 +85,17 @@ def gathered(estimates: list[Estimate], setup: Setup) -> Results:
     return Results(len(estimates), tracks, poses, covariances, {}, surveyed(estimates))
 
 
-def filter_of(slam: str, iterations: int, correction: bool, persistence: bool | None = None) -> SlamParameters:
-    """The filter by the name of its mode on the command line; persistence: whether errors of the odometry that last are kept in the state, by default
-    with fej. Raises ValueError where there is no such filter.
+def filter_of(slam: str | None, iterations: int | None, correction: bool, persistence: bool | None = None) -> SlamParameters:
+    """The filter by the name of its mode on the command line, fej by default; persistence: whether errors of the odometry that last are kept in the
+    state, by default with fej. Raises ValueError where there is no such filter.
     """
+    slam = "fej" if slam is None else slam
     if slam not in SLAM:
         raise ValueError(f"slam is {slam!r}, needs one of {', '.join(SLAM)}")
     if persistence and slam not in ("iekf", "fej"):
         raise ValueError(f"--persistence on is for --slam fej or iekf, not {slam}")
     chosen = SlamParameters().persistent() if persistence or (persistence is None and slam == "fej") else SlamParameters()
-    mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, iterations)
+    mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, chosen.iterations if iterations is None else int(iterations))
     return replace(chosen, mode=mode, iterations=iterations, correction=correction)
 
 
@@ -106,7 +107,7 @@ def parameters_of(options: dict[str, Any]) -> Parameters:
     for name, allowed in (("correction", ("on", "off")), ("hypotheses", ("single", "multiple"))):
         if options.get(name, allowed[0]) not in allowed:
             raise ValueError(f"{name} is {options[name]!r}, needs {' or '.join(allowed)}")
-    filter_ = filter_of(options.get("slam", "fej"), int(options.get("iterations", 2)), options.get("correction", "on") == "on")
+    filter_ = filter_of(options.get("slam"), options.get("iterations"), options.get("correction", "on") == "on")
     if options.get("hypotheses", "single") == "single":
         if {"k_h", "i_bls_max"} & set(options):
             raise ValueError("k_h and i_bls_max are for hypotheses multiple")

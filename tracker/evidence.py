@@ -69,6 +69,10 @@ class Evidence:
         """Share of the people in full view of `camera` who get a box."""
         return self.trust.detection(camera)
 
+    def missed(self, camera: str, expected: Array) -> Array:
+        """Log-likelihood (n,) of `camera` showing no box of people of whom it should see so much (n,), 0 to 1."""
+        return np.asarray(np.log(1 - self.detection(camera) * expected))
+
     def certain(self, feet: Feet) -> Array:
         """log (d,) of the rate at which people get such boxes over the density of false ones on the sphere of directions."""
         # False boxes are even on the ground; on the sphere they are as dense as the ground is slanted and far.
@@ -108,10 +112,10 @@ class Evidence:
             other = inside & feet.grounded & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
             self.trust.learn(feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other]))
 
-    def prior(self, seen: list[tuple[Feet, Camera, Pose]], groups: list[Combination], others: tuple[Array, Ints], ticks: int) -> Array:
+    def prior(self, seen: list[tuple[Feet, tuple[Camera, Pose]]], groups: list[Combination], others: tuple[Array, Ints], ticks: int) -> Array:
         """log-likelihood ratio (g,) of "somebody new" over "false boxes": who sees, who should, and how rare new people are.
 
-        seen: of each view its boxes, model and T_world_camera; others: places (t, 2) m and trees (t,) of who is there, who may stand before them;
+        seen: of each view its boxes, and model and T_world_camera; others: places (t, 2) m and trees (t,) of who is there, who may stand before them;
         ticks: how many there have been, this one with them.
         """
         q, (place, tree) = self.parameters, others
@@ -120,10 +124,10 @@ class Evidence:
         score, nobody = np.full(len(groups), np.log(rate)), np.full(len(groups), -1, dtype=np.int64)
         front = np.arange(len(groups), len(groups) + len(place))
         bodies = Bodies(np.concatenate([points, place]), np.concatenate([nobody, tree]), front, self.setup.ground)
-        for v, (feet, camera, pose) in enumerate(seen):
+        for v, (feet, camera) in enumerate(seen):
             member = np.array([dict(g.members).get(v, -1) for g in groups], dtype=np.int64)
-            expected = bodies.expected((camera, pose), self.setup.occluders, q.fusion.reach)[: len(groups)]
-            miss = np.log(1 - self.detection(feet.camera) * expected)
+            expected = bodies.expected(camera, self.setup.occluders, q.fusion.reach)[: len(groups)]
+            miss = self.missed(feet.camera, expected)
             here = member >= 0
             score[~here] += miss[~here]
             score[here] += self.trust.worth(feet.camera, feet.confidence[member[here]]) + np.log(1 - feet.lying[member[here]])

@@ -48,10 +48,10 @@ class Hypotheses:
         self._ticks += 1
         box = np.full((len(self.tracks), len(views)), -1, dtype=np.int64)
         gain, wanted = np.zeros(box.shape), np.zeros(box.shape)
-        expected = self._expected(cameras)
+        ahead = self._expected(self._bodies(), cameras)
         for v, feet in enumerate(views):
             if len(feet) and len(self.tracks):
-                none = np.log(1 - self.evidence.detection(feet.camera) * expected[:, v])
+                none = self.evidence.missed(feet.camera, ahead[:, v])
                 self._assign(feet, taken[v], none, (box[:, v], gain[:, v], wanted[:, v]))
         expected = self._judge(views, cameras, box, (gain, wanted))
         sure = self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
@@ -66,9 +66,12 @@ class Hypotheses:
         self._prune()
         return self.tracks, self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
 
-    def _expected(self, cameras: list[tuple[Camera, Pose]]) -> Array:
-        """How much (t, v) of each track each view should see."""
-        bodies = Bodies(self.tracks.state[:, :2], self.tracks.tree, np.arange(len(self.tracks)), self.setup.ground)
+    def _bodies(self) -> Bodies:
+        """Everybody where they are believed to be now, each of whom may hide others."""
+        return Bodies(self.tracks.state[:, :2], self.tracks.tree, np.arange(len(self.tracks)), self.setup.ground)
+
+    def _expected(self, bodies: Bodies, cameras: list[tuple[Camera, Pose]]) -> Array:
+        """How much (t, v) of each of the tracks' bodies each view should see."""
         reach = self.parameters.fusion.reach
         return np.array([bodies.expected(camera, self.setup.occluders, reach) for camera in cameras]).reshape(len(cameras), len(self.tracks)).T
 
@@ -143,15 +146,13 @@ class Hypotheses:
     def _judge(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], box: Ints, gains: tuple[Array, Array]) -> Array:
         """Score every track by what saw it and what should have (C_rec), and count frames; how much (t, v) each view should see."""
         q, tracks, (gain, wanted) = self.parameters, self.tracks, gains
-        everybody = np.arange(len(tracks))
-        bodies = Bodies(tracks.state[:, :2], tracks.tree, everybody, self.setup.ground)
-        expected, miss, floor, watched = np.zeros(box.shape), np.zeros(box.shape), 0.0, np.zeros(len(tracks), dtype=bool)
+        bodies = self._bodies()
+        expected = self._expected(bodies, cameras)
+        miss, floor, watched = np.zeros(box.shape), 0.0, np.zeros(len(tracks), dtype=bool)
         for v, (feet, camera) in enumerate(zip(views, cameras, strict=True)):
-            expected[:, v] = bodies.expected(camera, self.setup.occluders, q.fusion.reach)
             watched |= bodies.inside(camera)
-            found = self.evidence.detection(feet.camera)
-            miss[:, v] = np.log(1 - found * expected[:, v])
-            floor = min(floor, q.at_once * np.log(1 - found))
+            miss[:, v] = self.evidence.missed(feet.camera, expected[:, v])
+            floor = min(floor, q.at_once * np.log(1 - self.evidence.detection(feet.camera)))
         seen = box >= 0
         any_seen = seen.any(axis=1)
         # A box that another track would take says little for this one: all would be as likely without it.
@@ -191,7 +192,7 @@ class Hypotheses:
         groups = combine(views, free, self.setup.height, q.fusion)
         groups = [g for g in groups if not self._known(g, seen)]
         new = born(self._next_tree, groups, q.motion)
-        seen_by = [(feet, *camera) for feet, camera in zip(views, cameras, strict=True)]
+        seen_by = list(zip(views, cameras, strict=True))
         new = replace(new, score=self.evidence.prior(seen_by, groups, (self.tracks.state[:, :2], self.tracks.tree), self._ticks))
         self._next_tree += len(groups)
         self.tracks = self.tracks.join(new)

@@ -120,7 +120,7 @@ class Track:
         if self.slam is None and self.iterations is None and self.correction == "on" and self.persistence is None:
             return people
         lasting = None if self.persistence is None else self.persistence == "on"
-        chosen = filter_of(self.slam or "fej", 2 if self.iterations is None else self.iterations, self.correction == "on", lasting)
+        chosen = filter_of(self.slam, self.iterations, self.correction == "on", lasting)
         return replace(people or Parameters(), slam=chosen)
 
     def _people(self) -> Parameters | None:
