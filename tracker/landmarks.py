@@ -56,12 +56,14 @@ class Landmarks:
 
     identity: a number that is never used again; subject: the given name or −1; look (capacity, robots, d): the last descriptor that each robot saw;
     hits, missed, refused; last: the tick of the last sighting; by: the robot that had it; when (capacity, robots): the last one of each, −1 for none.
+    looked (robots,): the last tick at which each robot looked round and knew where it was.
     """
 
     def __init__(self, capacity: int, robots: int) -> None:
         self.count, self._next = 0, 0
         self.identity, self.subject, self.hits, self.missed, self.refused, self.last, self.by = np.zeros((7, capacity), dtype=np.intp)
         self.when = np.full((capacity, robots), -1, dtype=np.intp)
+        self.looked = np.full(robots, -1, dtype=np.intp)
         self._look = np.zeros((capacity, robots, 0), dtype=np.float32)
 
     @property
@@ -98,9 +100,12 @@ class Landmarks:
         return np.flatnonzero(lost | (self.refused[n] >= survival.refusals))
 
     def stalest(self) -> int:
-        """The landmark that was not seen for the longest; among equals the one with the fewest sightings, then the oldest."""
+        """The landmark that was not seen for the longest while the robot that knows it looked; among equals the one with the fewest sightings, then
+        the oldest. What a blind or lost robot knew waits for it: by that it is found again.
+        """
         n = slice(0, self.count)
-        return int(np.lexsort((self.identity[n], self.hits[n], self.last[n]))[0])
+        overlooked = self.looked[self.by[n]] - self.last[n]
+        return int(np.lexsort((self.identity[n], self.hits[n], -overlooked))[0])
 
     def remove(self, landmark: int) -> None:
         last = self.count - 1

@@ -12,7 +12,7 @@ import numpy as np
 
 from tracker.geometry import Array, Pose
 from tracker.measurements import Setup, Start, Tick
-from tracker.relocation import Place, State, locate
+from tracker.relocation import Known, Place, locate
 
 if TYPE_CHECKING:
     from tracker.slam import Slam, SlamParameters
@@ -31,8 +31,8 @@ class Newcomers:
         self._alone: dict[str, Slam] = {}
         self._rule = replace(parameters.search, pairs=parameters.search.strangers)
 
-    def step(self, name: str, tick: Tick, team: State) -> Pose | str:
-        """A waiting robot's views of one tick: T_team_robot where it is found, which ends its waiting, or the reason why it waits."""
+    def step(self, name: str, tick: Tick, known: Known) -> Place | str:
+        """A waiting robot's views of one tick: its place among the team's landmarks, which ends its waiting, or the reason why it waits."""
         if name not in self._alone and not self._begin(name, tick):
             return "no level"
         alone, reason = self._alone[name], "sees nothing"
@@ -41,10 +41,10 @@ class Newcomers:
         for view in tick.views:
             if view.camera in alone.sighted:
                 mount = self.setup.mounts[view.camera]
-                found = locate(team, (alone.state[0].sight(0, mount), alone.pose(name)), alone.sighted[view.camera], self._rule)
+                found = locate(known, (alone.state[0].sight(0, mount), alone.pose(name)), alone.sighted[view.camera], self._rule)
                 if isinstance(found, Place):
                     del self._alone[name]
-                    return found.pose
+                    return found
                 reason = found
         return reason
 

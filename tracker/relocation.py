@@ -1,11 +1,12 @@
 """A robot that has lost its way: whether it has, and where it is by what it sees, whatever its odometry says.
 
-Who is carried off, or drove too far blind, sees many things and knows none of them where it believes to be. Then its panorama is matched with the
-whole map by looks alone, and its pose comes from those that agree (tracker.resection).
+Who is carried off, or drove too far blind, sees many things and knows none of them where it believes to be. Then its panorama is matched by looks
+alone with the whole map, and with all that the map had no room for any more, and its pose comes from those that agree (tracker.resection).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from tracker.association import mutual
 from tracker.bearings import Sight
 from tracker.geometry import Array, Pose, rotation_z
 from tracker.joint import Indices, Joint
-from tracker.landmarks import Landmarks, dissimilarity, unit_rows
+from tracker.landmarks import Floats, Landmarks, dissimilarity, unit_rows
 from tracker.measurements import Sightings, Start
 from tracker.resection import Search, resect
 
@@ -52,34 +53,81 @@ class Wayfinder:
 
 
 @dataclass(frozen=True, eq=False)
+class Known:
+    """Landmarks to look for: look (n, k, d), the last descriptor of each robot, or zeros; subject (n,), as Landmarks has them; point (n, 3) m;
+    spread (n,) m: standard deviations, the mean over the axes. The first `mapped` of them are those of the map.
+    """
+
+    look: Floats
+    subject: Indices
+    point: Array
+    spread: Array
+    mapped: int
+
+
+class Memory:
+    """Landmarks that gave way to others in the map, as they were then; of more than `capacity` the oldest are forgotten for good."""
+
+    def __init__(self, capacity: int) -> None:
+        self._kept: deque[tuple[Floats, int, Array, float]] = deque(maxlen=capacity)
+
+    def keep(self, team: State, landmark: int) -> None:
+        """Remember a landmark that is about to leave the map."""
+        joint, book = team
+        spread = float(_spread(joint, np.array([landmark]))[0])
+        self._kept.append((book.look[landmark].copy(), int(book.subject[landmark]), joint.point[landmark].copy(), spread))
+
+    def with_map(self, team: State) -> Known:
+        """The map, and what is remembered beside it."""
+        joint, book = team
+        n = book.count
+        spread = _spread(joint, np.arange(n))
+        if not self._kept:
+            return Known(book.look, book.subject[:n], joint.point[:n], spread, n)
+        look, subject, point, spreads = zip(*self._kept, strict=True)
+        looks = np.concatenate([book.look, np.stack(look)])
+        subjects = np.concatenate([book.subject[:n], np.array(subject)])
+        return Known(looks, subjects, np.concatenate([joint.point[:n], np.stack(point)]), np.concatenate([spread, np.array(spreads)]), n)
+
+
+@dataclass(frozen=True, eq=False)
 class Place:
-    """T_map_robot, and how many landmarks speak for it."""
+    """T_map_robot, how many landmarks speak for it, and how many of these are in the map."""
 
     pose: Pose
     agreed: int
+    mapped: int
+
+    def start(self, rule: Search) -> Start:
+        """The pose with a doubt that the landmarks which it came from will take away: they count once. Those that are not in the map take nothing
+        away, and where most are such the pose is as good as it will be.
+        """
+        doubt = rule.doubt if self.mapped >= rule.pairs else rule.firm
+        return Start(self.pose, np.diag(np.repeat(doubt, 3) ** 2))
+
+    def near(self, pose: Pose, rule: Search) -> bool:
+        """Whether another pose is the same but for what is always in doubt."""
+        apart = np.linalg.norm((pose.inverse() @ self.pose).log().reshape(2, 3), axis=1)
+        return bool((apart < 3 * np.array(rule.firm)).all())
 
 
-def locate(team: State, own: tuple[Sight, Pose], seen: Sightings, rule: Search) -> Place | str:
-    """Where in the team's map a robot is by what one of its cameras sees, or why it is not found. own: the camera, and the robot, in any frame whose
-    "up" is that of the map; gravity has told it.
+def locate(known: Known, own: tuple[Sight, Pose], seen: Sightings, rule: Search) -> Place | str:
+    """Where among the landmarks a robot is by what one of its cameras sees, or why it is not found. own: the camera, and the robot, in any frame
+    whose "up" is that of the map; gravity has told it.
     """
-    (joint, book), (sight, pose) = team, own
-    unlike = dissimilarity(book.look, book.subject[: book.count], unit_rows(seen.descriptor), seen.subject)
+    sight, pose = own
+    unlike = dissimilarity(known.look, known.subject, unit_rows(seen.descriptor), seen.subject)
     if not unlike.size:
         return "too little alike"
     row, column = mutual(np.where(unlike < rule.unlike, unlike, np.inf), unlike, rule.ratio)
     order = np.argsort(unlike[row, column], kind="stable")
     row, column = row[order], column[order]
-    found = resect(seen.bearing[column] @ sight.rotation.T, joint.point[row], _spread(joint, row), rule)
+    found = resect(seen.bearing[column] @ sight.rotation.T, known.point[row], known.spread[row], rule)
     if isinstance(found, str):
         return found
     turn = rotation_z(found.yaw)
-    return Place(Pose(turn @ pose.rotation, found.origin - turn @ (sight.origin - pose.translation)), len(found.agreed))
-
-
-def doubted(pose: Pose, rule: Search) -> Start:
-    """A pose that was found, with the doubt that the sightings which it came from will take away: they count once."""
-    return Start(pose, np.diag(np.repeat(rule.doubt, 3) ** 2))
+    place = Pose(turn @ pose.rotation, found.origin - turn @ (sight.origin - pose.translation))
+    return Place(place, len(found.agreed), int((row[found.agreed] < known.mapped).sum()))
 
 
 def _spread(joint: Joint, landmarks: Indices) -> Array:

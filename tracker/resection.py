@@ -25,7 +25,7 @@ class Search:
 
     drop: a robot that matches less than this share of the landmarks that it used to match may have lost its way; few: with at most so many it has,
     and is looked for; patience s: for so long; doubt m, rad: standard deviations of its pose where it is found, before the landmarks that it sees
-    there are taken in.
+    there are taken in; firm m, rad: the same where these are in the map no more; memory: so many of such landmarks are remembered.
     """
 
     unlike: float = 0.5
@@ -41,6 +41,8 @@ class Search:
     few: int = 3
     patience: float = 5.0
     doubt: tuple[float, float] = (0.5, 0.1)
+    firm: tuple[float, float] = (0.1, 0.03)
+    memory: int = 2000
 
     def __post_init__(self) -> None:
         if self.pairs < 4:
