@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.bearings import Sight
-from tracker.gaussian import block_diagonal, joseph_factor, kalman_gain, robust_weights, solve_positive, subtract
+from tracker.gaussian import block_diagonal, robust_weights, solve_positive, subtract, whitened
 from tracker.geometry import Array, Pose
 from tracker.invariant import Means, landmark_shears, pose_charts, retracted
 from tracker.measurements import Mount, Start
@@ -256,7 +256,7 @@ class Joint:
         self.count = last
 
     def update(self, linearise: Callable[[], Linear], iterations: int, threshold: float) -> Array:
-        """The iterated update with exactly `iterations` linearisations (Bell & Cathey 1993): δ ← K (r(x ⊕ δ) + H J δ), then P in Joseph's form.
+        """The iterated update with exactly `iterations` linearisations (Bell & Cathey 1993): δ ← K (r(x ⊕ δ) + H J δ), then P.
 
         `linearise` is asked at the mean of each pass. H is brought to the tangent at the prior by the retraction's Jacobian J, and P to the tangent
         at the posterior when all is done. One iteration is the plain EKF. With the invariant error landmarks go with the robot that sees them; the
@@ -295,22 +295,21 @@ class Joint:
         return weights
 
     def _settle(self, before: Held, measured: tuple[Array, Array], robot: int) -> None:
-        """P in Joseph's form, measured = H P and S; with the invariant error the landmarks' errors gain, beside, what those of the robot's rotation
-        were times the shears: P ← M P Mᵀ, M = I + A E with A (n, 3) and E the three rows of the rotation, in one pass with the other.
+        """P after an update, measured = H P and S; with the invariant error the landmarks' errors gain, beside, what those of the robot's rotation
+        were times the shears: P ← M P Mᵀ, M = I + B E with B (n, 3) and E the three rows of the rotation, in one pass with the other.
         """
-        HP, S = measured
-        K = kalman_gain(HP, S)
-        U = joseph_factor(HP, K, S)
-        n, m, sheared = len(K), len(S), self.invariant and self.count > 0
-        X, Y = np.zeros((2, len(self._P), m + 3 * sheared))
-        X[:n, :m], Y[:n, :m] = K, U
-        if sheared:
-            turn = slice(self.offset(robot) + 3, self.offset(robot) + 6)
-            E = self.P[turn] - K[turn] @ U.T - U[turn] @ K.T
-            A = landmark_shears(self._means(before), self._means(), robot).reshape(-1, 3)
-            X[self.base : n, m:], Y[:n, m:] = -A, E.T
-            Y[self.base : n, m:] += 0.5 * A @ E[:, turn]
-        subtract(self._P, X, Y)
+        n = len(self.P)
+        A = np.zeros((len(measured[1]), len(self._P)))
+        A[:, :n] = whitened(*measured)
+        if not (self.invariant and self.count):
+            return subtract(self._P, A)
+        turn = slice(self.offset(robot) + 3, self.offset(robot) + 6)
+        E = self.P[turn] - A[:, turn].T @ A[:, :n]
+        B = landmark_shears(self._means(before), self._means(), robot).reshape(-1, 3)
+        X, Y = np.zeros((2, len(self._P), 3))
+        X[self.base : n], Y[:n] = -B, E.T
+        Y[self.base : n] += 0.5 * B @ E[:, turn]
+        return subtract(self._P, A, X, Y)
 
     def _tangents(self, delta: Array) -> tuple[Array, Array, Array]:
         """The parts of a change (n,) that belong to the poses (p, 6), to the corrections (robots, 3 or 0) and to what lasts (robots, 8 or 0)."""

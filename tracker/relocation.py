@@ -16,17 +16,17 @@ from tracker.bearings import Sight
 from tracker.geometry import Array, Pose, rotation_z
 from tracker.joint import Indices, Joint
 from tracker.landmarks import Floats, Landmarks, dissimilarity, unit_rows
-from tracker.measurements import Sightings, Start
+from tracker.measurements import Mount, Sightings, Start
 from tracker.resection import Search, resect
 
 State = tuple[Joint, Landmarks]
 
 
 class Wayfinder:
-    """Which robots may have lost their way, and for how long they have been looked for."""
+    """Which robots may have lost their way, for how long they have been looked for, and what they are found by; memory: what left the map."""
 
     def __init__(self, rule: Search, period: float) -> None:
-        self.rule = rule
+        self.rule, self.memory = rule, Memory(rule.memory)
         self._most = max(1, round(rule.patience / period))
         self._usual: dict[str, float] = {}
         self._astray: dict[str, int] = {}
@@ -38,6 +38,22 @@ class Wayfinder:
     def doubts(self, robot: str, seen: int, matched: int) -> bool:
         """Whether a robot that saw so many things at a tick knew so much fewer of them than it used to that it may be elsewhere."""
         return seen >= self.rule.pairs and matched < max(self.rule.few + 1, self.rule.drop * self._usual.get(robot, 0.0)) and robot in self._usual
+
+    def find(self, team: State, robot: int, mount: Mount, seen: Sightings, matched: int) -> tuple[str, int]:
+        """Look for a robot, by its number, that may have lost its way; where many more landmarks agree with another place than are matched, there it
+        is put. What came of it, and how many landmarks agree with the place where it is now, if it is known.
+        """
+        joint, _ = team
+        pose = Pose(joint.rotation[robot], joint.translation[robot])
+        found = locate(self.memory.with_map(team), (joint.sight(robot, mount), pose), seen, self.rule)
+        if isinstance(found, str):
+            return f"lost: {found}", 0
+        if found.agreed <= 1.5 * matched:
+            return "not lost", 0
+        if found.near(pose, self.rule):
+            return "not lost", found.agreed
+        joint.put(robot, found.start(self.rule))
+        return "found again", found.agreed
 
     def judge(self, robot: str, matched: int) -> None:
         """Book what a robot knew in the end at a tick at which it saw something. Who knows next to nothing is looked for; who is not found in time

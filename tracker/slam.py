@@ -26,7 +26,7 @@ from tracker.linearisation import Met, Seen, linearise
 from tracker.measurements import Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.newcomers import Newcomers
 from tracker.persistence import Persistence, root
-from tracker.relocation import Memory, Place, State, Wayfinder, locate
+from tracker.relocation import Place, State, Wayfinder
 from tracker.resection import Search
 
 
@@ -97,7 +97,7 @@ class Slam:
         self._counters: Counter[str] = Counter()
         self._newcomers = Newcomers(setup, parameters, Slam)
         self._blind: dict[str, tuple[int, Array]] = {}
-        self._wayfinder, self._memory = Wayfinder(parameters.search, setup.period), Memory(parameters.search.memory)
+        self._wayfinder = Wayfinder(parameters.search, setup.period)
         self.sighted: dict[str, Sightings] = {}  # by camera, what was seen at the last tick of what stands still
         self._doubt = np.repeat(parameters.reopen_sigma, 3) ** 2
         self._tick = -1
@@ -182,7 +182,7 @@ class Slam:
     def _meet(self, name: str, tick: Tick) -> None:
         """A robot whose start is unknown is looked for by what it sees, and joins where it is found."""
         self._counters["unknown start"] += 1
-        found = self._newcomers.step(name, tick, self._memory.with_map(self.state))
+        found = self._newcomers.step(name, tick, self._wayfinder.memory.with_map(self.state))
         self._counters[f"waits: {found}" if isinstance(found, str) else "joined"] += 1
         if isinstance(found, Place):
             self._enlist(name, self._joint.join(found.start(self.parameters.search)))
@@ -244,7 +244,7 @@ class Slam:
             room = max(0, min(self.parameters.growth, self.parameters.seen - matched))
             while self._joint.count > self._joint.capacity - room:
                 stalest = self._map.stalest()
-                self._memory.keep(self.state, stalest)
+                self._wayfinder.memory.keep(self.state, stalest)
                 self._forget(stalest, "map full")
             frontier.advance(seen, free, room, tick)
         self._remember(name)
@@ -274,9 +274,12 @@ class Slam:
         looks = unlike, np.asarray(book.look[:, robot].any(axis=1))
         m = self._associate(robot, mount, seen, looks, tick)
         known = len(m.landmark)
-        if self._wayfinder.doubts(name, len(seen), known) and (agreed := self._search(name, mount, seen, known)):
-            m = associate(self._joint, robot, self._joint.sight(robot, mount), (seen.bearing, seen.covariance), looks, self.parameters.gate)
-            known = agreed
+        if self._wayfinder.doubts(name, len(seen), known):
+            reason, agreed = self._wayfinder.find(self.state, robot, mount, seen, known)
+            self._counters[reason] += 1
+            if agreed:
+                m = associate(self._joint, robot, self._joint.sight(robot, mount), (seen.bearing, seen.covariance), looks, self.parameters.gate)
+            known = max(known, agreed)
         self._wayfinder.judge(name, known)
         if self._wayfinder.astray(name):
             self._correct(name, None)
@@ -342,21 +345,6 @@ class Slam:
         if again:
             self._counters["reopened"] += 1
         return m
-
-    def _search(self, name: str, mount: Mount, seen: Sightings, matched: int) -> int:
-        """Look for a robot that may have lost its way; where many more landmarks agree with another place, there it is put. How many agree with
-        the place where it is then, if it is known.
-        """
-        robot, rule = self._team[name], self.parameters.search
-        found = locate(self._memory.with_map(self.state), (self._joint.sight(robot, mount), self.pose(name)), seen, rule)
-        if isinstance(found, str) or found.agreed <= 1.5 * matched:
-            self._counters[f"lost: {found}" if isinstance(found, str) else "not lost"] += 1
-            return 0
-        here = found.near(self.pose(name), rule)
-        self._counters["not lost" if here else "found again"] += 1
-        if not here:
-            self._joint.put(robot, found.start(rule))
-        return found.agreed
 
     def _account(self, robot: int, m: Matches) -> None:
         """Book refusals, and misses of the robot that should know the landmark best."""

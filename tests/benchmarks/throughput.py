@@ -17,6 +17,7 @@ from tracker.features import Extraction, extract
 from tracker.geometry import Pose, deflected
 from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
+from tracker.persistence import Persistence
 from tracker.pipeline import Parameters
 from tracker.slam import Slam
 
@@ -27,13 +28,14 @@ ROBOTS = (1, 2, 4, 8)
 SEEN, LOOK, FRAMES = 30, 128, 5
 SIGMA, PLACED = 0.002, 0.03
 """rad of a bearing; m of a landmark."""
+LASTING = Persistence()
 STEP = Pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
 NOISE = np.diag([0.01, 0.005, 0.005, 0.002, 0.002, 0.004]) ** 2
 CAMERA = Panorama(1024, 512)
 
 
 def per_frame(landmarks: int, robots: int) -> float:
-    """Milliseconds, the median of FRAMES."""
+    """Milliseconds, the median of FRAMES. What odometry is off by lasts, as the filter takes it to."""
     rng = np.random.default_rng([landmarks, robots])
     points = np.stack([*rng.uniform(-20, 20, (2, landmarks)), rng.uniform(0.3, 3.0, landmarks)], axis=1)
     looks = rng.normal(size=(landmarks, LOOK)).astype(np.float32)
@@ -42,12 +44,15 @@ def per_frame(landmarks: int, robots: int) -> float:
     mounts = {f"c{i}": Mount(CAMERA, Pose.identity(), f"r{i}") for i in range(robots)}
     setup = Setup(mounts, Flat(0.0), {f"r{i}": Start(pose, NOISE) for i, pose in enumerate(poses)}, 0.2)
     slam = Slam(setup, replace(Parameters().slam, capacity=landmarks + 16))
+    lasting = LASTING.spread[:6] * rng.normal(size=(robots, 6))
     spent, given = [], 0
     for k in range(FRAMES + 1):
         poses = [pose @ STEP for pose in poses]
         # The first frame takes the robots in, then the map is there.
         seen = rng.choice(landmarks, (robots, SEEN)) if k else np.zeros((robots, 0), dtype=np.int64)
-        views = tuple(_view(f"c{i}", pose, points[np.unique(seen[i])], looks[np.unique(seen[i])], rng) for i, pose in enumerate(poses))
+        error = np.sqrt(np.diag(NOISE)) * (lasting + np.sqrt(LASTING.white[:6]) * rng.normal(size=(robots, 6)))
+        shown = [np.unique(row) for row in seen]
+        views = tuple(_view(f"c{i}", pose, points[shown[i]], looks[shown[i]], error[i], rng) for i, pose in enumerate(poses))
         tick = Tick(k, 0.2 * k, views)
         given += sum(len(v.sightings) for v in views if v.sightings is not None)
         began = time.process_time()
@@ -63,14 +68,13 @@ def per_frame(landmarks: int, robots: int) -> float:
     return float(np.median(spent[1:]))
 
 
-def _view(camera: str, pose: Pose, points: Array, looks: NDArray[np.float32], rng: np.random.Generator) -> View:
+def _view(camera: str, pose: Pose, points: Array, looks: NDArray[np.float32], error: Array, rng: np.random.Generator) -> View:
     bearing, n = pose.inverse().apply(points), len(points)
     bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
     bearing = deflected(bearing, SIGMA * rng.normal(size=(n, 2)))
     look = looks + np.float32(0.2 / np.sqrt(LOOK)) * rng.normal(size=looks.shape).astype(np.float32)
     seen = Sightings(bearing, np.full(n, np.nan), np.full(n, -1), look, np.tile(np.eye(2) * SIGMA**2, (n, 1, 1)))
-    motion = STEP @ Pose.exp(np.sqrt(np.diag(NOISE)) * rng.normal(size=6))
-    return View(camera, Detections.none(), seen, Odometry(motion, NOISE, pose.rotation[2], 0.02))
+    return View(camera, Detections.none(), seen, Odometry(STEP @ Pose.exp(error), NOISE, pose.rotation[2], 0.02))
 
 
 def by_sift() -> tuple[float, int]:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.gaussian import block_diagonal, condition, gate, joseph, kalman_gain, mahalanobis2, nees, robust_weights, subtract
+from tracker.gaussian import block_diagonal, condition, gate, mahalanobis2, nees, robust_weights, subtract, whitened
 
 
 @pytest.fixture
@@ -27,30 +27,43 @@ def test_gate_refuses(dof: int, probability: float) -> None:
         gate(dof, probability)
 
 
-def test_joseph_is_the_long_form_for_any_gain(rng: np.random.Generator) -> None:
+def test_what_an_update_leaves_is_josephs_form(rng: np.random.Generator) -> None:
     n, m = 9, 4
     P, R, H = positive(rng, n), positive(rng, m), rng.normal(size=(m, n))
     S = H @ P @ H.T + R
-    for K in (kalman_gain(H @ P, S), rng.normal(size=(n, m))):
-        got, A = P.copy(), np.eye(n) - K @ H
-        joseph(got, H @ P, K, S)
-        np.testing.assert_allclose(got, A @ P @ A.T + K @ R @ K.T, atol=1e-10)
-        np.testing.assert_array_equal(got, got.T)
+    K = P @ H.T @ np.linalg.inv(S)
+    rest = np.eye(n) - K @ H
+    got = P.copy()
+    subtract(got, whitened(H @ P, S))
+    np.testing.assert_allclose(got, rest @ P @ rest.T + K @ R @ K.T, atol=1e-10)
 
 
-def test_joseph_takes_no_part_of_a_store(rng: np.random.Generator) -> None:
-    store, H = positive(rng, 8), rng.normal(size=(2, 5))
-    S = H @ store[:5, :5] @ H.T + np.eye(2)
+@pytest.mark.parametrize("S", [-np.eye(2), np.diag([1.0, np.nan])])
+def test_an_innovation_that_is_not_positive_is_refused(rng: np.random.Generator, S: np.ndarray) -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        whitened(np.ones((2, 3)), S)
+
+
+def test_ten_thousand_sharp_updates_leave_it_positive(rng: np.random.Generator) -> None:
+    P = positive(rng, 30) * 1e4
+    for _ in range(10_000):
+        H = rng.normal(size=(2, 30))
+        subtract(P, whitened(H @ P, H @ P @ H.T + 1e-6 * np.eye(2)))
+        P += 1e-6 * np.eye(30)
+    assert np.linalg.eigvalsh(P).min() > 0
+
+
+def test_no_part_of_a_store_is_updated(rng: np.random.Generator) -> None:
     with pytest.raises(ValueError, match="not contiguous"):
-        joseph(store[:5, :5], H @ store[:5, :5], kalman_gain(H @ store[:5, :5], S), S)
+        subtract(positive(rng, 8)[:5, :5], np.ones((2, 5)))
 
 
 @pytest.mark.parametrize("n", [1, 127, 128, 129, 300])
 def test_what_is_subtracted_is_symmetric_to_the_last_bit(rng: np.random.Generator, n: int) -> None:
-    P, X, Y = positive(rng, n), rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
+    P, A, X, Y = positive(rng, n), rng.normal(size=(4, n)), rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
     got = P.copy()
-    subtract(got, X, Y)
-    np.testing.assert_allclose(got, P - X @ Y.T - Y @ X.T, atol=1e-9)
+    subtract(got, A, X, Y)
+    np.testing.assert_allclose(got, P - A.T @ A - X @ Y.T - Y @ X.T, atol=1e-9)
     np.testing.assert_array_equal(got, got.T)
 
 

@@ -119,5 +119,3 @@ def test_what_is_faster_than_people_is_not_followed(parameters: Parameters, spee
     last = list(track(setup, ticks, parameters))[-1]
     near = np.linalg.norm(last.position[:, :2] - place, axis=1) < 0.5 if len(last.target_id) else np.zeros(0, dtype=bool)
     assert near.any() == followed
-
-
