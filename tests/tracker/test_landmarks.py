@@ -58,6 +58,16 @@ def test_a_landmark_goes_by_trial_or_by_refusals() -> None:
     assert marks.stalest() == 1
 
 
+def test_what_a_blind_robot_knows_does_not_grow_stale() -> None:
+    marks = book()
+    marks.seen(ids(0, 1), look(0.0, 1.0), robot=0, tick=20)
+    marks.seen(ids(2), look(2.0), robot=1, tick=5)
+    marks.looked[:] = [22, 22]
+    assert marks.stalest() == 2
+    marks.looked[1] = 5
+    assert marks.stalest() in (0, 1)
+
+
 def test_descriptors_keep_their_length() -> None:
     with pytest.raises(ValueError, match="length 3"):
         book().add(-1, np.ones(3, dtype=np.float32), 0, 0, 1)

@@ -137,11 +137,12 @@ def test_a_robot_that_was_carried_off_finds_back() -> None:
     assert max(errors[45:]) < 0.15
 
 
-def test_a_robot_that_was_carried_elsewhere_is_found_by_what_it_sees() -> None:
-    """Its wheels stand still and its camera sees nothing while it goes on for 15 ticks; 2 m away it knows where it is at once."""
+def carried(parameters: SlamParameters, emptied: bool) -> tuple[Slam, list[float]]:
+    """r0's wheels stand still and its camera sees nothing while it goes on for 15 ticks, at whose end the map may give way as where it is full; how
+    far r0 is off then, and at each tick from there on.
+    """
     setup, ticks, truth, _ = simulate(replace(SHORT, ticks=70))
-    slam, away = Slam(setup, SlamParameters()), range(40, 55)
-
+    slam, away, errors = Slam(setup, parameters), range(40, 55), []
     for tick, true in zip(ticks, truth, strict=True):
         if tick.index in away:
             view = tick.views[0]
@@ -149,12 +150,27 @@ def test_a_robot_that_was_carried_elsewhere_is_found_by_what_it_sees() -> None:
             still = replace(view.odometry, T_before_now=Pose.identity())
             tick = replace(tick, views=(View(view.camera, Detections.none(), odometry=still), *tick.views[1:]))
         slam.step(tick)
-        error = np.linalg.norm(slam.pose("r0").translation - true["r0"].translation)
-        if tick.index == away[-1]:
-            assert error > 1.0
-        if tick.index > away[-1]:
-            assert error < 0.15
+        if tick.index == away[-1] and emptied:
+            for landmark in reversed(range(slam.state[1].count)):
+                slam._wayfinder.memory.keep(slam.state, landmark)
+                slam._forget(landmark, "map full")
+        if tick.index >= away[-1]:
+            errors.append(float(np.linalg.norm(slam.pose("r0").translation - true["r0"].translation)))
+    return slam, errors
+
+
+@pytest.mark.parametrize("emptied", [False, True])
+def test_a_robot_that_was_carried_elsewhere_is_found_by_what_it_sees(emptied: bool) -> None:
+    slam, (before, *after) = carried(SlamParameters(), emptied)
+    assert before > 1.0
+    assert max(after) < (0.3 if emptied else 0.15)
     assert slam.counters["found again"] == 1
+
+
+def test_who_remembers_no_more_than_the_map_is_not_found_when_that_is_gone() -> None:
+    slam, (_, *after) = carried(SlamParameters(search=replace(SlamParameters().search, memory=0)), True)
+    assert min(after) > 1.0
+    assert "found again" not in slam.counters
 
 
 def test_who_knows_nothing_any_more_is_looked_for_and_then_begins_anew() -> None:
