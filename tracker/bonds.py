@@ -9,7 +9,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tracker.branches import Branches
-from tracker.covering import labels
 from tracker.geometry import Array
 
 Ints = NDArray[np.int64]
@@ -87,29 +86,6 @@ def _exclude(name: Ints, conflict: Mask) -> None:
                 for j in order[first:k]:
                     conflict[i, j] |= i != j and name[i] >= 0
             first = k
-
-
-def parts(conflict: Mask, rows: Ints) -> Ints:
-    """Of each of `rows` (k,) the number of its connected part of the conflict graph among them, counted from 0 in the order of the rows."""
-    degree, with_ = among(conflict, rows)
-    out: Ints = labels(np.append(0, np.cumsum(degree)), with_, np.arange(len(rows)))
-    return out
-
-
-@njit(cache=True)
-def among(conflict: Mask, rows: Ints) -> tuple[Ints, Ints]:
-    """The conflicts among `rows` (k,): how many each of them has, and with which others, by their place in `rows`, of one after another."""
-    degree = np.zeros(len(rows), np.int64)
-    for i in range(len(rows)):
-        for j in rows:
-            degree[i] += conflict[rows[i], j]
-    with_, k = np.empty(degree.sum(), np.int64), 0
-    for i in rows:
-        for j in range(len(rows)):
-            if conflict[i, rows[j]]:
-                with_[k] = j
-                k += 1
-    return degree, with_
 
 
 @njit(cache=True)

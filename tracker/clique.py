@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from tracker import breakout
@@ -80,6 +81,10 @@ class Graph:
 
     def __len__(self) -> int:
         return len(self.weight)
+
+    def within(self, rows: Ints) -> Graph:
+        """The graph of some of the vertices, ascending; their new numbers are their places in `rows` (k,)."""
+        return Graph.from_rows(self.weight[rows], *_among(self.start, self.conflict, rows))
 
     @property
     def edges(self) -> int:
@@ -186,6 +191,21 @@ def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None 
     optima = breakout.remembered(state)
     best = np.flatnonzero(state.best)
     return Found(float(graph.weight[best].sum()), best, moves, time.perf_counter() - began, optima)
+
+
+@njit(cache=True)
+def _among(start: Ints, conflict: Ints, rows: Ints) -> tuple[Ints, Ints]:
+    """The conflicts among `rows` (k,): how many each of them has, and with which others, by their place in `rows`, of one after another."""
+    place, degree = np.full(len(start) - 1, -1), np.zeros(len(rows), np.int64)
+    place[rows] = np.arange(len(rows))
+    others, m = np.empty(len(conflict), np.int64), 0
+    for i in range(len(rows)):
+        for k in range(start[rows[i]], start[rows[i] + 1]):
+            if place[conflict[k]] >= 0:
+                others[m] = place[conflict[k]]
+                degree[i] += 1
+                m += 1
+    return degree, others[:m].copy()
 
 
 def _check(weight: Array, pairs: Ints) -> None:

@@ -43,7 +43,7 @@ class MultipleHypotheses:
         self.window = max(self.n_scan, delay) + 1
         self.leaves = Leaves.none(self.window)
         self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the best hypothesis
-        self.kept: list[Ints] = []  # rows of the leaves of each hypothesis
+        self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self.offsets: dict[str, tuple[Array, Array]] = {}  # camera → offset (2,) m on the ground, covariance (2, 2)
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
         self._bonds = Bonds(np.zeros((0, 0), dtype=bool), np.zeros((0, 0), dtype=np.int16))
@@ -60,7 +60,7 @@ class MultipleHypotheses:
         ways = Branches._make(column[held] for column in ways)
         roots = self._roots(views, table, ways)
         self._extend(ways, roots, table)
-        chosen = select(self.leaves, self._bonds, self._previous(), self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
+        chosen = select(self.leaves, self._bonds, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
         self._believe(chosen.best)
         self._learn(views, ways, chosen.best)
         self._prune(chosen)
@@ -145,10 +145,6 @@ class MultipleHypotheses:
         self._parent, self.leaves = parent, leaves
         self._bonds = bonds.bind(self._bonds, self._parent, self.leaves.tree, self._boxes, self.leaves.state[:, :2], q.same_person)
 
-    def _previous(self) -> list[Mask]:
-        """For each hypothesis of the tick before, which leaves are children of its leaves."""
-        return [np.isin(self._parent, rows) for rows in self.kept]
-
     def _believe(self, best: Ints) -> None:
         q, leaves = self.parameters, self.leaves
         sure = np.zeros(len(leaves), dtype=bool)
@@ -189,10 +185,7 @@ class MultipleHypotheses:
         keep &= bonds.leaders(tree, self._boxes, leaves.state, np.where(keep, regret, np.inf), most)
         keep &= (regret < q.most_regret) | ~leaves.believed
         if q.small_graphs:
-            held = np.zeros(len(leaves), dtype=bool)
-            for rows in chosen.hypotheses:
-                held[rows] = True
-            keep &= held | ~leaves.believed
+            keep &= chosen.hypotheses.any(axis=0) | ~leaves.believed
         if keep.sum() > q.most_leaves:
             best = np.argsort(np.where(keep, regret, np.inf), kind="stable")[: q.most_leaves]
             keep = np.isin(np.arange(len(keep)), best)
@@ -201,7 +194,7 @@ class MultipleHypotheses:
         number[rows] = np.arange(len(rows))
         self.leaves, self._bonds = leaves.select(rows), Bonds(self._bonds.conflict[np.ix_(rows, rows)], self._bonds.together[np.ix_(rows, rows)])
         self.best = number[chosen.best][keep[chosen.best]]
-        self.kept = [number[h][keep[h]] for h in chosen.hypotheses]
+        self.kept = np.pad(chosen.hypotheses[:, rows], ((0, 0), (0, 1)))
 
 
 @njit(cache=True)

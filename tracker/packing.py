@@ -53,7 +53,7 @@ def settled(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
         if len(part) == 1:
             chosen.append(part)
             continue
-        best, sure = _part(_within(graph, part), np.flatnonzero(inside[part]), effort)
+        best, sure = _part(graph.within(part), np.flatnonzero(inside[part]), effort)
         chosen.append(part[best])
         proved &= sure
     found = np.sort(np.concatenate(chosen))
@@ -79,7 +79,7 @@ def _part(graph: Graph, known: Ints, effort: Effort) -> tuple[Ints, bool]:
             return np.flatnonzero(best), True
         rows = np.flatnonzero(free)
         if len(rows) < SHRUNK * n:
-            inner, proved = settled(_within(graph, rows), np.flatnonzero(best[rows]), replace(effort, moves=0))
+            inner, proved = settled(graph.within(rows), np.flatnonzero(best[rows]), replace(effort, moves=0))
             return (rows[inner] if graph.weight[rows[inner]].sum() > most[0] else np.flatnonzero(best)), proved
         more, others = violated(graph.start, graph.conflict, free, often)
         if len(more) == 1:
@@ -102,16 +102,6 @@ def _programmed(graph: Graph, nodes: int) -> tuple[Ints, bool]:
     answer = milp(-graph.weight, constraints=limits, bounds=Bounds(0, 1), integrality=np.ones(len(graph)), options=options)
     found = np.flatnonzero(answer.x > 0.5) if answer.x is not None else np.zeros(0, dtype=np.int64)
     return found, answer.status == 0
-
-
-def _within(graph: Graph, rows: Ints) -> Graph:
-    """The graph of some of the vertices, ascending."""
-    number = np.full(len(graph), -1)
-    number[rows] = np.arange(len(rows))
-    other = number[graph.conflict]
-    both = np.repeat(number >= 0, np.diff(graph.start)) & (other >= 0)
-    owner = np.repeat(number, np.diff(graph.start))[both]
-    return Graph.from_rows(graph.weight[rows], np.bincount(owner, minlength=len(rows)), other[both])
 
 
 def _classes(graph: Graph) -> tuple[Ints, Ints, Ints, int]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from tracker.bonds import Bonds, among, parts
+from tracker.bonds import Bonds
 from tracker.clique import Graph, Limits, Options, Tuning, search
+from tracker.covering import labels
 from tracker.dumping import dump
 from tracker.fusion import FusionParameters
 from tracker.geometry import Array
@@ -67,54 +70,46 @@ class MultipleParameters:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """best: rows of the leaves in the best hypothesis; hypotheses: rows of each that is kept, the best first, at most K_H; conflict
-    (n, n): which leaves exclude each other."""
+    """best: rows of the leaves in the best hypothesis; hypotheses (k, n): which leaves each holds that is kept, the best first, at most K_H;
+    conflict (n, n): which leaves exclude each other."""
 
     best: Ints
-    hypotheses: list[Ints]
+    hypotheses: Mask
     conflict: Mask
 
 
-def select(leaves: Leaves, bonds: Bonds, previous: list[Mask], parameters: MultipleParameters, seed: int) -> Selection:
-    """Which leaves are true; previous: for each hypothesis of the tick before, which leaves are children of its leaves."""
+def select(leaves: Leaves, bonds: Bonds, previous: Mask, parameters: MultipleParameters, seed: int) -> Selection:
+    """Which leaves are true; previous (k, n): for each hypothesis of the tick before, which leaves are children of its leaves."""
     q = parameters
     weight = weights(leaves, q.most_weight)
     usable = (weight > 0) & (leaves.score > 0)
     patience = np.where(leaves.believed[:, None] & leaves.believed[None, :], q.together, max(1, q.together // 2))
     conflict = bonds.conflict | (bonds.together >= patience)
     np.fill_diagonal(conflict, False)
-    if not q.small_graphs or not previous:
-        start = previous[0] if previous else np.zeros(len(leaves), dtype=bool)
-        found = _optima(Problem(weight, conflict, start, seed), np.flatnonzero(usable), replace(q, k_h=1), {})
-        return Selection(found[0], found, conflict)
-    young = usable & ~leaves.believed
-    sets: dict[bytes, tuple[float, Ints]] = {}
-    solved: Solved = {}
-    for k, children in enumerate(previous):
-        rows = np.flatnonzero(young | (usable & children))
-        for rows_found in _optima(Problem(weight, conflict, children, seed + 1000 * k), rows, q, solved):
-            sets.setdefault(rows_found.tobytes(), (float(weight[rows_found].sum()), rows_found))
-    ranked = [rows for _, rows in sorted(sets.values(), key=lambda s: -s[0])][: q.k_h]
-    return Selection(ranked[0], ranked, conflict)
+    graph = Graph.from_rows(weight, np.count_nonzero(conflict, axis=1), np.flatnonzero(conflict) % max(len(weight), 1))
+    if not q.small_graphs or not len(previous):
+        start = previous[0] if len(previous) else np.zeros(len(leaves), dtype=bool)
+        found = _optima(Problem(graph, start, seed), np.flatnonzero(usable), replace(q, k_h=1), {})
+    else:
+        young = usable & ~leaves.believed
+        sets: dict[bytes, Mask] = {}
+        solved: Solved = {}
+        for k, children in enumerate(previous):
+            for held in _optima(Problem(graph, children, seed + 1000 * k), np.flatnonzero(young | (usable & children)), q, solved):
+                sets.setdefault(held.tobytes(), held)
+        found = np.array(sorted(sets.values(), key=lambda held: -weight[held].sum())[: q.k_h])
+    return Selection(np.flatnonzero(found[0]), found, conflict)
 
 
-def _parts(conflict: NDArray[np.bool_], rows: Ints) -> list[Ints]:
-    """Rows by connected parts of the conflict graph: what is chosen in one says nothing of another."""
-    label = parts(conflict, rows)
-    order = np.argsort(label, kind="stable")
-    return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1) if len(rows) else []
-
-
-Solved = dict[bytes, tuple[Array, list[Ints]]]
-"""Weights and rows of the optima of parts, by the rows of a part and where its search began."""
+Solved = dict[bytes, tuple[Array, Mask]]
+"""Weights (k,) of the optima of a part, and which of its rows each holds (k, rows); by the rows and where the search began."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """weight (n,), conflict (n, n) of the leaves, start (n,): where to begin; seed of the search."""
+    """graph of all leaves, also of those that weigh nothing and are never chosen; start (n,): where to begin; seed of the search."""
 
-    weight: Array
-    conflict: Mask
+    graph: Graph
     start: Mask
     seed: int
 
@@ -125,38 +120,48 @@ def _moves(graph: Graph, q: MultipleParameters) -> int:
 
 def survivors(graph: Graph, start: Mask) -> Ints:
     """Vertices to begin with: the heaviest of `start` (n,) that go together, then the heaviest of the others that do."""
-    free, out = np.ones(len(graph), dtype=bool), []
-    for k in np.lexsort((-graph.weight, ~start)):
-        if free[k]:
-            out.append(k)
-            free[graph.conflict[graph.start[k] : graph.start[k + 1]]] = False
-    return np.array(out, dtype=np.int64)
+    out: Ints = _together(graph.start, graph.conflict, np.lexsort((-graph.weight, ~start)))
+    return out
 
 
-def _optima(p: Problem, rows: Ints, q: MultipleParameters, solved: Solved) -> list[Ints]:
-    """The heaviest sets, at most K_H: the local optima of each part in all combinations. A part that another hypothesis has, too, is `solved`."""
-    found = []
-    for part in _parts(p.conflict, rows):
+@njit(cache=True)
+def _together(start: Ints, conflict: Ints, order: Ints) -> Ints:
+    """Vertices in this order, without those in conflict with one before that is not left out."""
+    free, out, n = np.ones(len(order), np.bool_), np.empty(len(order), np.int64), 0
+    for v in order:
+        if free[v]:
+            out[n] = v
+            n += 1
+            free[conflict[start[v] : start[v + 1]]] = False
+    return out[:n].copy()
+
+
+def _optima(p: Problem, rows: Ints, q: MultipleParameters, solved: Solved) -> Mask:
+    """The heaviest sets (k, n) of `rows`, at most K_H: the local optima of each part in all combinations, as what is chosen in one connected part
+    of the conflicts says nothing of another. A part that another hypothesis has, too, is `solved`."""
+    label = labels(p.graph.start, p.graph.conflict, rows)
+    order = np.argsort(label, kind="stable")
+    ends = np.flatnonzero(np.diff(label[order], append=-1)) + 1
+    total, out = np.zeros(1), np.zeros((1, len(p.graph)), dtype=bool)
+    for first, end in itertools.pairwise([0, *ends.tolist()]):
+        part = rows[order[first:end]]
         key = part.tobytes() + (p.start[part].tobytes() if q.warm else b"")
         if key not in solved:
             solved[key] = _of_part(p, part, q)
-        found.append(solved[key])
-    total, choice = np.zeros(1), np.zeros((1, 0), dtype=np.int64)
-    for weight, _ in found:
-        sums = (total[:, None] + weight[None, :]).ravel()
+        weight, held = solved[key]
+        sums = (total[:, None] + weight).ravel()
         best = np.argsort(-sums, kind="stable")[: q.k_h]
-        total, choice = sums[best], np.column_stack([choice[best // len(weight)], best % len(weight)])
-    nothing = np.zeros(0, dtype=np.int64)
-    return [np.sort(np.concatenate([nothing, *(sets[c] for (_, sets), c in zip(found, row, strict=True))])) for row in choice.tolist()]
+        total, out = sums[best], out[best // len(weight)]
+        out[:, part] = held[best % len(weight)]
+    return out
 
 
-def _of_part(p: Problem, part: Ints, q: MultipleParameters) -> tuple[Array, list[Ints]]:
-    """Weights and rows of the local optima of one search in a part, at most K_H, the best first; that one is proved or mended."""
-    weight = p.weight[part]
-    graph = Graph.from_rows(weight, *among(p.conflict, part))
+def _of_part(p: Problem, part: Ints, q: MultipleParameters) -> tuple[Array, Mask]:
+    """The local optima of one search in a part, at most K_H, the best first, which is proved or mended; weights (k,), and (k, rows) as in Solved."""
+    graph = p.graph.within(part)
     if not graph.edges:
-        order = np.argsort(-weight, kind="stable")[: q.k_h]
-        return weight[order], [part[[k]] for k in order]
+        order = np.argsort(-graph.weight, kind="stable")[: q.k_h]
+        return graph.weight[order], np.arange(len(part)) == order[:, None]
     start = survivors(graph, p.start[part]) if q.warm else None
     if q.mended and q.k_h == 1:
         best, _ = settled(graph, np.zeros(0, dtype=np.int64) if start is None else start, Effort(_moves(graph, q), p.seed, q.branches))
@@ -165,8 +170,11 @@ def _of_part(p: Problem, part: Ints, q: MultipleParameters) -> tuple[Array, list
         found = search(graph, Limits(moves=_moves(graph, q)), p.seed, Options(keep=q.k_h, start=start, tuning=Tuning(T=10)))
         optima = [best for _, best in found.optima] or [found.vertices]
         better = settled(graph, optima[0], Effort(0, p.seed, q.branches))[0] if q.mended else optima[0]
-        if weight[better].sum() > weight[optima[0]].sum() + 1e-9:
+        if graph.weight[better].sum() > graph.weight[optima[0]].sum() + 1e-9:
             optima = [better, *optima][: q.k_h]
     if q.graphs is not None:
         dump(q.graphs, f"{p.seed:08d}-{part.min()}", graph, optima[0])
-    return np.array([weight[rows].sum() for rows in optima]), [part[rows] for rows in optima]
+    held = np.zeros((len(optima), len(part)), dtype=bool)
+    for row, rows in zip(held, optima, strict=True):
+        row[rows] = True
+    return np.array([graph.weight[rows].sum() for rows in optima]), held

@@ -2,16 +2,7 @@
 
 import numpy as np
 
-from tracker.bonds import Bonds, among, bind, leaders, parts, regrets
-
-
-def test_the_conflicts_among_some_rows() -> None:
-    conflict = np.zeros((5, 5), dtype=bool)
-    for a, b in ((0, 3), (3, 4), (1, 2)):
-        conflict[a, b] = conflict[b, a] = True
-    degree, others = among(conflict, np.array([0, 3, 4]))
-    assert degree.tolist() == [1, 2, 1]
-    assert others.tolist() == [1, 0, 2, 1]
+from tracker.bonds import Bonds, bind, leaders, regrets
 
 
 def test_bonds_of_children() -> None:
@@ -41,12 +32,3 @@ def test_leaders_are_the_best_of_a_tree_and_differ() -> None:
     box = np.zeros((5, 1), dtype=np.int64)
     keep = leaders(np.array([1, 1, 1, 1, 2]), box, state, np.array([0.0, 1.0, 2.0, 3.0, 0.0]), np.full(5, 2))
     assert keep.tolist() == [True, False, True, False, True]
-
-
-def test_parts_are_what_conflicts_connect() -> None:
-    conflict = np.zeros((6, 6), dtype=bool)
-    for a, b in ((0, 3), (3, 5), (1, 2)):
-        conflict[a, b] = conflict[b, a] = True
-    assert parts(conflict, np.arange(6)).tolist() == [0, 1, 1, 0, 2, 0]
-    assert parts(conflict, np.array([0, 5, 1])).tolist() == [0, 1, 2]
-    assert not len(parts(conflict, np.zeros(0, dtype=np.int64)))

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tracker.clique import Graph, Limits, Options, search
+from tracker.covering import labels
 from tracker.exact_clique import exact
 from tracker.formats.dimacs import read_graph
 
@@ -69,6 +70,15 @@ def test_a_pair_that_is_named_twice_is_one_and_a_vertex_without_edges_stands_alo
     heavier = Graph.from_conflicts([2.0, 3.0, 6.0], [[0, 2], [1, 2]])
     for result in (exact(heavier), search(heavier, Limits(moves=100))):
         assert result.vertices.tolist() == [2]
+
+
+def test_the_graph_of_some_vertices_and_its_parts() -> None:
+    graph = Graph.from_conflicts([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 3], [3, 4], [1, 2]])
+    some = graph.within(np.array([0, 3, 4]))
+    assert (some.weight.tolist(), some.start.tolist(), some.conflict.tolist()) == ([1.0, 4.0, 5.0], [0, 1, 3, 4], [1, 0, 2, 1])
+    for rows, parts in ((np.arange(6), [0, 1, 1, 0, 0, 2]), (np.array([0, 4, 1]), [0, 1, 2]), (np.zeros(0, dtype=np.int64), [])):
+        assert labels(graph.start, graph.conflict, rows).tolist() == parts
+    assert len(graph.within(np.zeros(0, dtype=np.int64))) == 0
 
 
 def test_a_matrix_needs_to_be_one_of_conflicts() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tracker import crowds
+from tracker.clique import Graph
 from tracker.exact_clique import exact
 from tracker.formats.dimacs import read_graph
 from tracker.pipeline import Parameters, track
@@ -44,7 +45,8 @@ def test_the_best_sets_of_parts_together_are_those_of_all_combinations() -> None
     tree = np.repeat(np.arange(4), 3)
     weight = rng.uniform(1, 5, len(tree))
     conflict = (tree[:, None] == tree[None, :]) & ~np.eye(len(tree), dtype=bool)
-    found = _optima(Problem(weight, conflict, np.zeros(len(tree), dtype=bool), 0), np.arange(len(tree)), MultipleParameters(k_h=6), {})
+    problem = Problem(Graph.from_matrix(weight, conflict), np.zeros(len(tree), dtype=bool), 0)
+    found = _optima(problem, np.arange(len(tree)), MultipleParameters(k_h=6), {})
     every = [np.array(rows) for rows in itertools.product(*(np.flatnonzero(tree == k) for k in range(4)))]
     best = sorted((float(weight[rows].sum()) for rows in every), reverse=True)[:6]
-    np.testing.assert_allclose([weight[rows].sum() for rows in found], best)
+    np.testing.assert_allclose([weight[held].sum() for held in found], best)
