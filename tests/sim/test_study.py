@@ -37,6 +37,8 @@ def test_panels_and_words() -> None:
     np.testing.assert_allclose(spread, np.repeat(0.02 / np.array(K_H)[:, None], len(I_BLS_MAX), axis=1))
     text = study.summary(cells(0.02))
     assert "cost 4.00 times the time" in text
+    # The mean of K_H is 106/7: twice 7.57 s is a straight line.
+    assert "moves 1001 to 2000 cost 15.14 s, moves 501 to 1000 7.57 s" in text
     assert "falls with K_H" in text
     assert "does not fall" in study.summary(cells(0.0))
 
