@@ -36,6 +36,7 @@ def test_what_an_update_leaves_is_josephs_form(rng: np.random.Generator) -> None
     got = P.copy()
     subtract(got, whitened(H @ P, S))
     np.testing.assert_allclose(got, rest @ P @ rest.T + K @ R @ K.T, atol=1e-10)
+    np.testing.assert_array_equal(got, got.T)
 
 
 @pytest.mark.parametrize("S", [-np.eye(2), np.diag([1.0, np.nan])])
