@@ -157,14 +157,9 @@ def associated(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, whos
             owners.append(whose.of(view.detections))
         for person in sorted({int(p) for own in owners for p in own[own > 0]} - set(people)):
             people[person] = SingleTargets(setup, trusting, 0)
-        told = {p: one.step([_of(f, own == p) for f, own in zip(feet, owners, strict=True)], cameras) for p, one in people.items()}
+        told = {p: one.step([f.select(own == p) for f, own in zip(feet, owners, strict=True)], cameras) for p, one in people.items()}
         robots = {robot: (slam.pose(robot), slam.covariance(robot)) for robot in setup.starts}
         yield _estimate(setup, tick.index, robots, told)
-
-
-def _of(feet: Feet, rows: Any) -> Feet:
-    columns: dict[str, Any] = {name: getattr(feet, name)[rows] for name in Feet.__dataclass_fields__ if name not in ("camera", "origin", "links")}
-    return Feet(feet.camera, feet.origin, **columns)
 
 
 def _estimate(setup: Setup, index: int, robots: dict[str, tuple[Pose, Array]], told: Mapping[int, Tracks | None]) -> Estimate:

@@ -15,6 +15,7 @@ from tracker.cameras import Camera
 from tracker.fusion import Combination, Feet, FusionParameters
 from tracker.geometry import Array, Pose
 from tracker.measurements import Ints, Setup
+from tracker.reunion import ReunionParameters
 from tracker.trees import MotionParameters
 from tracker.trust import Trust, TrustParameters
 from tracker.visibility import Bodies
@@ -29,6 +30,7 @@ class TargetParameters:
     fusion: FusionParameters = field(default_factory=FusionParameters)
     motion: MotionParameters = field(default_factory=MotionParameters)
     trust: TrustParameters = field(default_factory=TrustParameters)
+    reunion: ReunionParameters = field(default_factory=ReunionParameters)
     min_confidence: float = 0.6  # boxes below say nothing of whether there is anybody, but keep those who are known from others' boxes ...
     least_confidence: float = 0.4  # ... and below this they are not looked at
     birth_confidence: float = 0.8  # and below this they start nobody

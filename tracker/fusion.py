@@ -1,13 +1,13 @@
 """From boxes to feet on the ground, and from views to places.
 
-A box says where the feet are only if the feet are in it. `stand` marks those whose lower edge may be an occluder's edge: nearer boxes
-over it, a wall or a table just under the line of sight, or ground that falls away there, and says how likely that is: most such boxes
-end at the feet all the same.
+A box says where the feet are only if the feet are in it. Where terrain and things are known, `stand` asks them at which distances the box could be
+of somebody (tracker/standpoints.py), and marks as vague those that leave more than one place; nearer boxes over its lower edge, and the
+edge of the image, make it likelier that it ends above the feet.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles, skew, tangent_basis, wrap
 from tracker.measurements import Detections, Mount, Setup
+from tracker.standpoints import Edges, StandpointParameters, Standpoints, standpoints
 
 Mask = NDArray[np.bool_]
 
 EDGE = np.linspace(-0.9, 0.9, 9)
 """Places along a box's lower edge, from its middle in half widths, at which is looked for what lies over it."""
-ALONG = np.linspace(0.0, 1.0, 12)
-"""Places along a line of sight, between where it may meet the ground at the nearest and at the farthest."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +28,17 @@ class FusionParameters:
     """What is assumed of boxes and feet."""
 
     foot_spread: float = 0.25  # m, the lowest point of a walking body strays this far from the ground under its middle
+    ahead: float = 0.06  # m, a box ends at the nearest point of the soles, so far before the ground under the body
     reach: float = 60.0  # m, feet farther away are not believed
-    edge: float = 0.012  # rad, an occluder this near under the lower edge may hide the feet
-    fall: float = 0.2  # m, ground that falls away by more than this within `edge` of the lower edge may hide the feet
+    edge: float = 0.012  # rad, what begins this near under the lower edge may hide the feet
     covered: float = 0.3  # share of a lower edge that nearer boxes lie over, from which these may hide the feet
-    lying: tuple[float, float, float, float] = (0.03, 0.6, 0.2, 0.6)  # how often boxes end above the feet: nothing, people, things, more before them
+    lying: tuple[float, float, float] = (0.03, 0.6, 0.6)  # how often boxes end above the feet: nothing, people, the image's edge before them ...
+    lying_known: tuple[float, float] = (0.03, 0.1)  # ... and where the world is known, for no reason or as people stand before them
     doubtful: float = 0.3  # boxes that end above the feet more often start nobody ...
     near: float = 0.5  # m, and those with something before them only where the place is so sure (standard deviation)
+    standpoints: StandpointParameters = field(default_factory=StandpointParameters)
+    vague: tuple[float, float] = (0.01, 1.5)  # chance of hidden feet, or share by which a place is less sure than feet, from which a box is vague
+    somewhere: float = 4.0  # m, vague boxes start somebody where the place is so sure (standard deviation)
     gate: float = 3.5  # standard deviations between two feet of one person
 
 
@@ -46,8 +49,9 @@ class Feet:
     origin (3,) m and direction (n, 3): line of sight to the feet; covariance (n, 2, 2) rad² in its tangent plane, pose included.
     point (n, 3) m and spread (n, 2, 2) m²: where it meets the ground, and how surely. height (n,) m of the box standing there.
     head_elevation (n,) rad above the horizon of the box's upper edge. grounded (n,): there is a point and it is near enough.
-    hidden (n,): the feet may be out of sight, walled (n,): behind things, the ground or the image's edge; lying (n,): how often such a box ends
-    above the feet. confidence (n,).
+    hidden (n,): the feet may be out of sight, cut (n,): beyond the image's edge; lying (n,): how often such a box ends above the feet.
+    vague (n,): there is more than one place for the feet, as `lines` says (None where the world is not known); point and spread are the mean and
+    covariance of all of them then, and height is the usual one. confidence (n,).
     links: what images say of the boxes of the last frames and these (tracklets.Tracklets.step); None where they are not looked at.
     """
 
@@ -61,13 +65,20 @@ class Feet:
     head_elevation: Array
     grounded: Mask
     hidden: Mask
-    walled: Mask
+    cut: Mask
     lying: Array
     confidence: Array
+    vague: Mask
+    lines: Standpoints | None = None
     links: tuple[Array, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.direction)
+
+    def select(self, rows: Mask) -> Feet:
+        """The boxes in `rows` (n,), without what images say of them."""
+        columns = {name: getattr(self, name)[rows] for name in Feet.__dataclass_fields__ if name not in ("camera", "origin", "lines", "links")}
+        return Feet(self.camera, self.origin, **columns, lines=None if self.lines is None else self.lines.select(rows))
 
 
 def stand(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, Array], parameters: FusionParameters) -> Feet:
@@ -81,18 +92,67 @@ def stand(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, A
     origin = T_world_camera.translation
     origins = np.broadcast_to(origin, foot.shape)
     point, grounded = setup.ground.intersect(origins, foot, parameters.reach)
+    point, foot = _under_body(setup, origin, point, (foot, grounded), parameters.ahead)
     distance = np.hypot(*(point - origin)[:, :2].T)
     height = origin[2] - point[:, 2] + distance * np.tan(angles_from_bearing(head)[1])
     covariance = detections.covariance + _pose_in_sight(foot, np.where(grounded, np.linalg.norm(point - origin, axis=1), 10.0), mount, pose)
     spread = _spread_on_ground(foot, point - origin, covariance) + parameters.foot_spread**2 * np.eye(2)
     lowered = bearing_from_angles(azimuth, elevation - half - parameters.edge)
     people, covered = _behind_people(elevation - half, azimuth, detections, parameters)
-    things = _behind_things(setup, origin, lowered, point, parameters)
     cut = ~mount.camera.pixels_from_bearings(lowered @ T_world_camera.rotation)[1]
-    cut |= _beyond_a_lip(setup, origin, azimuth, elevation - half, parameters)
-    lying, walled = np.array(parameters.lying)[np.where(cut, 3, covered + 2 * things)], things | cut
-    hidden, head = people | walled, elevation + half
-    return Feet(camera, origin, foot, covariance, point, spread, height, head, grounded, hidden, walled, lying, detections.confidence)
+    lying = np.array(parameters.lying)[np.where(cut, 2, covered + 0)]
+    known = np.zeros(len(foot), dtype=bool)
+    feet = Feet(
+        camera, origin, foot, covariance, point, spread, height, elevation + half, grounded, people | cut, cut, lying, detections.confidence, known
+    )
+    if setup.occluders is None or not len(feet):
+        return feet
+    lying = np.array(parameters.lying_known)[covered + 0]
+    edges = Edges(azimuth, elevation - half, elevation + half, covariance[:, 1, 1], lying)
+    soles = parameters.foot_spread, parameters.ahead
+    return _in_the_world(feet, setup, standpoints((setup.ground, setup.occluders), origin, edges, soles, parameters.standpoints), azimuth, parameters)
+
+
+def _under_body(setup: Setup, origin: Array, soles: Array, sight: tuple[Array, Mask], ahead: float) -> tuple[Array, Array]:
+    """Points (n, 3) m on the ground `ahead` m farther from `origin` than where soles end, and lines of sight to them; sight: those to the soles, and
+    which of them meet the ground: the others stay as they are.
+    """
+    direction, grounded = sight
+    over = direction[:, :2] / np.maximum(np.hypot(direction[:, 0], direction[:, 1]), 1e-9)[:, None]
+    point = np.column_stack([soles[:, :2] + ahead * over, np.zeros(len(soles))])
+    point[:, 2] = setup.ground.height_at(point)
+    toward = point - origin
+    toward /= np.maximum(np.linalg.norm(toward, axis=1), 1e-9)[:, None]
+    return np.where(grounded[:, None], point, soles), np.where(grounded[:, None], toward, direction)
+
+
+def _in_the_world(feet: Feet, setup: Setup, lines: Standpoints, azimuth: Array, parameters: FusionParameters) -> Feet:
+    """`feet` with those marked and moved that are vague by `lines`."""
+    least, share = parameters.vague
+    along = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    sure = np.sqrt(np.einsum("ni,nij,nj->n", along, feet.spread, along))
+    vague = lines.possible & ~feet.cut & ((lines.hidden > least) | (lines.sigma > share * sure) | ~feet.grounded)
+    place = feet.origin[:2] + lines.mean[:, None] * along
+    place = np.column_stack([place, setup.ground.height_at(place)])
+    beside = feet.covariance[:, 0, 0] * lines.mean**2 + parameters.foot_spread**2
+    spread = _ellipses(along, lines.sigma**2) + _ellipses(across, beside)
+    return replace(
+        feet,
+        point=np.where(vague[:, None], place, feet.point),
+        spread=np.where(vague[:, None, None], spread, feet.spread),
+        height=np.where(vague, parameters.standpoints.stature, feet.height),
+        grounded=feet.grounded | vague,
+        hidden=feet.hidden | (vague & (lines.hidden > 0.5)),
+        lying=np.where(vague, parameters.lying_known[0], feet.lying),
+        vague=vague,
+        lines=lines,
+    )
+
+
+def _ellipses(axis: Array, variance: Array) -> Array:
+    """Covariances (n, 2, 2) m² with a variance (n,) m² along unit vectors (n, 2) and none across."""
+    return np.asarray(variance[:, None, None] * axis[:, :, None] * axis[:, None, :])
 
 
 def _pose_in_sight(foot: Array, distance: Array, mount: Mount, pose: tuple[Pose, Array]) -> Array:
@@ -130,30 +190,6 @@ def _behind_people(low: Array, azimuth: Array, detections: Detections, parameter
     return (nearer & beside).any(axis=1), np.asarray(along.mean(axis=0) >= parameters.covered)
 
 
-def _behind_things(setup: Setup, origin: Array, lowered: Array, point: Array, parameters: FusionParameters) -> Mask:
-    """Whether something stands just under the lower edge of each box, nearer than where the box meets the ground."""
-    if setup.occluders is None or not len(lowered):
-        return np.zeros(len(lowered), dtype=bool)
-    stop, stopped = setup.occluders.intersect(np.broadcast_to(origin, lowered.shape), lowered, parameters.reach)
-    over = stop[:, 2] > setup.ground.height_at(stop) + 0.1
-    return np.asarray(stopped & over & (np.hypot(*(stop - origin)[:, :2].T) < np.hypot(*(point - origin)[:, :2].T)))
-
-
-def _beyond_a_lip(setup: Setup, origin: Array, azimuth: Array, low: Array, parameters: FusionParameters) -> Mask:
-    """Whether the ground falls away under the line of sight just over the lower edge of each box: feet beyond are lower than one sees.
-
-    Over level ground the height of a line of sight only shrinks on its way, from where a line a little lower meets the ground to where it does.
-    """
-    origins, ray = np.broadcast_to(origin, (len(low), 3)), bearing_from_angles(azimuth, low + parameters.edge)
-    near, met = setup.ground.intersect(origins, bearing_from_angles(azimuth, low - parameters.edge), parameters.reach)
-    far, ends = setup.ground.intersect(origins, ray, parameters.reach)
-    first, last = (np.hypot(*(p - origin)[:, :2].T) for p in (near, far))
-    way = first + ALONG[:, None] * (np.where(ends, last, parameters.reach) - first)
-    places = origin + way[:, :, None] * (ray / np.hypot(ray[:, 0], ray[:, 1])[:, None])
-    height = places[:, :, 2] - setup.ground.height_at(places.reshape(-1, 3)).reshape(way.shape)
-    return np.asarray(met & (height.max(axis=0) > height[0] + parameters.fall))
-
-
 @dataclass(frozen=True, eq=False)
 class Combination:
     """Boxes of different views that may be one person: members (view, detection), point x, y m, covariance (2, 2) m²."""
@@ -186,8 +222,9 @@ def combine(views: list[Feet], free: list[Mask], height: tuple[float, float], pa
 
 def _standing(feet: Feet, parameters: FusionParameters) -> Mask:
     """Whether each box may start somebody: where the place is not sure, one with anything before it, ended above the feet, puts them metres off."""
-    sure = np.trace(feet.spread, axis1=1, axis2=2) <= parameters.near**2
-    return feet.grounded & np.where(sure, feet.lying <= parameters.doubtful, ~feet.hidden)
+    variance = np.trace(feet.spread, axis1=1, axis2=2)
+    usual = np.where(variance <= parameters.near**2, feet.lying <= parameters.doubtful, ~feet.hidden)
+    return feet.grounded & np.where(feet.vague, variance <= parameters.somewhere**2, usual)
 
 
 @njit(cache=True)

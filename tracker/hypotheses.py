@@ -18,9 +18,11 @@ from tracker.evidence import Evidence, TargetParameters
 from tracker.fusion import Combination, Feet, combine
 from tracker.geometry import Array, Pose
 from tracker.measurements import Ints, Setup
+from tracker.reunion import Reunions
 from tracker.smoothing import Lag
 from tracker.tracklets import Owners
 from tracker.trees import Sights, Tracks, born, predict, sights, update
+from tracker.vague import Meeting
 from tracker.visibility import Bodies
 
 Mask = NDArray[np.bool_]
@@ -34,6 +36,7 @@ class Hypotheses:
         self.tracks = Tracks.none()
         self.believed = np.zeros(0, dtype=bool)
         self.evidence = Evidence(setup, parameters)
+        self.reunions = Reunions(parameters.reunion, setup.period, parameters.arrivals)
         self._next_tree = 1
         self._one: dict[tuple[int, int], float] = {}  # trees near each other → log-likelihood ratio of being one person
         self._owners = Owners()
@@ -85,6 +88,9 @@ class Hypotheses:
         offset, _ = self.evidence.offset(feet.camera)
         look = sights(self.tracks, feet, offset, self.setup.ground, q.motion)
         gain, upright = self._gain(look, feet)
+        vague = Meeting.of(self.tracks, feet, np.flatnonzero(feet.vague), offset, q.motion.foot_spread)
+        if len(vague.box):
+            gain[:, vague.box] = self.evidence.certain(feet)[vague.box] + vague.density(q.gate)
         gain[:, taken] = -np.inf
         doubtful = feet.confidence < q.min_confidence
         gain[np.ix_(~self.believed, doubtful)] = -np.inf
@@ -98,10 +104,13 @@ class Hypotheses:
         rows, boxes = rows[~doubtful[boxes]], boxes[~doubtful[boxes]]
         given[0][rows], given[1][rows], given[2][rows] = boxes, gain[rows, boxes], self._wanted(worth, none, rows, boxes)
         for t, d in zip(rows, boxes, strict=True):
+            if feet.vague[d]:
+                self.tracks = vague.correct(self.tracks, int(t), int(np.searchsorted(vague.box, d)))
+                continue
             H, r, R = look.H[t], look.residual[t, d], feet.covariance[d]
             R = R + (H @ H.T) * q.motion.foot_spread**2
-            if not upright[t, d] and feet.walled[d]:
-                # The head tells how far somebody is whose feet are hidden, as well as it is known how tall people are.
+            if not upright[t, d] and feet.cut[d]:
+                # The head tells how far somebody is whose feet are not in the image, as well as it is known how tall people are.
                 H, r = np.stack([H[0], look.climb[t, d]]), np.array([r[0], q.stature[0] - look.height[t, d]])
                 R = np.diag([R[0, 0], q.stature[1] ** 2 + feet.covariance[d, 1, 1] * look.distance[t] ** 2])
             elif not upright[t, d]:
@@ -207,9 +216,12 @@ class Hypotheses:
 
     def _prune(self) -> None:
         q, tracks = self.parameters, self.tracks
-        self.believed = self.believed | ((tracks.hits >= q.n_conf) & (tracks.score >= q.believe) & (tracks.misses == 0))
+        before = self.believed
+        self.believed = before | ((tracks.hits >= q.n_conf) & (tracks.score >= q.believe) & (tracks.misses == 0))
+        away = self._gone > q.outside
+        back = self.reunions.step(tracks, self.believed, self.believed & ~before, set(tracks.tree[away].tolist()))
         missed = tracks.misses * self.setup.period
-        known = (missed <= 2 * q.delta_a) & (tracks.score > q.end) & (self._gone <= q.outside)
+        known = (missed <= 2 * q.delta_a) & (tracks.score > q.end) & ~away & ~np.isin(tracks.tree, list(back))
         keep = np.where(self.believed, known, (tracks.misses < 4) & (tracks.score > q.forget)) & (tracks.speed <= q.motion.v_max)
         place = {int(tree): k for k, tree in enumerate(tracks.tree)}
         for (a, b), ratio in self._one.items():
@@ -240,8 +252,11 @@ class SingleTargets:
 
     def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None:
         """Take a tick; the people of the tick `delay` before it, None where there was none."""
-        return self._lag.feed(*self.hypotheses.step(views, cameras))
+        return self._told(self._lag.feed(*self.hypotheses.step(views, cameras)))
 
     def drain(self) -> Tracks | None:
         """The people of the oldest tick that was not told yet; None where all are."""
-        return self._lag.drain()
+        return self._told(self._lag.drain())
+
+    def _told(self, people: Tracks | None) -> Tracks | None:
+        return None if people is None else self.hypotheses.reunions.renamed(people)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array
-from tracker.trees import MotionParameters, Tracks, transition
+from tracker.trees import MotionParameters, Tracks, onward
 
 Mask = NDArray[np.bool_]
 
@@ -80,19 +80,19 @@ class Lag:
             rows = [place[tree] for tree in states[-1].tree.tolist() if tree in place]
             states.append(later.tracks.select(np.array(rows, dtype=np.int64)))
         after = states.pop()
-        F, Q = transition(self.period, self.motion)
         while states:
             now = states.pop()
             goes_on = np.isin(now.tree, after.tree)
             x, P = now.state.copy(), now.covariance.copy()
-            x[goes_on], P[goes_on] = _back(now.select(goes_on), after, F, Q)
+            before = now.select(goes_on)
+            x[goes_on], P[goes_on] = _back(before, after, *onward(before, self.period, self.motion))
             after = replace(now, state=x, covariance=P)
         return after
 
 
 def _back(now: Tracks, after: Tracks, F: Array, Q: Array) -> tuple[Array, Array]:
-    """One step of the smoother for rows of the same trees: states (n, 4) and covariances (n, 4, 4)."""
-    predicted = F @ now.covariance @ F.T + Q
+    """One step of the smoother for rows of the same trees, which went on by F (n, 4, 4) and Q (4, 4): states (n, 4), covariances (n, 4, 4)."""
+    predicted = F @ now.covariance @ F.transpose(0, 2, 1) + Q
     C = np.linalg.solve(predicted, F @ now.covariance).transpose(0, 2, 1)
-    x = now.state + (C @ (after.state - now.state @ F.T)[:, :, None])[:, :, 0]
+    x = now.state + (C @ (after.state[:, :, None] - F @ now.state[:, :, None]))[:, :, 0]
     return x, now.covariance + C @ (after.covariance - predicted) @ C.transpose(0, 2, 1)

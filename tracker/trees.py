@@ -27,6 +27,8 @@ class MotionParameters:
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
     foot_spread: float = 0.25  # m, the feet stray this far from the ground under the body
     v_max: float = 3.0  # m/s, nobody goes faster: what does was made of other people's boxes, or of nobody's
+    early: float = 0.4  # s out of sight, from which on ...
+    onward: float = 1.0  # ... people forget within so many s where they were going: many are out of sight because they stopped or turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +75,22 @@ def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:
     return F, np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)) * motion.acceleration**2
 
 
+def onward(tracks: Tracks, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
+    """F (n, 4, 4) of each track, and Q (4, 4): as `transition`, but that the velocity of those who are out of sight fades, as the mean of an
+    Ornstein-Uhlenbeck process does.
+    """
+    F, Q = transition(dt, motion)
+    fade = np.exp(-dt / motion.onward)
+    fading = np.diag([1.0, 1.0, fade, fade])
+    fading[0, 2] = fading[1, 3] = motion.onward * (1 - fade)
+    return np.where((tracks.misses * dt > motion.early)[:, None, None], fading, F), Q
+
+
 def predict(tracks: Tracks, dt: float, motion: MotionParameters) -> Tracks:
     """All tracks `dt` seconds on."""
-    F, Q = transition(dt, motion)
-    return replace(tracks, state=tracks.state @ F.T, covariance=F @ tracks.covariance @ F.T + Q, age=tracks.age + 1)
+    F, Q = onward(tracks, dt, motion)
+    state = (F @ tracks.state[:, :, None])[:, :, 0]
+    return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1)
 
 
 def born(first_tree: int, groups: list[Combination], motion: MotionParameters) -> Tracks:
@@ -115,8 +129,9 @@ def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: Mo
     """Compare all tracks with all boxes of a view; offset (2,) m on the ground is the view's own error."""
     place = tracks.state[:, :2]
     z = ground.height_at(place)
-    around = [np.array([0.1, 0.0]), np.array([0.0, 0.1])]
-    rise = [(ground.height_at(place + e) - ground.height_at(place - e)) / 0.2 for e in around]
+    # Places are not known to a step of the ground: slopes over less than people stray say more than they know.
+    around = [np.array([0.3, 0.0]), np.array([0.0, 0.3])]
+    rise = [(ground.height_at(place + e) - ground.height_at(place - e)) / 0.6 for e in around]
     sight = np.column_stack([place, z]) - feet.origin
     distance = np.maximum(np.linalg.norm(sight, axis=1), 0.2)
     expected = sight / distance[:, None]

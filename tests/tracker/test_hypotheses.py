@@ -1,5 +1,5 @@
 """One hypothesis: who is dropped and who is kept, and real people, the first half of PETS 2009 S2.L1 with detections that are poor, halved, or
-false, told 10 frames late."""
+false (the mean of three seeds), told 10 frames late."""
 
 from __future__ import annotations
 
@@ -32,19 +32,21 @@ FRAMES = 400
         ([1, 5, 7], True, "", 0.955, 0.96),
         ([1], True, "", 0.85, 0.78),
         ([1, 5, 7], False, "drop=0.5", 0.97, 0.92),
-        ([1, 5, 7], False, "drop=0.3,clutter=2", 0.98, 0.98),
+        ([1, 5, 7], False, "drop=0.3,clutter=2", 0.975, 0.93),
     ],
 )
 def test_people_keep_their_ids(data: Callable[..., Path], views: list[int], poor: bool, degrade: str, mota: float, idf1: float) -> None:
     folder = data("pets2009", "S2.L1")
     other = [f"{views[0]}={folder / 'mot15' / 'det.txt'}"] if poor else []
-    sequence = open_source(folder, views, Choice.parse(other, degrade, 0))
-    assert sequence.truth is not None
-    ticks = TicksInMemory(tuple(itertools.islice(iter(sequence.ticks), FRAMES)), sequence.setup.mounts)
-    half = replace(sequence, ticks=ticks, truth=sequence.truth[:FRAMES])
-    found = evaluate(half, Results.of(track(half.setup, half.ticks, Parameters(delay=10)), {}))["targets"]
-    assert found["mota"] >= mota
-    assert found["idf1"] >= idf1
+    found = []
+    for seed in range(3 if degrade else 1):
+        sequence = open_source(folder, views, Choice.parse(other, degrade, seed))
+        assert sequence.truth is not None
+        ticks = TicksInMemory(tuple(itertools.islice(iter(sequence.ticks), FRAMES)), sequence.setup.mounts)
+        half = replace(sequence, ticks=ticks, truth=sequence.truth[:FRAMES])
+        found.append(evaluate(half, Results.of(track(half.setup, half.ticks, Parameters(delay=10)), {}))["targets"])
+    assert np.mean([f["mota"] for f in found]) >= mota
+    assert np.mean([f["idf1"] for f in found]) >= idf1
 
 
 def standing(people: list[tuple[float, float]], count: int, rng: np.random.Generator) -> tuple[Setup, list[Tick]]:

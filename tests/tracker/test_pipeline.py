@@ -77,13 +77,14 @@ def test_a_gap_is_bridged_and_keeps_the_id() -> None:
     assert all(len(e.target_id) == 1 for e in estimates[20:25])
 
 
-def test_who_is_gone_is_dropped_and_an_id_is_never_used_again() -> None:
-    rng = np.random.default_rng(4)
-    setup, walked = crowds.setup(), crowds.paths(1, 70, rng)
-    estimates = list(track(setup, crowds.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < 50)))
+@pytest.mark.parametrize(("gone", "same"), [(30, True), (70, False)])
+def test_who_is_gone_is_dropped_and_found_again_within_seconds_and_an_id_is_never_used_for_another(gone: int, same: bool) -> None:
+    rng, back = np.random.default_rng(4), 20 + gone
+    setup, walked = crowds.setup(), crowds.paths(1, back + 20, rng)
+    estimates = list(track(setup, crowds.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < back)))
     assert len(estimates[45].target_id) == 0
     assert {int(i) for e in estimates[:20] for i in e.target_id} == {1}
-    assert {int(i) for e in estimates[50:] for i in e.target_id} == {2}
+    assert {int(i) for e in estimates[back:] for i in e.target_id} == ({1} if same else {2})
 
 
 def test_who_leaves_the_area_and_returns_has_a_new_id() -> None:

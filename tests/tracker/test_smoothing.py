@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tracker.smoothing import Lag
-from tracker.trees import MotionParameters, Tracks, predict, transition
+from tracker.trees import MotionParameters, Tracks, onward, predict, transition
 
 MOTION = MotionParameters(acceleration=0.8)
 PERIOD = 0.2
@@ -20,42 +21,50 @@ def tracks_of(tree: list[int], state: np.ndarray, covariance: np.ndarray, misses
     return Tracks(np.array(tree), state.reshape(n, 4), covariance.reshape(n, 4, 4), np.zeros(n), ones, np.array(misses), ones)
 
 
-def filtered(rng: np.random.Generator, steps: int) -> tuple[list[Tracks], np.ndarray, np.ndarray]:
-    """A Kalman filter on places of one walker: its tracks, the measurements (steps, 2), their covariance."""
+def filtered(rng: np.random.Generator, steps: int, unseen: Sequence[int] = ()) -> tuple[list[Tracks], np.ndarray, np.ndarray]:
+    """A Kalman filter on places of one walker: its tracks, the measurements (steps, 2), NaN in the steps `unseen`, their covariance."""
     R = 0.09 * np.eye(2)
     x = np.array([0.0, 0.0, 1.0, 0.3])
-    F, Q = transition(PERIOD, MOTION)
     H = np.eye(2, 4)
-    state, P = np.zeros(4), np.diag([4.0, 4.0, 1.0, 1.0])
-    out, measured = [], []
+    state, P, misses = np.zeros(4), np.diag([4.0, 4.0, 1.0, 1.0]), 0
+    out: list[Tracks] = []
+    measured = []
     for k in range(steps):
         if k:
+            F, Q = transition(PERIOD, MOTION)
             x = F @ x + np.linalg.cholesky(Q + 1e-12 * np.eye(4)) @ rng.normal(size=4)
-            state, P = F @ state, F @ P @ F.T + Q
+            now = predict(out[-1], PERIOD, MOTION)
+            state, P = now.state[0], now.covariance[0]
         z = x[:2] + rng.normal(0, 0.3, 2)
-        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-        state, P = state + K @ (z - H @ state), P - K @ H @ P
+        misses = misses + 1 if k in unseen else 0
+        if misses:
+            z = np.full(2, np.nan)
+        else:
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            state, P = state + K @ (z - H @ state), P - K @ H @ P
         measured.append(z)
-        out.append(tracks_of([7], state, P, [0]))
+        out.append(tracks_of([7], state, P, [misses]))
     return out, np.array(measured), R
 
 
-def test_the_smoothed_state_is_the_batch_estimate() -> None:
-    steps = 8
-    tracks, measured, R = filtered(np.random.default_rng(0), steps)
+@pytest.mark.parametrize("unseen", [(), range(2, 9)])
+def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None:
+    steps = 12
+    tracks, measured, R = filtered(np.random.default_rng(0), steps, unseen)
     lag = Lag(steps - 1, PERIOD, MOTION)
     told = [lag.feed(t, np.ones(1, dtype=bool)) for t in tracks]
     assert all(people is None for people in told[:-1])
     first = told[-1]
     assert first is not None
     # The same by least squares over all states at once: prior, motion and measurements.
-    F, Q = transition(PERIOD, MOTION)
     information, vector = np.zeros((4 * steps, 4 * steps)), np.zeros(4 * steps)
     information[:4, :4] += np.linalg.inv(np.diag([4.0, 4.0, 1.0, 1.0]))
     for k in range(steps):
-        information[4 * k : 4 * k + 2, 4 * k : 4 * k + 2] += np.linalg.inv(R)
-        vector[4 * k : 4 * k + 2] += np.linalg.solve(R, measured[k])
+        if k not in unseen:
+            information[4 * k : 4 * k + 2, 4 * k : 4 * k + 2] += np.linalg.inv(R)
+            vector[4 * k : 4 * k + 2] += np.linalg.solve(R, measured[k])
         if k:
+            (F,), Q = onward(tracks[k - 1], PERIOD, MOTION)
             A = np.zeros((4, 4 * steps))
             A[:, 4 * k - 4 : 4 * k], A[:, 4 * k : 4 * k + 4] = -F, np.eye(4)
             information += A.T @ np.linalg.solve(Q, A)
@@ -106,6 +115,17 @@ def test_what_ended_after_a_short_life_is_not_told() -> None:
     people = lag.feed(now.select(np.zeros(0, dtype=np.int64)), np.zeros(0, dtype=bool))
     assert people is not None
     assert people.tree.tolist() == [2]
+
+
+def test_who_is_out_of_sight_comes_to_a_halt() -> None:
+    walker = tracks_of([1, 2], np.array([[0.0, 0.0, 1.2, 0.0]] * 2), np.array([0.1 * np.eye(4)] * 2), [0, 0])
+    for k in range(40):
+        walker = predict(replace(walker, misses=np.array([0, k])), PERIOD, MOTION)
+    seen, unseen = walker.state
+    np.testing.assert_allclose(seen[0], 40 * PERIOD * 1.2)
+    # As seen until `early`, and then on for what a velocity that fades within `onward` still covers.
+    np.testing.assert_allclose(unseen[0], (3 * PERIOD + MOTION.onward) * 1.2, atol=0.01)
+    assert np.linalg.norm(unseen[2:]) < 0.01
 
 
 def test_a_negative_delay_is_refused() -> None:

@@ -1,0 +1,91 @@
+"""Who was lost from sight and is followed again under another id: the same person, where that is likelier than somebody new.
+
+A track that no view corrects soon says little of where a person is, and ends; who comes out from behind a wall seconds later starts a new one. Place
+and time tell whose it is: people go on for a while as they went, and then anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from tracker.geometry import Array
+from tracker.trees import Tracks
+
+Mask = NDArray[np.bool_]
+
+UNSEEN = 3
+"""Ticks without a box after which a track may be of somebody who is followed anew already."""
+
+
+@dataclass(frozen=True)
+class ReunionParameters:
+    """How people come back into sight."""
+
+    memory: float = 8.0  # s, for how long somebody is looked for
+    returns: float = 0.2  # chance that who was lost comes back at a tick, and is followed again
+    onward: float = 1.0  # s, people forget within this where they were going ...
+    wander: float = 0.6  # m²/s, and are anywhere else: how fast the variance of a place grows, an axis
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """When and where somebody was seen last: tick; state (4,) and covariance (4, 4) as in Tracks."""
+
+    tick: int
+    state: Array
+    covariance: Array
+
+
+class Reunions:
+    """`person`: tree → the first tree of the same person, of those that are not the first."""
+
+    def __init__(self, parameters: ReunionParameters, period: float, arrivals: float) -> None:
+        """period s of a tick; arrivals: people who appear, a square metre and tick."""
+        self.parameters, self.period, self.arrivals = parameters, period, arrivals
+        self.person: dict[int, int] = {}
+        self._seen: dict[int, _Sight] = {}
+        self._tick = 0
+
+    def step(self, tracks: Tracks, known: Mask, fresh: Mask, left: set[int]) -> set[int]:
+        """Take a tick; known (t,): who is believed, fresh (t,): who is for the first time; left: trees of those who went out of all views, and are
+        not looked for. The trees that have gone on as another, and should end.
+        """
+        self._tick += 1
+        for tree in left:
+            self._seen.pop(tree, None)
+        oldest = self._tick - self.parameters.memory / self.period
+        self._seen = {tree: sight for tree, sight in self._seen.items() if sight.tick >= oldest}
+        here = set(tracks.tree[tracks.misses < UNSEEN].tolist())
+        lost, new = [tree for tree in self._seen if tree not in here], np.flatnonzero(fresh)
+        # Somebody new, or nobody again, is what both are worth that are not paired.
+        ratio = np.array([[self._ratio(self._seen[tree], tracks, k) for tree in lost] for k in new.tolist()]).reshape(len(new), len(lost))
+        rows, columns = linear_sum_assignment(np.maximum(ratio, 0.0), maximize=True)
+        ended = set()
+        for i, j in zip(rows.tolist(), columns.tolist(), strict=True):
+            if ratio[i, j] > 0:
+                self.person[int(tracks.tree[new[i]])] = self.person.get(lost[j], lost[j])
+                del self._seen[lost[j]]
+                ended.add(lost[j])
+        for k in np.flatnonzero(known & (tracks.misses == 0)):
+            self._seen[int(tracks.tree[k])] = _Sight(self._tick, tracks.state[k], tracks.covariance[k])
+        return ended
+
+    def _ratio(self, sight: _Sight, tracks: Tracks, row: int) -> float:
+        """log-likelihood ratio of the track in `row` being who was seen last at `sight`, against somebody new."""
+        q, gap = self.parameters, (self._tick - sight.tick) * self.period
+        F = np.hstack([np.eye(2), q.onward * (1 - np.exp(-gap / q.onward)) * np.eye(2)])
+        S = F @ sight.covariance @ F.T + tracks.covariance[row, :2, :2] + q.wander * gap * np.eye(2)
+        r = tracks.state[row, :2] - F @ sight.state
+        density = -0.5 * (r @ np.linalg.solve(S, r) + np.log((2 * np.pi) ** 2 * np.linalg.det(S)))
+        return float(density + np.log(q.returns / self.arrivals))
+
+    def renamed(self, people: Tracks) -> Tracks:
+        """`people` with the first tree of each person; where two are one person the later."""
+        first = np.array([self.person.get(tree, tree) for tree in people.tree.tolist()], dtype=np.int64)
+        later = (first[:, None] == first) & (people.tree[:, None] < people.tree)
+        kept = ~later.any(axis=1)
+        return replace(people, tree=first).select(kept)

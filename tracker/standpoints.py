@@ -1,0 +1,136 @@
+"""Where along its line of sight somebody stands whom a box shows, on ground and among things that are known.
+
+At a given distance a person shows from the head down to the feet, or down to what rises before them where that reaches higher. So a box speaks for
+every distance at which its lower edge is the one or the other and at which somebody of usual stature fills it: where its lower edge meets the
+ground, but also just behind the wall, the ridge or the brow of the hill that it may end at. `standpoints` says how likely each distance is;
+`Standpoints.meet` what that makes of somebody who is expected about a place.
+
+Densities over distance are sums over a fixed row of places (a point-mass filter: Bucy & Senne 1971), so that one with two peaks stays one with two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array
+from tracker.ground import Ground
+
+Mask = NDArray[np.bool_]
+
+NEAREST, FARTHEST, PLACES = 1.0, 60.0, 272
+"""The distances that are looked at: from, to (m) and how many, each a share farther than the last."""
+FINER = 3
+"""What rises before somebody is looked for at so many places for each of those, so that thin walls are not stepped over."""
+MARGIN = 0.3
+"""m, what stands nearer than this before somebody hides nothing: places and maps have errors."""
+
+
+@dataclass(frozen=True)
+class StandpointParameters:
+    """What is assumed of people and maps. `strange` is what keeps children and people on stairs possible, `gone` arches and open doors, of which the
+    map of things knows only the top."""
+
+    stature: float = 1.72  # m, how tall people are, mean ...
+    stature_sigma: float = 0.12  # ... and standard deviation
+    strange: float = 0.05  # share of those who look as tall as anybody: so much (m)
+    tall: tuple[float, float] = (1.2, 2.3)
+    hidden: float = 1.4  # m over the feet up to which something may reach before somebody of whom there is a box
+    gone: float = 0.1  # how often things that should hide somebody do not
+
+
+class Edges(NamedTuple):
+    """Boxes (n,): azimuth, elevation of lower and upper edge (rad), variance of an elevation (rad²), and the share of such boxes that end higher than
+    what can be seen of the body, for reasons that no map knows."""
+
+    azimuth: Array
+    low: Array
+    high: Array
+    variance: Array
+    lying: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Standpoints:
+    """far (k,) m: the distances over the plane; step (k,) m: how much of the line each stands for. likelihood (n, k): density of each box's lower
+    edge, a radian, times how usual its upper edge is beside the most usual. mean, sigma (n,) m: where the person is, before anything else is known;
+    hidden (n,): how likely the feet are out of sight; possible (n,): whether there is any place at all.
+    """
+
+    far: Array
+    step: Array
+    likelihood: Array
+    mean: Array
+    sigma: Array
+    hidden: Array
+    possible: Mask
+
+    def select(self, rows: Mask) -> Standpoints:
+        """Of the boxes in `rows` (n,)."""
+        mine = (getattr(self, name)[rows] for name in ("likelihood", "mean", "sigma", "hidden", "possible"))
+        return Standpoints(self.far, self.step, *mine)
+
+    def meet(self, rows: NDArray[np.int64], mean: Array, variance: Array) -> tuple[Array, Array, Array]:
+        """Boxes `rows` (m,) of people expected `mean` (m,) m away with a variance (m,) m²: density of each, and mean and variance afterwards.
+
+        Nothing is known better than the places lie apart. Where the density is 0 so are mean and variance.
+        """
+        variance = np.maximum(variance, np.interp(mean, self.far, self.step) ** 2)[:, None]
+        prior = np.exp(-0.5 * (self.far - mean[:, None]) ** 2 / variance) / np.sqrt(2 * np.pi * variance)
+        density, after, spread = _moments(prior * self.likelihood[rows], self.far, self.step)
+        return density, after, spread
+
+
+def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, soles: tuple[float, float], q: StandpointParameters) -> Standpoints:
+    """Of boxes seen from `origin` (3,) m; world: the ground, and the tops of what stands on it; soles m: how far they stray from the ground under the
+    body, and how much nearer than that they end."""
+    far = np.geomspace(NEAREST, FARTHEST, PLACES)
+    step = far * np.log(far[1] / far[0])
+    toward = np.stack([np.cos(edges.azimuth), np.sin(edges.azimuth)], axis=1)
+    fine = np.geomspace(NEAREST, FARTHEST, FINER * (PLACES - 1) + 1)
+    places = (origin[:2] + fine[:, None] * toward[:, None, :]).reshape(-1, 2)
+    rising = [g.height_at(places).reshape(-1, len(fine)) - origin[2] for g in world]
+    level = rising[0][:, ::FINER]
+    error = np.sqrt(edges.variance)[:, None]
+
+    height = far * np.tan(edges.high)[:, None] - level
+    sigma = np.hypot(q.stature_sigma, error * far)
+    usual = np.exp(-0.5 * ((height - q.stature) / sigma) ** 2) * q.stature_sigma / sigma
+    tall = (1 - q.strange) * usual + q.strange * ((height > q.tall[0]) & (height < q.tall[1]))
+
+    spread, ahead = soles
+    feet, body = np.arctan(level / (far - ahead)), np.arctan(q.hidden / far)
+    # While walking the lowest point of a body is the ground's a little before or behind it.
+    stray = spread * np.abs(np.gradient(feet, axis=1) / step)
+    total, covered = np.zeros(level.shape), np.zeros(level.shape)
+    for heights, share in zip(rising, (q.gone, 1 - q.gone), strict=True):
+        before = np.arctan(_steepest(heights / fine, fine)[:, ::FINER])
+        edge, hides = np.maximum(feet, before), before > feet
+        above, blur = edges.low[:, None] - edge, np.where(hides, error, np.hypot(error, stray))
+        here = np.exp(-0.5 * (above / blur) ** 2) / (blur * np.sqrt(2 * np.pi))
+        lying = edges.lying[:, None]
+        seen = (1 - lying) * here + lying * ((above > 0) & (above < body)) / body
+        seen = share * seen * tall * ((edge - feet < body) & (edge < edges.high[:, None]))
+        total, covered = total + seen, covered + seen * hides
+    density, mean, variance = _moments(total, far, step)
+    hidden = (covered @ step) / np.maximum(density, 1e-12)
+    return Standpoints(far, step, total, mean, np.sqrt(variance), hidden, density > 1e-9)
+
+
+def _steepest(slope: Array, far: Array) -> Array:
+    """(n, k) the highest slope of a line of sight to anything before each place."""
+    highest = np.maximum.accumulate(slope, axis=1)
+    last = np.searchsorted(far, far - MARGIN) - 1
+    return np.where(last >= 0, highest[:, np.maximum(last, 0)], -np.inf)
+
+
+def _moments(weight: Array, far: Array, step: Array) -> tuple[Array, Array, Array]:
+    """Sum (m,), mean (m,) and variance (m,) over distances of densities (m, k)."""
+    share = weight * step
+    total = share.sum(axis=1)
+    share = share / np.maximum(total, 1e-300)[:, None]
+    mean = share @ far
+    return total, mean, (share * (far - mean[:, None]) ** 2).sum(axis=1)
