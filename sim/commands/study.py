@@ -16,63 +16,86 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Study:
-    """Repeat a study of the paper on the tracker by multiple hypotheses, with a synthetic crowd, and with PETS 2009 where a folder is named.
+    """Repeat a study of the paper, with a synthetic crowd, and with PETS 2009 where a folder is named.
 
     fig4: K_H = 1 to 30 and i_bls^max = 500 to 2000; on PETS 2009 as it is and with false boxes. Leaves cells.csv (one run a row), fig4.png
     (processing time, MOTA and its spread over repetitions) and fig4.txt (the same as a table, and what is seen in it).
     graphs: a small graph for each hypothesis beside one graph of all tracks, and searches that begin with the tracks that survive beside such that do
     not. Leaves runs.csv, graphs.png (time, weight beside the proved optimum, MOTA) and graphs.txt.
+    images: tracklets by the corners of boxes, with the paper's L_c, δ_min and ω and others, beside none, on a crowd that is rendered and on videos
+    of PETS 2009. Leaves cells.csv, images.png (MOTA, IDF1, time), images.txt and the recordings.
     Stopped, the same command goes on from there.
 
     Examples: pilsim study fig4 --out runs/fig4 --pets PETS2009/S2.L1
               pilsim study graphs --out runs/graphs --repetitions 3 --frames 60
+              pilsim study images --out runs/images --repetitions 3 --pets PETS2009/S2.L1
     """
 
-    name: Positional[Literal["fig4", "graphs"]]
+    name: Positional[Literal["fig4", "graphs", "images"]]
     """Which study."""
     out: Out
     """Where the results go."""
     pets: Path | None = None
-    """A PETS 2009 folder; its views 1, 5 and 7 are used."""
+    """A PETS 2009 folder; its views 1, 5 and 7 are used (images: 1 alone, too)."""
     repetitions: int = 20
-    """Runs of each setting, with other seeds of the search."""
+    """Runs of each setting, with other seeds of the search (images: of the crowd, and of what is dropped)."""
     frames: int = 200
     """Frames of each run."""
 
     def run(self) -> None:
-        from sim import study
+        from sim import study, study_images
 
         for name in ("repetitions", "frames"):
             if getattr(self, name) < 1:
                 raise ValueError(f"--{name} is {getattr(self, name)}, needs at least 1")
-        materials = [study.synthetic(self.frames)]
         if self.pets is not None:
-            materials += [study.pets(self.pets, self.frames, degrade) for degrade in (("", study.WORSE) if self.name == "fig4" else ("",))]
+            # What is wrong with the folder is said before anything is begun.
+            study_images.check(self.pets, self.name == "images")
         self.out.mkdir(parents=True, exist_ok=True)
-        asked, note = f"frames {self.frames}, searches as they are, {study.PEOPLE} people\n", self.out / "frames.txt"
+        people = study_images.CROWD.people if self.name == "images" else study.PEOPLE
+        asked, note = f"frames {self.frames}, searches as they are, {people} people\n", self.out / "frames.txt"
         if note.is_file() and note.read_text() != asked:
             raise ValueError(f"{self.out}: holds another study ({note.read_text().strip()} there, {asked.strip()} asked for)")
         note.write_text(asked)
-        text = self._fig4(materials) if self.name == "fig4" else self._graphs(materials)
+        text = {"fig4": self._fig4, "graphs": self._graphs, "images": self._images}[self.name]()
         (self.out / f"{self.name}.txt").write_text(text + "\n")
         print(text)
 
-    def _fig4(self, materials: list[Material]) -> str:
+    def _materials(self, degrade: tuple[str, ...]) -> list[Material]:
+        from sim import study
+
+        real = [] if self.pets is None else [study.pets(self.pets, self.frames, worse) for worse in degrade]
+        return [study.synthetic(self.frames), *real]
+
+    def _fig4(self) -> str:
         from tqdm import tqdm
 
         from sim import study
 
+        materials = self._materials(("", study.WORSE))
         total = len(materials) * self.repetitions * len(study.K_H) * len(study.I_BLS_MAX)
         cells = list(tqdm(study.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
         study.draw(cells, self.out / "fig4.png")
         return study.summary(cells)
 
-    def _graphs(self, materials: list[Material]) -> str:
+    def _graphs(self) -> str:
         from tqdm import tqdm
 
         from sim import study_graphs
 
+        materials = self._materials(("",))
         total = len(materials) * self.repetitions * len(study_graphs.FORMS) * len(study_graphs.STARTS)
         runs = list(tqdm(study_graphs.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
         study_graphs.draw(runs, self.out / "graphs.png")
         return study_graphs.summary(runs)
+
+    def _images(self) -> str:
+        from tqdm import tqdm
+
+        from sim import study_images
+
+        materials = study_images.materials(self.out, self.pets)
+        total = study_images.runs(materials, self.repetitions)
+        cells = list(tqdm(study_images.study(self.out, materials, self.frames, self.repetitions), total=total, unit="run"))[-1]
+        study_images.draw(cells, self.out / "images.png")
+        return study_images.summary(cells)

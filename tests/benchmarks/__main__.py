@@ -1,4 +1,6 @@
-"""All benchmarks, or those named: `python -m tests.benchmarks [NAME ...]`. Each prints a table; one whose peer is not installed says so."""
+"""All benchmarks that take minutes, or those named: `python -m tests.benchmarks [NAME ...]`. Each prints a table; one whose peer is not installed
+says so. `space` and `crowds` take an hour or more, and are run where they are named.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,11 @@ import importlib.util
 import sys
 
 NAMES = ("crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement")
+LONG = ("space", "crowds")
 
 
 def main() -> int:
-    chosen = sys.argv[1:] or [name for name in NAMES if importlib.util.find_spec(f"tests.benchmarks.{name}")]
+    chosen = sys.argv[1:] or [name for name in NAMES if name not in LONG and importlib.util.find_spec(f"tests.benchmarks.{name}")]
     unknown = [name for name in chosen if name not in NAMES]
     if unknown:
         print(f"error: benchmark is {', '.join(unknown)}, needs to be among {', '.join(NAMES)}", file=sys.stderr)

@@ -1,0 +1,182 @@
+"""What tracklets by images are worth: corners of boxes followed back through the pictures, with the paper's values and others, beside none at all.
+
+On PETS 2009 those views have pictures whose video is there; the other material is a rendered recording. A cell is one run, told some frames late.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from sim.record import record
+from sim.scenario import Scenario
+from sim.study import resumed
+from tracker.atomic import new_file
+from tracker.clearmot import score
+from tracker.comparison import Frame
+from tracker.evaluation import who_counts
+from tracker.films import filmed
+from tracker.geometry import Array
+from tracker.pipeline import Parameters, track
+from tracker.sequence import Sequence, read_sequence
+from tracker.sources import Choice, open_source
+from tracker.tracklets import TrackletParameters
+
+PAPER = TrackletParameters()
+SETTINGS: dict[str, TrackletParameters | None] = {
+    "no images": None,
+    "the paper's": PAPER,
+    "L_c = 1": replace(PAPER, l_c=1),
+    "L_c = 8": replace(PAPER, l_c=8),
+    "δ_min = 0.5 px": replace(PAPER, delta_min=0.5),
+    "ω = 0.1": replace(PAPER, omega=0.1),
+    "ω = 0.6": replace(PAPER, omega=0.6),
+}
+VIEWS = (1,), (1, 5, 7)
+DROPPED = "drop=0.5"
+"""What is also done to the detections of PETS 2009."""
+CROWD = Scenario(robots=2, people=20, width=768)
+"""What is rendered, another seed a repetition."""
+DELAY = 10
+PANELS = "MOTA", "IDF1", "processing time / s"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run: MOTA and IDF1 at 1 m, switches, seconds of processor time."""
+
+    data: str
+    setting: str
+    repetition: int
+    mota: float
+    idf1: float
+    switches: int
+    seconds: float
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """What tells it from the others."""
+        return self.data, self.setting, self.repetition
+
+
+@dataclass(frozen=True)
+class Material:
+    """Something to track: a name, and a PETS 2009 folder with views and what is done to its detections, or, where it is None, a recording that is
+    rendered in `place`."""
+
+    name: str
+    place: Path
+    pets: Path | None = None
+    views: tuple[int, ...] = ()
+    degrade: str = ""
+
+    def sequence(self, repetition: int, frames: int) -> Sequence:
+        """With pictures; what a repetition has of its own are the seeds."""
+        if self.pets is None:
+            folder = self.place / f"recording-{repetition}"
+            if not folder.exists():
+                record(replace(CROWD, seed=repetition, frames=frames), folder)
+            return read_sequence(folder)
+        return filmed(open_source(self.pets, self.views, Choice.parse([], self.degrade, repetition)), self.pets)
+
+
+def check(pets: Path, videos: bool) -> None:
+    """Raises ValueError where a PETS 2009 folder has no truth, or none of the videos that are wanted."""
+    sequence = open_source(pets, VIEWS[-1])
+    if sequence.truth is None:
+        raise ValueError(f"{pets}: no annotations/*-cropped.xml")
+    if videos:
+        filmed(sequence, pets)
+
+
+def materials(out: Path, pets: Path | None) -> list[Material]:
+    """All there is to be tracked."""
+    real = [Material(_called(views, degrade), out, pets, views, degrade) for views, degrade in itertools.product(VIEWS, ("", DROPPED))]
+    return [Material("rendered crowd", out), *(real if pets is not None else [])]
+
+
+def _called(views: tuple[int, ...], degrade: str) -> str:
+    return ", ".join(filter(None, ("PETS S2.L1, view " + " ".join(map(str, views)), degrade)))
+
+
+def measured(material: Material, frames: int, setting: str, repetition: int) -> Cell:
+    """Run one."""
+    sequence = material.sequence(repetition, frames)
+    assert sequence.truth is not None
+    parameters = Parameters(tracklets=SETTINGS[setting], delay=DELAY)
+    began = time.process_time()
+    said = list(track(sequence.setup, itertools.islice(iter(sequence.ticks), frames), parameters))
+    seconds = time.process_time() - began
+    counts = who_counts(sequence.truth, sequence.setup.period)
+    scored = zip(sequence.truth, counts, said, strict=False)
+    found = score([Frame(t.person_id, t.feet, e.target_id, e.position, counts=c) for t, c, e in scored])
+    return Cell(material.name, setting, repetition, float(found.mota), float(found.idf1), int(found.switches), seconds)
+
+
+def study(out: Path, chosen: list[Material], frames: int, repetitions: int) -> Iterator[list[Cell]]:
+    """Run what is not in out/cells.csv yet; all cells so far after each. Nothing of PETS 2009 as it is depends on a seed: it is run once."""
+    for material in chosen:
+        times = 1 if material.pets is not None and not material.degrade else repetitions
+        choices = ((setting, repetition) for repetition, setting in itertools.product(range(times), SETTINGS))
+        yield from resumed(out / "cells.csv", Cell, choices, partial(measured, material, frames), material.name)
+
+
+def runs(chosen: list[Material], repetitions: int) -> int:
+    """How many runs a study is."""
+    return sum(len(SETTINGS) * (1 if m.pets is not None and not m.degrade else repetitions) for m in chosen)
+
+
+def differences(cells: list[Cell], setting: str) -> Array:
+    """(r, 2): MOTA and IDF1 of `setting` less those without images, by repetition."""
+    plain = {c.repetition: c for c in cells if c.setting == "no images"}
+    pairs = [(c, plain[c.repetition]) for c in cells if c.setting == setting and c.repetition in plain]
+    return np.array([(a.mota - b.mota, a.idf1 - b.idf1) for a, b in pairs]).reshape(-1, 2)
+
+
+def summary(cells: list[Cell]) -> str:
+    """A table for each material: means, and how many runs were better or worse than without images."""
+    lines = []
+    for name in dict.fromkeys(c.data for c in cells):
+        mine = [c for c in cells if c.data == name]
+        lines += [name, f"{'':18}{'MOTA':>8}{'IDF1':>8}{'switches':>10}{'seconds':>9}   MOTA better, worse; IDF1 better, worse"]
+        for setting in SETTINGS:
+            here = [c for c in mine if c.setting == setting]
+            if not here:
+                continue
+            mota, idf1, switches, seconds = np.mean([(c.mota, c.idf1, c.switches, c.seconds) for c in here], axis=0)
+            change = differences(mine, setting)
+            counts = "" if SETTINGS[setting] is None else "; ".join(f"{int((d > 1e-9).sum())}, {int((d < -1e-9).sum())}" for d in change.T)
+            lines.append(f"  {setting:16}{mota:>8.4f}{idf1:>8.4f}{switches:>10.1f}{seconds:>9.1f}   {counts}".rstrip())
+    return "\n".join(lines)
+
+
+def draw(cells: list[Cell], path: Path) -> None:
+    """Three panels a material: MOTA, IDF1 and processing time of each setting, a dot a run and a line at the mean of those without images."""
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(c.data for c in cells))
+    figure = Figure(figsize=(12, 2.9 * len(names)), layout="constrained")
+    axes = figure.subplots(len(names), len(PANELS), squeeze=False)
+    for row, name in enumerate(names):
+        mine = [c for c in cells if c.data == name]
+        for axis, column, label in zip(axes[row], ("mota", "idf1", "seconds"), PANELS, strict=True):
+            plain = [getattr(c, column) for c in mine if c.setting == "no images"]
+            if plain:
+                axis.axvline(float(np.mean(plain)), color="0.6", zorder=1)
+            for k, setting in enumerate(SETTINGS):
+                values = [getattr(c, column) for c in mine if c.setting == setting]
+                if values:
+                    axis.plot(values, [k] * len(values), "o", ms=4, alpha=0.5, zorder=2)
+                    axis.plot(np.mean(values), k, "k|", ms=14, zorder=3)
+            axis.set(yticks=range(len(SETTINGS)), yticklabels=list(SETTINGS) if column == "mota" else [], xlabel=label, title=name)
+            axis.ticklabel_format(axis="x", useOffset=False)
+            axis.set_ylim(len(SETTINGS) - 0.5, -0.5)
+            axis.grid(axis="x", alpha=0.3)
+    with new_file(path) as part:
+        figure.savefig(part, dpi=110)
