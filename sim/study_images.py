@@ -176,6 +176,7 @@ def draw(cells: list[Cell], path: Path) -> None:
                     axis.plot(np.mean(values), k, "k|", ms=14, zorder=3)
             axis.set(yticks=range(len(SETTINGS)), yticklabels=list(SETTINGS) if column == "mota" else [], xlabel=label, title=name)
             axis.ticklabel_format(axis="x", useOffset=False)
+            axis.locator_params(axis="x", nbins=5)
             axis.set_ylim(len(SETTINGS) - 0.5, -0.5)
             axis.grid(axis="x", alpha=0.3)
     with new_file(path) as part:
