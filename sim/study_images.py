@@ -76,6 +76,10 @@ class Material:
     views: tuple[int, ...] = ()
     degrade: str = ""
 
+    def times(self, repetitions: int) -> int:
+        """How often it is run: nothing of PETS 2009 as it is depends on a seed."""
+        return 1 if self.pets is not None and not self.degrade else repetitions
+
     def sequence(self, repetition: int, frames: int) -> Sequence:
         """With pictures; what a repetition has of its own are the seeds."""
         if self.pets is None:
@@ -120,16 +124,15 @@ def measured(material: Material, frames: int, setting: str, repetition: int) -> 
 
 
 def study(out: Path, chosen: list[Material], frames: int, repetitions: int) -> Iterator[list[Cell]]:
-    """Run what is not in out/cells.csv yet; all cells so far after each. Nothing of PETS 2009 as it is depends on a seed: it is run once."""
+    """Run what is not in out/cells.csv yet; all cells so far after each."""
     for material in chosen:
-        times = 1 if material.pets is not None and not material.degrade else repetitions
-        choices = ((setting, repetition) for repetition, setting in itertools.product(range(times), SETTINGS))
+        choices = ((setting, repetition) for repetition, setting in itertools.product(range(material.times(repetitions)), SETTINGS))
         yield from resumed(out / "cells.csv", Cell, choices, partial(measured, material, frames), material.name)
 
 
 def runs(chosen: list[Material], repetitions: int) -> int:
     """How many runs a study is."""
-    return sum(len(SETTINGS) * (1 if m.pets is not None and not m.degrade else repetitions) for m in chosen)
+    return sum(len(SETTINGS) * m.times(repetitions) for m in chosen)
 
 
 def differences(cells: list[Cell], setting: str) -> Array:
