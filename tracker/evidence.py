@@ -48,7 +48,6 @@ class TargetParameters:
     end: float = -5.0  # the same for one that was believed
     most_score: float = 20.0  # what is known of somebody counts at most so much against what is seen now
     at_once: float = 2.0  # misses that all views' missing somebody at once is worth, at most
-    stature: tuple[float, float] = (1.72, 0.1)  # m, how tall people are, mean and standard deviation; asked where things hide their feet
     surely: float = 0.6  # m, standard deviation of a place up to which a box without feet is taken
     before: float = 0.3  # share of those without a box who stand before somebody else's, whose corners are theirs then
     outside: float = 3 / 7  # s, after which somebody is gone who is out of all views

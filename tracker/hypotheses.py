@@ -11,6 +11,7 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 
 from tracker.cameras import Camera
@@ -21,8 +22,8 @@ from tracker.measurements import Ints, Setup
 from tracker.reunion import Reunions
 from tracker.smoothing import Lag
 from tracker.tracklets import Owners
-from tracker.trees import Sights, Tracks, born, predict, sights, update
-from tracker.vague import Meeting
+from tracker.trees import Heads, Sights, Tracks, born, heads, predict, sights, update
+from tracker.vague import Meeting, begun
 from tracker.visibility import Bodies
 
 Mask = NDArray[np.bool_]
@@ -87,7 +88,8 @@ class Hypotheses:
         q = self.parameters
         offset, _ = self.evidence.offset(feet.camera)
         look = sights(self.tracks, feet, offset, self.setup.ground, q.motion)
-        gain, upright = self._gain(look, feet)
+        tops = heads(self.tracks, look, feet, q.fusion.standpoints.nod)
+        gain, upright = self._gain(look, tops, feet)
         vague = Meeting.of(self.tracks, feet, np.flatnonzero(feet.vague), offset, q.motion.foot_spread)
         if len(vague.box):
             gain[:, vague.box] = self.evidence.certain(feet)[vague.box] + vague.density(q.gate)
@@ -109,14 +111,14 @@ class Hypotheses:
                 continue
             H, r, R = look.H[t], look.residual[t, d], feet.covariance[d]
             R = R + (H @ H.T) * q.motion.foot_spread**2
-            if not upright[t, d] and feet.cut[d]:
-                # The head tells how far somebody is whose feet are not in the image, as well as it is known how tall people are.
-                H, r = np.stack([H[0], look.climb[t, d]]), np.array([r[0], q.stature[0] - look.height[t, d]])
-                R = np.diag([R[0, 0], q.stature[1] ** 2 + feet.covariance[d, 1, 1] * look.distance[t] ** 2])
-            elif not upright[t, d]:
+            if not upright[t, d]:
                 H, r, R = H[:1], r[:1], R[:1, :1]
             elif self.believed[t]:
                 self.evidence.learn_offset(feet.camera, r, H, R + H @ self.tracks.covariance[t, :2, :2] @ H.T)
+            if (feet.lines is not None or (not upright[t, d] and feet.cut[d])) and tops.above[t, d] ** 2 < q.gate**2 * tops.spread[t, d]:
+                # The head tells how far somebody is, too, as well as it is known how tall.
+                H, r = np.vstack([np.column_stack([H, np.zeros(len(H))]), tops.H[t, d]]), np.append(r, tops.above[t, d])
+                R = block_diag(R, tops.noise[t, d])
             self.tracks = update(self.tracks, int(t), r, H, R)
 
     def _wanted(self, worth: Array, none: Array, rows: Ints, boxes: Ints) -> Array:
@@ -129,7 +131,7 @@ class Hypotheses:
         more[np.ix_(self.believed[rows], ~self.believed)] = 0.0
         return np.asarray(more.max(axis=1, initial=0.0))
 
-    def _gain(self, look: Sights, feet: Feet) -> tuple[Array, Mask]:
+    def _gain(self, look: Sights, tops: Heads, feet: Feet) -> tuple[Array, Mask]:
         """Log-likelihood ratio (t, d) of "this track's box" over "clutter", −inf outside the gate; and whether the feet were taken as seen."""
         q = self.parameters
         S = look.expected[:, None] + feet.covariance[None, :]
@@ -150,7 +152,20 @@ class Hypotheses:
         low, high = self.setup.height
         slack = 0.15 + 0.02 * look.distance[:, None]
         fits = (look.height > low - slack) & (look.height < high + slack)
-        return np.where(fits, np.maximum(gain_both, gain_side), -np.inf), gain_both >= gain_side
+        gain = np.where(fits, np.maximum(gain_both, gain_side), -np.inf)
+        if feet.lines is not None:
+            gain += self._known_by_height(look.height, tops)
+        return gain, gain_both >= gain_side
+
+    def _known_by_height(self, height: Array, tops: Heads) -> Array:
+        """Log-likelihood ratio (t, d) of boxes being as tall as these tracks, against as tall as anybody."""
+        p = self.parameters.fusion.standpoints
+        strange = p.strange / (p.tall[1] - p.tall[0])
+        mine, anybody = (
+            (1 - p.strange) * np.exp(-0.5 * above**2 / spread) / np.sqrt(2 * np.pi * spread) + strange
+            for above, spread in ((tops.above, tops.spread), (height - p.stature, p.stature_sigma**2 + tops.noise))
+        )
+        return np.log(mine / anybody)
 
     def _judge(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], box: Ints, gains: tuple[Array, Array]) -> Array:
         """Score every track by what saw it and what should have (C_rec), and count frames; how much (t, v) each view should see."""
@@ -200,7 +215,9 @@ class Hypotheses:
         q = self.parameters
         groups = combine(views, free, self.setup.height, q.fusion)
         groups = [g for g in groups if not self._known(g, seen)]
-        new = born(self._next_tree, groups, q.motion)
+        new = born(self._next_tree, groups, q.motion, (q.fusion.standpoints.stature, q.fusion.standpoints.stature_sigma))
+        for k, group in enumerate(groups):
+            new = self._grown(new, k, [(views[v], d) for v, d in group.members])
         seen_by = list(zip(views, cameras, strict=True))
         new = replace(new, score=self.evidence.prior(seen_by, groups, (self.tracks.state[:, :2], self.tracks.tree), self._ticks))
         self._next_tree += len(groups)
@@ -208,6 +225,17 @@ class Hypotheses:
         self.believed = np.concatenate([self.believed, np.zeros(len(groups), dtype=bool)])
         self._gone = np.concatenate([self._gone, np.zeros(len(groups))])
         return list(zip(new.tree.tolist(), groups, strict=True))
+
+    def _grown(self, new: Tracks, k: int, boxes: list[tuple[Feet, int]]) -> Tracks:
+        """The track in row k of `new` with what these boxes, from which it starts, say of how tall it is, and so of where."""
+        q = self.parameters
+        clear = [(feet, d) for feet, d in boxes if feet.lines is not None and not feet.vague[d] and not feet.cut[d]]
+        for feet, d in clear:
+            one, box = new.select(np.array([k])), feet.select(np.arange(len(feet)) == d)
+            tops = heads(one, sights(one, box, self.evidence.offset(feet.camera)[0], self.setup.ground, q.motion), box, q.fusion.standpoints.nod)
+            if tops.above[0, 0] ** 2 < q.gate**2 * tops.spread[0, 0]:
+                new = update(new, k, tops.above[0], tops.H[0], tops.noise)
+        return new if clear or not boxes[0][0].vague[boxes[0][1]] else begun(new, k, *boxes[0])
 
     def _known(self, group: Combination, seen: Mask) -> bool:
         near = np.linalg.norm(self.tracks.state[:, :2] - group.point, axis=1) < self.parameters.same_person

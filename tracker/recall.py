@@ -56,4 +56,7 @@ def smoothed(tracks: Leaves, ago: int, motion: tuple[float, MotionParameters]) -
         C = np.linalg.solve(predicted, F @ spread).transpose(0, 2, 1)
         x = now + (C @ (x - now @ F.T)[:, :, None])[:, :, 0]
         P = spread + C @ (P - predicted) @ C.transpose(0, 2, 1)
-    return Tracks(tracks.tree, x, P, tracks.score, tracks.hits, tracks.misses, tracks.age)
+    # How tall they are is not followed here.
+    state, covariance = np.zeros((len(x), 5)), np.zeros((len(x), 5, 5))
+    state[:, :4], covariance[:, :4, :4] = x, P
+    return Tracks(tracks.tree, state, covariance, tracks.score, tracks.hits, tracks.misses, tracks.age)

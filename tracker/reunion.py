@@ -33,7 +33,7 @@ class ReunionParameters:
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
-    """When and where somebody was seen last: tick; state (4,) and covariance (4, 4) as in Tracks."""
+    """When and where somebody was seen last: tick; state (4,), place and velocity, and covariance (4, 4) as in Tracks."""
 
     tick: int
     state: Array
@@ -71,7 +71,7 @@ class Reunions:
                 del self._seen[lost[j]]
                 ended.add(lost[j])
         for k in np.flatnonzero(known & (tracks.misses == 0)):
-            self._seen[int(tracks.tree[k])] = _Sight(self._tick, tracks.state[k], tracks.covariance[k])
+            self._seen[int(tracks.tree[k])] = _Sight(self._tick, tracks.state[k, :4], tracks.covariance[k, :4, :4])
         return ended
 
     def _ratio(self, sight: _Sight, tracks: Tracks, row: int) -> float:

@@ -91,7 +91,7 @@ class Lag:
 
 
 def _back(now: Tracks, after: Tracks, F: Array, Q: Array) -> tuple[Array, Array]:
-    """One step of the smoother for rows of the same trees, which went on by F (n, 4, 4) and Q (4, 4): states (n, 4), covariances (n, 4, 4)."""
+    """One step of the smoother for rows of the same trees, which went on by F (n, 5, 5) and Q (5, 5): states (n, 5), covariances (n, 5, 5)."""
     predicted = F @ now.covariance @ F.transpose(0, 2, 1) + Q
     C = np.linalg.solve(predicted, F @ now.covariance).transpose(0, 2, 1)
     x = now.state + (C @ (after.state[:, :, None] - F @ now.state[:, :, None]))[:, :, 0]

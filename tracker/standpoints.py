@@ -3,14 +3,15 @@
 At a given distance a person shows from the head down to the feet, or down to what rises before them where that reaches higher. So a box speaks for
 every distance at which its lower edge is the one or the other and at which somebody of usual stature fills it: where its lower edge meets the
 ground, but also just behind the wall, the ridge or the brow of the hill that it may end at. `standpoints` says how likely each distance is;
-`Standpoints.meet` what that makes of somebody who is expected about a place.
+`Standpoints.meet` what that makes of somebody who is expected about a place, and who is so tall as far as that is known: who is known to be tall
+stands farther away than somebody short who fills the same box.
 
 Densities over distance are sums over a fixed row of places (a point-mass filter: Bucy & Senne 1971), so that one with two peaks stays one with two.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ class StandpointParameters:
 
     stature: float = 1.72  # m, how tall people are, mean ...
     stature_sigma: float = 0.12  # ... and standard deviation
+    nod: float = 0.03  # m, the upper edge strays this far from the stature over the ground under the body: people nod, bounce and wear hats
     strange: float = 0.05  # share of those who look as tall as anybody: so much (m)
     tall: tuple[float, float] = (1.2, 2.3)
     hidden: float = 1.4  # m over the feet up to which something may reach before somebody of whom there is a box
@@ -53,35 +55,66 @@ class Edges(NamedTuple):
     lying: Array
 
 
+class Expected(NamedTuple):
+    """People (m,) before a box is seen: mean (m, 2) m and covariance (m, 2, 2) m² of how far they are along its line of sight over the plane, and of
+    their stature."""
+
+    mean: Array
+    covariance: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Standpoints:
-    """far (k,) m: the distances over the plane; step (k,) m: how much of the line each stands for. likelihood (n, k): density of each box's lower
-    edge, a radian, times how usual its upper edge is beside the most usual. mean, sigma (n,) m: where the person is, before anything else is known;
-    hidden (n,): how likely the feet are out of sight; possible (n,): whether there is any place at all.
+    """far (k,) m: the distances over the plane; step (k,) m: how much of the line each stands for. edge (n, k): density of each box's lower edge, a
+    radian; height (n, k) m: how tall it is there, and error (n, k) m: how surely. mean, sigma (n,) m: where the person is, before anything else is
+    known; hidden (n,): how likely the feet are out of sight; possible (n,): whether there is any place at all.
     """
 
     far: Array
     step: Array
-    likelihood: Array
+    edge: Array
+    height: Array
+    error: Array
     mean: Array
     sigma: Array
     hidden: Array
     possible: Mask
+    parameters: StandpointParameters
 
     def select(self, rows: Mask) -> Standpoints:
         """Of the boxes in `rows` (n,)."""
-        mine = (getattr(self, name)[rows] for name in ("likelihood", "mean", "sigma", "hidden", "possible"))
-        return Standpoints(self.far, self.step, *mine)
+        return replace(self, **{name: getattr(self, name)[rows] for name in ("edge", "height", "error", "mean", "sigma", "hidden", "possible")})
 
-    def meet(self, rows: NDArray[np.int64], mean: Array, variance: Array) -> tuple[Array, Array, Array]:
-        """Boxes `rows` (m,) of people expected `mean` (m,) m away with a variance (m,) m²: density of each, and mean and variance afterwards.
+    def meet(self, rows: NDArray[np.int64], expected: Expected) -> tuple[Array, Array, Array]:
+        """Boxes `rows` (m,) of people as they are expected: density of each, a radian, times how usual its upper edge is beside the most usual of all
+        people's; and mean (m, 2) and covariance (m, 2, 2) of distance and stature afterwards.
 
-        Nothing is known better than the places lie apart. Where the density is 0 so are mean and variance.
+        Nothing is known better than the places lie apart. Where the density is 0 so are mean and covariance.
         """
-        variance = np.maximum(variance, np.interp(mean, self.far, self.step) ** 2)[:, None]
-        prior = np.exp(-0.5 * (self.far - mean[:, None]) ** 2 / variance) / np.sqrt(2 * np.pi * variance)
-        density, after, spread = _moments(prior * self.likelihood[rows], self.far, self.step)
-        return density, after, spread
+        P, (away, stature) = expected.covariance[..., None], expected.mean.T[..., None]
+        variance = np.maximum(P[:, 0, 0], np.interp(away, self.far, self.step) ** 2)
+        taller = P[:, 0, 1] / variance
+        return self._moments(rows, _bell(self.far - away, variance), stature + taller * (self.far - away), P[:, 1, 1] - taller * P[:, 0, 1])
+
+    def start(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Mean (m, 2) and covariance (m, 2, 2) of distance and stature where nothing is known but the boxes `rows` (m,)."""
+        q, anywhere = self.parameters, np.ones((len(rows), len(self.far)))
+        _, mean, covariance = self._moments(rows, anywhere, np.full(anywhere.shape, q.stature), np.full(anywhere.shape, q.stature_sigma**2))
+        return mean, covariance
+
+    def _moments(self, rows: NDArray[np.int64], prior: Array, stature: Array, spread: Array) -> tuple[Array, Array, Array]:
+        """As `meet`; prior (m, k) of the distances, mean stature (m, k) m and variance spread (m, k) m² of the stature at each."""
+        q, height, error = self.parameters, self.height[rows], self.error[rows]
+        total = spread + error**2
+        usual, tall = _fitting(height - stature, total, height, q)
+        gain = usual / np.maximum(tall, 1e-300) * spread / total
+        density, share = _normal(prior * self.edge[rows] * tall, self.step)
+        after = stature + gain * (height - stature)
+        mean = np.stack([share @ self.far, (share * after).sum(axis=1)], axis=1)
+        apart = np.stack([self.far - mean[:, :1], after - mean[:, 1:]], axis=1)
+        covariance = np.einsum("mk,mik,mjk->mij", share, apart, apart)
+        covariance[:, 1, 1] += (share * (1 - gain) * spread).sum(axis=1)
+        return density, mean, covariance
 
 
 def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, soles: tuple[float, float], q: StandpointParameters) -> Standpoints:
@@ -96,11 +129,7 @@ def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, soles
     level = rising[0][:, ::FINER]
     error = np.sqrt(edges.variance)[:, None]
 
-    height = far * np.tan(edges.high)[:, None] - level
-    sigma = np.hypot(q.stature_sigma, error * far)
-    usual = np.exp(-0.5 * ((height - q.stature) / sigma) ** 2) * q.stature_sigma / sigma
-    tall = (1 - q.strange) * usual + q.strange * ((height > q.tall[0]) & (height < q.tall[1]))
-
+    height, unsure = far * np.tan(edges.high)[:, None] - level, np.hypot(error * far, q.nod)
     spread, ahead = soles
     feet, body = np.arctan(level / (far - ahead)), np.arctan(q.hidden / far)
     # While walking the lowest point of a body is the ground's a little before or behind it.
@@ -113,11 +142,25 @@ def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, soles
         here = np.exp(-0.5 * (above / blur) ** 2) / (blur * np.sqrt(2 * np.pi))
         lying = edges.lying[:, None]
         seen = (1 - lying) * here + lying * ((above > 0) & (above < body)) / body
-        seen = share * seen * tall * ((edge - feet < body) & (edge < edges.high[:, None]))
+        seen = share * seen * ((edge - feet < body) & (edge < edges.high[:, None]))
         total, covered = total + seen, covered + seen * hides
-    density, mean, variance = _moments(total, far, step)
-    hidden = (covered @ step) / np.maximum(density, 1e-12)
-    return Standpoints(far, step, total, mean, np.sqrt(variance), hidden, density > 1e-9)
+    _, tall = _fitting(height - q.stature, q.stature_sigma**2 + unsure**2, height, q)
+    density, weight = _normal(total * tall, step)
+    mean = weight @ far
+    sigma = np.sqrt((weight * (far - mean[:, None]) ** 2).sum(axis=1))
+    hidden = (covered * tall) @ step / np.maximum(density, 1e-12)
+    return Standpoints(far, step, total, height, unsure, mean, sigma, hidden, density > 1e-9, q)
+
+
+def _bell(x: Array, variance: Array) -> Array:
+    return np.asarray(np.exp(-0.5 * x**2 / variance) / np.sqrt(2 * np.pi * variance))
+
+
+def _fitting(above: Array, variance: Array, height: Array, q: StandpointParameters) -> tuple[Array, Array]:
+    """How usual boxes are that are `above` m taller than expected, beside the most usual of all people's; and the same with those who are as tall as
+    anybody."""
+    usual = (1 - q.strange) * _bell(above, variance) * q.stature_sigma * np.sqrt(2 * np.pi)
+    return usual, usual + q.strange * ((height > q.tall[0]) & (height < q.tall[1]))
 
 
 def _steepest(slope: Array, far: Array) -> Array:
@@ -127,10 +170,8 @@ def _steepest(slope: Array, far: Array) -> Array:
     return np.where(last >= 0, highest[:, np.maximum(last, 0)], -np.inf)
 
 
-def _moments(weight: Array, far: Array, step: Array) -> tuple[Array, Array, Array]:
-    """Sum (m,), mean (m,) and variance (m,) over distances of densities (m, k)."""
+def _normal(weight: Array, step: Array) -> tuple[Array, Array]:
+    """Sums (m,) of densities (m, k) over distances, and what share of it (m, k) each distance has, 0 where the sum is."""
     share = weight * step
     total = share.sum(axis=1)
-    share = share / np.maximum(total, 1e-300)[:, None]
-    mean = share @ far
-    return total, mean, (share * (far - mean[:, None]) ** 2).sum(axis=1)
+    return total, share / np.maximum(total, 1e-300)[:, None]

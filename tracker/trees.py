@@ -7,6 +7,7 @@ return new values; nothing is changed in place.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +28,14 @@ class MotionParameters:
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
     foot_spread: float = 0.25  # m, the feet stray this far from the ground under the body
     v_max: float = 3.0  # m/s, nobody goes faster: what does was made of other people's boxes, or of nobody's
+    posture: float = 0.005  # m/√s, how people stoop and stretch
     early: float = 0.4  # s out of sight, from which on ...
     onward: float = 1.0  # ... people forget within so many s where they were going: many are out of sight because they stopped or turned
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Rows are tracks. tree (n,): the id, never used again; state (n, 4) x, y m and velocity m/s; covariance (n, 4, 4);
+    """Rows are tracks. tree (n,): the id, never used again; state (n, 5) x, y m, velocity m/s and stature m; covariance (n, 5, 5);
     score (n,): log-likelihood ratio against clutter; hits, misses, age (n,): frames seen in all, unseen in a row, since birth.
     """
 
@@ -48,7 +50,7 @@ class Tracks:
     @staticmethod
     def none() -> Tracks:
         zero = np.zeros(0, dtype=np.int64)
-        return Tracks(zero, np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros(0), zero, zero, zero)
+        return Tracks(zero, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros(0), zero, zero, zero)
 
     def __len__(self) -> int:
         return len(self.tree)
@@ -56,7 +58,7 @@ class Tracks:
     @property
     def speed(self) -> Array:
         """(n,) m/s."""
-        return np.asarray(np.linalg.norm(self.state[:, 2:], axis=1))
+        return np.asarray(np.linalg.norm(self.state[:, 2:4], axis=1))
 
     def select(self, rows: Mask | Ints) -> Tracks:
         return Tracks(*(getattr(self, name)[rows] for name in _COLUMNS))
@@ -76,12 +78,14 @@ def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:
 
 
 def onward(tracks: Tracks, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
-    """F (n, 4, 4) of each track, and Q (4, 4): as `transition`, but that the velocity of those who are out of sight fades, as the mean of an
-    Ornstein-Uhlenbeck process does.
+    """F (n, 5, 5) of each track, and Q (5, 5): as `transition`, but that the velocity of those who are out of sight fades, as the mean of an
+    Ornstein-Uhlenbeck process does. Statures stay, but for how people hold themselves.
     """
-    F, Q = transition(dt, motion)
+    F, Q = np.eye(5), np.zeros((5, 5))
+    F[:4, :4], Q[:4, :4] = transition(dt, motion)
+    Q[4, 4] = motion.posture**2 * dt
     fade = np.exp(-dt / motion.onward)
-    fading = np.diag([1.0, 1.0, fade, fade])
+    fading = np.diag([1.0, 1.0, fade, fade, 1.0])
     fading[0, 2] = fading[1, 3] = motion.onward * (1 - fade)
     return np.where((tracks.misses * dt > motion.early)[:, None, None], fading, F), Q
 
@@ -93,13 +97,14 @@ def predict(tracks: Tracks, dt: float, motion: MotionParameters) -> Tracks:
     return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1)
 
 
-def born(first_tree: int, groups: list[Combination], motion: MotionParameters) -> Tracks:
-    """One new track a combination, at rest with an unknown velocity."""
+def born(first_tree: int, groups: list[Combination], motion: MotionParameters, stature: tuple[float, float]) -> Tracks:
+    """One new track a combination, at rest with an unknown velocity, and as tall as people are; stature: their mean and standard deviation, m."""
     n = len(groups)
-    state, covariance = np.zeros((n, 4)), np.zeros((n, 4, 4))
+    state, covariance = np.zeros((n, 5)), np.zeros((n, 5, 5))
     for k, group in enumerate(groups):
         state[k, :2] = group.point
         covariance[k, :2, :2] = group.covariance
+    state[:, 4], covariance[:, 4, 4] = stature[0], stature[1] ** 2
     covariance[:, 2, 2] = covariance[:, 3, 3] = motion.start_speed**2
     ones = np.ones(n, dtype=np.int64)
     return Tracks(first_tree + np.arange(n), state, covariance, np.zeros(n), ones, 0 * ones, ones)
@@ -154,12 +159,34 @@ def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: Mo
     return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, climb, distance, feet.origin[2] - z, doubt)
 
 
+class Heads(NamedTuple):
+    """The upper edges of a view's boxes as measurements of place and stature together. above (t, d) m: how much taller a box is than the track where
+    the track stands; H (t, d, 3): derivative of that by x, y and stature; noise (t, d) m²: variance of the edge; spread (t, d) m²: of `above`."""
+
+    above: Array
+    H: Array
+    noise: Array
+    spread: Array
+
+
+def heads(tracks: Tracks, look: Sights, feet: Feet, nod: float) -> Heads:
+    """nod m: how far the top of a head strays from the stature over the ground."""
+    H = np.concatenate([-look.climb, np.ones((*look.height.shape, 1))], axis=2)
+    noise = feet.covariance[:, 1, 1] * look.distance[:, None] ** 2 + nod**2
+    spread = np.einsum("tdi,tij,tdj->td", H, tracks.covariance[:, _SEEN][:, :, _SEEN], H) + noise
+    return Heads(look.height - tracks.state[:, 4:], H, noise, spread)
+
+
+_SEEN = [0, 1, 4]
+"""Columns of a state of which boxes tell: place and stature."""
+
+
 def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tracks:
-    """Correct one track by a direction: residual (m,), H (m, 2) by x, y, R (m, m); Kalman's update in Joseph form."""
-    P, full = tracks.covariance[row], np.zeros((len(residual), 4))
-    full[:, :2] = H
+    """Correct one track: residual (m,), H (m, 2) by x, y or (m, 3) by stature, too, R (m, m); Kalman's update in Joseph form."""
+    P, full = tracks.covariance[row], np.zeros((len(residual), 5))
+    full[:, _SEEN[: H.shape[1]]] = H
     K = np.linalg.solve(full @ P @ full.T + R, full @ P).T
-    A = np.eye(4) - K @ full
+    A = np.eye(5) - K @ full
     state, covariance = tracks.state.copy(), tracks.covariance.copy()
     state[row] += K @ residual
     covariance[row] = A @ P @ A.T + K @ R @ K.T

@@ -18,8 +18,8 @@ Person = tuple[int, float, float, float, float, int]
 def tracks(*people: Person) -> Tracks:
     """Rows of tree, x, y m, velocity m/s, and ticks without a box."""
     tree, x, y, vx, vy, misses = (np.array(column) for column in zip(*people, strict=True)) if people else np.zeros((6, 0))
-    state, ids = np.stack([x, y, vx, vy], axis=1).astype(float), tree.astype(np.int64)
-    covariance = np.tile(np.diag([0.03, 0.03, 0.2, 0.2]), (len(ids), 1, 1))
+    state, ids = np.stack([x, y, vx, vy, 1.72 + 0 * x], axis=1).astype(float), tree.astype(np.int64)
+    covariance = np.tile(np.diag([0.03, 0.03, 0.2, 0.2, 0.01]), (len(ids), 1, 1))
     zero: Ints = np.zeros(len(ids), dtype=np.int64)
     return replace(
         Tracks.none(), tree=ids, state=state, covariance=covariance, score=zero + 9.0, hits=zero + 9, misses=misses.astype(np.int64), age=zero + 9

@@ -13,20 +13,22 @@ from tracker.trees import MotionParameters, Tracks, onward, predict, transition
 
 MOTION = MotionParameters(acceleration=0.8)
 PERIOD = 0.2
+FIRST = np.diag([4.0, 4.0, 1.0, 1.0, 0.01])
+"""What is known at first."""
 
 
 def tracks_of(tree: list[int], state: np.ndarray, covariance: np.ndarray, misses: list[int]) -> Tracks:
     n = len(tree)
     ones = np.ones(n, dtype=np.int64)
-    return Tracks(np.array(tree), state.reshape(n, 4), covariance.reshape(n, 4, 4), np.zeros(n), ones, np.array(misses), ones)
+    return Tracks(np.array(tree), state.reshape(n, 5), covariance.reshape(n, 5, 5), np.zeros(n), ones, np.array(misses), ones)
 
 
 def filtered(rng: np.random.Generator, steps: int, unseen: Sequence[int] = ()) -> tuple[list[Tracks], np.ndarray, np.ndarray]:
     """A Kalman filter on places of one walker: its tracks, the measurements (steps, 2), NaN in the steps `unseen`, their covariance."""
     R = 0.09 * np.eye(2)
     x = np.array([0.0, 0.0, 1.0, 0.3])
-    H = np.eye(2, 4)
-    state, P, misses = np.zeros(4), np.diag([4.0, 4.0, 1.0, 1.0]), 0
+    H = np.eye(2, 5)
+    state, P, misses = np.zeros(5), FIRST, 0
     out: list[Tracks] = []
     measured = []
     for k in range(steps):
@@ -57,19 +59,19 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
     first = told[-1]
     assert first is not None
     # The same by least squares over all states at once: prior, motion and measurements.
-    information, vector = np.zeros((4 * steps, 4 * steps)), np.zeros(4 * steps)
-    information[:4, :4] += np.linalg.inv(np.diag([4.0, 4.0, 1.0, 1.0]))
+    information, vector = np.zeros((5 * steps, 5 * steps)), np.zeros(5 * steps)
+    information[:5, :5] += np.linalg.inv(FIRST)
     for k in range(steps):
         if k not in unseen:
-            information[4 * k : 4 * k + 2, 4 * k : 4 * k + 2] += np.linalg.inv(R)
-            vector[4 * k : 4 * k + 2] += np.linalg.solve(R, measured[k])
+            information[5 * k : 5 * k + 2, 5 * k : 5 * k + 2] += np.linalg.inv(R)
+            vector[5 * k : 5 * k + 2] += np.linalg.solve(R, measured[k])
         if k:
             (F,), Q = onward(tracks[k - 1], PERIOD, MOTION)
-            A = np.zeros((4, 4 * steps))
-            A[:, 4 * k - 4 : 4 * k], A[:, 4 * k : 4 * k + 4] = -F, np.eye(4)
+            A = np.zeros((5, 5 * steps))
+            A[:, 5 * k - 5 : 5 * k], A[:, 5 * k : 5 * k + 5] = -F, np.eye(5)
             information += A.T @ np.linalg.solve(Q, A)
-    np.testing.assert_allclose(first.state[0], np.linalg.solve(information, vector)[:4], atol=1e-6)
-    np.testing.assert_allclose(first.covariance[0], np.linalg.inv(information)[:4, :4], atol=1e-6)
+    np.testing.assert_allclose(first.state[0], np.linalg.solve(information, vector)[:5], atol=1e-6)
+    np.testing.assert_allclose(first.covariance[0], np.linalg.inv(information)[:5, :5], atol=1e-6)
 
 
 @pytest.mark.parametrize("delay", [0, 3, 20])
@@ -94,7 +96,7 @@ def test_without_a_delay_nothing_is_changed() -> None:
 
 
 def test_who_is_believed_later_was_there_and_who_is_out_of_sight_but_not_given_up() -> None:
-    state, P = np.zeros((4, 4)), np.tile(np.eye(4), (4, 1, 1))
+    state, P = np.zeros((4, 5)), np.tile(np.eye(5), (4, 1, 1))
     lag = Lag(2, PERIOD, MOTION)
     now = replace(tracks_of([1, 2, 3, 4], state, P, [0, 4, 4, 4]), hits=np.full(4, 40))
     later = predict(tracks_of([1, 2, 3, 4], state, P, [0, 0, 5, 5]), PERIOD, MOTION)
@@ -107,7 +109,7 @@ def test_who_is_believed_later_was_there_and_who_is_out_of_sight_but_not_given_u
 
 
 def test_what_ended_after_a_short_life_is_not_told() -> None:
-    state, P = np.zeros((2, 4)), np.tile(np.eye(4), (2, 1, 1))
+    state, P = np.zeros((2, 5)), np.tile(np.eye(5), (2, 1, 1))
     lag = Lag(1, PERIOD, MOTION)
     now, both = tracks_of([1, 2], state, P, [0, 0]), np.ones(2, dtype=bool)
     now = replace(now, hits=np.array([3, 40]))
@@ -118,14 +120,15 @@ def test_what_ended_after_a_short_life_is_not_told() -> None:
 
 
 def test_who_is_out_of_sight_comes_to_a_halt() -> None:
-    walker = tracks_of([1, 2], np.array([[0.0, 0.0, 1.2, 0.0]] * 2), np.array([0.1 * np.eye(4)] * 2), [0, 0])
+    walker = tracks_of([1, 2], np.array([[0.0, 0.0, 1.2, 0.0, 1.7]] * 2), np.array([0.1 * np.eye(5)] * 2), [0, 0])
     for k in range(40):
         walker = predict(replace(walker, misses=np.array([0, k])), PERIOD, MOTION)
     seen, unseen = walker.state
     np.testing.assert_allclose(seen[0], 40 * PERIOD * 1.2)
     # As seen until `early`, and then on for what a velocity that fades within `onward` still covers.
     np.testing.assert_allclose(unseen[0], (3 * PERIOD + MOTION.onward) * 1.2, atol=0.01)
-    assert np.linalg.norm(unseen[2:]) < 0.01
+    assert np.linalg.norm(unseen[2:4]) < 0.01
+    assert unseen[4] == seen[4] == 1.7
 
 
 def test_a_negative_delay_is_refused() -> None:

@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from tracker.cameras import Panorama
-from tracker.fusion import Feet, FusionParameters, stand
+from tracker.fusion import Combination, Feet, FusionParameters, stand
 from tracker.geometry import Array, Pose, bearing_from_angles
 from tracker.ground import Flat, Grid
 from tracker.measurements import Detections, Mount, Setup, Start
-from tracker.standpoints import Edges, StandpointParameters, Standpoints, standpoints
-from tracker.trees import MotionParameters, Tracks, sights, update
-from tracker.vague import Meeting
+from tracker.standpoints import Edges, Expected, StandpointParameters, Standpoints, standpoints
+from tracker.trees import MotionParameters, Tracks, born, sights, update
+from tracker.vague import Meeting, begun
 
 RULE = StandpointParameters()
 NOISE = 0.003
@@ -134,30 +134,35 @@ def test_under_an_arch_whose_top_is_all_that_the_map_knows_somebody_is_still_pos
 
 def test_what_is_expected_and_what_is_seen_meet_as_two_measurements_do() -> None:
     found = lines(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.arctan([-1.5 / 8.0]), np.arctan([0.22 / 8.0])))
-    density, mean, variance = found.meet(np.zeros(1, dtype=np.int64), np.array([8.6]), np.array([0.25]))
-    _, before, spread = found.meet(np.zeros(1, dtype=np.int64), np.array([8.0]), np.array([1e6]))
-    weight = 0.25 / (0.25 + spread[0])
+
+    def meet(away: float, variance: float) -> tuple[float, Array, Array]:
+        usual = np.array([[away, RULE.stature]]), np.diag([variance, RULE.stature_sigma**2])[None]
+        density, mean, covariance = found.meet(np.zeros(1, dtype=np.int64), Expected(*usual))
+        return float(density[0]), mean[0], covariance[0]
+
+    density, mean, covariance = meet(8.6, 0.25)
+    _, before, spread = meet(8.0, 1e6)
+    weight = 0.25 / (0.25 + spread[0, 0])
     assert mean[0] == pytest.approx(8.6 + weight * (before[0] - 8.6), abs=0.02)
-    assert variance[0] == pytest.approx(0.25 * (1 - weight), rel=0.05)
-    farther, _, _ = found.meet(np.zeros(1, dtype=np.int64), np.array([11.0]), np.array([0.25]))
-    assert farther[0] < 1e-3 * density[0]
+    assert covariance[0, 0] == pytest.approx(0.25 * (1 - weight), rel=0.05)
+    assert meet(11.0, 0.25)[0] < 1e-3 * density
 
 
-def one_box(tops: Grid) -> Feet:
-    """Somebody 8 m ahead on a plane whose things are `tops`, seen from 1.5 m."""
-    low, high = -np.arctan(1.5 / 8.0), np.arctan(0.22 / 8.0)
+def one_box(tops: Grid, edges: tuple[float, float] = (-np.arctan(1.5 / 8.0), np.arctan(0.22 / 8.0)), up: float = 1.5) -> Feet:
+    """Somebody on a plane whose things are `tops`, seen from `up` m: 8 m ahead, or as the elevations of the box's edges are."""
+    low, high = edges
     bearing, extent = bearing_from_angles(np.zeros(1), np.array([(low + high) / 2])), np.array([[0.06, high - low]])
     boxes = Detections(bearing, extent, np.full(1, 0.9), np.tile(NOISE**2 * np.eye(2), (1, 1, 1)), np.zeros((1, 0)))
-    mount = Mount(Panorama(1024, 512), Pose(np.eye(3), np.array([0.0, 0.0, 1.5])), "r")
+    mount = Mount(Panorama(1024, 512), Pose(np.eye(3), np.array([0.0, 0.0, up])), "r")
     setup = Setup({"r": mount}, Flat(), {"r": Start(Pose.identity(), np.zeros((6, 6)))}, 1 / 6, occluders=tops)
     return stand(setup, "r", boxes, (Pose.identity(), np.zeros((6, 6))), FusionParameters())
 
 
-def track(x: float, y: float) -> Tracks:
-    covariance = np.diag([0.4, 0.3, 1.0, 1.0])
+def track(x: float, y: float, stature: float = RULE.stature, sigma: float = RULE.stature_sigma) -> Tracks:
+    covariance = np.diag([0.4, 0.3, 1.0, 1.0, sigma**2])
     covariance[0, 1] = covariance[1, 0] = 0.1
     one: NDArray[np.int64] = np.ones(1, dtype=np.int64)
-    return replace(Tracks.none(), tree=one, state=np.array([[x, y, 0.0, 0.0]]), covariance=covariance[None])
+    return replace(Tracks.none(), tree=one, state=np.array([[x, y, 0.0, 0.0, stature]]), covariance=covariance[None])
 
 
 def test_a_vague_box_corrects_a_track_as_one_that_is_not_where_there_is_but_one_place() -> None:
@@ -192,3 +197,51 @@ def test_who_is_far_from_the_line_of_sight_or_where_nobody_can_be_is_not_met() -
     )
     assert np.isfinite(here)
     assert beside == beyond == behind == -np.inf
+
+
+def behind_a_wall(rng: np.random.Generator, away: float, stature: float) -> Feet | None:
+    """A box of somebody `away` m ahead whose legs a wall hides, as a camera 0.8 m up has it."""
+    tops = np.zeros((201, 201))
+    tops[:, 125:127] = 0.6
+    world, eye = grid(tops), np.array([0.0, 0.0, 0.8])
+    edges = box(grid(np.zeros((201, 201))), world, eye, np.array([away, 0.0, 0.0]), stature)
+    return None if edges is None else one_box(world, (edges[0] + rng.normal(0, NOISE), edges[1] + rng.normal(0, NOISE)), 0.8)
+
+
+def test_of_many_boxes_of_one_person_none_says_anew_how_tall_people_are() -> None:
+    """Somebody stands behind a wall that hides the legs: all that is known of the distance is by the head, and wrong by how tall the person is.
+    However many boxes there are, errors of distance and stature are as large as is said, and go together."""
+    rng, nees, distance, once = np.random.default_rng(7), [], [], []
+    while len(nees) < 150:
+        away, stature = rng.uniform(6.0, 11.0), rng.normal(RULE.stature, RULE.stature_sigma)
+        seen = [feet for _ in range(12) if (feet := behind_a_wall(rng, away, stature)) is not None and feet.vague[0]]
+        if len(seen) < 12 or not RULE.tall[0] < stature < RULE.tall[1]:
+            continue
+        first, motion = seen[0], MotionParameters(start_speed=0.01)
+        group = Combination(((0, 0),), first.point[0, :2], first.spread[0])
+        walker = begun(born(1, [group], motion, (RULE.stature, RULE.stature_sigma)), 0, first, 0)
+        for feet in seen[1:]:
+            walker = Meeting.of(walker, feet, np.zeros(1, dtype=np.int64), np.zeros(2), motion.foot_spread).correct(walker, 0, 0)
+        rows = [0, 4]
+        error, P = walker.state[0, rows] - [away, stature], walker.covariance[0][np.ix_(rows, rows)]
+        nees.append(error @ np.linalg.solve(P, error))
+        distance.append(error[0] / np.sqrt(P[0, 0]))
+        once.append(P[0, 0] / first.spread[0, 0, 0])
+        assert P[0, 1] > 0.5 * np.sqrt(P[0, 0] * P[1, 1])
+    assert 1.0 < np.mean(nees) < 4.0
+    assert np.mean(np.square(distance)) < 1.8
+    assert np.mean(once) > 0.3
+
+
+def test_who_is_known_to_be_tall_stands_farther_away_than_somebody_short_in_the_same_box() -> None:
+    feet = behind_a_wall(np.random.default_rng(1), 8.0, 1.75)
+    assert feet is not None
+    places = []
+    for stature in (1.55, 1.75, 1.95):
+        start = track(8.0, 0.0, stature, 0.03)
+        meeting = Meeting.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros(2), 0.25)
+        places.append((meeting.correct(start, 0, 0).state[0, 0], meeting.density(4.0)[0, 0]))
+    (near, less), (right, most), (far, least) = places
+    assert near < right - 0.2 < right + 0.2 < far
+    assert right == pytest.approx(8.0, abs=0.4)
+    assert most > max(less, least)
