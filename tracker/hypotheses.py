@@ -37,7 +37,9 @@ class Hypotheses:
         self.tracks = Tracks.none()
         self.believed = np.zeros(0, dtype=bool)
         self.evidence = Evidence(setup, parameters)
-        self.reunions = Reunions(parameters.reunion, setup.period, parameters.arrivals)
+        people = parameters.fusion.standpoints
+        self._stature = people.stature, people.stature_sigma
+        self.reunions = Reunions(parameters.reunion, setup.period, parameters.arrivals, self._stature)
         self._next_tree = 1
         self._one: dict[tuple[int, int], float] = {}  # trees near each other → log-likelihood ratio of being one person
         self._owners = Owners()
@@ -215,7 +217,7 @@ class Hypotheses:
         q = self.parameters
         groups = combine(views, free, self.setup.height, q.fusion)
         groups = [g for g in groups if not self._known(g, seen)]
-        new = born(self._next_tree, groups, q.motion, (q.fusion.standpoints.stature, q.fusion.standpoints.stature_sigma))
+        new = born(self._next_tree, groups, q.motion, self._stature)
         for k, group in enumerate(groups):
             new = self._grown(new, k, [(views[v], d) for v, d in group.members])
         seen_by = list(zip(views, cameras, strict=True))

@@ -19,6 +19,10 @@ Mask = NDArray[np.bool_]
 
 UNSEEN = 3
 """Ticks without a box after which a track may be of somebody who is followed anew already."""
+UPRIGHT = 0.02
+"""m, by which people may seem taller or shorter when they come back, for reasons that no filter knows ..."""
+MOST = 4.0
+"""... and log-likelihood ratio that statures count at most."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class ReunionParameters:
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
-    """When and where somebody was seen last: tick; state (4,), place and velocity, and covariance (4, 4) as in Tracks."""
+    """When and where somebody was seen last: tick; state (5,) and covariance (5, 5) as in Tracks."""
 
     tick: int
     state: Array
@@ -43,9 +47,9 @@ class _Sight:
 class Reunions:
     """`person`: tree → the first tree of the same person, of those that are not the first."""
 
-    def __init__(self, parameters: ReunionParameters, period: float, arrivals: float) -> None:
-        """period s of a tick; arrivals: people who appear, a square metre and tick."""
-        self.parameters, self.period, self.arrivals = parameters, period, arrivals
+    def __init__(self, parameters: ReunionParameters, period: float, arrivals: float, stature: tuple[float, float]) -> None:
+        """period s of a tick; arrivals: people who appear, a square metre and tick; stature: mean and standard deviation of all people's, m."""
+        self.parameters, self.period, self.arrivals, self.stature = parameters, period, arrivals, stature
         self.person: dict[int, int] = {}
         self._seen: dict[int, _Sight] = {}
         self._tick = 0
@@ -71,17 +75,32 @@ class Reunions:
                 del self._seen[lost[j]]
                 ended.add(lost[j])
         for k in np.flatnonzero(known & (tracks.misses == 0)):
-            self._seen[int(tracks.tree[k])] = _Sight(self._tick, tracks.state[k, :4], tracks.covariance[k, :4, :4])
+            self._seen[int(tracks.tree[k])] = _Sight(self._tick, tracks.state[k], tracks.covariance[k])
         return ended
 
     def _ratio(self, sight: _Sight, tracks: Tracks, row: int) -> float:
         """log-likelihood ratio of the track in `row` being who was seen last at `sight`, against somebody new."""
         q, gap = self.parameters, (self._tick - sight.tick) * self.period
-        F = np.hstack([np.eye(2), q.onward * (1 - np.exp(-gap / q.onward)) * np.eye(2)])
+        F = np.hstack([np.eye(2), q.onward * (1 - np.exp(-gap / q.onward)) * np.eye(2), np.zeros((2, 1))])
         S = F @ sight.covariance @ F.T + tracks.covariance[row, :2, :2] + q.wander * gap * np.eye(2)
         r = tracks.state[row, :2] - F @ sight.state
         density = -0.5 * (r @ np.linalg.solve(S, r) + np.log((2 * np.pi) ** 2 * np.linalg.det(S)))
-        return float(density + np.log(q.returns / self.arrivals))
+        return float(density + self._as_tall(sight, tracks, row) + np.log(q.returns / self.arrivals))
+
+    def _as_tall(self, sight: _Sight, tracks: Tracks, row: int) -> float:
+        """log-likelihood ratio of what has been seen of the stature of the track in `row`, if it is that of `sight`, against anybody's."""
+        usual, variance = self.stature[0], self.stature[1] ** 2
+        mean, spread = tracks.state[row, 4], tracks.covariance[row, 4, 4]
+        if spread > 0.9 * variance:
+            return 0.0
+        # Without what was assumed at first, the same for all.
+        noise = 1 / (1 / spread - 1 / variance)
+        seen = noise * (mean / spread - usual / variance)
+        same, other = (
+            -0.5 * ((seen - m) ** 2 / (noise + v) + np.log(noise + v))
+            for m, v in ((sight.state[4], sight.covariance[4, 4] + UPRIGHT**2), (usual, variance))
+        )
+        return float(np.clip(same - other, -MOST, MOST))
 
     def renamed(self, people: Tracks) -> Tracks:
         """`people` with the first tree of each person; where two are one person the later."""

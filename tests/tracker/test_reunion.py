@@ -11,7 +11,7 @@ from tracker.measurements import Ints
 from tracker.reunion import ReunionParameters, Reunions
 from tracker.trees import Tracks
 
-PERIOD, ARRIVALS = 1 / 6, 2e-4
+PERIOD, ARRIVALS, STATURE = 1 / 6, 2e-4, (1.72, 0.12)
 Person = tuple[int, float, float, float, float, int]
 
 
@@ -28,7 +28,7 @@ def tracks(*people: Person) -> Tracks:
 
 def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None) -> Reunions:
     """`start` are followed, nobody is seen for `gap` ticks, then those in `back` are new."""
-    reunions, people = Reunions(ReunionParameters(), PERIOD, ARRIVALS), tracks(*start)
+    reunions, people = Reunions(ReunionParameters(), PERIOD, ARRIVALS, STATURE), tracks(*start)
     known = np.ones(len(people), dtype=bool)
     reunions.step(people, known, known, set())
     for tick in range(gap):
@@ -56,7 +56,7 @@ def test_of_two_who_are_lost_each_finds_himself_and_nobody_is_two() -> None:
 
 
 def test_who_is_still_seen_is_nobody_else() -> None:
-    reunions = Reunions(ReunionParameters(), PERIOD, ARRIVALS)
+    reunions = Reunions(ReunionParameters(), PERIOD, ARRIVALS, STATURE)
     one, both = tracks((1, 0.0, 0.0, 0.0, 0.0, 0)), tracks((1, 0.0, 0.0, 0.0, 0.0, 0), (2, 5.0, 5.0, 0.0, 0.0, 0))
     reunions.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set())
     assert reunions.step(both, np.ones(2, dtype=bool), np.array([False, True]), set()) == set()
@@ -75,3 +75,17 @@ def test_a_name_goes_on_through_many_reunions() -> None:
         reunions.step(tracks(), known[:0], known[:0], set())
     reunions.step(tracks((9, 2.2, 0.0, 1.0, 0.0, 0)), known, known, set())
     assert reunions.person == {5: 1, 9: 1}
+
+
+def test_of_two_who_were_lost_together_each_is_known_by_the_stature() -> None:
+    """They come back in each other's places, and where it is not known how tall they are each is taken for the other."""
+    for sigma, known in ((0.03, True), (0.12, False)):
+        start, back = (tracks((a, 0.0, 0.0, 0.0, 0.0, 0), (b, 0.8, 0.0, 0.0, 0.0, 0)) for a, b in ((1, 2), (7, 8)))
+        for people, tall in ((start, (1.58, 1.88)), (back, (1.87, 1.57))):
+            people.state[:, 4], people.covariance[:, 4, 4] = tall, sigma**2
+        reunions, all_of_them = Reunions(ReunionParameters(), PERIOD, ARRIVALS, STATURE), np.ones(2, dtype=bool)
+        reunions.step(start, all_of_them, all_of_them, set())
+        for _ in range(9):
+            reunions.step(tracks(), all_of_them[:0], all_of_them[:0], set())
+        reunions.step(back, all_of_them, all_of_them, set())
+        assert reunions.person == ({7: 2, 8: 1} if known else {7: 1, 8: 2})
