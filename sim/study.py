@@ -22,6 +22,7 @@ from tracker import crowds
 from tracker.atomic import new_file
 from tracker.clearmot import score
 from tracker.comparison import Frame
+from tracker.films import filmed
 from tracker.measurements import Setup, Tick
 from tracker.pipeline import Parameters, track
 from tracker.selection import MultipleParameters
@@ -37,6 +38,7 @@ class Keyed(Protocol):
 
 
 Row = TypeVar("Row", bound=Keyed)
+PETS_VIEWS = (1, 5, 7)
 K_H = (1, 5, 10, 15, 20, 25, 30)
 I_BLS_MAX = (500, 1000, 2000)
 PEOPLE = 30
@@ -76,9 +78,18 @@ class Cell:
         return self.data, self.k_h, self.i_bls_max, self.repetition
 
 
+def check(folder: Path, videos: bool) -> None:
+    """Raises ValueError where a PETS 2009 folder has no truth, or none of the videos that are wanted."""
+    sequence = open_source(folder, PETS_VIEWS)
+    if sequence.truth is None:
+        raise ValueError(f"{folder}: no annotations/*-cropped.xml")
+    if videos:
+        filmed(sequence, folder)
+
+
 def pets(folder: Path, frames: int, degrade: str = "") -> Material:
     """The first frames of a PETS 2009 folder, views 1, 5 and 7, their detections made worse. Raises ValueError where there is no truth."""
-    sequence = open_source(folder, [1, 5, 7], Choice.parse([], degrade, 0))
+    sequence = open_source(folder, PETS_VIEWS, Choice.parse([], degrade, 0))
     truth = sequence.truth
     if truth is None:
         raise ValueError(f"{folder}: no annotations/*-cropped.xml")

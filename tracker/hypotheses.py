@@ -19,7 +19,7 @@ from tracker.evidence import Evidence, TargetParameters
 from tracker.fusion import Combination, Feet, combine
 from tracker.geometry import Array, Pose
 from tracker.measurements import Ints, Setup
-from tracker.reunion import Reunions
+from tracker.reunion import Reunions, Strangers
 from tracker.smoothing import Lag
 from tracker.tracklets import Owners
 from tracker.trees import Heads, Sights, Tracks, born, heads, predict, sights, update
@@ -39,7 +39,7 @@ class Hypotheses:
         self.evidence = Evidence(setup, parameters)
         people = parameters.fusion.standpoints
         self._stature = people.stature, people.stature_sigma
-        self.reunions = Reunions(parameters.reunion, setup.period, parameters.arrivals, self._stature)
+        self.reunions = Reunions(parameters.reunion, parameters.motion, setup.period, Strangers(parameters.arrivals, *self._stature))
         self._next_tree = 1
         self._one: dict[tuple[int, int], float] = {}  # trees near each other → log-likelihood ratio of being one person
         self._owners = Owners()

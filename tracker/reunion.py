@@ -7,13 +7,14 @@ and time tell whose it is: people go on for a while as they went, and then anywh
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array
-from tracker.trees import Tracks
+from tracker.trees import MotionParameters, Tracks, halting
 
 Mask = NDArray[np.bool_]
 
@@ -31,8 +32,15 @@ class ReunionParameters:
 
     memory: float = 8.0  # s, for how long somebody is looked for
     returns: float = 0.2  # chance that who was lost comes back at a tick, and is followed again
-    onward: float = 1.0  # s, people forget within this where they were going ...
-    wander: float = 0.6  # m²/s, and are anywhere else: how fast the variance of a place grows, an axis
+    wander: float = 0.6  # m²/s, how fast the variance of a place grows, an axis
+
+
+class Strangers(NamedTuple):
+    """arrivals: people who appear, a square metre and tick; mean and standard deviation of how tall they are, m."""
+
+    arrivals: float
+    stature: float
+    stature_sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +55,9 @@ class _Sight:
 class Reunions:
     """`person`: tree → the first tree of the same person, of those that are not the first."""
 
-    def __init__(self, parameters: ReunionParameters, period: float, arrivals: float, stature: tuple[float, float]) -> None:
-        """period s of a tick; arrivals: people who appear, a square metre and tick; stature: mean and standard deviation of all people's, m."""
-        self.parameters, self.period, self.arrivals, self.stature = parameters, period, arrivals, stature
+    def __init__(self, parameters: ReunionParameters, motion: MotionParameters, period: float, strangers: Strangers) -> None:
+        """period s of a tick."""
+        self.parameters, self.motion, self.period, self.strangers = parameters, motion, period, strangers
         self.person: dict[int, int] = {}
         self._seen: dict[int, _Sight] = {}
         self._tick = 0
@@ -81,15 +89,15 @@ class Reunions:
     def _ratio(self, sight: _Sight, tracks: Tracks, row: int) -> float:
         """log-likelihood ratio of the track in `row` being who was seen last at `sight`, against somebody new."""
         q, gap = self.parameters, (self._tick - sight.tick) * self.period
-        F = np.hstack([np.eye(2), q.onward * (1 - np.exp(-gap / q.onward)) * np.eye(2), np.zeros((2, 1))])
+        F = np.hstack([np.eye(2), halting(gap, self.motion) * np.eye(2), np.zeros((2, 1))])
         S = F @ sight.covariance @ F.T + tracks.covariance[row, :2, :2] + q.wander * gap * np.eye(2)
         r = tracks.state[row, :2] - F @ sight.state
         density = -0.5 * (r @ np.linalg.solve(S, r) + np.log((2 * np.pi) ** 2 * np.linalg.det(S)))
-        return float(density + self._as_tall(sight, tracks, row) + np.log(q.returns / self.arrivals))
+        return float(density + self._as_tall(sight, tracks, row) + np.log(q.returns / self.strangers.arrivals))
 
     def _as_tall(self, sight: _Sight, tracks: Tracks, row: int) -> float:
         """log-likelihood ratio of what has been seen of the stature of the track in `row`, if it is that of `sight`, against anybody's."""
-        usual, variance = self.stature[0], self.stature[1] ** 2
+        usual, variance = self.strangers.stature, self.strangers.stature_sigma**2
         mean, spread = tracks.state[row, 4], tracks.covariance[row, 4, 4]
         if spread > 0.9 * variance:
             return 0.0

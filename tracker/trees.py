@@ -86,8 +86,13 @@ def onward(tracks: Tracks, dt: float, motion: MotionParameters) -> tuple[Array, 
     Q[4, 4] = motion.posture**2 * dt
     fade = np.exp(-dt / motion.onward)
     fading = np.diag([1.0, 1.0, fade, fade, 1.0])
-    fading[0, 2] = fading[1, 3] = motion.onward * (1 - fade)
+    fading[0, 2] = fading[1, 3] = halting(dt, motion)
     return np.where((tracks.misses * dt > motion.early)[:, None, None], fading, F), Q
+
+
+def halting(gap: float, motion: MotionParameters) -> float:
+    """s for which people would have to go on as they went to come as far as they do in `gap` s, while they forget where they were going."""
+    return motion.onward * (1 - float(np.exp(-gap / motion.onward)))
 
 
 def predict(tracks: Tracks, dt: float, motion: MotionParameters) -> Tracks:

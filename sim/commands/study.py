@@ -50,7 +50,7 @@ class Study:
                 raise ValueError(f"--{name} is {getattr(self, name)}, needs at least 1")
         if self.pets is not None:
             # What is wrong with the folder is said before anything is begun.
-            study_images.check(self.pets, self.name == "images")
+            study.check(self.pets, self.name == "images")
         self.out.mkdir(parents=True, exist_ok=True)
         people = study_images.CROWD.people if self.name == "images" else study.PEOPLE
         asked, note = f"frames {self.frames}, searches as they are, {people} people\n", self.out / "frames.txt"

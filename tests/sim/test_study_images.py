@@ -28,6 +28,8 @@ def test_words_and_differences() -> None:
     assert lines[2].split() == ["no", "images", "0.9050", "0.8000", "0.5", "1.0"]
     assert lines[3].endswith("2, 0; 0, 2")
     assert study_images.summary(cells(0.0)).count("0, 0; 0, 0") == len(SETTINGS) - 1
+    # One that was cut off does not count.
+    assert study_images.summary(cells(0.02)[:-1]).splitlines()[2].split() == ["no", "images", "0.9000", "0.8000", "0.0", "1.0"]
     # A repetition that was not run without images is compared with nothing.
     assert study_images.differences(cells(0.02)[2:], "the paper's").shape == (0, 2)
 
