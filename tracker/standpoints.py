@@ -26,6 +26,8 @@ NEAREST, FARTHEST, PLACES = 1.0, 60.0, 272
 """The distances that are looked at: from, to (m) and how many, each a share farther than the last."""
 FINER = 3
 """What rises before somebody is looked for at so many places for each of those, so that thin walls are not stepped over."""
+LEAST = 1e-3
+"""m, standard deviation of a distance, at least."""
 MARGIN = 0.3
 """m, what stands nearer than this before somebody hides nothing: places and maps have errors."""
 
@@ -114,6 +116,8 @@ class Standpoints:
         apart = np.stack([self.far - mean[:, :1], after - mean[:, 1:]], axis=1)
         covariance = np.einsum("mk,mik,mjk->mij", share, apart, apart)
         covariance[:, 1, 1] += (share * (1 - gain) * spread).sum(axis=1)
+        # Where but one of the places is left.
+        covariance[:, 0, 0] = np.maximum(covariance[:, 0, 0], LEAST**2)
         return density, mean, covariance
 
 

@@ -1,4 +1,4 @@
-"""Tracks of people on the ground: constant velocity, seen as directions by any number of views.
+"""Tracks of people on the ground: constant velocity, seen as directions by any number of views, and how tall each is.
 
 All live tracks are held in arrays, one row a track, so that a crowd costs a few numpy calls. `predict`, `sights` and `update`
 return new values; nothing is changed in place.
