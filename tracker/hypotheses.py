@@ -91,7 +91,7 @@ class Hypotheses:
         offset, _ = self.evidence.offset(feet.camera)
         look = sights(self.tracks, feet, offset, self.setup.ground, q.motion)
         tops = heads(self.tracks, look, feet, q.fusion.standpoints.nod)
-        gain, upright = self._gain(look, tops, feet)
+        (gain, upright), fit = self._gain(look, tops, feet), tops.fit(q.gate)
         vague = Meeting.of(self.tracks, feet, np.flatnonzero(feet.vague), offset, q.motion.foot_spread)
         if len(vague.box):
             gain[:, vague.box] = self.evidence.certain(feet)[vague.box] + vague.density(q.gate)
@@ -117,7 +117,7 @@ class Hypotheses:
                 H, r, R = H[:1], r[:1], R[:1, :1]
             elif self.believed[t]:
                 self.evidence.learn_offset(feet.camera, r, H, R + H @ self.tracks.covariance[t, :2, :2] @ H.T)
-            if (feet.lines is not None or (not upright[t, d] and feet.cut[d])) and tops.above[t, d] ** 2 < q.gate**2 * tops.spread[t, d]:
+            if (feet.lines is not None or (not upright[t, d] and feet.cut[d])) and fit[t, d]:
                 # The head tells how far somebody is, too, as well as it is known how tall.
                 H, r = np.vstack([np.column_stack([H, np.zeros(len(H))]), tops.H[t, d]]), np.append(r, tops.above[t, d])
                 R = block_diag(R, tops.noise[t, d])
@@ -233,10 +233,10 @@ class Hypotheses:
         q = self.parameters
         clear = [(feet, d) for feet, d in boxes if feet.lines is not None and not feet.vague[d] and not feet.cut[d]]
         for feet, d in clear:
-            one, box = new.select(np.array([k])), feet.select(np.arange(len(feet)) == d)
-            tops = heads(one, sights(one, box, self.evidence.offset(feet.camera)[0], self.setup.ground, q.motion), box, q.fusion.standpoints.nod)
-            if tops.above[0, 0] ** 2 < q.gate**2 * tops.spread[0, 0]:
-                new = update(new, k, tops.above[0], tops.H[0], tops.noise)
+            one = new.select(np.array([k]))
+            tops = heads(one, sights(one, feet, self.evidence.offset(feet.camera)[0], self.setup.ground, q.motion), feet, q.fusion.standpoints.nod)
+            if tops.fit(q.gate)[0, d]:
+                new = update(new, k, tops.above[0, d, None], tops.H[0, d, None], tops.noise[:, d, None])
         return new if clear or not boxes[0][0].vague[boxes[0][1]] else begun(new, k, *boxes[0])
 
     def _known(self, group: Combination, seen: Mask) -> bool:

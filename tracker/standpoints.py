@@ -87,38 +87,47 @@ class Standpoints:
         """Of the boxes in `rows` (n,)."""
         return replace(self, **{name: getattr(self, name)[rows] for name in ("edge", "height", "error", "mean", "sigma", "hidden", "possible")})
 
-    def meet(self, rows: NDArray[np.int64], expected: Expected) -> tuple[Array, Array, Array]:
-        """Boxes `rows` (m,) of people as they are expected: density of each, a radian, times how usual its upper edge is beside the most usual of all
-        people's; and mean (m, 2) and covariance (m, 2, 2) of distance and stature afterwards.
+    def density(self, rows: NDArray[np.int64], expected: Expected) -> Array:
+        """Of boxes `rows` (m,) of people as they are expected, a radian, times how usual the upper edge is beside the most usual of all people's."""
+        return _normal(self._weigh(rows, *self._prior(expected))[0], self.step)[0]
+
+    def meet(self, rows: NDArray[np.int64], expected: Expected) -> tuple[Array, Array]:
+        """Boxes `rows` (m,) of people as they are expected: mean (m, 2) and covariance (m, 2, 2) of distance and stature afterwards.
 
         Nothing is known better than the places lie apart. Where the density is 0 so are mean and covariance.
         """
+        return self._moments(rows, *self._prior(expected))
+
+    def start(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+        """The same where nothing is known but the boxes."""
+        q, anywhere = self.parameters, np.ones((len(rows), len(self.far)))
+        return self._moments(rows, anywhere, np.full(anywhere.shape, q.stature), np.full(anywhere.shape, q.stature_sigma**2))
+
+    def _prior(self, expected: Expected) -> tuple[Array, Array, Array]:
+        """Density (m, k) of the distances, and mean (m, k) m and variance (m, k) m² of the stature at each."""
         P, (away, stature) = expected.covariance[..., None], expected.mean.T[..., None]
         variance = np.maximum(P[:, 0, 0], np.interp(away, self.far, self.step) ** 2)
         taller = P[:, 0, 1] / variance
-        return self._moments(rows, _bell(self.far - away, variance), stature + taller * (self.far - away), P[:, 1, 1] - taller * P[:, 0, 1])
+        return _bell(self.far - away, variance), stature + taller * (self.far - away), P[:, 1, 1] - taller * P[:, 0, 1]
 
-    def start(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Mean (m, 2) and covariance (m, 2, 2) of distance and stature where nothing is known but the boxes `rows` (m,)."""
-        q, anywhere = self.parameters, np.ones((len(rows), len(self.far)))
-        _, mean, covariance = self._moments(rows, anywhere, np.full(anywhere.shape, q.stature), np.full(anywhere.shape, q.stature_sigma**2))
-        return mean, covariance
+    def _weigh(self, rows: NDArray[np.int64], prior: Array, stature: Array, spread: Array) -> tuple[Array, Array]:
+        """What is as `_prior` has it, with the boxes: density (m, k), and the gain (m, k) by which their heights correct the stature."""
+        height, total = self.height[rows], spread + self.error[rows] ** 2
+        usual, tall = _fitting(height - stature, total, height, self.parameters)
+        return prior * self.edge[rows] * tall, usual / np.maximum(tall, 1e-300) * spread / total
 
-    def _moments(self, rows: NDArray[np.int64], prior: Array, stature: Array, spread: Array) -> tuple[Array, Array, Array]:
-        """As `meet`; prior (m, k) of the distances, mean stature (m, k) m and variance spread (m, k) m² of the stature at each."""
-        q, height, error = self.parameters, self.height[rows], self.error[rows]
-        total = spread + error**2
-        usual, tall = _fitting(height - stature, total, height, q)
-        gain = usual / np.maximum(tall, 1e-300) * spread / total
-        density, share = _normal(prior * self.edge[rows] * tall, self.step)
-        after = stature + gain * (height - stature)
+    def _moments(self, rows: NDArray[np.int64], prior: Array, stature: Array, spread: Array) -> tuple[Array, Array]:
+        """As `meet`, of what is as `_prior` has it."""
+        weight, gain = self._weigh(rows, prior, stature, spread)
+        _, share = _normal(weight, self.step)
+        after = stature + gain * (self.height[rows] - stature)
         mean = np.stack([share @ self.far, (share * after).sum(axis=1)], axis=1)
         apart = np.stack([self.far - mean[:, :1], after - mean[:, 1:]], axis=1)
         covariance = np.einsum("mk,mik,mjk->mij", share, apart, apart)
         covariance[:, 1, 1] += (share * (1 - gain) * spread).sum(axis=1)
         # Where but one of the places is left.
         covariance[:, 0, 0] = np.maximum(covariance[:, 0, 0], LEAST**2)
-        return density, mean, covariance
+        return mean, covariance
 
 
 def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, soles: tuple[float, float], q: StandpointParameters) -> Standpoints:

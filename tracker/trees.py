@@ -68,6 +68,8 @@ class Tracks:
 
 
 _COLUMNS = tuple(Tracks.__dataclass_fields__)
+_SEEN = [0, 1, 4]
+"""Columns of a state of which boxes tell: place and stature."""
 
 
 def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:
@@ -173,6 +175,10 @@ class Heads(NamedTuple):
     noise: Array
     spread: Array
 
+    def fit(self, gate: float) -> Mask:
+        """Which (t, d) are within `gate` standard deviations."""
+        return np.asarray(self.above**2 < gate**2 * self.spread)
+
 
 def heads(tracks: Tracks, look: Sights, feet: Feet, nod: float) -> Heads:
     """nod m: how far the top of a head strays from the stature over the ground."""
@@ -180,10 +186,6 @@ def heads(tracks: Tracks, look: Sights, feet: Feet, nod: float) -> Heads:
     noise = feet.covariance[:, 1, 1] * look.distance[:, None] ** 2 + nod**2
     spread = np.einsum("tdi,tij,tdj->td", H, tracks.covariance[:, _SEEN][:, :, _SEEN], H) + noise
     return Heads(look.height - tracks.state[:, 4:], H, noise, spread)
-
-
-_SEEN = [0, 1, 4]
-"""Columns of a state of which boxes tell: place and stature."""
 
 
 def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tracks:

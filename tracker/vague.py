@@ -41,7 +41,7 @@ class Meeting:
     @staticmethod
     def of(tracks: Tracks, feet: Feet, box: Ints, offset: Array, foot_spread: float) -> Meeting:
         """offset (2,) m: the view's own error on the ground."""
-        along = feet.direction[box, :2] / np.hypot(*feet.direction[box, :2].T)[:, None]
+        along = _over_the_plane(feet, box)
         across = np.stack([-along[:, 1], along[:, 0]], axis=1)
         place, P = tracks.state[:, :2] + offset - feet.origin[:2], tracks.covariance
         away, aside = place @ along.T, place @ across.T
@@ -59,7 +59,7 @@ class Meeting:
         assert self.feet.lines is not None
         out = np.full(self.away.shape, -np.inf)
         t, d = np.nonzero((self.aside**2 < gate**2 * self.variance) & (self.away > NEAREST / 2))
-        along, _, _ = self.feet.lines.meet(self.box[d], Expected(self.mean[t, d], self.covariance[t, d]))
+        along = self.feet.lines.density(self.box[d], Expected(self.mean[t, d], self.covariance[t, d]))
         variance, away = self.variance[t, d], self.away[t, d]
         across = np.log(away) - 0.5 * (self.aside[t, d] ** 2 / variance + np.log(2 * np.pi * variance))
         out[t, d] = np.where(along > FAINT, across + np.log(np.maximum(along, FAINT)), -np.inf)
@@ -71,7 +71,7 @@ class Meeting:
         w, A = self.across[d], _along_and_tall(self.along[d, None])[0]
         tracks = update(tracks, t, -self.aside[t, d, None], w[None], np.array([[self.variance[t, d] - w @ tracks.covariance[t, :2, :2] @ w]]))
         before = self.mean[t, d], self.covariance[t, d]
-        _, mean, covariance = self.feet.lines.meet(self.box[d, None], Expected(before[0][None], before[1][None]))
+        mean, covariance = self.feet.lines.meet(self.box[d, None], Expected(before[0][None], before[1][None]))
         # What place and stature now are, all else follows as far as it is known to go with them.
         P = tracks.covariance[t]
         G = np.linalg.solve(before[1], A @ P).T
@@ -84,8 +84,8 @@ class Meeting:
 def begun(tracks: Tracks, t: int, feet: Feet, d: int) -> Tracks:
     """Track `t`, which starts from the vague box `d` of a view, with the stature that goes with each place."""
     assert feet.lines is not None
-    u = feet.direction[d, :2] / np.hypot(*feet.direction[d, :2])
-    (mean,), (P,) = feet.lines.start(np.array([d]))
+    box = np.array([d])
+    (u,), (mean,), (P,) = _over_the_plane(feet, box), *feet.lines.start(box)
     taller = P[0, 1] / P[0, 0]
     state, covariance = tracks.state.copy(), tracks.covariance.copy()
     place = covariance[t, :2, :2]
@@ -93,6 +93,11 @@ def begun(tracks: Tracks, t: int, feet: Feet, d: int) -> Tracks:
     covariance[t, :2, 4] = covariance[t, 4, :2] = taller * place @ u
     covariance[t, 4, 4] = P[1, 1] - taller * P[0, 1] + taller**2 * u @ place @ u
     return replace(tracks, state=state, covariance=covariance)
+
+
+def _over_the_plane(feet: Feet, box: Ints) -> Array:
+    """(d, 2): unit vectors of lines of sight as seen from above."""
+    return np.asarray(feet.direction[box, :2] / np.hypot(*feet.direction[box, :2].T)[:, None])
 
 
 def _along_and_tall(along: Array) -> Array:

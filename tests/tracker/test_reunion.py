@@ -26,9 +26,13 @@ def tracks(*people: Person) -> Tracks:
     )
 
 
+def nobody_lost() -> Reunions:
+    return Reunions(ReunionParameters(), MotionParameters(), PERIOD, Strangers(2e-4, 1.72, 0.12))
+
+
 def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None) -> Reunions:
     """`start` are followed, nobody is seen for `gap` ticks, then those in `back` are new."""
-    reunions, people = Reunions(ReunionParameters(), MotionParameters(), PERIOD, Strangers(2e-4, 1.72, 0.12)), tracks(*start)
+    reunions, people = nobody_lost(), tracks(*start)
     known = np.ones(len(people), dtype=bool)
     reunions.step(people, known, known, set())
     for tick in range(gap):
@@ -56,7 +60,7 @@ def test_of_two_who_are_lost_each_finds_himself_and_nobody_is_two() -> None:
 
 
 def test_who_is_still_seen_is_nobody_else() -> None:
-    reunions = Reunions(ReunionParameters(), MotionParameters(), PERIOD, Strangers(2e-4, 1.72, 0.12))
+    reunions = nobody_lost()
     one, both = tracks((1, 0.0, 0.0, 0.0, 0.0, 0)), tracks((1, 0.0, 0.0, 0.0, 0.0, 0), (2, 5.0, 5.0, 0.0, 0.0, 0))
     reunions.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set())
     assert reunions.step(both, np.ones(2, dtype=bool), np.array([False, True]), set()) == set()
@@ -83,7 +87,7 @@ def test_of_two_who_were_lost_together_each_is_known_by_the_stature() -> None:
         start, back = (tracks((a, 0.0, 0.0, 0.0, 0.0, 0), (b, 0.8, 0.0, 0.0, 0.0, 0)) for a, b in ((1, 2), (7, 8)))
         for people, tall in ((start, (1.58, 1.88)), (back, (1.87, 1.57))):
             people.state[:, 4], people.covariance[:, 4, 4] = tall, sigma**2
-        reunions, all_of_them = Reunions(ReunionParameters(), MotionParameters(), PERIOD, Strangers(2e-4, 1.72, 0.12)), np.ones(2, dtype=bool)
+        reunions, all_of_them = nobody_lost(), np.ones(2, dtype=bool)
         reunions.step(start, all_of_them, all_of_them, set())
         for _ in range(9):
             reunions.step(tracks(), all_of_them[:0], all_of_them[:0], set())

@@ -136,9 +136,10 @@ def test_what_is_expected_and_what_is_seen_meet_as_two_measurements_do() -> None
     found = lines(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.arctan([-1.5 / 8.0]), np.arctan([0.22 / 8.0])))
 
     def meet(away: float, variance: float) -> tuple[float, Array, Array]:
-        usual = np.array([[away, RULE.stature]]), np.diag([variance, RULE.stature_sigma**2])[None]
-        density, mean, covariance = found.meet(np.zeros(1, dtype=np.int64), Expected(*usual))
-        return float(density[0]), mean[0], covariance[0]
+        usual = Expected(np.array([[away, RULE.stature]]), np.diag([variance, RULE.stature_sigma**2])[None])
+        box = np.zeros(1, dtype=np.int64)
+        (mean,), (covariance,) = found.meet(box, usual)
+        return float(found.density(box, usual)[0]), mean, covariance
 
     density, mean, covariance = meet(8.6, 0.25)
     _, before, spread = meet(8.0, 1e6)
