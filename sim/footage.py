@@ -20,9 +20,8 @@ from tracker.cameras import Camera, Panorama
 from tracker.geometry import Array, angles_from_bearing, wrap
 from tracker.measurements import Detections, Ints, Setup, Tick, Truth
 from tracker.sequence import TicksInMemory
-from tracker.sources import PETS_AREA, open_source
+from tracker.sources import PETS_AREA, PETS_VIEWS, open_source
 
-PETS_VIEWS = (1, 5, 7)
 STRAY = np.radians(1.5)
 """rad an edge beyond which a detection is nobody's, beside four standard deviations."""
 

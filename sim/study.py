@@ -19,14 +19,15 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from tracker import crowds
+from tracker import sequence as tracker_sequence
 from tracker.atomic import new_file
 from tracker.clearmot import score
 from tracker.comparison import Frame
 from tracker.films import filmed
-from tracker.measurements import Setup, Tick
+from tracker.measurements import Setup, Tick, Truth
 from tracker.pipeline import Parameters, track
 from tracker.selection import MultipleParameters
-from tracker.sources import Choice, open_source
+from tracker.sources import PETS_VIEWS, Choice, open_source
 
 
 class Keyed(Protocol):
@@ -38,7 +39,6 @@ class Keyed(Protocol):
 
 
 Row = TypeVar("Row", bound=Keyed)
-PETS_VIEWS = (1, 5, 7)
 K_H = (1, 5, 10, 15, 20, 25, 30)
 I_BLS_MAX = (500, 1000, 2000)
 PEOPLE = 30
@@ -80,19 +80,22 @@ class Cell:
 
 def check(folder: Path, videos: bool) -> None:
     """Raises ValueError where a PETS 2009 folder has no truth, or none of the videos that are wanted."""
-    sequence = open_source(folder, PETS_VIEWS)
-    if sequence.truth is None:
-        raise ValueError(f"{folder}: no annotations/*-cropped.xml")
+    sequence, _ = _known(folder)
     if videos:
         filmed(sequence, folder)
 
 
+def _known(folder: Path, degrade: str = "") -> tuple[tracker_sequence.Sequence, tuple[Truth, ...]]:
+    """A PETS 2009 folder, its detections made worse, and its truth. Raises ValueError where there is none."""
+    sequence = open_source(folder, PETS_VIEWS, Choice.parse([], degrade, 0))
+    if sequence.truth is None:
+        raise ValueError(f"{folder}: no annotations/*-cropped.xml")
+    return sequence, sequence.truth
+
+
 def pets(folder: Path, frames: int, degrade: str = "") -> Material:
     """The first frames of a PETS 2009 folder, views 1, 5 and 7, their detections made worse. Raises ValueError where there is no truth."""
-    sequence = open_source(folder, PETS_VIEWS, Choice.parse([], degrade, 0))
-    truth = sequence.truth
-    if truth is None:
-        raise ValueError(f"{folder}: no annotations/*-cropped.xml")
+    sequence, truth = _known(folder, degrade)
     ticks = tuple(itertools.islice(iter(sequence.ticks), min(frames, len(truth))))
 
     def paired(said: list[tuple[np.ndarray, np.ndarray]]) -> list[Frame]:

@@ -26,7 +26,7 @@ from tracker.films import filmed
 from tracker.geometry import Array
 from tracker.pipeline import Parameters, track
 from tracker.sequence import Sequence, read_sequence
-from tracker.sources import Choice, open_source
+from tracker.sources import PETS_VIEWS, Choice, open_source
 from tracker.tracklets import TrackletParameters
 
 PAPER = TrackletParameters()
@@ -39,7 +39,7 @@ SETTINGS: dict[str, TrackletParameters | None] = {
     "ω = 0.1": replace(PAPER, omega=0.1),
     "ω = 0.6": replace(PAPER, omega=0.6),
 }
-VIEWS = (1,), (1, 5, 7)
+VIEWS = (1,), PETS_VIEWS
 DROPPED = "drop=0.5"
 """What is also done to the detections of PETS 2009."""
 CROWD = Scenario(robots=2, people=20, width=768)
@@ -138,7 +138,8 @@ def _of(cells: list[Cell], name: str) -> list[Cell]:
     """Those of a material, of repetitions that were run with all settings: what was cut off in between compares with nothing."""
     mine = [c for c in cells if c.data == name]
     often = Counter(c.repetition for c in mine)
-    return [c for c in mine if often[c.repetition] == max(often.values())]
+    whole = max(often.values(), default=0)
+    return [c for c in mine if often[c.repetition] == whole]
 
 
 def summary(cells: list[Cell]) -> str:

@@ -21,6 +21,8 @@ from tracker.measurements import Detections, Mount, Setup, Start, Tick, Truth, V
 from tracker.sequence import Sequence, TicksInMemory, read_sequence
 
 PETS_AREA, PETS_RATE = AREA, RATE
+PETS_VIEWS = (1, 5, 7)
+"""Of the views of S2.L1, those that are used where nothing is said."""
 MAX_FRAMES = 1_000_000
 FOOT_PIXELS = 2.0  # px, error of a box's edge ...
 FOOT_SHARE = 0.02  # ... and as a share of its height
