@@ -33,7 +33,7 @@ class FusionParameters:
     edge: float = 0.012  # rad, what begins this near under the lower edge may hide the feet
     covered: float = 0.3  # share of a lower edge that nearer boxes lie over, from which these may hide the feet
     lying: tuple[float, float, float] = (0.03, 0.6, 0.6)  # how often boxes end above the feet: nothing, people, the image's edge before them ...
-    lying_known: tuple[float, float] = (0.03, 0.1)  # ... and where the world is known, for no reason or as people stand before them
+    lying_known: tuple[float, float] = (0.05, 0.15)  # ... and where the world is known, for no reason or as people stand before them
     doubtful: float = 0.3  # boxes that end above the feet more often start nobody ...
     near: float = 0.5  # m, and those with something before them only where the place is so sure (standard deviation)
     standpoints: StandpointParameters = field(default_factory=StandpointParameters)
@@ -108,9 +108,9 @@ def stand(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, A
     if setup.occluders is None or not len(feet):
         return feet
     lying = np.array(parameters.lying_known)[covered + 0]
-    edges = Edges(azimuth, elevation - half, elevation + half, covariance[:, 1, 1], lying)
-    soles = parameters.foot_spread, parameters.ahead
-    return _in_the_world(feet, setup, standpoints((setup.ground, setup.occluders), origin, edges, soles, parameters.standpoints), azimuth, parameters)
+    edges = Edges(azimuth, detections.extent[:, 0] / 2, elevation - half, elevation + half, covariance[:, 1, 1], lying)
+    lines = standpoints((setup.ground, setup.occluders), origin, edges, parameters.ahead, parameters.standpoints)
+    return _in_the_world(feet, setup, lines, azimuth, parameters)
 
 
 def _under_body(setup: Setup, origin: Array, soles: Array, sight: tuple[Array, Mask], ahead: float) -> tuple[Array, Array]:

@@ -15,6 +15,8 @@ from tracker.geometry import Array, frozen
 class Ground(Protocol):
     """Terrain as a height over the plane."""
 
+    def __hash__(self) -> int: ...
+
     def height_at(self, points: ArrayLike) -> Array:
         """(n, 2 or more) x, y m → (n,) heights m; the nearest known height outside."""
         ...

@@ -16,17 +16,21 @@ from scipy.optimize import linear_sum_assignment
 
 from tracker.cameras import Camera
 from tracker.evidence import Evidence, TargetParameters
+from tracker.footing import Footing
 from tracker.fusion import Combination, Feet, combine
 from tracker.geometry import Array, Pose
 from tracker.measurements import Ints, Setup
 from tracker.reunion import Reunions, Strangers
 from tracker.smoothing import Lag
 from tracker.tracklets import Owners
-from tracker.trees import Heads, Sights, Tracks, born, heads, predict, sights, update
+from tracker.trees import Heads, Sights, Tracks, born, heads, informed, predict, sights, update
 from tracker.vague import Meeting, begun
 from tracker.visibility import Bodies
 
 Mask = NDArray[np.bool_]
+
+AMID = 0.99
+"""Where tracks are so likely on firm ground, it says nothing new of them."""
 
 
 class Hypotheses:
@@ -39,6 +43,7 @@ class Hypotheses:
         self.evidence = Evidence(setup, parameters)
         people = parameters.fusion.standpoints
         self._stature = people.stature, people.stature_sigma
+        self._footing = Footing.of(setup.ground, setup.occluders, people.footing)
         self.reunions = Reunions(parameters.reunion, parameters.motion, setup.period, Strangers(parameters.arrivals, *self._stature))
         self._next_tree = 1
         self._one: dict[tuple[int, int], float] = {}  # trees near each other → log-likelihood ratio of being one person
@@ -49,7 +54,7 @@ class Hypotheses:
     def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> tuple[Tracks, Mask]:
         """Take one tick; cameras: model and T_world_camera of each view. All tracks, and which of them the best hypothesis holds."""
         q = self.parameters
-        self.tracks = predict(self.tracks, self.setup.period, q.motion)
+        self.tracks = self._placed(predict(self.tracks, self.setup.period, q.motion))
         taken = [feet.confidence < q.least_confidence for feet in views]
         self._ticks += 1
         box = np.full((len(self.tracks), len(views)), -1, dtype=np.int64)
@@ -221,7 +226,7 @@ class Hypotheses:
         for k, group in enumerate(groups):
             new = self._grown(new, k, [(views[v], d) for v, d in group.members])
         seen_by = list(zip(views, cameras, strict=True))
-        new = replace(new, score=self.evidence.prior(seen_by, groups, (self.tracks.state[:, :2], self.tracks.tree), self._ticks))
+        new = self._placed(replace(new, score=self.evidence.prior(seen_by, groups, (self.tracks.state[:, :2], self.tracks.tree), self._ticks)))
         self._next_tree += len(groups)
         self.tracks = self.tracks.join(new)
         self.believed = np.concatenate([self.believed, np.zeros(len(groups), dtype=bool)])
@@ -238,6 +243,17 @@ class Hypotheses:
             if tops.fit(q.gate)[0, d]:
                 new = update(new, k, tops.above[0, d, None], tops.H[0, d, None], tops.noise[:, d, None])
         return new if clear or not boxes[0][0].vague[boxes[0][1]] else begun(new, k, *boxes[0])
+
+    def _placed(self, tracks: Tracks) -> Tracks:
+        """The tracks where people can be, and their scores by how likely they are there."""
+        if self._footing is None or not len(tracks):
+            return tracks
+        before = tracks.state[:, :2], tracks.covariance[:, :2, :2]
+        mean, covariance, likely = self._footing.meet(*before)
+        rows = np.flatnonzero(likely < AMID)
+        tracks = replace(tracks, score=tracks.score + np.log(np.where(likely < AMID, likely, 1.0)))
+        place = np.broadcast_to(np.eye(2, 5), (len(rows), 2, 5))
+        return informed(tracks, rows, place, (before[0][rows], before[1][rows]), (mean[rows], covariance[rows]))
 
     def _known(self, group: Combination, seen: Mask) -> bool:
         near = np.linalg.norm(self.tracks.state[:, :2] - group.point, axis=1) < self.parameters.same_person

@@ -11,12 +11,13 @@ Densities over distance are sums over a fixed row of places (a point-mass filter
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.footing import Footing, FootingParameters
 from tracker.geometry import Array
 from tracker.ground import Ground
 
@@ -28,6 +29,8 @@ FINER = 3
 """What rises before somebody is looked for at so many places for each of those, so that thin walls are not stepped over."""
 LEAST = 1e-3
 """m, standard deviation of a distance, at least."""
+LEGS = np.array([-0.5, 0.0, 0.5])
+"""In half widths of a box: where legs may show beside what hides them."""
 MARGIN = 0.3
 """m, what stands nearer than this before somebody hides nothing: places and maps have errors."""
 
@@ -42,15 +45,19 @@ class StandpointParameters:
     nod: float = 0.03  # m, the upper edge strays this far from the stature over the ground under the body: people nod, bounce and wear hats
     strange: float = 0.05  # share of those who look as tall as anybody: so much (m)
     tall: tuple[float, float] = (1.2, 2.3)
+    stray: float = 0.15  # m, the lowest point of a walking body strays this far from the ground under its middle
     hidden: float = 1.4  # m over the feet up to which something may reach before somebody of whom there is a box
-    gone: float = 0.1  # how often things that should hide somebody do not
+    gone: float = 0.4  # how often things that should hide the feet do not, where there is a box
+    rough: float = 0.06  # m, tops of things stray this far from those of the map
+    footing: FootingParameters = field(default_factory=FootingParameters)
 
 
 class Edges(NamedTuple):
-    """Boxes (n,): azimuth, elevation of lower and upper edge (rad), variance of an elevation (rad²), and the share of such boxes that end higher than
-    what can be seen of the body, for reasons that no map knows."""
+    """Boxes (n,): azimuth and half the width, elevation of lower and upper edge (rad), variance of an elevation (rad²), and the share of such boxes
+    that end higher than what can be seen of the body, for reasons that no map knows."""
 
     azimuth: Array
+    half: Array
     low: Array
     high: Array
     variance: Array
@@ -130,33 +137,38 @@ class Standpoints:
         return mean, covariance
 
 
-def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, soles: tuple[float, float], q: StandpointParameters) -> Standpoints:
-    """Of boxes seen from `origin` (3,) m; world: the ground, and the tops of what stands on it; soles m: how far they stray from the ground under the
-    body, and how much nearer than that they end."""
+def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, ahead: float, q: StandpointParameters) -> Standpoints:
+    """Of boxes seen from `origin` (3,) m; world: the ground, and the tops of what stands on it; ahead m: how much nearer than the middle of a body
+    its soles end."""
     far = np.geomspace(NEAREST, FARTHEST, PLACES)
     step = far * np.log(far[1] / far[0])
-    toward = np.stack([np.cos(edges.azimuth), np.sin(edges.azimuth)], axis=1)
     fine = np.geomspace(NEAREST, FARTHEST, FINER * (PLACES - 1) + 1)
-    places = (origin[:2] + fine[:, None] * toward[:, None, :]).reshape(-1, 2)
-    rising = [g.height_at(places).reshape(-1, len(fine)) - origin[2] for g in world]
-    level = rising[0][:, ::FINER]
+    azimuth = edges.azimuth[:, None] + LEGS * edges.half[:, None]
+    places = origin[:2] + fine[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)[:, :, None, :]
+    rising = [g.height_at(places.reshape(-1, 2)).reshape(places.shape[:3]) - origin[2] for g in world]
+    middle = len(LEGS) // 2
+    level = rising[0][:, middle, ::FINER]
     error = np.sqrt(edges.variance)[:, None]
 
     height, unsure = far * np.tan(edges.high)[:, None] - level, np.hypot(error * far, q.nod)
-    spread, ahead = soles
     feet, body = np.arctan(level / (far - ahead)), np.arctan(q.hidden / far)
     # While walking the lowest point of a body is the ground's a little before or behind it.
-    stray = spread * np.abs(np.gradient(feet, axis=1) / step)
+    stray = q.stray * np.abs(np.gradient(feet, axis=1) / step)
+    rough = np.hypot(error, q.rough / far)
     total, covered = np.zeros(level.shape), np.zeros(level.shape)
     for heights, share in zip(rising, (q.gone, 1 - q.gone), strict=True):
-        before = np.arctan(_steepest(heights / fine, fine)[:, ::FINER])
+        # A box ends at the lowest that shows, between or beside what hides the rest.
+        before = np.arctan(_steepest(heights / fine, fine)[..., ::FINER].min(axis=1))
         edge, hides = np.maximum(feet, before), before > feet
-        above, blur = edges.low[:, None] - edge, np.where(hides, error, np.hypot(error, stray))
+        above, blur = edges.low[:, None] - edge, np.where(hides, rough, np.hypot(error, stray))
         here = np.exp(-0.5 * (above / blur) ** 2) / (blur * np.sqrt(2 * np.pi))
         lying = edges.lying[:, None]
         seen = (1 - lying) * here + lying * ((above > 0) & (above < body)) / body
         seen = share * seen * ((edge - feet < body) & (edge < edges.high[:, None]))
         total, covered = total + seen, covered + seen * hides
+    if footing := Footing.of(*world, q.footing):
+        likely = footing.at(places[:, middle, ::FINER])
+        total, covered = total * likely, covered * likely
     _, tall = _fitting(height - q.stature, q.stature_sigma**2 + unsure**2, height, q)
     density, weight = _normal(total * tall, step)
     mean = weight @ far
@@ -177,10 +189,10 @@ def _fitting(above: Array, variance: Array, height: Array, q: StandpointParamete
 
 
 def _steepest(slope: Array, far: Array) -> Array:
-    """(n, k) the highest slope of a line of sight to anything before each place."""
-    highest = np.maximum.accumulate(slope, axis=1)
+    """(..., k) the highest slope of a line of sight to anything before each place."""
+    highest = np.maximum.accumulate(slope, axis=-1)
     last = np.searchsorted(far, far - MARGIN) - 1
-    return np.where(last >= 0, highest[:, np.maximum(last, 0)], -np.inf)
+    return np.where(last >= 0, highest[..., np.maximum(last, 0)], -np.inf)
 
 
 def _normal(weight: Array, step: Array) -> tuple[Array, Array]:

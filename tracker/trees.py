@@ -198,3 +198,16 @@ def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tra
     state[row] += K @ residual
     covariance[row] = A @ P @ A.T + K @ R @ K.T
     return replace(tracks, state=state, covariance=covariance)
+
+
+def informed(tracks: Tracks, rows: Ints, A: Array, before: tuple[Array, Array], after: tuple[Array, Array]) -> Tracks:
+    """The tracks where mean (r, k) and covariance (r, k, k) of A (r, k, 5) times the states of `rows` (r,) are known to be other than before.
+
+    All else follows as far as it is known to go with that.
+    """
+    P = tracks.covariance[rows]
+    G = np.linalg.solve(before[1], A @ P).transpose(0, 2, 1)
+    state, covariance = tracks.state.copy(), tracks.covariance.copy()
+    state[rows] += (G @ (after[0] - before[0])[:, :, None])[:, :, 0]
+    covariance[rows] = P + G @ (after[1] - before[1]) @ G.transpose(0, 2, 1)
+    return replace(tracks, state=state, covariance=covariance)

@@ -15,7 +15,7 @@ from tracker.fusion import Feet
 from tracker.geometry import Array
 from tracker.measurements import Ints
 from tracker.standpoints import NEAREST, Expected
-from tracker.trees import Tracks, update
+from tracker.trees import Tracks, informed, update
 
 FAINT = 0.01
 """A density, a radian, below which a box is not of somebody who is expected there."""
@@ -68,17 +68,11 @@ class Meeting:
     def correct(self, tracks: Tracks, t: int, d: int) -> Tracks:
         """Give track `t` the box in column `d`."""
         assert self.feet.lines is not None
-        w, A = self.across[d], _along_and_tall(self.along[d, None])[0]
+        w = self.across[d]
         tracks = update(tracks, t, -self.aside[t, d, None], w[None], np.array([[self.variance[t, d] - w @ tracks.covariance[t, :2, :2] @ w]]))
-        before = self.mean[t, d], self.covariance[t, d]
-        mean, covariance = self.feet.lines.meet(self.box[d, None], Expected(before[0][None], before[1][None]))
-        # What place and stature now are, all else follows as far as it is known to go with them.
-        P = tracks.covariance[t]
-        G = np.linalg.solve(before[1], A @ P).T
-        state, spread = tracks.state.copy(), tracks.covariance.copy()
-        state[t] += G @ (mean[0] - before[0])
-        spread[t] = P + G @ (covariance[0] - before[1]) @ G.T
-        return replace(tracks, state=state, covariance=spread)
+        before = Expected(self.mean[t, d, None], self.covariance[t, d, None])
+        after = self.feet.lines.meet(self.box[d, None], before)
+        return informed(tracks, np.array([t]), _along_and_tall(self.along[d, None]), before, after)
 
 
 def begun(tracks: Tracks, t: int, feet: Feet, d: int) -> Tracks:

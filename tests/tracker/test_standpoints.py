@@ -17,7 +17,8 @@ from tracker.standpoints import Edges, Expected, StandpointParameters, Standpoin
 from tracker.trees import MotionParameters, Tracks, born, sights, update
 from tracker.vague import Meeting, begun
 
-RULE = StandpointParameters()
+RULE = StandpointParameters(stray=0.1, gone=0.1, rough=0.0)
+"""Of maps that are right, and people who stand."""
 NOISE = 0.003
 """rad, one sigma of an edge of a box."""
 
@@ -54,7 +55,7 @@ def box(ground: Grid, tops: Grid, eye: Array, feet: Array, stature: float) -> tu
 
 def lines(ground: Grid | Flat, tops: Grid | Flat, eye: Array, azimuth: Array, edges: tuple[Array, Array], lying: float = 0.0) -> Standpoints:
     n = len(azimuth)
-    return standpoints((ground, tops), eye, Edges(azimuth, *edges, np.full(n, NOISE**2), np.full(n, lying)), (0.1, 0.0), RULE)
+    return standpoints((ground, tops), eye, Edges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.full(n, lying)), 0.0, RULE)
 
 
 def test_distances_and_their_errors_are_right_on_rough_ground_and_behind_walls() -> None:
@@ -167,7 +168,7 @@ def track(x: float, y: float, stature: float = RULE.stature, sigma: float = RULE
 
 
 def test_a_vague_box_corrects_a_track_as_one_that_is_not_where_there_is_but_one_place() -> None:
-    motion, feet = MotionParameters(), one_box(grid(np.zeros((201, 201))))
+    motion, feet = MotionParameters(foot_spread=StandpointParameters().stray), one_box(grid(np.zeros((201, 201))))
     start = track(7.6, 0.3)
     look = sights(start, feet, np.zeros(2), Flat(), motion)
     R = feet.covariance[0] + look.H[0] @ look.H[0].T * motion.foot_spread**2
