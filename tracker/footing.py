@@ -20,7 +20,8 @@ from tracker.ground import Grid, Ground
 APART = np.linspace(-3.0, 3.0, 13)
 """Standard deviations from the mean, along each of two axes, at which a place is looked at ..."""
 _PLACES = np.stack(np.meshgrid(APART, APART, indexing="ij"), axis=-1).reshape(-1, 2)
-_SHARE = np.exp(-0.5 * (_PLACES**2).sum(axis=1)) / np.exp(-0.5 * (_PLACES**2).sum(axis=1)).sum()
+_BELL = np.exp(-0.5 * (_PLACES**2).sum(axis=1))
+_SHARE = _BELL / _BELL.sum()
 """... and how much of a normal distribution is at each."""
 
 
@@ -49,7 +50,7 @@ class Footing:
     @lru_cache(maxsize=8)
     def of(ground: Ground, tops: Ground | None, q: FootingParameters) -> Footing | None:
         """Of the ground and the tops of what stands on it; None where they are not known at the same grid points."""
-        if not (isinstance(ground, Grid) and isinstance(tops, Grid) and ground.heights.shape == tops.heights.shape):
+        if not (isinstance(ground, Grid) and isinstance(tops, Grid) and _same_points(ground, tops)):
             return None
         solid = tops.heights - ground.heights > q.solid
         away = (_depth(~solid) - _depth(solid)) * ground.spacing
@@ -78,6 +79,10 @@ class Footing:
         # Nothing is known better than the places lie apart.
         spread = np.einsum("nk,nki,nkj->nij", share, apart, apart) + (APART[1] - APART[0]) ** 2 / 12 * covariance
         return mean + moved, spread, likely
+
+
+def _same_points(one: Grid, other: Grid) -> bool:
+    return one.heights.shape == other.heights.shape and one.spacing == other.spacing and np.array_equal(one.origin, other.origin)
 
 
 def _depth(mask: NDArray[np.bool_]) -> Array:

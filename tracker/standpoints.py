@@ -172,7 +172,7 @@ def standpoints(world: tuple[Ground, Ground], origin: Array, edges: Edges, ahead
     _, tall = _fitting(height - q.stature, q.stature_sigma**2 + unsure**2, height, q)
     density, weight = _normal(total * tall, step)
     mean = weight @ far
-    sigma = np.sqrt((weight * (far - mean[:, None]) ** 2).sum(axis=1))
+    sigma = np.sqrt(np.maximum((weight * (far - mean[:, None]) ** 2).sum(axis=1), LEAST**2))
     hidden = (covered * tall) @ step / np.maximum(density, 1e-12)
     return Standpoints(far, step, total, height, unsure, mean, sigma, hidden, density > 1e-9, q)
 

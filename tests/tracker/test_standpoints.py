@@ -13,7 +13,7 @@ from tracker.fusion import Combination, Feet, FusionParameters, stand
 from tracker.geometry import Array, Pose, bearing_from_angles
 from tracker.ground import Flat, Grid
 from tracker.measurements import Detections, Mount, Setup, Start
-from tracker.standpoints import Edges, Expected, StandpointParameters, Standpoints, standpoints
+from tracker.standpoints import LEAST, Edges, Expected, StandpointParameters, Standpoints, standpoints
 from tracker.trees import MotionParameters, Tracks, born, sights, update
 from tracker.vague import Meeting, begun
 
@@ -124,6 +124,13 @@ def test_on_a_plane_somebody_is_where_the_lower_edge_meets_the_ground() -> None:
     assert found.hidden.max() < 1e-6
     # A box beside which nobody of any stature fits has no place.
     assert not lines(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.array([0.2]), np.array([0.3]))).possible[0]
+
+
+def test_nothing_is_known_better_than_a_millimetre() -> None:
+    """Where the edges leave but one of the places that are looked at."""
+    away, sharp = 8.0, StandpointParameters(stray=0.0, nod=1e-3, strange=0.0, stature_sigma=1e-3)
+    edges = Edges(np.zeros(1), np.zeros(1), np.arctan([-1.5 / away]), np.arctan([0.22 / away]), np.full(1, 1e-4**2), np.zeros(1))
+    assert standpoints((Flat(), Flat()), np.array([0.0, 0.0, 1.5]), edges, 0.0, sharp).sigma[0] >= LEAST
 
 
 def test_under_an_arch_whose_top_is_all_that_the_map_knows_somebody_is_still_possible() -> None:
