@@ -41,7 +41,9 @@ class TargetParameters:
     apart: float = 0.8  # ... and share of what a view's second box is worth that speaks for two
     duplicate: float = 10.0  # log-likelihood ratio from which two tracks are one person
     gate: float = 4.0  # standard deviations of the innovation
-    delta_a: float = 9 / 7  # s, longest gap that is bridged
+    delta_a: float = 9 / 7  # s, longest gap that is bridged ...
+    followed: float = 3.0  # ... and so many times as long people are followed of whom nothing is told: they are still where nobody looks
+    unsure: float = 0.3  # m, standard deviation of a place from which on it is asked of many where views could see somebody
     n_conf: int = 2  # frames until a track may be believed
     believe: float = 4.0  # score from which it is
     forget: float = -8.0  # score below which a young track is dropped
@@ -94,7 +96,7 @@ class Evidence:
     def learn(self, views: list[Feet], box: Ints, expected: Array, people: tuple[Mask, Array]) -> None:
         """Count what each view found and missed of the people who are known, and what it showed beside them.
 
-        box (t, v): of each track the box of each view, −1 for none; expected (t, v): how much of it the view should see; people: which tracks
+        box (t, v): of each track the box of each view, −1 for none; expected (t, v): how often the view should have one; people: which tracks
         (t,) are known, and the score (t,) of each.
         """
         q, area, (sure, score) = self.parameters, self.setup.area, people

@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.special import ndtr
 
+from tracker.cloud import Cloud
 from tracker.geometry import Array
 from tracker.ground import Grid, Ground
 
-APART = np.linspace(-3.0, 3.0, 13)
-"""Standard deviations from the mean, along each of two axes, at which a place is looked at ..."""
-_PLACES = np.stack(np.meshgrid(APART, APART, indexing="ij"), axis=-1).reshape(-1, 2)
-_BELL = np.exp(-0.5 * (_PLACES**2).sum(axis=1))
-_SHARE = _BELL / _BELL.sum()
-"""... and how much of a normal distribution is at each."""
+COUNT, REACH = 13, 3.0
+"""Places along each of two axes at which is looked, and up to how many standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +67,8 @@ class Footing:
 
     def meet(self, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
         """Places (n, 2) m with covariance (n, 2, 2) m²: both when people are where they can be, and how likely (n,) they are."""
-        apart = _PLACES @ np.linalg.cholesky(covariance).transpose(0, 2, 1)
-        share = _SHARE * self.at(mean[:, None] + apart)
-        likely = share.sum(axis=1)
-        share /= likely[:, None]
-        moved = np.einsum("nk,nki->ni", share, apart)
-        apart = apart - moved[:, None]
-        # Nothing is known better than the places lie apart.
-        spread = np.einsum("nk,nki,nkj->nij", share, apart, apart) + (APART[1] - APART[0]) ** 2 / 12 * covariance
-        return mean + moved, spread, likely
+        cloud = Cloud.of(mean, covariance, COUNT, REACH)
+        return cloud.where(self.at(cloud.places))
 
 
 def _same_points(one: Grid, other: Grid) -> bool:

@@ -24,6 +24,7 @@ from tracker.reunion import Reunions, Strangers
 from tracker.smoothing import Lag
 from tracker.tracklets import Owners
 from tracker.trees import Heads, Sights, Tracks, born, heads, informed, predict, sights, update
+from tracker.unseen import Outlook
 from tracker.vague import Meeting, begun
 from tracker.visibility import Bodies
 
@@ -49,6 +50,7 @@ class Hypotheses:
         self._one: dict[tuple[int, int], float] = {}  # trees near each other → log-likelihood ratio of being one person
         self._owners = Owners()
         self._ticks = 0
+        self._bridged = round(parameters.delta_a / setup.period)
         self._gone = np.zeros(0)  # s for which a track was out of all views
 
     def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> tuple[Tracks, Mask]:
@@ -59,13 +61,13 @@ class Hypotheses:
         self._ticks += 1
         box = np.full((len(self.tracks), len(views)), -1, dtype=np.int64)
         gain, wanted = np.zeros(box.shape), np.zeros(box.shape)
-        ahead = self._expected(self._bodies(), cameras)
+        ahead = self._outlook(cameras).share
         for v, feet in enumerate(views):
             if len(feet) and len(self.tracks):
                 none = self.evidence.missed(feet.camera, ahead[:, v])
                 self._assign(feet, taken[v], none, (box[:, v], gain[:, v], wanted[:, v]))
         expected = self._judge(views, cameras, box, (gain, wanted))
-        sure = self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
+        sure = self.believed & (self.tracks.misses <= self._bridged)
         self.evidence.learn(views, box, expected, (sure, self.tracks.score))
         seen = box >= 0
         trees = self.tracks.tree
@@ -75,16 +77,11 @@ class Hypotheses:
             if feet.links is not None:
                 self._owners.add(feet.camera, _owners(len(feet), trees, box[:, v], [(tree, dict(g.members).get(v, -1)) for tree, g in groups]))
         self._prune()
-        return self.tracks, self.believed & (self.tracks.misses * self.setup.period <= q.delta_a)
+        return self.tracks, self.believed & (self.tracks.misses <= self._bridged)
 
-    def _bodies(self) -> Bodies:
-        """Everybody where they are believed to be now, each of whom may hide others."""
-        return Bodies(self.tracks.state[:, :2], self.tracks.tree, np.arange(len(self.tracks)), self.setup.ground)
-
-    def _expected(self, bodies: Bodies, cameras: list[tuple[Camera, Pose]]) -> Array:
-        """How much (t, v) of each of the tracks' bodies each view should see."""
-        reach = self.parameters.fusion.reach
-        return np.array([bodies.expected(camera, self.setup.occluders, reach) for camera in cameras]).reshape(len(cameras), len(self.tracks)).T
+    def _outlook(self, cameras: list[tuple[Camera, Pose]]) -> Outlook:
+        """What the views should have boxes of now."""
+        return Outlook.of(self.tracks, cameras, self.setup, (self.parameters.fusion.reach, self.parameters.unsure))
 
     def _assign(self, feet: Feet, taken: Mask, none: Array, given: tuple[Ints, Array, Array]) -> None:
         """Give each track at most one box of this view, by the highest sum of log-likelihood ratios, and correct it; none (t,): that of no box.
@@ -155,7 +152,7 @@ class Hypotheses:
         above = (r[..., 1] > -2 * np.sqrt(c)) & (r[..., 1] < body)
         gain_side = certain + np.log(lying / body) - 0.5 * (side + np.log(2 * np.pi * a))
         gain_both[both > q.gate**2] = -np.inf
-        gain_side[(side > q.gate**2) | ~above | (look.doubt > q.surely)[:, None]] = -np.inf
+        gain_side[(side > q.gate**2) | ~above | (self.tracks.doubt > q.surely)[:, None]] = -np.inf
         low, high = self.setup.height
         slack = 0.15 + 0.02 * look.distance[:, None]
         fits = (look.height > low - slack) & (look.height < high + slack)
@@ -175,14 +172,13 @@ class Hypotheses:
         return np.log(mine / anybody)
 
     def _judge(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], box: Ints, gains: tuple[Array, Array]) -> Array:
-        """Score every track by what saw it and what should have (C_rec), and count frames; how much (t, v) each view should see."""
+        """Score every track by what saw it and what should have (C_rec), and count frames; how often (t, v) each view should have a box."""
         q, tracks, (gain, wanted) = self.parameters, self.tracks, gains
-        bodies = self._bodies()
-        expected = self._expected(bodies, cameras)
+        outlook, bodies = self._outlook(cameras), Bodies(tracks.state[:, :2], tracks.tree, np.arange(len(tracks)), self.setup.ground)
         miss, floor, watched = np.zeros(box.shape), 0.0, np.zeros(len(tracks), dtype=bool)
         for v, (feet, camera) in enumerate(zip(views, cameras, strict=True)):
             watched |= bodies.inside(camera)
-            miss[:, v] = self.evidence.missed(feet.camera, expected[:, v])
+            miss[:, v] = self.evidence.missed(feet.camera, outlook.share[:, v])
             floor = min(floor, q.at_once * np.log(1 - self.evidence.detection(feet.camera)))
         seen = box >= 0
         any_seen = seen.any(axis=1)
@@ -198,7 +194,10 @@ class Hypotheses:
         )
         self._gone = np.where(watched | any_seen, 0.0, self._gone + self.setup.period)
         self._remember_apart(seen, miss, gain)
-        return expected
+        # Who is not believed may be nobody, and then no view shows nobody for a reason.
+        detection = np.array([self.evidence.detection(feet.camera) for feet in views])
+        self.tracks = outlook.without(self.tracks, seen | ~self.believed[:, None], detection)
+        return outlook.share
 
     def _remember_apart(self, seen: Mask, miss: Array, gain: Array) -> None:
         """Two tracks that one view saw at once are two people; that views see but one of them speaks for one person, by what a miss is worth."""
@@ -266,8 +265,8 @@ class Hypotheses:
         self.believed = before | ((tracks.hits >= q.n_conf) & (tracks.score >= q.believe) & (tracks.misses == 0))
         away = self._gone > q.outside
         back = self.reunions.step(tracks, self.believed, self.believed & ~before, set(tracks.tree[away].tolist()))
-        missed = tracks.misses * self.setup.period
-        known = (missed <= 2 * q.delta_a) & (tracks.score > q.end) & ~away & ~np.isin(tracks.tree, list(back))
+        patience = round(q.followed * q.delta_a / self.setup.period)
+        known = (tracks.misses <= patience) & (tracks.score > q.end) & ~away & ~np.isin(tracks.tree, list(back))
         keep = np.where(self.believed, known, (tracks.misses < 4) & (tracks.score > q.forget)) & (tracks.speed <= q.motion.v_max)
         place = {int(tree): k for k, tree in enumerate(tracks.tree)}
         for (a, b), ratio in self._one.items():

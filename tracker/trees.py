@@ -60,6 +60,12 @@ class Tracks:
         """(n,) m/s."""
         return np.asarray(np.linalg.norm(self.state[:, 2:4], axis=1))
 
+    @property
+    def doubt(self) -> Array:
+        """(n,) m, standard deviation of the place, the greater of two."""
+        a, b, c = (self.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+        return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
+
     def select(self, rows: Mask | Ints) -> Tracks:
         return Tracks(*(getattr(self, name)[rows] for name in _COLUMNS))
 
@@ -123,8 +129,7 @@ class Sights:
 
     residual (t, d, 2) rad: box minus expected foot direction, along azimuth and along elevation; H (t, 2, 2): its derivative by x, y;
     expected (t, 2, 2): covariance of the expected direction; height (t, d) m: the box's upper edge over the ground where the track stands;
-    climb (t, d, 2): its derivative by x, y; distance (t,) m; drop (t,) m: how far the feet are below the view; doubt (t,) m: standard deviation of
-    the place, the greater of two.
+    climb (t, d, 2): its derivative by x, y; distance (t,) m; drop (t,) m: how far the feet are below the view.
     """
 
     residual: Array
@@ -134,7 +139,6 @@ class Sights:
     climb: Array
     distance: Array
     drop: Array
-    doubt: Array
 
 
 def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: MotionParameters) -> Sights:
@@ -156,14 +160,12 @@ def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: Mo
     behind = expected @ feet.direction.T < 0.5
     residual[behind] = np.inf
     spread = tracks.covariance[:, :2, :2] + motion.foot_spread**2 * np.eye(2)
-    a, b, c = (tracks.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    doubt = np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b))
     over = np.hypot(sight[:, 0], sight[:, 1])
     steep = np.tan(feet.head_elevation)
     height = feet.origin[2] - z[:, None] + over[:, None] * steep[None, :]
     toward = sight[:, :2] / np.maximum(over, 1e-9)[:, None]
     climb = toward[:, None, :] * steep[None, :, None] - np.stack(rise, axis=1)[:, None, :]
-    return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, climb, distance, feet.origin[2] - z, doubt)
+    return Sights(residual, H, H @ spread @ H.transpose(0, 2, 1), height, climb, distance, feet.origin[2] - z)
 
 
 class Heads(NamedTuple):

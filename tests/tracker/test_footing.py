@@ -78,11 +78,14 @@ def test_places_beside_a_wall_are_as_samples_have_them() -> None:
 @pytest.mark.parametrize("known", [False, True])
 def test_who_walks_out_of_sight_towards_a_wall_does_not_come_out_behind_it(known: bool) -> None:
     ground, tops = walled()
-    setup = crowds.setup(3)
+    heights = tops.heights.copy()
+    heights[36:38, 38:48] = 2.0  # between the view and the last steps before the wall
+    tops = grid(heights)
+    setup = crowds.setup(1)
     setup = replace(setup, ground=ground, occluders=tops if known else None)
     x = np.minimum(-5.0 + 2.0 / crowds.RATE * np.arange(40), 1.5)
     path = np.stack([x, np.zeros(40)], axis=1)[:, None, :]
-    ticks = crowds.ticks(setup, path, np.random.default_rng(0), misses=0.0, clutter=0.0, lose=lambda frame, camera, person: x[frame] > 1.0)
+    ticks = crowds.ticks(setup, path, np.random.default_rng(0), misses=0.0, clutter=0.0, lose=lambda frame, camera, person: x[frame] > 0.8)
     tracker, farthest = Tracker(setup, Parameters()), -np.inf
     for tick in ticks:
         estimate = tracker.step(tick)
