@@ -7,6 +7,7 @@ One hypothesis is kept: per view the assignment of boxes to tracks with the high
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -78,6 +79,17 @@ class Hypotheses:
                 self._owners.add(feet.camera, _owners(len(feet), trees, box[:, v], [(tree, dict(g.members).get(v, -1)) for tree, g in groups]))
         self._prune()
         return self.tracks, self.believed & (self.tracks.misses <= self._bridged)
+
+    def detection(self, views: list[Feet]) -> Array:
+        """How often each view (v,) has a box of who is in full view, by now."""
+        return np.array([self.evidence.detection(feet.camera) for feet in views])
+
+    def unseen(self, others: Tracks, cameras: list[tuple[Camera, Pose]], detection: Array, people: Tracks) -> Array:
+        """How likely (n,) `cameras`, with such a detection (v,), show no box of `people` among `others`."""
+        both = others.join(people)
+        bodies = Bodies(both.state[:, :2], both.tree, np.arange(len(others)), self.setup.ground)
+        share = [bodies.expected(camera, self.setup.occluders, self.parameters.fusion.reach)[len(others) :] for camera in cameras]
+        return np.prod([np.ones(len(people)), *(1 - p * expected for p, expected in zip(detection, share, strict=True))], axis=0)
 
     def _outlook(self, cameras: list[tuple[Camera, Pose]]) -> Outlook:
         """What the views should have boxes of now."""
@@ -195,8 +207,7 @@ class Hypotheses:
         self._gone = np.where(watched | any_seen, 0.0, self._gone + self.setup.period)
         self._remember_apart(seen, miss, gain)
         # Who is not believed may be nobody, and then no view shows nobody for a reason.
-        detection = np.array([self.evidence.detection(feet.camera) for feet in views])
-        self.tracks = outlook.without(self.tracks, seen | ~self.believed[:, None], detection)
+        self.tracks = outlook.without(self.tracks, seen | ~self.believed[:, None], self.detection(views))
         return outlook.share
 
     def _remember_apart(self, seen: Mask, miss: Array, gain: Array) -> None:
@@ -297,7 +308,9 @@ class SingleTargets:
 
     def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None:
         """Take a tick; the people of the tick `delay` before it, None where there was none."""
-        return self._told(self._lag.feed(*self.hypotheses.step(views, cameras)))
+        tracks, believed = self.hypotheses.step(views, cameras)
+        unseen = partial(self.hypotheses.unseen, tracks, cameras, self.hypotheses.detection(views))
+        return self._told(self._lag.feed(tracks, believed, unseen))
 
     def drain(self) -> Tracks | None:
         """The people of the oldest tick that was not told yet; None where all are."""

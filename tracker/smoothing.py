@@ -6,6 +6,7 @@ Smoothing: Rauch, Tung, Striebel (1965), Maximum likelihood estimates of linear 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -19,14 +20,19 @@ Mask = NDArray[np.bool_]
 
 BRIEF = 16 / 7
 """s: a track that was seen for less and has ended is not told of, where the delay lets that be known."""
+BEFORE = 2 / 7
+"""s: so long before their first box people are told of, where the delay lets that be known: nobody comes from nowhere ..."""
+MISSED = 0.05
+"""... unless views would have shown them: they show no box of who is there more seldom."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
-    """All tracks after a tick, and which of them are believed."""
+    """All tracks after a tick, which of them are believed, and how likely (n,) its views show no box of people who are where given tracks are."""
 
     tracks: Tracks
     believed: Mask
+    unseen: Callable[[Tracks], Array]
 
 
 @final
@@ -40,9 +46,10 @@ class Lag:
         self.delay, self.period, self.motion = delay, period, motion
         self._window: deque[_Moment] = deque()
 
-    def feed(self, tracks: Tracks, believed: Mask) -> Tracks | None:
-        """Take the tracks after a tick; the people of the tick `delay` before it, None where there was none yet."""
-        self._window.append(_Moment(tracks, believed))
+    def feed(self, tracks: Tracks, believed: Mask, unseen: Callable[[Tracks], Array]) -> Tracks | None:
+        """Take the tracks after a tick, which are believed, and how likely (n,) the tick's views show no box of who is where given tracks are; the
+        people of the tick `delay` before it, None where there was none yet."""
+        self._window.append(_Moment(tracks, believed, unseen))
         return self.drain() if len(self._window) > self.delay else None
 
     def drain(self) -> Tracks | None:
@@ -54,7 +61,8 @@ class Lag:
         return people
 
     def _oldest(self) -> Tracks:
-        """Who was there at the oldest tick: believed by now, and seen then or again since, or believed then and not yet given up."""
+        """Who was there at the oldest tick: believed by now, and seen then or again since, or believed then and not yet given up, or seen soon after
+        for the first time."""
         first, last = self._window[0], self._window[-1]
         known, seen = set(first.tracks.tree[first.believed].tolist()), set(first.tracks.tree[first.tracks.misses == 0].tolist())
         for later in list(self._window)[1:]:
@@ -69,13 +77,25 @@ class Lag:
             hits.update(zip(moment.tracks.tree.tolist(), moment.tracks.hits.tolist(), strict=True))
         # What has ended after a short life was seldom somebody: duplicates beside a person are found out within seconds.
         known = {tree for tree in known if tree in going or hits[tree] * self.period >= BRIEF}
-        chosen = np.array([tree in known and tree in seen for tree in first.tracks.tree.tolist()], dtype=bool)
-        return self._smoothed(first.tracks.select(chosen))
+        people, before = self._smoothed(0, known & seen), set(first.tracks.tree.tolist())
+        for tick in range(1, min(round(BEFORE / self.period) + 1, len(self._window))):
+            early = self._before(self._smoothed(tick, (known & seen) - before), tick * self.period)
+            people = people.join(early.select(first.unseen(early) > MISSED))
+            before |= set(self._window[tick].tracks.tree.tolist())
+        return people
 
-    def _smoothed(self, tracks: Tracks) -> Tracks:
-        """The tracks of the oldest tick with what came after taken into their states."""
-        states = [tracks]
-        for later in list(self._window)[1:]:
+    def _before(self, tracks: Tracks, gap: float) -> Tracks:
+        """Where `tracks` were `gap` s ago: as they were then is not known but by how they went on."""
+        F, Q = onward(tracks, gap, self.motion)
+        back = np.linalg.inv(F)
+        state = (back @ tracks.state[:, :, None])[:, :, 0]
+        return replace(tracks, state=state, covariance=back @ (tracks.covariance + Q) @ back.transpose(0, 2, 1))
+
+    def _smoothed(self, tick: int, trees: set[int]) -> Tracks:
+        """Those tracks of a tick of the window whose trees are given, with what came after taken into their states."""
+        tracks = self._window[tick].tracks
+        states = [tracks.select(np.isin(tracks.tree, list(trees)))]
+        for later in list(self._window)[tick + 1 :]:
             place = {tree: k for k, tree in enumerate(later.tracks.tree.tolist())}
             rows = [place[tree] for tree in states[-1].tree.tolist() if tree in place]
             states.append(later.tracks.select(np.array(rows, dtype=np.int64)))

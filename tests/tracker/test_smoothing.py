@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,6 +16,11 @@ MOTION = MotionParameters(acceleration=0.8)
 PERIOD = 0.2
 FIRST = np.diag([4.0, 4.0, 1.0, 1.0, 0.01])
 """What is known at first."""
+
+
+def hidden(tracks: Tracks) -> np.ndarray:
+    """No view would show anybody."""
+    return np.ones(len(tracks))
 
 
 def tracks_of(tree: list[int], state: np.ndarray, covariance: np.ndarray, misses: list[int]) -> Tracks:
@@ -54,7 +60,7 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
     steps = 12
     tracks, measured, R = filtered(np.random.default_rng(0), steps, unseen)
     lag = Lag(steps - 1, PERIOD, MOTION)
-    told = [lag.feed(t, np.ones(1, dtype=bool)) for t in tracks]
+    told = [lag.feed(t, np.ones(1, dtype=bool), hidden) for t in tracks]
     assert all(people is None for people in told[:-1])
     first = told[-1]
     assert first is not None
@@ -78,7 +84,7 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
 def test_every_tick_is_told_once(delay: int) -> None:
     tracks, _, _ = filtered(np.random.default_rng(1), 10)
     lag = Lag(delay, PERIOD, MOTION)
-    told = [people for t in tracks if (people := lag.feed(t, np.ones(1, dtype=bool))) is not None]
+    told = [people for t in tracks if (people := lag.feed(t, np.ones(1, dtype=bool), hidden)) is not None]
     assert len(told) == max(0, 10 - delay)
     while (people := lag.drain()) is not None:
         told.append(people)
@@ -90,7 +96,7 @@ def test_without_a_delay_nothing_is_changed() -> None:
     tracks, _, _ = filtered(np.random.default_rng(2), 5)
     lag = Lag(0, PERIOD, MOTION)
     for t in tracks:
-        people = lag.feed(t, np.ones(1, dtype=bool))
+        people = lag.feed(t, np.ones(1, dtype=bool), hidden)
         assert people is not None
         np.testing.assert_array_equal(people.state, t.state)
 
@@ -100,9 +106,9 @@ def test_who_is_believed_later_was_there_and_who_is_out_of_sight_but_not_given_u
     lag = Lag(2, PERIOD, MOTION)
     now = replace(tracks_of([1, 2, 3, 4], state, P, [0, 4, 4, 4]), hits=np.full(4, 40))
     later = predict(tracks_of([1, 2, 3, 4], state, P, [0, 0, 5, 5]), PERIOD, MOTION)
-    assert lag.feed(now, np.array([False, True, True, True])) is None
-    lag.feed(later, np.array([True, True, True, True]))
-    people = lag.feed(later.select(np.array([0, 1, 2])), np.array([True, True, False]))
+    assert lag.feed(now, np.array([False, True, True, True]), hidden) is None
+    lag.feed(later, np.array([True, True, True, True]), hidden)
+    people = lag.feed(later.select(np.array([0, 1, 2])), np.array([True, True, False]), hidden)
     assert people is not None
     # 1 was not believed yet, 2 was out of sight for a while, 3 still is, 4 was given up unseen.
     assert people.tree.tolist() == [1, 2, 3]
@@ -113,10 +119,25 @@ def test_what_ended_after_a_short_life_is_not_told() -> None:
     lag = Lag(1, PERIOD, MOTION)
     now, both = tracks_of([1, 2], state, P, [0, 0]), np.ones(2, dtype=bool)
     now = replace(now, hits=np.array([3, 40]))
-    assert lag.feed(now, both) is None
-    people = lag.feed(now.select(np.zeros(0, dtype=np.int64)), np.zeros(0, dtype=bool))
+    assert lag.feed(now, both, hidden) is None
+    people = lag.feed(now.select(np.zeros(0, dtype=np.int64)), np.zeros(0, dtype=bool), hidden)
     assert people is not None
     assert people.tree.tolist() == [2]
+
+
+@pytest.mark.parametrize(("nobody", "first"), [(1.0, 3), (0.01, 5)])
+def test_nobody_comes_from_nowhere_unless_views_would_have_shown_them(nobody: float, first: int) -> None:
+    tracks, _, _ = filtered(np.random.default_rng(3), 20)
+    lag = Lag(10, 1 / 7, MOTION)
+    told = [
+        lag.feed(t if k >= 5 else Tracks.none(), np.ones(len(t) if k >= 5 else 0, dtype=bool), lambda who: np.full(len(who), nobody))
+        for k, t in enumerate(tracks)
+    ][10:]
+    assert [len(people) for people in told if people is not None] == [k >= first for k in range(10)]
+    for early, later in pairwise([people for people in told if people is not None and len(people)]):
+        # They come along as they went on.
+        np.testing.assert_allclose(later.state[0, :2] - early.state[0, :2], early.state[0, 2:4] / 7, atol=0.05)
+        assert early.tree == later.tree == 7
 
 
 def test_who_is_out_of_sight_comes_to_a_halt() -> None:
