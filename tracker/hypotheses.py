@@ -88,8 +88,8 @@ class Hypotheses:
         """How likely (n,) `cameras`, with such a detection (v,), show no box of `people` among `others`."""
         both = others.join(people)
         bodies = Bodies(both.state[:, :2], both.tree, np.arange(len(others)), self.setup.ground)
-        share = [bodies.expected(camera, self.setup.occluders, self.parameters.fusion.reach)[len(others) :] for camera in cameras]
-        return np.prod([np.ones(len(people)), *(1 - p * expected for p, expected in zip(detection, share, strict=True))], axis=0)
+        share = bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach)[len(others) :]
+        return np.asarray((1 - detection * share).prod(axis=1))
 
     def _outlook(self, cameras: list[tuple[Camera, Pose]]) -> Outlook:
         """What the views should have boxes of now."""
@@ -187,11 +187,11 @@ class Hypotheses:
         """Score every track by what saw it and what should have (C_rec), and count frames; how often (t, v) each view should have a box."""
         q, tracks, (gain, wanted) = self.parameters, self.tracks, gains
         outlook, bodies = self._outlook(cameras), Bodies(tracks.state[:, :2], tracks.tree, np.arange(len(tracks)), self.setup.ground)
-        miss, floor, watched = np.zeros(box.shape), 0.0, np.zeros(len(tracks), dtype=bool)
+        miss, watched, detection = np.zeros(box.shape), np.zeros(len(tracks), dtype=bool), self.detection(views)
+        floor = (q.at_once * np.log(1 - detection)).min(initial=0.0)
         for v, (feet, camera) in enumerate(zip(views, cameras, strict=True)):
             watched |= bodies.inside(camera)
             miss[:, v] = self.evidence.missed(feet.camera, outlook.share[:, v])
-            floor = min(floor, q.at_once * np.log(1 - self.evidence.detection(feet.camera)))
         seen = box >= 0
         any_seen = seen.any(axis=1)
         # A box that another track would take says little for this one: all would be as likely without it.
@@ -207,7 +207,7 @@ class Hypotheses:
         self._gone = np.where(watched | any_seen, 0.0, self._gone + self.setup.period)
         self._remember_apart(seen, miss, gain)
         # Who is not believed may be nobody, and then no view shows nobody for a reason.
-        self.tracks = outlook.without(self.tracks, seen | ~self.believed[:, None], self.detection(views))
+        self.tracks = outlook.without(self.tracks, seen | ~self.believed[:, None], detection)
         return outlook.share
 
     def _remember_apart(self, seen: Mask, miss: Array, gain: Array) -> None:

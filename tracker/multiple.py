@@ -71,9 +71,7 @@ class MultipleHypotheses:
     def _expected(self, cameras: list[tuple[Camera, Pose]]) -> Array:
         front = self.best[~self.leaves.over[self.best]]
         bodies = Bodies(self.leaves.state[:, :2], self.leaves.tree, front, self.setup.ground)
-        reach = self.parameters.fusion.reach
-        columns = [bodies.expected(camera, self.setup.occluders, reach) for camera in cameras]
-        return np.array(columns).T.copy() if columns else np.zeros((len(self.leaves), 0))
+        return bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach).copy()
 
     def _standing(self, expected: Array) -> Standing:
         place, ground = self.leaves.state[:, :2], self.setup.ground

@@ -79,9 +79,11 @@ class Lag:
         known = {tree for tree in known if tree in going or hits[tree] * self.period >= BRIEF}
         people, before = self._smoothed(0, known & seen), set(first.tracks.tree.tolist())
         for tick in range(1, min(round(BEFORE / self.period) + 1, len(self._window))):
-            early = self._before(self._smoothed(tick, (known & seen) - before), tick * self.period)
-            people = people.join(early.select(first.unseen(early) > MISSED))
-            before |= set(self._window[tick].tracks.tree.tolist())
+            here = set(self._window[tick].tracks.tree.tolist())
+            if new := (here & known & seen) - before:
+                early = self._before(self._smoothed(tick, new), tick * self.period)
+                people = people.join(early.select(first.unseen(early) > MISSED))
+            before |= here
         return people
 
     def _before(self, tracks: Tracks, gap: float) -> Tracks:

@@ -44,7 +44,7 @@ class Outlook(NamedTuple):
         spots = cloud.places.reshape(-1, 2) if cloud else place[:0]
         who = np.concatenate([tracks.tree, np.repeat(tracks.tree[rows], COUNT**2)])
         bodies = Bodies(np.concatenate([place, spots]), who, every, setup.ground)
-        share = np.array([bodies.expected(camera, setup.occluders, reach) for camera in cameras]).reshape(len(cameras), len(who)).T
+        share = bodies.by_view(cameras, setup.occluders, reach)
         share, there = share[: len(tracks)], share[len(tracks) :].reshape(len(rows), COUNT**2, len(cameras))
         if cloud:
             share[rows] = np.einsum("k,nkv->nv", cloud.share, there)

@@ -53,6 +53,10 @@ class Bodies:
         free = inside & ~(stopped & (np.linalg.norm(stop - origin, axis=1) < distance - MARGIN)).reshape(n, -1)
         return np.asarray(SHOWN[free.sum(axis=1)] * inside.any(axis=1) * np.where(behind, BESIDE, 1.0))
 
+    def by_view(self, views: list[tuple[Camera, Pose]], occluders: Ground | None, reach: float) -> Array:
+        """`expected` of all views, (n, v)."""
+        return np.array([self.expected(view, occluders, reach) for view in views]).reshape(len(views), len(self.points)).T
+
     def inside(self, view: tuple[Camera, Pose]) -> Mask:
         """Whether a part of each body (n,) is in the image of the view, hidden or not."""
         camera, pose = view
