@@ -41,38 +41,55 @@ def worthwhile(ways: Branches, tree: Ints, misses: Ints, slack: float, boxes: in
 
 
 class Bonds(NamedTuple):
-    """What holds between every two of n leaves: conflict (n, n), never both true; together (n, n), ticks for which they have been near each other
-    without a view that told them apart."""
+    """What holds between every two of n leaves: conflict (n, n), never both true; together (n, n), log-likelihood ratio of their being one person,
+    since they have been near each other."""
 
     conflict: Mask
-    together: NDArray[np.int16]
+    together: Array
+
+
+class Rows(NamedTuple):
+    """Leaves of which bonds are looked for: tree (m,), box (m, V) of each view or −1, place (m, 2) m, over (m,): has ended, missed (m, V):
+    log-likelihood of each view showing no box of the person."""
+
+    tree: Ints
+    box: Ints
+    place: Array
+    over: Mask
+    missed: Array
 
 
 @njit(cache=True)
-def bind(old: Bonds, parent: Ints, tree: Ints, box: Ints, place: Array, near: float) -> Bonds:
-    """The bonds of children: those of their parents (−1 for a root, which has none), and those of this tick. Columns of box are views."""
-    m, V = box.shape
-    conflict, together = np.zeros((m, m), np.bool_), np.zeros((m, m), np.int16)
-    seen, x, y = np.zeros(m, np.int64), place[:, 0].copy(), place[:, 1].copy()
+def bind(old: Bonds, parent: Ints, rows: Rows, hit: Array, limits: tuple[float, float, float]) -> Bonds:
+    """The bonds of children: those of their parents (−1 for a root, which has none), and those of this tick.
+
+    hit (D,): what each box says for there being somebody. limits: two leaves nearer than so many metres may be one person; how much a tick says for
+    that at most; share of what a second box is worth that speaks against it. Who has ended may have gone on as whoever is near now, and is not asked.
+    """
+    m, V = rows.box.shape
+    near, alone, apart = limits
+    conflict, together = np.zeros((m, m), np.bool_), np.zeros((m, m))
     for i in range(m):
-        for v in range(V):
-            if box[i, v] >= 0:
-                seen[i] |= 1 << v
         if parent[i] >= 0:
             for j in range(m):
                 conflict[i, j] = parent[j] >= 0 and old.conflict[parent[i], parent[j]]
         conflict[i, i] = False
-    _exclude(tree, conflict)
+    _exclude(rows.tree, conflict)
     for v in range(V):
-        _exclude(box[:, v].copy(), conflict)
+        _exclude(rows.box[:, v].copy(), conflict)
     for i in range(m):
         for j in range(i + 1, m):
-            dx, dy = x[i] - x[j], y[i] - y[j]
-            if dx * dx + dy * dy < near * near and not seen[i] & seen[j]:
-                count = 1
-                if parent[i] >= 0 and parent[j] >= 0:
-                    count += old.together[parent[i], parent[j]]
-                together[i, j] = together[j, i] = min(count, 1000)
+            dx, dy = rows.place[i, 0] - rows.place[j, 0], rows.place[i, 1] - rows.place[j, 1]
+            if dx * dx + dy * dy < near * near and not rows.over[i] and not rows.over[j]:
+                one, two = 0.0, 0.0
+                for v in range(V):
+                    if rows.box[i, v] >= 0 and rows.box[j, v] >= 0:
+                        two += max(min(hit[rows.box[i, v]], hit[rows.box[j, v]]), 0.0)
+                    else:
+                        # The farther one may be hidden by the nearer, which is no miss.
+                        one -= max(rows.missed[i, v], rows.missed[j, v])
+                before = old.together[parent[i], parent[j]] if parent[i] >= 0 and parent[j] >= 0 else 0.0
+                together[i, j] = together[j, i] = max(before + min(one, alone) - apart * two, -10.0)
     return Bonds(conflict, together)
 
 

@@ -26,43 +26,45 @@ NARROW = 2
 
 
 class Standing(NamedTuple):
-    """Leaves predicted to a tick: state (n, 4), covariance (n, 4, 4), ground height z (n,) m and slope (n, 2) there; expected (n, V): how much of
-    the person each view should see; over (n,): has ended; tree (n,)."""
+    """Leaves predicted to a tick: state (n, 4), covariance (n, 4, 4), ground height z (n,) m and slope (n, 2) there; missed (n, V):
+    log-likelihood of each view showing no box of the person; over (n,): has ended; tree (n,)."""
 
     state: Array
     covariance: Array
     z: Array
     slope: Array
-    expected: Array
+    missed: Array
     over: Mask
     tree: Ints
 
 
 class Boxes(NamedTuple):
     """The boxes of all views in one table, those of view v in rows start[v] to start[v + 1]: origin (V, 3) m and offset (V, 2) m of the views;
-    direction (D, 3), covariance (D, 2, 2), hidden (D,), head (D,): tangent of the upper edge's elevation; usable (D,)."""
+    direction (D, 3), covariance (D, 2, 2); lying (D,): how often such a box ends above the feet; head (D,): tangent of the upper edge's elevation;
+    certain (D,): log of how often people get a box over the density of false ones; hit (D,): log-likelihood ratio, wherever it lies, of there being
+    somebody; usable (D,)."""
 
     origin: Array
     offset: Array
     start: Ints
     direction: Array
     covariance: Array
-    hidden: Mask
+    lying: Array
     head: Array
+    certain: Array
+    hit: Array
     usable: Mask
 
 
 class Numbers(NamedTuple):
-    """certain: log of detection rate over clutter density; gate: standard deviations; foot_spread m; hidden_feet: share; low, high: heights m;
-    miss: log-likelihood ratio of a miss; width: log-likelihood under the best way that is kept; beam, most: ways kept meanwhile and at last."""
+    """gate: standard deviations; foot_spread m; low, high: heights m; floor: log-likelihood of all views' losing a person at once; least:
+    log-likelihood ratio that a box must have; width: log-likelihood under the best way that is kept; beam, most: ways kept meanwhile and at last."""
 
-    certain: float
     gate: float
     foot_spread: float
-    hidden_feet: float
     low: float
     high: float
-    miss: float
+    floor: float
     least: float
     width: float
     beam: int
@@ -121,19 +123,20 @@ def _residual(look: Array, direction: Array, offset: Array) -> tuple[float, floa
 
 
 @njit(cache=True)
-def _gain(r0: float, r1: float, S: tuple[float, float, float], look: Array, hidden: bool, n: Any) -> tuple[float, bool]:
-    """Log-likelihood ratio of "this person's box" over "clutter", −inf outside the gate; and whether the feet are taken as seen."""
+def _gain(r0: float, r1: float, S: tuple[float, float, float], look: Array, box: tuple[float, float], gate: float) -> tuple[float, bool]:
+    """Log-likelihood ratio of "this person's box" over "clutter", −inf outside the gate; and whether the feet are taken as seen. box: `certain` and
+    `lying` of it."""
     a, b, c = S
     det = a * c - b * b
     both = (c * r0 * r0 - 2 * b * r0 * r1 + a * r1 * r1) / det
     side = r0 * r0 / a
-    lying = 0.6 if hidden else n.hidden_feet
-    seen = n.certain + math.log(1 - lying) - 0.5 * (both + math.log(39.4784176 * det)) if both <= n.gate * n.gate else -np.inf
+    certain, lying = box
+    seen = certain + math.log(1 - lying) - 0.5 * (both + math.log(39.4784176 * det)) if both <= gate * gate else -np.inf
     # Feet out of sight: the lower edge is anywhere above where they must be, as far up as the body reaches.
     body = look[15]
     unseen = -np.inf
-    if side <= n.gate * n.gate and -2 * math.sqrt(c) < r1 < body:
-        unseen = n.certain + math.log(lying / body) - 0.5 * (side + math.log(6.28318531 * a))
+    if side <= gate * gate and -2 * math.sqrt(c) < r1 < body:
+        unseen = certain + math.log(lying / body) - 0.5 * (side + math.log(6.28318531 * a))
     return max(seen, unseen), seen >= unseen
 
 
@@ -175,7 +178,7 @@ def _near(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
         if not n.low - slack < height < n.high + slack:
             continue
         R = boxes.covariance[d]
-        gain, _ = _gain(r0, r1, (S0[0] + R[0, 0], S0[1] + R[0, 1], S0[2] + R[1, 1]), look, boxes.hidden[d], n)
+        gain, _ = _gain(r0, r1, (S0[0] + R[0, 0], S0[1] + R[0, 1], S0[2] + R[1, 1]), look, (boxes.certain[d], boxes.lying[d]), n.gate)
         if gain == -np.inf:
             continue
         if found < NEAREST:
@@ -212,7 +215,7 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
     size = B * (NEAREST + 1)
     worth, source, taken = np.empty(size), np.empty(size, np.int64), np.empty(size, np.int64)
     for v in _order(i, leaves, boxes):
-        missed = n.miss * leaves.expected[i, v]
+        missed = leaves.missed[i, v]
         if near[v, 0] < 0:
             beam.gain[:count] += missed
             beam.missed[:count] += missed
@@ -230,7 +233,7 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
                     continue
                 _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
                 C = boxes.covariance[d]
-                gain, _ = _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, boxes.hidden[d], n)
+                gain, _ = _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), n.gate)
                 if gain > max(missed - n.width, n.least):
                     worth[offers], source[offers], taken[offers] = beam.gain[b] + gain, b, d
                     offers += 1
@@ -250,7 +253,7 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
             _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
             C = boxes.covariance[d]
             S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
-            _, upright = _gain(r0, r1, S, look, boxes.hidden[d], n)
+            _, upright = _gain(r0, r1, S, look, (boxes.certain[d], boxes.lying[d]), n.gate)
             _update(beam.state[q], beam.covariance[q], look, (r0, r1), S, 2 if upright else 1)
             beam.box[q, v] = d
             if upright:
@@ -344,8 +347,8 @@ def grow(leaves: Standing, boxes: Boxes, n: Numbers) -> Branches:
                         m = _write(out, m, start, i, narrow, b)
                 banned[:] = False
         out.parent[m], out.state[m], out.covariance[m] = i, leaves.state[i], leaves.covariance[i]
-        # Where all views lose a person at once they do so for one reason: that is two misses, not many.
-        out.gain[m] = 0.0 if leaves.over[i] else max(n.miss * leaves.expected[i].sum(), 2 * n.miss)
+        # Where all views lose a person at once they do so for one reason.
+        out.gain[m] = 0.0 if leaves.over[i] else max(leaves.missed[i].sum(), n.floor)
         out.missed[m] = out.gain[m]
         m += 1
     return Branches(

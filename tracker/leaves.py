@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tracker.fusion import Combination
 from tracker.geometry import Array
 from tracker.measurements import Ints
-from tracker.trees import MotionParameters, transition
+from tracker.trees import MotionParameters, onward
 
 Mask = NDArray[np.bool_]
 
@@ -25,9 +25,10 @@ class Leaves:
 
     tree (n,): the id, never used again. state (n, 4) x, y m and velocity m/s, covariance (n, 4, 4). score (n,): log-likelihood ratio of the whole
     track against clutter; alive (n,): the same with a memory that ends, for and against that somebody is there. hits, misses, age, out (n,): ticks
-    seen in all, unseen in a row, since birth, since the best hypothesis held it. believed (n,): it was certain once. over (n,): it has ended.
-    node (n, W), past (n, W, 4), spread (n, W, 4, 4), met (n, W): names of
-    the branches that led here, filtered states and whether a box was taken, the latest first.
+    seen in all, unseen in a row, since birth, since the best hypothesis held it; away (n,): ticks out of all views. believed (n,): it was certain
+    once. over (n,): it has ended.
+    node (n, W), past (n, W, 4), spread (n, W, 4, 4), met (n, W): names of the branches that led here, filtered states and whether a box was taken,
+    the latest first. gap (n, W): ticks unseen in a row before each.
     """
 
     tree: Ints
@@ -39,12 +40,14 @@ class Leaves:
     misses: Ints
     age: Ints
     out: Ints
+    away: Ints
     believed: Mask
     over: Mask
     node: Ints
     past: Array
     spread: Array
     met: Mask
+    gap: Ints
 
     @staticmethod
     def none(window: int) -> Leaves:
@@ -77,14 +80,22 @@ def _fresh(tree: Ints, state: Array, covariance: Array, window: int) -> Leaves:
     past, spread, met = np.zeros((n, window, 4)), np.zeros((n, window, 4, 4)), np.zeros((n, window), dtype=bool)
     past[:, 0], spread[:, 0], met[:, 0] = state, covariance, True
     node = np.full((n, window), -1, dtype=np.int64)
-    return Leaves(tree, state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, no, no, node, past, spread, met)
+    return Leaves(tree, state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, zero, no, no, node, past, spread, met, 0 * node)
 
 
 def predict(tracks: Leaves, dt: float, motion: MotionParameters) -> Leaves:
     """All leaves `dt` seconds on; what they remember is one tick older, and the latest place in it is open."""
-    F, Q = transition(dt, motion)
-    aged = {name: np.roll(getattr(tracks, name), 1, axis=1) for name in ("node", "past", "spread", "met")}
-    return replace(tracks, state=tracks.state @ F.T, covariance=F @ tracks.covariance @ F.T + Q, age=tracks.age + 1, **aged)
+    F, Q = going(tracks.misses, dt, motion)
+    aged = {name: np.roll(getattr(tracks, name), 1, axis=1) for name in ("node", "past", "spread", "met", "gap")}
+    aged["gap"][:, 0] = tracks.misses
+    state = (F @ tracks.state[:, :, None])[:, :, 0]
+    return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1, **aged)
+
+
+def going(misses: Ints, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
+    """F (n, 4, 4) and Q (4, 4) of trees.onward, without statures."""
+    F, Q = onward(misses, dt, motion)
+    return F[:, :4, :4], Q[:4, :4]
 
 
 def born(first_tree: int, groups: list[Combination], motion: MotionParameters, window: int) -> Leaves:

@@ -5,8 +5,10 @@ was taken for somebody else is put right within the N-scan: the best hypothesis 
 
 It departs from the scheme of Yoo et al. in this: a track takes boxes one by one, not tracklets, with the likelihood of its own Kalman filter as
 score; all leaves make one graph, which falls into parts that are solved by themselves (`small_graphs` has one graph for each hypothesis); and a
-leaf stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. By default the tracker of
-tracker/hypotheses.py is used, which is better on PETS 2009: it learns how far each view can be believed (tracker/evidence.py), this does not yet."""
+leaf stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. What views find, miss and are off is learned
+as in tracker/hypotheses.py, who was lost and comes back keeps the id (tracker/reunion.py). What a box must beat to be taken is not learned: with the
+true, low rates of false boxes every box in reach is worth taking, somebody else's, too, as long as their tree is young. Where terrain and things are
+known this does not yet ask at which distances a box could be of somebody (tracker/standpoints.py): there the default tracker is better."""
 
 from __future__ import annotations
 
@@ -21,11 +23,13 @@ from tracker import bonds, branches
 from tracker.bonds import Bonds
 from tracker.branches import Boxes, Branches, Numbers, Standing
 from tracker.cameras import Camera
+from tracker.evidence import Evidence
 from tracker.fusion import Combination, Feet, combine
 from tracker.geometry import Array, Pose
 from tracker.leaves import Leaves, born, predict, weights
 from tracker.measurements import Ints, Setup
 from tracker.recall import Recall
+from tracker.reunion import Reunions, Strangers
 from tracker.selection import MultipleParameters, Selection, select
 from tracker.trees import Tracks
 from tracker.visibility import Bodies
@@ -39,63 +43,87 @@ class MultipleHypotheses:
     def __init__(self, setup: Setup, parameters: MultipleParameters, delay: int = 0) -> None:
         """delay: ticks that the tracks shall remember."""
         self.setup, self.parameters = setup, parameters
+        self.evidence = Evidence(setup, parameters)
+        people = parameters.fusion.standpoints
+        self._stature = people.stature, people.stature_sigma
+        self.reunions = Reunions(parameters.reunion, parameters.motion, setup.period, Strangers(parameters.arrivals, *self._stature))
         self.n_scan = max(1, round(parameters.n_scan / setup.period))
         self.window = max(self.n_scan, delay) + 1
         self.leaves = Leaves.none(self.window)
         self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the best hypothesis
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
-        self.offsets: dict[str, tuple[Array, Array]] = {}  # camera → offset (2,) m on the ground, covariance (2, 2)
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
-        self._bonds = Bonds(np.zeros((0, 0), dtype=bool), np.zeros((0, 0), dtype=np.int16))
+        self._bonds = Bonds(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
+        self._bridged = round(parameters.delta_a / setup.period)
 
     def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> tuple[Leaves, Mask]:
         """Take one tick; cameras: model and T_world_camera of each view. The tracks of the best hypothesis, and who of them is there now."""
         self._ticks += 1
         self.leaves = predict(self.leaves, self.setup.period, self.parameters.motion)
-        expected = self._expected(cameras)
+        bodies = self._bodies()
+        expected = bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach)
+        watched = np.zeros(len(self.leaves), dtype=bool)
+        for view in cameras:
+            watched |= bodies.inside(view)
         table = self._table(views)
-        ways = branches.grow(self._standing(expected), table, self._numbers())
+        missed = self._missed(views, expected)
+        ways = branches.grow(self._standing(missed), table, self._numbers(views))
         held = bonds.worthwhile(ways, self.leaves.tree, self.leaves.misses, self.parameters.slack, len(table.usable))
         ways = Branches._make(column[held] for column in ways)
         roots = self._roots(views, table, ways)
-        self._extend(ways, roots, table)
+        prior = self._prior(views, cameras, roots)
+        self._extend(ways, (roots, prior), (table, missed), watched)
         chosen = select(self.leaves, self._bonds, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
-        self._believe(chosen.best)
-        self._learn(views, ways, chosen.best)
+        fresh = self._believe(chosen.best)
+        self._learn(views, ways, (table.start, expected), chosen.best)
+        self._reunite(chosen.best, fresh)
         self._prune(chosen)
         people = self.leaves.select(self.best)
-        here = people.believed & ~people.over & (people.misses * self.setup.period <= self.parameters.delta_a)
+        here = people.believed & ~people.over & (people.misses <= self._bridged)
         return people, here
 
-    def _expected(self, cameras: list[tuple[Camera, Pose]]) -> Array:
+    def _bodies(self) -> Bodies:
         front = self.best[~self.leaves.over[self.best]]
-        bodies = Bodies(self.leaves.state[:, :2], self.leaves.tree, front, self.setup.ground)
-        return bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach).copy()
+        return Bodies(self.leaves.state[:, :2], self.leaves.tree, front, self.setup.ground)
 
-    def _standing(self, expected: Array) -> Standing:
+    def _missed(self, views: list[Feet], expected: Array) -> Array:
+        """Log-likelihood (n, V) of each view showing no box of people of whom it should see so much."""
+        out = np.zeros((len(self.leaves), len(views)))
+        for v, feet in enumerate(views):
+            out[:, v] = self.evidence.missed(feet.camera, expected[:, v])
+        return out
+
+    def _standing(self, missed: Array) -> Standing:
         place, ground = self.leaves.state[:, :2], self.setup.ground
         around = [np.array([0.1, 0.0]), np.array([0.0, 0.1])]
         slope = np.stack([(ground.height_at(place + e) - ground.height_at(place - e)) / 0.2 for e in around], axis=1)
-        return Standing(self.leaves.state, self.leaves.covariance, ground.height_at(place), slope, expected, self.leaves.over, self.leaves.tree)
+        return Standing(self.leaves.state, self.leaves.covariance, ground.height_at(place), slope, missed, self.leaves.over, self.leaves.tree)
 
-    def _numbers(self) -> Numbers:
+    def _numbers(self, views: list[Feet]) -> Numbers:
         q, (low, high) = self.parameters, self.setup.height
-        certain, miss = np.log((1 - q.false_negative) / q.clutter), np.log(q.false_negative / (1 - q.false_negative))
-        return Numbers(certain, q.gate, q.motion.foot_spread, q.hidden_feet, low, high, miss, q.least, q.width, q.beam, q.children)
+        floor = min((q.at_once * float(np.log(1 - self.evidence.detection(feet.camera))) for feet in views), default=0.0)
+        return Numbers(q.gate, q.motion.foot_spread, low, high, floor, q.least, q.width, q.beam, q.children)
 
     def _table(self, views: list[Feet]) -> Boxes:
         def column(name: str, shape: tuple[int, ...]) -> Array:
             return np.concatenate([np.zeros((0, *shape)), *(getattr(f, name) for f in views)])
 
         start = np.cumsum([0, *(len(f) for f in views)])
-        offset = np.array([self._offset(f.camera)[0] for f in views]).reshape(-1, 2)
+        offset = np.array([self.evidence.offset(f.camera)[0] for f in views]).reshape(-1, 2)
         origin = np.array([f.origin for f in views]).reshape(-1, 3)
         usable = column("confidence", ()) >= self.parameters.min_confidence
+        certain = np.repeat([np.log(self.evidence.detection(f.camera) / self.parameters.clutter) for f in views], np.diff(start))
+        worth = np.concatenate([np.zeros(0), *(self.evidence.trust.worth(f.camera, f.confidence) for f in views)])
         return Boxes(
-            origin, offset, start, column("direction", (3,)), column("covariance", (2, 2)), column("hidden", ()) > 0,
-            np.tan(column("head_elevation", ())), usable,
+            origin, offset, start, column("direction", (3,)), column("covariance", (2, 2)), column("lying", ()), np.tan(column("head_elevation", ())),
+            certain, np.minimum(worth, self.parameters.most_gain), usable,
         )  # fmt: skip
+
+    def _prior(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], roots: list[Combination]) -> Array:
+        """Log-likelihood ratio of each root being somebody new."""
+        people = self.leaves.select(self.best)
+        return self.evidence.prior(list(zip(views, cameras, strict=True)), roots, (people.state[:, :2], people.tree), self._ticks)
 
     def _roots(self, views: list[Feet], table: Boxes, ways: Branches) -> list[Combination]:
         """What may be somebody new: boxes that no leaf wants most, where nobody stands whom these views did not see."""
@@ -113,24 +141,22 @@ class MultipleHypotheses:
             known.append((near & here & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
         return [g for g, k in zip(groups, known, strict=True) if not k]
 
-    def _extend(self, ways: Branches, roots: list[Combination], table: Boxes) -> None:
-        """Leaves become their children, and roots are added; bonds go along. The columns of their boxes are kept for this tick."""
-        q = self.parameters
+    def _extend(self, ways: Branches, new_trees: tuple[list[Combination], Array], seen: tuple[Boxes, Array], watched: Mask) -> None:
+        """Leaves become their children, and roots with their scores are added; bonds go along. The columns of their boxes are kept for this tick."""
+        q, (roots, prior), (table, missed) = self.parameters, new_trees, seen
         parents, met = self.leaves.select(ways.parent), (ways.box >= 0).any(axis=1)
-        hit, views = np.log((1 - q.false_positive) / q.false_positive), (ways.box >= 0).sum(axis=1)
-        # For and against being there each box counts alike: how well it lies says which box it is.
-        evidence = hit * views + ways.missed
-        past, spread, seen = parents.past.copy(), parents.spread.copy(), parents.met.copy()
-        past[:, 0], spread[:, 0], seen[:, 0] = ways.state, ways.covariance, met
+        # For and against being there it does not count how well a box lies: that says which box it is.
+        evidence = np.where(ways.box >= 0, np.append(table.hit, 0.0)[ways.box], 0.0).sum(axis=1) + ways.missed
+        past, spread, taken = parents.past.copy(), parents.spread.copy(), parents.met.copy()
+        past[:, 0], spread[:, 0], taken[:, 0] = ways.state, ways.covariance, met
         children = replace(
             parents, state=ways.state, covariance=ways.covariance, score=parents.score + ways.gain,
-            alive=np.clip(parents.alive + evidence, -20.0, 20.0), hits=parents.hits + met, misses=np.where(met, 0, parents.misses + 1),
-            past=past, spread=spread, met=seen, out=parents.out + 1,
+            alive=np.clip(parents.alive + evidence, -20.0, q.most_score), hits=parents.hits + met, misses=np.where(met, 0, parents.misses + 1),
+            past=past, spread=spread, met=taken, out=parents.out + 1, away=np.where(watched[ways.parent] | met, 0, parents.away + 1),
         )  # fmt: skip
         new = born(self._next_tree, roots, q.motion, self.window)
         self._next_tree += len(roots)
-        size = np.array([len(g.members) for g in roots], dtype=np.float64)
-        new = replace(new, score=q.birth + q.confirmation * (size - 1), alive=hit * size)
+        new = replace(new, score=prior, alive=prior)
         self._boxes = np.full((len(children) + len(new), len(table.origin)), -1, dtype=np.int64)
         self._boxes[: len(children)] = ways.box
         for k, group in enumerate(roots, len(children)):
@@ -141,35 +167,52 @@ class MultipleHypotheses:
         self._next_node += len(leaves)
         parent = np.concatenate([ways.parent, np.full(len(new), -1, dtype=np.int64)])
         self._parent, self.leaves = parent, leaves
-        self._bonds = bonds.bind(self._bonds, self._parent, self.leaves.tree, self._boxes, self.leaves.state[:, :2], q.same_person)
+        missed = np.vstack([missed[ways.parent], np.zeros((len(new), len(table.origin)))])
+        who = bonds.Rows(leaves.tree, self._boxes, leaves.state[:, :2], leaves.over, missed)
+        self._bonds = bonds.bind(self._bonds, parent, who, table.hit, (q.same_person, q.alone, q.apart))
 
-    def _believe(self, best: Ints) -> None:
+    def _believe(self, best: Ints) -> set[int]:
+        """Note who is certain by now; the trees that are for the first time."""
         q, leaves = self.parameters, self.leaves
         sure = np.zeros(len(leaves), dtype=bool)
         sure[best] = (leaves.hits[best] >= q.n_conf) & (leaves.alive[best] >= q.believe) & (leaves.misses[best] == 0)
         out, believed = leaves.out.copy(), leaves.believed | sure
         out[best] = 0
-        self.leaves = replace(leaves, out=out, believed=believed, over=leaves.over | (believed & (leaves.alive < -10)))
+        fresh = set(leaves.tree[sure].tolist()) - set(leaves.tree[leaves.believed].tolist())
+        self.leaves = replace(leaves, out=out, believed=believed, over=leaves.over | (believed & (leaves.alive < q.end)))
+        return fresh
 
-    def _offset(self, camera: str) -> tuple[Array, Array]:
-        return self.offsets.get(camera, (np.zeros(2), self.parameters.offset_sigma**2 * np.eye(2)))
-
-    def _learn(self, views: list[Feet], ways: Branches, best: Ints) -> None:
-        """Take the innovations of who is believed as looks at the views' own offsets; Kalman's update, widened as looks are not independent."""
-        if self.parameters.offset_sigma <= 0:
+    def _learn(self, views: list[Feet], ways: Branches, seen: tuple[Ints, Array], best: Ints) -> None:
+        """Count what the views found of the best hypothesis; and take the innovations of who is believed as looks at the views' own offsets: Kalman's
+        update, widened as looks are not independent. seen: first row of each view's boxes; how often (n, V) each view should see a parent."""
+        q, (start, expected), leaves = self.parameters, seen, self.leaves
+        known = best[self._parent[best] >= 0]
+        box = self._boxes[known]
+        sure = leaves.believed[known] & (leaves.misses[known] <= self._bridged)
+        self.evidence.learn(views, np.where(box >= 0, box - start[:-1], -1), expected[self._parent[known]], (sure, leaves.alive[known]))
+        if q.offset_sigma <= 0:
             return
-        old = best[self.leaves.believed[best] & (self._parent[best] >= 0)]
+        old = known[leaves.believed[known]]
         for v, feet in enumerate(views):
             looks = ways.residual[old, v], ways.H[old, v], ways.S[old, v]
-            self.offsets[feet.camera] = _learnt(self._offset(feet.camera), looks, self.parameters.offset_memory)
+            self.evidence.offsets[feet.camera] = _learnt(self.evidence.offset(feet.camera), looks, q.offset_memory)
+
+    def _reunite(self, best: Ints, fresh: set[int]) -> None:
+        """Who is believed for the first time may be who was lost; end what has gone on as another."""
+        people = self.leaves.select(_of_trees(self.leaves, best))
+        away = people.away * self.setup.period > self.parameters.outside
+        new, held = np.isin(people.tree, list(fresh)), np.isin(people.tree, self.leaves.tree[best])
+        ended = self.reunions.step(_as_tracks(people, self._stature), people.believed & held, new, set(people.tree[away].tolist()))
+        self.leaves = replace(self.leaves, over=self.leaves.over | np.isin(self.leaves.tree, list(ended)))
 
     def _prune(self, chosen: Selection) -> None:
         """Drop what has ended, what was decided against n_scan ticks ago, and what is too much."""
         q, leaves = self.parameters, self.leaves
-        longest = max(round(2 * q.delta_a / self.setup.period), self.window)
+        longest = max(2 * self._bridged, self.window)
         # Who is not believed yet and takes what belongs to others would live for ever.
-        young = (leaves.misses < 3) & (leaves.alive > -3) & (leaves.out <= q.patience)
-        keep = np.where(leaves.believed, (leaves.misses <= longest) & (leaves.out <= self.n_scan), young)
+        young = (leaves.misses < 3) & (leaves.alive > q.forget) & (leaves.out <= q.patience)
+        there = (leaves.misses <= longest) & (leaves.away * self.setup.period <= q.outside)
+        keep = np.where(leaves.believed, there & (leaves.out <= self.n_scan), young)
         keep &= leaves.speed <= q.motion.v_max
         decided = {int(leaves.tree[k]): int(leaves.node[k, self.n_scan]) for k in chosen.best if leaves.believed[k]}
         past = zip(leaves.tree.tolist(), leaves.node[:, self.n_scan].tolist(), strict=True)
@@ -195,6 +238,22 @@ class MultipleHypotheses:
         self.kept = np.pad(chosen.hypotheses[:, rows], ((0, 0), (0, 1)))
 
 
+def _of_trees(leaves: Leaves, best: Ints) -> Ints:
+    """A row of each tree: that of `best`, or the one of the highest score."""
+    held = np.zeros(len(leaves), dtype=bool)
+    held[best] = True
+    order = np.lexsort((-leaves.score, ~held, leaves.tree))
+    return np.asarray(order[np.unique(leaves.tree[order], return_index=True)[1]])
+
+
+def _as_tracks(people: Leaves, stature: tuple[float, float]) -> Tracks:
+    """The same with a stature, of which nothing is known but how tall people are: mean and standard deviation, m."""
+    state, covariance = np.zeros((len(people), 5)), np.zeros((len(people), 5, 5))
+    state[:, :4], covariance[:, :4, :4] = people.state, people.covariance
+    state[:, 4], covariance[:, 4, 4] = stature[0], stature[1] ** 2
+    return Tracks(people.tree, state, covariance, people.score, people.hits, people.misses, people.age)
+
+
 @njit(cache=True)
 def _learnt(offset: tuple[Array, Array], looks: tuple[Array, Array, Array], memory: float) -> tuple[Array, Array]:
     """Offset (2,) and its covariance (2, 2) after looks: residual (k, 2), NaN where there is none, H and S (k, 2, 2)."""
@@ -218,8 +277,11 @@ class MultipleTargets:
 
     def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None:
         """Take a tick; the people of the tick `delay` before it, None where there was none."""
-        return self._recall.feed(*self.hypotheses.step(views, cameras))
+        return self._told(self._recall.feed(*self.hypotheses.step(views, cameras)))
 
     def drain(self) -> Tracks | None:
         """The people of the oldest tick that was not told yet; None where all are."""
-        return self._recall.drain()
+        return self._told(self._recall.drain())
+
+    def _told(self, people: Tracks | None) -> Tracks | None:
+        return None if people is None else self.hypotheses.reunions.renamed(people)

@@ -10,8 +10,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.leaves import Leaves
-from tracker.trees import MotionParameters, Tracks, transition
+from tracker.leaves import Leaves, going
+from tracker.trees import MotionParameters, Tracks
 
 Mask = NDArray[np.bool_]
 
@@ -48,13 +48,13 @@ class Recall:
 
 def smoothed(tracks: Leaves, ago: int, motion: tuple[float, MotionParameters]) -> Tracks:
     """The tracks as they were `ago` ticks before, with what came since taken into state and covariance; all are older than that."""
-    F, Q = transition(*motion)
     x, P = tracks.past[:, 0], tracks.spread[:, 0]
     for k in range(1, ago + 1):
         now, spread = tracks.past[:, k], tracks.spread[:, k]
-        predicted = F @ spread @ F.T + Q
+        F, Q = going(tracks.gap[:, k - 1], *motion)
+        predicted = F @ spread @ F.transpose(0, 2, 1) + Q
         C = np.linalg.solve(predicted, F @ spread).transpose(0, 2, 1)
-        x = now + (C @ (x - now @ F.T)[:, :, None])[:, :, 0]
+        x = now + (C @ (x[:, :, None] - F @ now[:, :, None]))[:, :, 0]
         P = spread + C @ (P - predicted) @ C.transpose(0, 2, 1)
     # How tall they are is not followed here.
     state, covariance = np.zeros((len(x), 5)), np.zeros((len(x), 5, 5))

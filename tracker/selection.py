@@ -14,7 +14,7 @@ from tracker.bonds import Bonds
 from tracker.clique import Graph, Limits, Options, Tuning, search
 from tracker.covering import labels
 from tracker.dumping import dump
-from tracker.fusion import FusionParameters
+from tracker.evidence import TargetParameters
 from tracker.geometry import Array
 from tracker.leaves import Leaves, weights
 from tracker.measurements import Ints
@@ -25,28 +25,12 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class MultipleParameters:
-    """Named as in the paper where it has a name for it; times in seconds, so that other frame rates work."""
+class MultipleParameters(TargetParameters):
+    """What both trackers of people have, and what track trees need beside it; boxes below `min_confidence` are not looked at."""
 
-    fusion: FusionParameters = field(default_factory=FusionParameters)
-    motion: MotionParameters = field(default_factory=lambda: MotionParameters(acceleration=0.8, foot_spread=0.2))
-    min_confidence: float = 0.6  # boxes below are not looked at
-    birth_confidence: float = 0.8  # and below this they start nobody
-    false_positive: float = 0.05  # FP
-    false_negative: float = 0.1  # FN
-    clutter: float = 2.0  # false boxes a steradian: what a box must beat to be taken
-    gate: float = 4.0  # standard deviations of the innovation
-    hidden_feet: float = 0.15  # how often a box ends above the feet for no reason that is known
-    delta_a: float = 9 / 7  # s, longest gap that is bridged
-    n_conf: int = 2  # ticks until a track may be believed
+    motion: MotionParameters = field(default_factory=lambda: MotionParameters(foot_spread=0.2))
     n_scan: float = 10 / 7  # s, after which a decision stands
-    believe: float = 6.0  # log-likelihood ratio from which it is
-    birth: float = -3.0  # log of the density of new people over that of false boxes
-    confirmation: float = 4.0  # log-likelihood ratio of each further view of a new person
-    same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person ...
-    together: int = 4  # ... after so many ticks
-    offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off
-    offset_memory: float = 30.0  # innovations that are worth one independent look at the offset: they come in runs
+    clutter: float = 40.0  # false boxes a steradian: what a box must beat to be taken
     least: float = 0.0  # log-likelihood ratio that a box must have to be taken
     width: float = 15.0  # log-likelihood by which a way to go on may be worse than the leaf's best
     slack: float = 4.0  # the same where no other tree wants the boxes of the best way
@@ -83,8 +67,8 @@ def select(leaves: Leaves, bonds: Bonds, previous: Mask, parameters: MultiplePar
     q = parameters
     weight = weights(leaves, q.most_weight)
     usable = (weight > 0) & (leaves.score > 0)
-    patience = np.where(leaves.believed[:, None] & leaves.believed[None, :], q.together, max(1, q.together // 2))
-    conflict = bonds.conflict | (bonds.together >= patience)
+    one = np.where(leaves.believed[:, None] & leaves.believed[None, :], q.duplicate, q.duplicate / 2)
+    conflict = bonds.conflict | (bonds.together > one)
     np.fill_diagonal(conflict, False)
     graph = Graph.from_rows(weight, np.count_nonzero(conflict, axis=1), np.flatnonzero(conflict) % max(len(weight), 1))
     if not q.small_graphs or not len(previous):

@@ -88,7 +88,7 @@ class Lag:
 
     def _before(self, tracks: Tracks, gap: float) -> Tracks:
         """Where `tracks` were `gap` s ago: as they were then is not known but by how they went on."""
-        F, Q = onward(tracks, gap, self.motion)
+        F, Q = onward(tracks.misses, gap, self.motion)
         back = np.linalg.inv(F)
         state = (back @ tracks.state[:, :, None])[:, :, 0]
         return replace(tracks, state=state, covariance=back @ (tracks.covariance + Q) @ back.transpose(0, 2, 1))
@@ -107,7 +107,7 @@ class Lag:
             goes_on = np.isin(now.tree, after.tree)
             x, P = now.state.copy(), now.covariance.copy()
             before = now.select(goes_on)
-            x[goes_on], P[goes_on] = _back(before, after, *onward(before, self.period, self.motion))
+            x[goes_on], P[goes_on] = _back(before, after, *onward(before.misses, self.period, self.motion))
             after = replace(now, state=x, covariance=P)
         return after
 

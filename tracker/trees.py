@@ -85,9 +85,9 @@ def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:
     return F, np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(2)) * motion.acceleration**2
 
 
-def onward(tracks: Tracks, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
-    """F (n, 5, 5) of each track, and Q (5, 5): as `transition`, but that the velocity of those who are out of sight fades, as the mean of an
-    Ornstein-Uhlenbeck process does. Statures stay, but for how people hold themselves.
+def onward(misses: Ints, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
+    """F (n, 5, 5) of tracks that were not seen for so many ticks (n,) in a row, and Q (5, 5): as `transition`, but that the velocity of those who are
+    out of sight fades, as the mean of an Ornstein-Uhlenbeck process does. Statures stay, but for how people hold themselves.
     """
     F, Q = np.eye(5), np.zeros((5, 5))
     F[:4, :4], Q[:4, :4] = transition(dt, motion)
@@ -95,7 +95,7 @@ def onward(tracks: Tracks, dt: float, motion: MotionParameters) -> tuple[Array, 
     fade = np.exp(-dt / motion.onward)
     fading = np.diag([1.0, 1.0, fade, fade, 1.0])
     fading[0, 2] = fading[1, 3] = halting(dt, motion)
-    return np.where((tracks.misses * dt > motion.early)[:, None, None], fading, F), Q
+    return np.where((misses * dt > motion.early)[:, None, None], fading, F), Q
 
 
 def halting(gap: float, motion: MotionParameters) -> float:
@@ -105,7 +105,7 @@ def halting(gap: float, motion: MotionParameters) -> float:
 
 def predict(tracks: Tracks, dt: float, motion: MotionParameters) -> Tracks:
     """All tracks `dt` seconds on."""
-    F, Q = onward(tracks, dt, motion)
+    F, Q = onward(tracks.misses, dt, motion)
     state = (F @ tracks.state[:, :, None])[:, :, 0]
     return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1)
 

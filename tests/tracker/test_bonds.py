@@ -2,19 +2,31 @@
 
 import numpy as np
 
-from tracker.bonds import Bonds, bind, leaders, regrets
+from tracker.bonds import Bonds, Rows, bind, leaders, regrets
+
+LIMITS = 1.0, 2.0, 0.8
 
 
 def test_bonds_of_children() -> None:
     """Four leaves of trees 1, 1, 2, 3 before two views: the first two share a tree, the second and third a box, and the fourth inherits what its
-    parent had against the third's; the third and fourth are near and no view told them apart, as were their parents for two ticks."""
-    old = Bonds(np.array([[False, True], [True, False]]), np.array([[0, 2], [2, 0]], dtype=np.int16))
+    parent had against the third's; the third and fourth are near, as were their parents, and each view shows but one of them."""
+    old = Bonds(np.array([[False, True], [True, False]]), np.array([[0, 1.5], [1.5, 0]]))
     box, place = np.array([[0, -1], [1, -1], [1, -1], [-1, 2]]), np.array([[0.0, 0], [5.0, 0], [9.0, 0], [9.5, 0]])
-    bonds = bind(old, np.array([-1, -1, 0, 1]), np.array([1, 1, 2, 3]), box, place, 1.0)
+    rows = Rows(np.array([1, 1, 2, 3]), box, place, np.zeros(4, dtype=bool), np.full((4, 2), -0.5))
+    bonds = bind(old, np.array([-1, -1, 0, 1]), rows, np.full(3, 4.0), LIMITS)
     assert np.argwhere(np.triu(bonds.conflict)).tolist() == [[0, 1], [1, 2], [2, 3]]
     assert np.argwhere(np.triu(bonds.together)).tolist() == [[2, 3]]
-    assert bonds.together[2, 3] == 3
+    assert bonds.together[2, 3] == 1.5 + 2 * 0.5
     np.testing.assert_array_equal(bonds.conflict, bonds.conflict.T)
+
+
+def test_two_whom_a_view_shows_at_once_are_two() -> None:
+    """Two near leaves: seen by the first view both, by the second one of them; the same with one that has ended, of whom it is not asked."""
+    old, place = Bonds(np.zeros((2, 2), dtype=bool), np.full((2, 2), 5.0)), np.array([[0.0, 0], [0.5, 0]])
+    for over, expected in ((False, 5.0 + 0.3 - 0.8 * 4.0), (True, 0.0)):
+        rows = Rows(np.array([1, 2]), np.array([[0, 2], [1, -1]]), place, np.array([False, over]), np.array([[-0.3, -0.3], [-2.0, -2.0]]))
+        together = bind(old, np.array([0, 1]), rows, np.array([6.0, 4.0, 6.0]), LIMITS).together
+        np.testing.assert_allclose(together, [[0.0, expected], [expected, 0.0]])
 
 
 def test_regret_is_what_a_leaf_costs_the_best() -> None:

@@ -57,14 +57,16 @@ def test_a_gap_is_bridged_and_keeps_the_id() -> None:
     assert all(len(e.target_id) == 1 for e in estimates[20:25])
 
 
-def test_who_is_gone_is_dropped_and_an_id_is_never_used_again() -> None:
+@pytest.mark.parametrize(("back", "then"), [(40, 1), (80, 2)])
+def test_who_is_lost_is_dropped_and_has_the_id_again_within_eight_seconds(back: int, then: int) -> None:
+    """After that somebody new is likelier, and an id is never used again for another."""
     rng = np.random.default_rng(4)
-    setup, walked = crowds.setup(), crowds.paths(1, 70, rng)
-    lost = crowds.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < 50)
+    setup, walked = crowds.setup(), crowds.paths(1, back + 20, rng)
+    lost = crowds.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < back)
     estimates = list(track(setup, lost, MANY))
-    assert len(estimates[45].target_id) == 0
+    assert len(estimates[back - 5].target_id) == 0
     assert {int(i) for e in estimates[:20] for i in e.target_id} == {1}
-    assert {int(i) for e in estimates[50:] for i in e.target_id} == {2}
+    assert {int(i) for e in estimates[back:] for i in e.target_id} == {then}
 
 
 def test_false_boxes_alone_make_nobody() -> None:

@@ -72,7 +72,7 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
             information[5 * k : 5 * k + 2, 5 * k : 5 * k + 2] += np.linalg.inv(R)
             vector[5 * k : 5 * k + 2] += np.linalg.solve(R, measured[k])
         if k:
-            (F,), Q = onward(tracks[k - 1], PERIOD, MOTION)
+            (F,), Q = onward(tracks[k - 1].misses, PERIOD, MOTION)
             A = np.zeros((5, 5 * steps))
             A[:, 5 * k - 5 : 5 * k], A[:, 5 * k : 5 * k + 5] = -F, np.eye(5)
             information += A.T @ np.linalg.solve(Q, A)
