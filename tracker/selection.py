@@ -38,10 +38,10 @@ class MultipleParameters(TargetParameters):
     children: int = 3  # ways kept of a leaf, beside those that leave a contested box to others
     tree_leaves: int = 8  # leaves kept of a tree
     young_leaves: int = 4  # the same while nobody is believed there
-    most_regret: float = 15.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the best of all
+    most_regret: float = 30.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the best of all
     patience: int = 4  # ticks that a young tree may be out of the best hypothesis
     most_leaves: int = 160  # leaves kept in all; each has several children, and every two of them are compared
-    most_weight: float = 30.0  # weight that a tree's best leaf has at most
+    most_weight: float = 60.0  # weight that a tree's best leaf has at most
     k_h: int = 25  # K_H, hypotheses kept
     i_bls_max: int = 2000  # moves of the search at most
     branches: int = 20  # of a part that is not settled without; they bound the time of a tick
