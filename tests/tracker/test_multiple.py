@@ -84,6 +84,19 @@ def test_a_view_that_vanishes_does_no_harm() -> None:
     assert scored(setup, walked, thinned).mota > 0.85
 
 
+def test_how_often_people_are_found_is_learned() -> None:
+    rng = np.random.default_rng(12)
+    setup, walked = crowds.setup(), crowds.paths(5, 100, rng)
+    tracker = Tracker(setup, MANY)
+    for tick in crowds.ticks(setup, walked, rng, misses=0.5):
+        tracker.step(tick)
+    evidence = tracker._people.hypotheses.evidence  # type: ignore[attr-defined]
+    found = [evidence.detection(camera) for camera in setup.mounts]
+    # 0.9 is assumed at first; boxes that lie badly are not taken, and so not counted.
+    assert abs(np.mean(found) - 0.5) < 0.1
+    assert max(found) < 0.7
+
+
 @pytest.mark.slow
 def test_much_clutter_is_bounded_in_memory_and_time() -> None:
     rng = np.random.default_rng(10)
