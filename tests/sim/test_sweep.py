@@ -100,7 +100,7 @@ def test_folders_that_hold_something_else(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_rows_of_a_tracker_that_solves_graphs_say_how_near_to_the_best_it_came(tmp_path: Path) -> None:
-    one = trial(tmp_path, people=6, robots=2, frames=8)
+    one = trial(tmp_path, people=10, robots=2, frames=12)
     row = attempted(replace(one, contender=Contender(options={"hypotheses": "multiple"})))
     assert row["error"] is None
     assert 0.0 <= row["limits"]["clique_gap"] < 0.05
