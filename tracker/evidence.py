@@ -82,6 +82,11 @@ class Evidence:
         reach = np.where(feet.grounded, np.linalg.norm(feet.point - feet.origin, axis=1), self.parameters.fusion.reach)
         return self.trust.worth(feet.camera, feet.confidence) - np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach))
 
+    def at_once(self, views: list[Feet]) -> float:
+        """Log-likelihood of all views' losing somebody at once: they do so for one reason, and that is a few misses, not many."""
+        detection = np.array([self.detection(feet.camera) for feet in views])
+        return float((self.parameters.at_once * np.log(1 - detection)).min(initial=0.0))
+
     def offset(self, camera: str) -> tuple[Array, Array]:
         """How far the view is off on the ground: (2,) m, covariance (2, 2) m²."""
         return self.offsets.get(camera, (np.zeros(2), self.parameters.offset_sigma**2 * np.eye(2)))

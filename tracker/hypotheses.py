@@ -187,17 +187,14 @@ class Hypotheses:
         """Score every track by what saw it and what should have (C_rec), and count frames; how often (t, v) each view should have a box."""
         q, tracks, (gain, wanted) = self.parameters, self.tracks, gains
         outlook, bodies = self._outlook(cameras), Bodies(tracks.state[:, :2], tracks.tree, np.arange(len(tracks)), self.setup.ground)
-        miss, watched, detection = np.zeros(box.shape), np.zeros(len(tracks), dtype=bool), self.detection(views)
-        floor = (q.at_once * np.log(1 - detection)).min(initial=0.0)
-        for v, (feet, camera) in enumerate(zip(views, cameras, strict=True)):
-            watched |= bodies.inside(camera)
+        miss, watched = np.zeros(box.shape), bodies.watched(cameras)
+        for v, feet in enumerate(views):
             miss[:, v] = self.evidence.missed(feet.camera, outlook.share[:, v])
         seen = box >= 0
         any_seen = seen.any(axis=1)
         # A box that another track would take says little for this one: all would be as likely without it.
-        # Where all views lose a person at once they do so for one reason: that is two misses, not many.
         total = np.where(seen, np.minimum(gain - wanted, q.most_gain), miss).sum(axis=1)
-        score = tracks.score + np.where(any_seen, total, np.maximum(total, floor))
+        score = tracks.score + np.where(any_seen, total, np.maximum(total, self.evidence.at_once(views)))
         self.tracks = replace(
             tracks,
             score=np.clip(score, -20.0, q.most_score),
@@ -207,7 +204,7 @@ class Hypotheses:
         self._gone = np.where(watched | any_seen, 0.0, self._gone + self.setup.period)
         self._remember_apart(seen, miss, gain)
         # Who is not believed may be nobody, and then no view shows nobody for a reason.
-        self.tracks = outlook.without(self.tracks, seen | ~self.believed[:, None], detection)
+        self.tracks = outlook.without(self.tracks, seen | ~self.believed[:, None], self.detection(views))
         return outlook.share
 
     def _remember_apart(self, seen: Mask, miss: Array, gain: Array) -> None:

@@ -63,9 +63,6 @@ class MultipleHypotheses:
         self.leaves = predict(self.leaves, self.setup.period, self.parameters.motion)
         bodies = self._bodies()
         expected = bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach)
-        watched = np.zeros(len(self.leaves), dtype=bool)
-        for view in cameras:
-            watched |= bodies.inside(view)
         table = self._table(views)
         missed = self._missed(views, expected)
         ways = branches.grow(self._standing(missed), table, self._numbers(views))
@@ -73,7 +70,7 @@ class MultipleHypotheses:
         ways = Branches._make(column[held] for column in ways)
         roots = self._roots(views, table, ways)
         prior = self._prior(views, cameras, roots)
-        self._extend(ways, (roots, prior), (table, missed), watched)
+        self._extend(ways, (roots, prior), (table, missed), bodies.watched(cameras))
         chosen = select(self.leaves, self._bonds, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
         fresh = self._believe(chosen.best)
         self._learn(views, ways, (table.start, expected), chosen.best)
@@ -102,8 +99,7 @@ class MultipleHypotheses:
 
     def _numbers(self, views: list[Feet]) -> Numbers:
         q, (low, high) = self.parameters, self.setup.height
-        floor = min((q.at_once * float(np.log(1 - self.evidence.detection(feet.camera))) for feet in views), default=0.0)
-        return Numbers(q.gate, q.motion.foot_spread, low, high, floor, q.least, q.width, q.beam, q.children)
+        return Numbers(q.gate, q.motion.foot_spread, low, high, self.evidence.at_once(views), q.least, q.width, q.beam, q.children)
 
     def _table(self, views: list[Feet]) -> Boxes:
         def column(name: str, shape: tuple[int, ...]) -> Array:
@@ -146,7 +142,7 @@ class MultipleHypotheses:
         q, (roots, prior), (table, missed) = self.parameters, new_trees, seen
         parents, met = self.leaves.select(ways.parent), (ways.box >= 0).any(axis=1)
         # For and against being there it does not count how well a box lies: that says which box it is.
-        evidence = np.where(ways.box >= 0, np.append(table.hit, 0.0)[ways.box], 0.0).sum(axis=1) + ways.missed
+        evidence = np.append(table.hit, 0.0)[ways.box].sum(axis=1) + ways.missed
         past, spread, taken = parents.past.copy(), parents.spread.copy(), parents.met.copy()
         past[:, 0], spread[:, 0], taken[:, 0] = ways.state, ways.covariance, met
         children = replace(

@@ -57,6 +57,13 @@ class Bodies:
         """`expected` of all views, (n, v)."""
         return np.array([self.expected(view, occluders, reach) for view in views]).reshape(len(views), len(self.points)).T
 
+    def watched(self, views: list[tuple[Camera, Pose]]) -> Mask:
+        """Whether each body (n,) is `inside` the image of any view."""
+        out = np.zeros(len(self.points), dtype=bool)
+        for view in views:
+            out |= self.inside(view)
+        return out
+
     def inside(self, view: tuple[Camera, Pose]) -> Mask:
         """Whether a part of each body (n,) is in the image of the view, hidden or not."""
         camera, pose = view
