@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array
 
@@ -58,7 +59,8 @@ class Boxes(NamedTuple):
 
 class Numbers(NamedTuple):
     """gate: standard deviations; foot_spread m; low, high: heights m; floor: log-likelihood of all views' losing a person at once; least:
-    log-likelihood ratio that a box must have; width: log-likelihood under the best way that is kept; beam, most: ways kept meanwhile and at last."""
+    log-likelihood ratio that a box must have in a way that one leaf goes alone; width: log-likelihood under the best way that is kept; beam,
+    most: ways kept meanwhile and at last."""
 
     gate: float
     foot_spread: float
@@ -355,3 +357,89 @@ def grow(leaves: Standing, boxes: Boxes, n: Numbers) -> Branches:
         out.parent[:m].copy(), out.box[:m].copy(), out.gain[:m].copy(), out.missed[:m].copy(), out.state[:m].copy(), out.covariance[:m].copy(),
         out.residual[:m].copy(), out.H[:m].copy(), out.S[:m].copy(),
     )  # fmt: skip
+
+
+def shared(rows: Ints, leaves: Standing, boxes: Boxes, n: Numbers) -> tuple[Branches, Array]:
+    """One way for each of `rows`, leaves that are true together: view after view the boxes are shared out among them for the highest sum. Ways that
+    are found leaf by leaf seldom go together where people stand close before many views. And what each of them (k, D) would gain by each box over
+    none, 0 where nothing."""
+    k, V = len(rows), len(boxes.origin)
+    out, worth = Branches(*_blank(k, V)), np.zeros((k, len(boxes.usable)))
+    out.parent[:] = rows
+    out.state[:], out.covariance[:] = leaves.state[rows], leaves.covariance[rows]
+    for v in _from_best(rows, leaves, boxes):
+        gain = _gains(v, rows, leaves, boxes, n, out)
+        none = leaves.missed[rows, v]
+        more = np.maximum(gain - none[:, None], 0.0)
+        worth[:, boxes.start[v] : boxes.start[v + 1]] = more
+        i, d = linear_sum_assignment(more, maximize=True)
+        taken = more[i, d] > 0
+        box = np.full(k, -1)
+        box[i[taken]] = d[taken] + boxes.start[v]
+        _take(v, box, leaves, boxes, n, out)
+    return out, worth
+
+
+@njit(cache=True)
+def _from_best(rows: Ints, leaves: Any, boxes: Any) -> Ints:
+    """Views from the one whose sight lines place most of `rows` best."""
+    rank = np.zeros(len(boxes.origin))
+    for i in rows:
+        rank[_order(i, leaves, boxes)] += np.arange(len(rank))
+    return np.argsort(rank, kind="mergesort")
+
+
+@njit(cache=True)
+def _gains(v: int, rows: Ints, leaves: Any, boxes: Any, n: Any, ways: Any) -> Array:
+    """Log-likelihood ratio (k, d) of each box of view v for each of `rows`, as far as they have gone in `ways`; −inf where it is not taken."""
+    first, end = boxes.start[v], boxes.start[v + 1]
+    out, look, near = np.full((len(rows), end - first), -np.inf), np.empty(16), np.empty(NEAREST, np.int64)
+    for k, i in enumerate(rows):
+        found = _near(v, i, leaves, boxes, n, near)
+        _look(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
+        S0 = _expected(look, ways.covariance[k], n.foot_spread)
+        for d in near[:found]:
+            _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+            C = boxes.covariance[d]
+            gain, _ = _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), n.gate)
+            if gain > 0.0:
+                out[k, d - first] = gain
+    return out
+
+
+@njit(cache=True)
+def _take(v: int, box: Ints, leaves: Any, boxes: Any, n: Any, ways: Any) -> None:
+    """Go on in `ways`, in place, by the box (k,) that each takes of view v, −1 for none."""
+    look = np.empty(16)
+    for k in range(len(box)):
+        i, d = ways.parent[k], box[k]
+        if d < 0:
+            ways.gain[k] += leaves.missed[i, v]
+            ways.missed[k] += leaves.missed[i, v]
+            continue
+        _look(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
+        S0 = _expected(look, ways.covariance[k], n.foot_spread)
+        _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+        C = boxes.covariance[d]
+        S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
+        gain, upright = _gain(r0, r1, S, look, (boxes.certain[d], boxes.lying[d]), n.gate)
+        _update(ways.state[k], ways.covariance[k], look, (r0, r1), S, 2 if upright else 1)
+        ways.gain[k] += gain
+        ways.box[k, v] = d
+        if upright:
+            ways.residual[k, v, 0], ways.residual[k, v, 1] = r0, r1
+            ways.H[k, v, 0, 0], ways.H[k, v, 0, 1], ways.H[k, v, 1, 0], ways.H[k, v, 1, 1] = look[9], look[10], look[11], look[12]
+            ways.S[k, v, 0, 0], ways.S[k, v, 1, 1] = S[0], S[2]
+            ways.S[k, v, 0, 1] = ways.S[k, v, 1, 0] = S[1]
+
+
+def merged(ways: Branches, more: Branches) -> Branches:
+    """`ways` and those of `more` that take a box and are not among them, in the order of Branches."""
+    known = {(p, *b) for p, b in zip(ways.parent.tolist(), ways.box.tolist(), strict=True)}
+    found = [(p, *b) not in known and max(b, default=-1) >= 0 for p, b in zip(more.parent.tolist(), more.box.tolist(), strict=True)]
+    fresh = np.flatnonzero(found)
+    if not len(fresh):
+        return ways
+    both = Branches._make(np.concatenate([a, b[fresh]]) for a, b in zip(ways, more, strict=True))
+    order = np.lexsort((-both.gain, (both.box < 0).all(axis=1), both.parent))
+    return Branches._make(column[order] for column in both)

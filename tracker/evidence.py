@@ -55,6 +55,7 @@ class TargetParameters:
     outside: float = 3 / 7  # s, after which somebody is gone who is out of all views
     same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
     offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off
+    offset_first: float = 0.3  # m, the same of the first view: offsets are known against each other, and places are told as it sees them
     offset_memory: float = 30.0  # innovations that are worth one independent look at the offset: they come in runs
 
 
@@ -89,7 +90,9 @@ class Evidence:
 
     def offset(self, camera: str) -> tuple[Array, Array]:
         """How far the view is off on the ground: (2,) m, covariance (2, 2) m²."""
-        return self.offsets.get(camera, (np.zeros(2), self.parameters.offset_sigma**2 * np.eye(2)))
+        q = self.parameters
+        sigma = q.offset_first if camera == next(iter(self.setup.mounts)) else q.offset_sigma
+        return self.offsets.get(camera, (np.zeros(2), sigma**2 * np.eye(2)))
 
     def learn_offset(self, camera: str, residual: Array, H: Array, S: Array) -> None:
         """Take an innovation, covariance S, as a look at this view's own offset; Kalman's update, S widened as looks are not independent."""

@@ -5,19 +5,21 @@ was taken for somebody else is put right within the N-scan: the best hypothesis 
 
 It departs from the scheme of Yoo et al. in this: a track takes boxes one by one, not tracklets, with the likelihood of its own Kalman filter as
 score; all leaves make one graph, which falls into parts that are solved by themselves (`small_graphs` has one graph for each hypothesis); and a
-leaf stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. What views find, miss and are off is learned
-as in tracker/hypotheses.py, who was lost and comes back keeps the id (tracker/reunion.py). What a box must beat to be taken is not learned: with the
-true, low rates of false boxes every box in reach is worth taking, somebody else's, too, as long as their tree is young. Where terrain and things are
-known this does not yet ask at which distances a box could be of somebody (tracker/standpoints.py): there the default tracker is better."""
+leaf stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. Leaves that are true together also go on
+together, the boxes of each view shared out among them: what each would do alone seldom goes together before many views. What views find, miss and
+are off is learned as in tracker/hypotheses.py, who was lost and comes back keeps the id (tracker/reunion.py). Where terrain and things are known
+this does not yet ask at which distances a box could be of somebody (tracker/standpoints.py): there the default tracker is better."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from tracker import bonds, branches
 from tracker.bonds import Bonds
@@ -35,6 +37,9 @@ from tracker.trees import Tracks
 from tracker.visibility import Bodies
 
 Mask = NDArray[np.bool_]
+
+SURE = 50.0
+"""Log-likelihood by which nothing is worse that is looked at."""
 
 
 class MultipleHypotheses:
@@ -65,13 +70,18 @@ class MultipleHypotheses:
         expected = bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach)
         table = self._table(views)
         missed = self._missed(views, expected)
-        ways = branches.grow(self._standing(missed), table, self._numbers(views))
+        standing, numbers = self._standing(missed), self._numbers(views)
+        together = self.best[~self.leaves.over[self.best]]
+        mutual, worth = branches.shared(together, standing, table, numbers)
+        ways = branches.merged(branches.grow(standing, table, numbers), mutual)
+        who = self.leaves.tree[together], self.leaves.believed[together]
         held = bonds.worthwhile(ways, self.leaves.tree, self.leaves.misses, self.parameters.slack, len(table.usable))
         ways = Branches._make(column[held] for column in ways)
         roots = self._roots(views, table, ways)
         prior = self._prior(views, cameras, roots)
         self._extend(ways, (roots, prior), (table, missed), bodies.watched(cameras))
         chosen = select(self.leaves, self._bonds, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
+        self._doubt(chosen.best, table, (*who, worth))
         fresh = self._believe(chosen.best)
         self._learn(views, ways, (table.start, expected), chosen.best)
         self._reunite(chosen.best, fresh)
@@ -109,7 +119,8 @@ class MultipleHypotheses:
         offset = np.array([self.evidence.offset(f.camera)[0] for f in views]).reshape(-1, 2)
         origin = np.array([f.origin for f in views]).reshape(-1, 3)
         usable = column("confidence", ()) >= self.parameters.min_confidence
-        certain = np.repeat([np.log(self.evidence.detection(f.camera) / self.parameters.clutter) for f in views], np.diff(start))
+        most = [np.log(self.evidence.detection(f.camera) / self.parameters.clutter) for f in views]
+        certain = np.concatenate([np.zeros(0), *(np.minimum(self.evidence.certain(f), m) for f, m in zip(views, most, strict=True))])
         worth = np.concatenate([np.zeros(0), *(self.evidence.trust.worth(f.camera, f.confidence) for f in views)])
         return Boxes(
             origin, offset, start, column("direction", (3,)), column("covariance", (2, 2)), column("lying", ()), np.tan(column("head_elevation", ())),
@@ -122,11 +133,9 @@ class MultipleHypotheses:
         return self.evidence.prior(list(zip(views, cameras, strict=True)), roots, (people.state[:, :2], people.tree), self._ticks)
 
     def _roots(self, views: list[Feet], table: Boxes, ways: Branches) -> list[Combination]:
-        """What may be somebody new: boxes that no leaf wants most, where nobody stands whom these views did not see."""
+        """What may be somebody new: boxes that are left over, where nobody stands whom these views did not see."""
         first = np.concatenate([[True], ways.parent[1:] != ways.parent[:-1]]) if len(ways.parent) else np.zeros(0, dtype=bool)
-        claimed = np.zeros(len(table.usable) + 1, dtype=bool)
-        # Who comes back after a while out of sight may be somebody else.
-        claimed[ways.box[first & (self.leaves.misses[ways.parent] < 2)].ravel()] = True
+        claimed = self._claimed(table, ways)
         free = [~claimed[table.start[v] : table.start[v + 1]] & (f.confidence >= self.parameters.birth_confidence) for v, f in enumerate(views)]
         groups = combine(views, free, self.setup.height, self.parameters.fusion)
         place, seen = ways.state[first, :2], ways.box[first] >= 0
@@ -136,6 +145,26 @@ class MultipleHypotheses:
             near = np.linalg.norm(place - g.point, axis=1) < self.parameters.same_person
             known.append((near & here & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
         return [g for g, k in zip(groups, known, strict=True) if not k]
+
+    def _claimed(self, table: Boxes, ways: Branches) -> Mask:
+        """Which boxes (D,) somebody takes where each tree goes on from its best leaf, the boxes of each view shared out for the highest sum."""
+        # Who comes back after a while out of sight may be somebody else.
+        leaves = _of_trees(self.leaves, self.best)
+        leaves = leaves[(self.leaves.misses[leaves] < 2) & ~self.leaves.over[leaves]]
+        row = np.full(len(self.leaves), -1)
+        row[leaves] = np.arange(len(leaves))
+        mine = row[ways.parent] >= 0
+        row, box, gain = row[ways.parent[mine]], ways.box[mine], ways.gain[mine]
+        claimed = np.zeros(len(table.usable), dtype=bool)
+        for v, (start, end) in enumerate(itertools.pairwise(table.start.tolist())):
+            worth = np.full((len(leaves), end - start + 1), -np.inf)
+            np.maximum.at(worth, (row, np.where(box[:, v] >= 0, box[:, v] - start, -1)), gain)
+            # Where no way is left without a box of this view, one of them is surely theirs.
+            none = np.maximum(worth[:, -1:], worth.max(axis=1, keepdims=True) - SURE)
+            more = np.maximum(worth[:, :-1] - none, 0.0)
+            t, d = linear_sum_assignment(more, maximize=True)
+            claimed[start + d[more[t, d] > 0]] = True
+        return claimed
 
     def _extend(self, ways: Branches, new_trees: tuple[list[Combination], Array], seen: tuple[Boxes, Array], watched: Mask) -> None:
         """Leaves become their children, and roots with their scores are added; bonds go along. The columns of their boxes are kept for this tick."""
@@ -167,6 +196,24 @@ class MultipleHypotheses:
         who = bonds.Rows(leaves.tree, self._boxes, leaves.state[:, :2], leaves.over, missed)
         self._bonds = bonds.bind(self._bonds, parent, who, table.hit, (q.same_person, q.alone, q.apart))
 
+    def _doubt(self, best: Ints, table: Boxes, others: tuple[Ints, Mask, Array]) -> None:
+        """A box that another track would take says little for who has it: there would be one as likely without them. others: tree (k,), whether
+        believed, and what each would gain by each box (k, D)."""
+        tree, known, worth = others
+        if not worth.size:
+            return
+        view, alive = np.repeat(np.arange(len(table.origin)), np.diff(table.start)), self.leaves.alive.copy()
+        row, column = np.nonzero(tree[:, None] == self.leaves.tree[best])
+        has = self._boxes[best[column]]
+        now = np.zeros((len(tree), len(table.origin)))
+        now[row] = np.where(has >= 0, worth[row[:, None], has], 0.0)
+        more = np.maximum(worth - now[:, view], 0.0)
+        for leaf in best:
+            rival = (tree != self.leaves.tree[leaf]) & (known | ~self.leaves.believed[leaf])
+            box = self._boxes[leaf][self._boxes[leaf] >= 0]
+            alive[leaf] -= np.minimum(more[np.ix_(rival, box)].max(axis=0, initial=0.0), np.maximum(table.hit[box], 0.0)).sum()
+        self.leaves = replace(self.leaves, alive=alive)
+
     def _believe(self, best: Ints) -> set[int]:
         """Note who is certain by now; the trees that are for the first time."""
         q, leaves = self.parameters, self.leaves
@@ -175,7 +222,9 @@ class MultipleHypotheses:
         out, believed = leaves.out.copy(), leaves.believed | sure
         out[best] = 0
         fresh = set(leaves.tree[sure].tolist()) - set(leaves.tree[leaves.believed].tolist())
-        self.leaves = replace(leaves, out=out, believed=believed, over=leaves.over | (believed & (leaves.alive < q.end)))
+        # Who has ended stays for as long as the delay may ask of their last moments.
+        gone = (leaves.alive < q.end) | (leaves.away * self.setup.period > q.outside)
+        self.leaves = replace(leaves, out=out, believed=believed, over=leaves.over | (believed & gone))
         return fresh
 
     def _learn(self, views: list[Feet], ways: Branches, seen: tuple[Ints, Array], best: Ints) -> None:
@@ -204,11 +253,10 @@ class MultipleHypotheses:
     def _prune(self, chosen: Selection) -> None:
         """Drop what has ended, what was decided against n_scan ticks ago, and what is too much."""
         q, leaves = self.parameters, self.leaves
-        longest = max(2 * self._bridged, self.window)
+        longest = max(round(q.followed * self._bridged), self.window)
         # Who is not believed yet and takes what belongs to others would live for ever.
         young = (leaves.misses < 3) & (leaves.alive > q.forget) & (leaves.out <= q.patience)
-        there = (leaves.misses <= longest) & (leaves.away * self.setup.period <= q.outside)
-        keep = np.where(leaves.believed, there & (leaves.out <= self.n_scan), young)
+        keep = np.where(leaves.believed, (leaves.misses <= longest) & (leaves.out <= self.n_scan), young)
         keep &= leaves.speed <= q.motion.v_max
         decided = {int(leaves.tree[k]): int(leaves.node[k, self.n_scan]) for k in chosen.best if leaves.believed[k]}
         past = zip(leaves.tree.tolist(), leaves.node[:, self.n_scan].tolist(), strict=True)

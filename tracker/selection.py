@@ -29,9 +29,10 @@ class MultipleParameters(TargetParameters):
     """What both trackers of people have, and what track trees need beside it; boxes below `min_confidence` are not looked at."""
 
     motion: MotionParameters = field(default_factory=lambda: MotionParameters(foot_spread=0.2))
+    offset_first: float = 0.05  # m
     n_scan: float = 10 / 7  # s, after which a decision stands
-    clutter: float = 40.0  # false boxes a steradian: what a box must beat to be taken
-    least: float = 0.0  # log-likelihood ratio that a box must have to be taken
+    clutter: float = 2.5  # false boxes a steradian that each view is taken to have at least
+    least: float = 2.0  # log-likelihood ratio that a box must have to be taken where the best hypothesis goes on otherwise
     width: float = 15.0  # log-likelihood by which a way to go on may be worse than the leaf's best
     slack: float = 4.0  # the same where no other tree wants the boxes of the best way
     beam: int = 8  # ways that are followed from view to view

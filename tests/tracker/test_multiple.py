@@ -1,7 +1,9 @@
 """The tracker by multiple hypotheses: what holds for every tracker of people, and that time and memory are bounded."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from tracker.geometry import Array
 from tracker.measurements import Setup, Tick
 from tracker.pipeline import Parameters, Tracker, track
 from tracker.selection import MultipleParameters
+from tracker.sources import open_source
 
 MANY = Parameters(multiple=MultipleParameters())
 
@@ -67,6 +70,28 @@ def test_who_is_lost_is_dropped_and_has_the_id_again_within_eight_seconds(back: 
     assert len(estimates[back - 5].target_id) == 0
     assert {int(i) for e in estimates[:20] for i in e.target_id} == {1}
     assert {int(i) for e in estimates[back:] for i in e.target_id} == {then}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_who_stand_together_before_many_views_are_told_apart(seed: int) -> None:
+    """Each of them can have the boxes of the other in any view: alone, hardly any way of the one goes with one of the other."""
+    rng = np.random.default_rng(seed)
+    setup = crowds.setup(7)
+    walked = np.broadcast_to([[0.0, 0.0], [0.6, 0.3]], (60, 2, 2)) + 0.02 * rng.standard_normal((60, 2, 2)).cumsum(axis=0)
+    result = scored(setup, walked, crowds.ticks(setup, walked, rng), replace(MANY, delay=5))
+    assert result.switches == 0
+    assert result.mota > 0.97
+
+
+def test_who_leaves_all_views_is_told_of_up_to_their_last_box(data: Callable[..., Path]) -> None:
+    """Person 19 walks out of views 5 and 6 at frame 71, and is known to have gone some frames later, before the delay has told of the last ones."""
+    source = open_source(data("pets2009", "S2.L1"), [5, 6])
+    assert source.truth is not None
+    told = {e.index: e.position for e in track(source.setup, [t for t in source.ticks if t.index < 85], replace(MANY, delay=10))}
+    for frame in range(60, 72):
+        truth = source.truth[frame]
+        place = truth.feet[truth.person_id == 19][0]
+        assert np.linalg.norm(told[frame][:, :2] - place[:2], axis=1).min() < 1
 
 
 def test_false_boxes_alone_make_nobody() -> None:
