@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tracker.branches import Branches
 from tracker.geometry import Array
+from tracker.looks import Branches
 
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]

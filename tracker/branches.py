@@ -7,201 +7,19 @@ the place surer, and a cap).
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
-from tracker.geometry import Array
+from tracker.looks import NEAREST, Boxes, Branches, Numbers, Standing, accept, blank, expected, fit, look_at, order, reached
 
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-NEAREST = 12
-"""Boxes of a view that a leaf looks at, at most."""
 NARROW = 2
 """Ways that are followed from view to view where only the best without some box is wanted."""
-
-
-class Standing(NamedTuple):
-    """Leaves predicted to a tick: state (n, 4), covariance (n, 4, 4), ground height z (n,) m and slope (n, 2) there; missed (n, V):
-    log-likelihood of each view showing no box of the person; over (n,): has ended; tree (n,)."""
-
-    state: Array
-    covariance: Array
-    z: Array
-    slope: Array
-    missed: Array
-    over: Mask
-    tree: Ints
-
-
-class Boxes(NamedTuple):
-    """The boxes of all views in one table, those of view v in rows start[v] to start[v + 1]: origin (V, 3) m and offset (V, 2) m of the views;
-    direction (D, 3), covariance (D, 2, 2); lying (D,): how often such a box ends above the feet; head (D,): tangent of the upper edge's elevation;
-    certain (D,): log of how often people get a box over the density of false ones; hit (D,): log-likelihood ratio, wherever it lies, of there being
-    somebody; usable (D,)."""
-
-    origin: Array
-    offset: Array
-    start: Ints
-    direction: Array
-    covariance: Array
-    lying: Array
-    head: Array
-    certain: Array
-    hit: Array
-    usable: Mask
-
-
-class Numbers(NamedTuple):
-    """gate: standard deviations; foot_spread m; low, high: heights m; floor: log-likelihood of all views' losing a person at once; least:
-    log-likelihood ratio that a box must have in a way that one leaf goes alone; width: log-likelihood under the best way that is kept; beam,
-    most: ways kept meanwhile and at last."""
-
-    gate: float
-    foot_spread: float
-    low: float
-    high: float
-    floor: float
-    least: float
-    width: float
-    beam: int
-    most: int
-
-
-class Branches(NamedTuple):
-    """m ways to go on, those of a leaf together, the best first and the one without any box last: parent (m,) its row, box (m, V) rows of Boxes
-    or −1, gain (m,), missed (m,): the part of it that views which took no box have in it; state, covariance; residual (m, V, 2) rad with NaN
-    where feet were not taken as seen, H, S (m, V, 2, 2) of the innovations."""
-
-    parent: Ints
-    box: Ints
-    gain: Array
-    missed: Array
-    state: Array
-    covariance: Array
-    residual: Array
-    H: Array
-    S: Array
-
-
-@njit(cache=True)
-def _look(x: Array, z: float, slope: Array, origin: Array, out: Array) -> None:
-    """Sight from origin to feet at x: out[0:3] direction, [3:6] and [6:9] tangent basis, [9:13] H row by row, [13] distance, [14] across,
-    [15] rad that a body reaches up."""
-    sx, sy, sz = x[0] - origin[0], x[1] - origin[1], z - origin[2]
-    d = max(math.sqrt(sx * sx + sy * sy + sz * sz), 0.2)
-    ex, ey, ez = sx / d, sy / d, sz / d
-    across = max(math.hypot(ex, ey), 1e-9)
-    ax, ay = -ey / across, ex / across
-    ux, uy, uz = -ez * ay, ez * ax, ex * ay - ey * ax
-    out[0], out[1], out[2] = ex, ey, ez
-    out[3], out[4], out[5] = ax, ay, 0.0
-    out[6], out[7], out[8] = ux, uy, uz
-    out[9], out[10] = ax / d, ay / d
-    out[11], out[12] = (ux + uz * slope[0]) / d, (uy + uz * slope[1]) / d
-    out[13], out[14], out[15] = d, math.hypot(sx, sy), math.atan2(1.2, d)
-
-
-@njit(cache=True)
-def _expected(look: Array, P: Array, spread: float) -> tuple[float, float, float]:
-    """H (P + spread² I) Hᵀ as its entries 00, 01, 11."""
-    p, q, r = P[0, 0] + spread * spread, P[0, 1], P[1, 1] + spread * spread
-    a, b, c, d = look[9], look[10], look[11], look[12]
-    return a * a * p + 2 * a * b * q + b * b * r, a * c * p + (a * d + b * c) * q + b * d * r, c * c * p + 2 * c * d * q + d * d * r
-
-
-@njit(cache=True)
-def _residual(look: Array, direction: Array, offset: Array) -> tuple[float, float, float]:
-    """Cosine to the expected direction, and residual in its tangent plane with the view's offset taken off."""
-    cosine = look[0] * direction[0] + look[1] * direction[1] + look[2] * direction[2]
-    r0 = look[3] * direction[0] + look[4] * direction[1]
-    r1 = look[6] * direction[0] + look[7] * direction[1] + look[8] * direction[2]
-    return cosine, r0 - look[9] * offset[0] - look[10] * offset[1], r1 - look[11] * offset[0] - look[12] * offset[1]
-
-
-@njit(cache=True)
-def _gain(r0: float, r1: float, S: tuple[float, float, float], look: Array, box: tuple[float, float], gate: float) -> tuple[float, bool]:
-    """Log-likelihood ratio of "this person's box" over "clutter", −inf outside the gate; and whether the feet are taken as seen. box: `certain` and
-    `lying` of it."""
-    a, b, c = S
-    det = a * c - b * b
-    both = (c * r0 * r0 - 2 * b * r0 * r1 + a * r1 * r1) / det
-    side = r0 * r0 / a
-    certain, lying = box
-    seen = certain + math.log(1 - lying) - 0.5 * (both + math.log(39.4784176 * det)) if both <= gate * gate else -np.inf
-    # Feet out of sight: the lower edge is anywhere above where they must be, as far up as the body reaches.
-    body = look[15]
-    unseen = -np.inf
-    if side <= gate * gate and -2 * math.sqrt(c) < r1 < body:
-        unseen = certain + math.log(lying / body) - 0.5 * (side + math.log(6.28318531 * a))
-    return max(seen, unseen), seen >= unseen
-
-
-@njit(cache=True)
-def _update(x: Array, P: Array, look: Array, r: tuple[float, float], S: tuple[float, float, float], m: int) -> None:
-    """Kalman's update, in place: of a look and what is seen in it the first m rows, residual r, its covariance S as its entries 00, 01, 11."""
-    a, b, c, d = look[9], look[10], look[11], look[12]
-    old = (
-        (P[0, 0], P[0, 1], P[0, 2], P[0, 3]), (P[1, 0], P[1, 1], P[1, 2], P[1, 3]),
-    )  # fmt: skip
-    det = S[0] * S[2] - S[1] * S[1]
-    for i in range(4):
-        p0 = a * old[0][i] + b * old[1][i]
-        p1 = c * old[0][i] + d * old[1][i]
-        k0, k1 = p0 / S[0], 0.0
-        if m == 2:
-            k0, k1 = (p0 * S[2] - p1 * S[1]) / det, (p1 * S[0] - p0 * S[1]) / det
-        x[i] += k0 * r[0] + k1 * r[1]
-        for j in range(i, 4):
-            P[i, j] -= k0 * (a * old[0][j] + b * old[1][j]) + k1 * (c * old[0][j] + d * old[1][j])
-            P[j, i] = P[i, j]
-
-
-@njit(cache=True)
-def _near(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
-    """Rows of the boxes of view v that leaf i may take, by its prediction alone, into `near`; how many."""
-    look = np.empty(16)
-    _look(leaves.state[i], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-    S0 = _expected(look, leaves.covariance[i], n.foot_spread)
-    found, worth = 0, np.empty(NEAREST)
-    for d in range(boxes.start[v], boxes.start[v + 1]):
-        if not boxes.usable[d]:
-            continue
-        cosine, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
-        if cosine < 0.5:
-            continue
-        height = boxes.origin[v, 2] - leaves.z[i] + look[14] * boxes.head[d]
-        slack = 0.15 + 0.02 * look[13]
-        if not n.low - slack < height < n.high + slack:
-            continue
-        R = boxes.covariance[d]
-        gain, _ = _gain(r0, r1, (S0[0] + R[0, 0], S0[1] + R[0, 1], S0[2] + R[1, 1]), look, (boxes.certain[d], boxes.lying[d]), n.gate)
-        if gain == -np.inf:
-            continue
-        if found < NEAREST:
-            near[found], worth[found] = d, gain
-            found += 1
-        else:
-            k = np.argmin(worth)
-            if gain > worth[k]:
-                near[k], worth[k] = d, gain
-    return found
-
-
-@njit(cache=True)
-def _order(i: int, leaves: Any, boxes: Any) -> Ints:
-    """Views from the one whose sight lines place leaf i best: distance² over height, which is what an angle becomes on the ground."""
-    V = len(boxes.origin)
-    key = np.empty(V)
-    for v in range(V):
-        dx, dy = leaves.state[i, 0] - boxes.origin[v, 0], leaves.state[i, 1] - boxes.origin[v, 1]
-        key[v] = (dx * dx + dy * dy) / max(boxes.origin[v, 2] - leaves.z[i], 0.1)
-    return np.argsort(key, kind="mergesort")
 
 
 @njit(cache=True)
@@ -216,7 +34,7 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
     beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
     size = B * (NEAREST + 1)
     worth, source, taken = np.empty(size), np.empty(size, np.int64), np.empty(size, np.int64)
-    for v in _order(i, leaves, boxes):
+    for v in order(i, leaves, boxes):
         missed = leaves.missed[i, v]
         if near[v, 0] < 0:
             beam.gain[:count] += missed
@@ -226,53 +44,31 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
         for b in range(count):
             worth[offers], source[offers], taken[offers] = beam.gain[b] + missed, b, -1
             offers += 1
-            _look(beam.state[b], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-            S0 = _expected(look, beam.covariance[b], n.foot_spread)
+            look_at(beam.state[b], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
+            S0 = expected(look, beam.covariance[b], n.foot_spread)
             for d in near[v]:
                 if d < 0:
                     break
                 if banned[d]:
                     continue
-                _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
-                C = boxes.covariance[d]
-                gain, _ = _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), n.gate)
-                if gain > max(missed - n.width, n.least):
-                    worth[offers], source[offers], taken[offers] = beam.gain[b] + gain, b, d
+                more = fit(look, S0, v, d, boxes, n.gate)
+                if more > max(missed - n.width, n.least):
+                    worth[offers], source[offers], taken[offers] = beam.gain[b] + more, b, d
                     offers += 1
         chosen = np.argsort(-worth[:offers], kind="mergesort")[:B]
         state, covariance, box = beam.state.copy(), beam.covariance.copy(), beam.box.copy()
-        residual, Hs, Ss, absent = beam.residual.copy(), beam.H.copy(), beam.S.copy(), beam.missed.copy()
+        residuals, Hs, Ss, absent = beam.residual.copy(), beam.H.copy(), beam.S.copy(), beam.missed.copy()
         for q in range(len(chosen)):
             b, d = source[chosen[q]], taken[chosen[q]]
             beam.state[q], beam.covariance[q], beam.box[q], beam.gain[q] = state[b], covariance[b], box[b], worth[chosen[q]]
-            beam.residual[q], beam.H[q], beam.S[q] = residual[b], Hs[b], Ss[b]
+            beam.residual[q], beam.H[q], beam.S[q] = residuals[b], Hs[b], Ss[b]
             beam.missed[q] = absent[b]
             if d < 0:
                 beam.missed[q] += missed
                 continue
-            _look(state[b], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-            S0 = _expected(look, covariance[b], n.foot_spread)
-            _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
-            C = boxes.covariance[d]
-            S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
-            _, upright = _gain(r0, r1, S, look, (boxes.certain[d], boxes.lying[d]), n.gate)
-            _update(beam.state[q], beam.covariance[q], look, (r0, r1), S, 2 if upright else 1)
-            beam.box[q, v] = d
-            if upright:
-                beam.residual[q, v, 0], beam.residual[q, v, 1] = r0, r1
-                beam.H[q, v, 0, 0], beam.H[q, v, 0, 1], beam.H[q, v, 1, 0], beam.H[q, v, 1, 1] = look[9], look[10], look[11], look[12]
-                beam.S[q, v, 0, 0], beam.S[q, v, 1, 1] = S[0], S[2]
-                beam.S[q, v, 0, 1] = beam.S[q, v, 1, 0] = S[1]
+            accept(q, i, v, d, leaves, boxes, n, beam)
         count = len(chosen)
     return count
-
-
-@njit(cache=True)
-def _blank(m: int, V: int) -> Any:
-    return (
-        np.zeros(m, np.int64), np.full((m, V), -1, np.int64), np.zeros(m), np.zeros(m), np.zeros((m, 4)), np.zeros((m, 4, 4)),
-        np.full((m, V, 2), np.nan), np.zeros((m, V, 2, 2)), np.zeros((m, V, 2, 2)),
-    )  # fmt: skip
 
 
 @njit(cache=True)
@@ -284,7 +80,7 @@ def _wanted(leaves: Any, boxes: Any, n: Any) -> tuple[Any, Mask]:
         if leaves.over[i]:
             continue
         for v in range(V):
-            for k in range(_near(v, i, leaves, boxes, n, near[i, v])):
+            for k in range(reached(v, i, leaves, boxes, n, near[i, v])):
                 d, t = near[i, v, k], leaves.tree[i]
                 owner[d] = t if owner[d] == -1 or owner[d] == t else -2
     return near, owner == -2
@@ -324,17 +120,17 @@ def grow(leaves: Standing, boxes: Boxes, n: Numbers) -> Branches:
     whatever others take, a way is left.
     """
     V = len(boxes.origin)
-    out = Branches(*_blank(len(leaves.state) * (n.most + V + 2), V))
-    beam, narrow = Branches(*_blank(n.beam, V)), Branches(*_blank(min(n.beam, NARROW), V))
+    out = Branches(*blank(len(leaves.state) * (n.most + V + 2), V))
+    beam, narrow = Branches(*blank(n.beam, V)), Branches(*blank(min(n.beam, NARROW), V))
     near, contested = _wanted(leaves, boxes, n)
     banned = np.zeros(len(boxes.usable), np.bool_)
     m = 0
     for i in range(len(leaves.state)):
         if not leaves.over[i]:
             count, start = _ways(i, leaves, boxes, n, near[i], banned, beam), m
-            order = np.argsort(-beam.gain[:count], kind="mergesort")
-            least = beam.gain[order[0]] - n.width
-            for b in order:
+            ranked = np.argsort(-beam.gain[:count], kind="mergesort")
+            least = beam.gain[ranked[0]] - n.width
+            for b in ranked:
                 if m - start < n.most and beam.gain[b] >= least:
                     m = _write(out, m, start, i, beam, b)
             taken = out.box[start].copy() if m > start else np.full(V, -1)
@@ -357,89 +153,3 @@ def grow(leaves: Standing, boxes: Boxes, n: Numbers) -> Branches:
         out.parent[:m].copy(), out.box[:m].copy(), out.gain[:m].copy(), out.missed[:m].copy(), out.state[:m].copy(), out.covariance[:m].copy(),
         out.residual[:m].copy(), out.H[:m].copy(), out.S[:m].copy(),
     )  # fmt: skip
-
-
-def shared(rows: Ints, leaves: Standing, boxes: Boxes, n: Numbers) -> tuple[Branches, Array]:
-    """One way for each of `rows`, leaves that are true together: view after view the boxes are shared out among them for the highest sum. Ways that
-    are found leaf by leaf seldom go together where people stand close before many views. And what each of them (k, D) would gain by each box over
-    none, 0 where nothing."""
-    k, V = len(rows), len(boxes.origin)
-    out, worth = Branches(*_blank(k, V)), np.zeros((k, len(boxes.usable)))
-    out.parent[:] = rows
-    out.state[:], out.covariance[:] = leaves.state[rows], leaves.covariance[rows]
-    for v in _from_best(rows, leaves, boxes):
-        gain = _gains(v, rows, leaves, boxes, n, out)
-        none = leaves.missed[rows, v]
-        more = np.maximum(gain - none[:, None], 0.0)
-        worth[:, boxes.start[v] : boxes.start[v + 1]] = more
-        i, d = linear_sum_assignment(more, maximize=True)
-        taken = more[i, d] > 0
-        box = np.full(k, -1)
-        box[i[taken]] = d[taken] + boxes.start[v]
-        _take(v, box, leaves, boxes, n, out)
-    return out, worth
-
-
-@njit(cache=True)
-def _from_best(rows: Ints, leaves: Any, boxes: Any) -> Ints:
-    """Views from the one whose sight lines place most of `rows` best."""
-    rank = np.zeros(len(boxes.origin))
-    for i in rows:
-        rank[_order(i, leaves, boxes)] += np.arange(len(rank))
-    return np.argsort(rank, kind="mergesort")
-
-
-@njit(cache=True)
-def _gains(v: int, rows: Ints, leaves: Any, boxes: Any, n: Any, ways: Any) -> Array:
-    """Log-likelihood ratio (k, d) of each box of view v for each of `rows`, as far as they have gone in `ways`; −inf where it is not taken."""
-    first, end = boxes.start[v], boxes.start[v + 1]
-    out, look, near = np.full((len(rows), end - first), -np.inf), np.empty(16), np.empty(NEAREST, np.int64)
-    for k, i in enumerate(rows):
-        found = _near(v, i, leaves, boxes, n, near)
-        _look(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-        S0 = _expected(look, ways.covariance[k], n.foot_spread)
-        for d in near[:found]:
-            _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
-            C = boxes.covariance[d]
-            gain, _ = _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), n.gate)
-            if gain > 0.0:
-                out[k, d - first] = gain
-    return out
-
-
-@njit(cache=True)
-def _take(v: int, box: Ints, leaves: Any, boxes: Any, n: Any, ways: Any) -> None:
-    """Go on in `ways`, in place, by the box (k,) that each takes of view v, −1 for none."""
-    look = np.empty(16)
-    for k in range(len(box)):
-        i, d = ways.parent[k], box[k]
-        if d < 0:
-            ways.gain[k] += leaves.missed[i, v]
-            ways.missed[k] += leaves.missed[i, v]
-            continue
-        _look(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-        S0 = _expected(look, ways.covariance[k], n.foot_spread)
-        _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
-        C = boxes.covariance[d]
-        S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
-        gain, upright = _gain(r0, r1, S, look, (boxes.certain[d], boxes.lying[d]), n.gate)
-        _update(ways.state[k], ways.covariance[k], look, (r0, r1), S, 2 if upright else 1)
-        ways.gain[k] += gain
-        ways.box[k, v] = d
-        if upright:
-            ways.residual[k, v, 0], ways.residual[k, v, 1] = r0, r1
-            ways.H[k, v, 0, 0], ways.H[k, v, 0, 1], ways.H[k, v, 1, 0], ways.H[k, v, 1, 1] = look[9], look[10], look[11], look[12]
-            ways.S[k, v, 0, 0], ways.S[k, v, 1, 1] = S[0], S[2]
-            ways.S[k, v, 0, 1] = ways.S[k, v, 1, 0] = S[1]
-
-
-def merged(ways: Branches, more: Branches) -> Branches:
-    """`ways` and those of `more` that take a box and are not among them, in the order of Branches."""
-    known = {(p, *b) for p, b in zip(ways.parent.tolist(), ways.box.tolist(), strict=True)}
-    found = [(p, *b) not in known and max(b, default=-1) >= 0 for p, b in zip(more.parent.tolist(), more.box.tolist(), strict=True)]
-    fresh = np.flatnonzero(found)
-    if not len(fresh):
-        return ways
-    both = Branches._make(np.concatenate([a, b[fresh]]) for a, b in zip(ways, more, strict=True))
-    order = np.lexsort((-both.gain, (both.box < 0).all(axis=1), both.parent))
-    return Branches._make(column[order] for column in both)

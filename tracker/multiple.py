@@ -21,18 +21,20 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from tracker import bonds, branches
+from tracker import bonds
 from tracker.bonds import Bonds
-from tracker.branches import Boxes, Branches, Numbers, Standing
+from tracker.branches import grow
 from tracker.cameras import Camera
 from tracker.evidence import Evidence
 from tracker.fusion import Combination, Feet, combine
 from tracker.geometry import Array, Pose
 from tracker.leaves import Leaves, born, predict, weights
+from tracker.looks import Boxes, Branches, Numbers, Standing
 from tracker.measurements import Ints, Setup
 from tracker.recall import Recall
 from tracker.reunion import Reunions, Strangers
 from tracker.selection import MultipleParameters, Selection, select
+from tracker.sharing import merged, shared
 from tracker.trees import Tracks
 from tracker.visibility import Bodies
 
@@ -72,8 +74,8 @@ class MultipleHypotheses:
         missed = self._missed(views, expected)
         standing, numbers = self._standing(missed), self._numbers(views)
         together = self.best[~self.leaves.over[self.best]]
-        mutual, worth = branches.shared(together, standing, table, numbers)
-        ways = branches.merged(branches.grow(standing, table, numbers), mutual)
+        mutual, worth = shared(together, standing, table, numbers)
+        ways = merged(grow(standing, table, numbers), mutual)
         who = self.leaves.tree[together], self.leaves.believed[together]
         held = bonds.worthwhile(ways, self.leaves.tree, self.leaves.misses, self.parameters.slack, len(table.usable))
         ways = Branches._make(column[held] for column in ways)
