@@ -1,4 +1,4 @@
-"""The inner loops of the track trees, compiled: every way in which a leaf may go on at a tick, and who excludes whom.
+"""The inner loops of the track trees, compiled: every way in which a leaf may go on at a tick.
 
 A leaf takes at most one box a view. The views are gone through from the one that places feet best; in each, every way so far is corrected by
 every box within the gate, or by none, and the best few ways are kept (a search over combinations with a gate that tightens, as each box makes

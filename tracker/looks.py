@@ -108,12 +108,11 @@ def expected(look: Array, P: Array, spread: float) -> tuple[float, float, float]
 
 
 @njit(cache=True)
-def _residual(look: Array, direction: Array, offset: Array) -> tuple[float, float, float]:
-    """Cosine to the expected direction, and residual in its tangent plane with the view's offset taken off."""
-    cosine = look[0] * direction[0] + look[1] * direction[1] + look[2] * direction[2]
+def _residual(look: Array, direction: Array, offset: Array) -> tuple[float, float]:
+    """Residual in the tangent plane of the expected direction, with the view's offset taken off."""
     r0 = look[3] * direction[0] + look[4] * direction[1]
     r1 = look[6] * direction[0] + look[7] * direction[1] + look[8] * direction[2]
-    return cosine, r0 - look[9] * offset[0] - look[10] * offset[1], r1 - look[11] * offset[0] - look[12] * offset[1]
+    return r0 - look[9] * offset[0] - look[10] * offset[1], r1 - look[11] * offset[0] - look[12] * offset[1]
 
 
 @njit(cache=True)
@@ -155,6 +154,14 @@ def _update(x: Array, P: Array, look: Array, r: tuple[float, float], S: tuple[fl
 
 
 @njit(cache=True)
+def fit(look: Array, S0: tuple[float, float, float], v: int, d: int, boxes: Any, gate: float) -> float:
+    """Log-likelihood ratio of box d of view v for whom a look with such an `expected` covariance finds; −inf outside the gate."""
+    r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+    C = boxes.covariance[d]
+    return _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), gate)[0]
+
+
+@njit(cache=True)
 def reached(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
     """Rows of the boxes of view v that leaf i may take, by its prediction alone, into `near`; how many."""
     look = np.empty(16)
@@ -164,15 +171,14 @@ def reached(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
     for d in range(boxes.start[v], boxes.start[v + 1]):
         if not boxes.usable[d]:
             continue
-        cosine, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
-        if cosine < 0.5:
+        direction = boxes.direction[d]
+        if look[0] * direction[0] + look[1] * direction[1] + look[2] * direction[2] < 0.5:
             continue
         height = boxes.origin[v, 2] - leaves.z[i] + look[14] * boxes.head[d]
         slack = 0.15 + 0.02 * look[13]
         if not n.low - slack < height < n.high + slack:
             continue
-        R = boxes.covariance[d]
-        ratio, _ = _gain(r0, r1, (S0[0] + R[0, 0], S0[1] + R[0, 1], S0[2] + R[1, 1]), look, (boxes.certain[d], boxes.lying[d]), n.gate)
+        ratio = fit(look, S0, v, d, boxes, n.gate)
         if ratio == -np.inf:
             continue
         if found < NEAREST:
@@ -197,20 +203,12 @@ def order(i: int, leaves: Any, boxes: Any) -> Ints:
 
 
 @njit(cache=True)
-def fit(look: Array, S0: tuple[float, float, float], v: int, d: int, boxes: Any, gate: float) -> float:
-    """Log-likelihood ratio of box d of view v for whom a look with such an `expected` covariance finds; −inf outside the gate."""
-    _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
-    C = boxes.covariance[d]
-    return _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), gate)[0]
-
-
-@njit(cache=True)
 def accept(k: int, i: int, v: int, d: int, leaves: Any, boxes: Any, n: Any, ways: Any) -> float:
     """Way k of leaf i takes box d of view v, in place; its log-likelihood ratio."""
     look = np.empty(16)
     look_at(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
     S0 = expected(look, ways.covariance[k], n.foot_spread)
-    _, r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+    r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
     C = boxes.covariance[d]
     S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
     worth, upright = _gain(r0, r1, S, look, (boxes.certain[d], boxes.lying[d]), n.gate)
@@ -226,6 +224,7 @@ def accept(k: int, i: int, v: int, d: int, leaves: Any, boxes: Any, n: Any, ways
 
 @njit(cache=True)
 def blank(m: int, V: int) -> Any:
+    """The columns of m Branches before V views that have taken nothing yet."""
     return (
         np.zeros(m, np.int64), np.full((m, V), -1, np.int64), np.zeros(m), np.zeros(m), np.zeros((m, 4)), np.zeros((m, 4, 4)),
         np.full((m, V, 2), np.nan), np.zeros((m, V, 2, 2)), np.zeros((m, V, 2, 2)),

@@ -12,14 +12,12 @@ this does not yet ask at which distances a box could be of somebody (tracker/sta
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from typing import final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from tracker import bonds
 from tracker.bonds import Bonds
@@ -34,14 +32,11 @@ from tracker.measurements import Ints, Setup
 from tracker.recall import Recall
 from tracker.reunion import Reunions, Strangers
 from tracker.selection import MultipleParameters, Selection, select
-from tracker.sharing import merged, shared
+from tracker.sharing import claimed, merged, shared
 from tracker.trees import Tracks
 from tracker.visibility import Bodies
 
 Mask = NDArray[np.bool_]
-
-SURE = 50.0
-"""Log-likelihood by which nothing is worse that is looked at."""
 
 
 class MultipleHypotheses:
@@ -137,8 +132,10 @@ class MultipleHypotheses:
     def _roots(self, views: list[Feet], table: Boxes, ways: Branches) -> list[Combination]:
         """What may be somebody new: boxes that are left over, where nobody stands whom these views did not see."""
         first = np.concatenate([[True], ways.parent[1:] != ways.parent[:-1]]) if len(ways.parent) else np.zeros(0, dtype=bool)
-        claimed = self._claimed(table, ways)
-        free = [~claimed[table.start[v] : table.start[v + 1]] & (f.confidence >= self.parameters.birth_confidence) for v, f in enumerate(views)]
+        # Who comes back after a while out of sight may be somebody else.
+        trees = _of_trees(self.leaves, self.best)
+        taken = claimed(trees[(self.leaves.misses[trees] < 2) & ~self.leaves.over[trees]], ways, table)
+        free = [~taken[table.start[v] : table.start[v + 1]] & (f.confidence >= self.parameters.birth_confidence) for v, f in enumerate(views)]
         groups = combine(views, free, self.setup.height, self.parameters.fusion)
         place, seen = ways.state[first, :2], ways.box[first] >= 0
         here = (self.leaves.misses < 3) & ~self.leaves.over
@@ -147,26 +144,6 @@ class MultipleHypotheses:
             near = np.linalg.norm(place - g.point, axis=1) < self.parameters.same_person
             known.append((near & here & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
         return [g for g, k in zip(groups, known, strict=True) if not k]
-
-    def _claimed(self, table: Boxes, ways: Branches) -> Mask:
-        """Which boxes (D,) somebody takes where each tree goes on from its best leaf, the boxes of each view shared out for the highest sum."""
-        # Who comes back after a while out of sight may be somebody else.
-        leaves = _of_trees(self.leaves, self.best)
-        leaves = leaves[(self.leaves.misses[leaves] < 2) & ~self.leaves.over[leaves]]
-        row = np.full(len(self.leaves), -1)
-        row[leaves] = np.arange(len(leaves))
-        mine = row[ways.parent] >= 0
-        row, box, gain = row[ways.parent[mine]], ways.box[mine], ways.gain[mine]
-        claimed = np.zeros(len(table.usable), dtype=bool)
-        for v, (start, end) in enumerate(itertools.pairwise(table.start.tolist())):
-            worth = np.full((len(leaves), end - start + 1), -np.inf)
-            np.maximum.at(worth, (row, np.where(box[:, v] >= 0, box[:, v] - start, -1)), gain)
-            # Where no way is left without a box of this view, one of them is surely theirs.
-            none = np.maximum(worth[:, -1:], worth.max(axis=1, keepdims=True) - SURE)
-            more = np.maximum(worth[:, :-1] - none, 0.0)
-            t, d = linear_sum_assignment(more, maximize=True)
-            claimed[start + d[more[t, d] > 0]] = True
-        return claimed
 
     def _extend(self, ways: Branches, new_trees: tuple[list[Combination], Array], seen: tuple[Boxes, Array], watched: Mask) -> None:
         """Leaves become their children, and roots with their scores are added; bonds go along. The columns of their boxes are kept for this tick."""
@@ -225,9 +202,13 @@ class MultipleHypotheses:
         out[best] = 0
         fresh = set(leaves.tree[sure].tolist()) - set(leaves.tree[leaves.believed].tolist())
         # Who has ended stays for as long as the delay may ask of their last moments.
-        gone = (leaves.alive < q.end) | (leaves.away * self.setup.period > q.outside)
+        gone = (leaves.alive < q.end) | self._left(leaves)
         self.leaves = replace(leaves, out=out, believed=believed, over=leaves.over | (believed & gone))
         return fresh
+
+    def _left(self, leaves: Leaves) -> Mask:
+        """Who (n,) is out of all views for so long that they are gone."""
+        return np.asarray(leaves.away * self.setup.period > self.parameters.outside)
 
     def _learn(self, views: list[Feet], ways: Branches, seen: tuple[Ints, Array], best: Ints) -> None:
         """Count what the views found of the best hypothesis; and take the innovations of who is believed as looks at the views' own offsets: Kalman's
@@ -247,7 +228,7 @@ class MultipleHypotheses:
     def _reunite(self, best: Ints, fresh: set[int]) -> None:
         """Who is believed for the first time may be who was lost; end what has gone on as another."""
         people = self.leaves.select(_of_trees(self.leaves, best))
-        away = people.away * self.setup.period > self.parameters.outside
+        away = self._left(people)
         new, held = np.isin(people.tree, list(fresh)), np.isin(people.tree, self.leaves.tree[best])
         ended = self.reunions.step(_as_tracks(people, self._stature), people.believed & held, new, set(people.tree[away].tolist()))
         self.leaves = replace(self.leaves, over=self.leaves.over | np.isin(self.leaves.tree, list(ended)))

@@ -29,7 +29,7 @@ class MultipleParameters(TargetParameters):
     """What both trackers of people have, and what track trees need beside it; boxes below `min_confidence` are not looked at."""
 
     motion: MotionParameters = field(default_factory=lambda: MotionParameters(foot_spread=0.2))
-    offset_first: float = 0.05  # m
+    offset_first: float = 0.05  # m: what offsets have in common is told as the first view's own
     n_scan: float = 10 / 7  # s, after which a decision stands
     clutter: float = 2.5  # false boxes a steradian that each view is taken to have at least
     least: float = 2.0  # log-likelihood ratio that a box must have to be taken where the best hypothesis goes on otherwise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,10 @@ from tracker.geometry import Array
 from tracker.looks import NEAREST, Boxes, Branches, Numbers, Standing, accept, blank, expected, fit, look_at, order, reached
 
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SURE = 50.0
+"""Log-likelihood by which nothing is worse that is looked at."""
 
 
 def shared(rows: Ints, leaves: Standing, boxes: Boxes, n: Numbers) -> tuple[Branches, Array]:
@@ -26,12 +31,34 @@ def shared(rows: Ints, leaves: Standing, boxes: Boxes, n: Numbers) -> tuple[Bran
     for v in _from_best(rows, leaves, boxes):
         more = np.maximum(_gains(v, rows, leaves, boxes, n, out) - leaves.missed[rows, v, None], 0.0)
         worth[:, boxes.start[v] : boxes.start[v + 1]] = more
-        i, d = linear_sum_assignment(more, maximize=True)
-        taken = more[i, d] > 0
+        i, d = _shared_out(more)
         box = np.full(k, -1)
-        box[i[taken]] = d[taken] + boxes.start[v]
+        box[i] = d + boxes.start[v]
         _take(v, box, leaves, boxes, n, out)
     return out, worth
+
+
+def claimed(rows: Ints, ways: Branches, boxes: Boxes) -> Mask:
+    """Which boxes (D,) somebody takes where the leaves in `rows` go on in any of their ways, boxes shared out for the highest sum, view by view."""
+    place = np.full(max(ways.parent.max(initial=-1), rows.max(initial=-1)) + 1, -1)
+    place[rows] = np.arange(len(rows))
+    mine = place[ways.parent] >= 0
+    row, box, gain = place[ways.parent[mine]], ways.box[mine], ways.gain[mine]
+    out = np.zeros(len(boxes.usable), dtype=bool)
+    for v, (start, end) in enumerate(itertools.pairwise(boxes.start.tolist())):
+        worth = np.full((len(rows), end - start + 1), -np.inf)
+        np.maximum.at(worth, (row, np.where(box[:, v] >= 0, box[:, v] - start, -1)), gain)
+        # Where no way is left without a box of this view, one of them is surely theirs.
+        none = np.maximum(worth[:, -1:], worth.max(axis=1, keepdims=True) - SURE)
+        out[start + _shared_out(np.maximum(worth[:, :-1] - none, 0.0))[1]] = True
+    return out
+
+
+def _shared_out(more: Array) -> tuple[Ints, Ints]:
+    """Rows and boxes (m,) that go together for the highest sum of what each row gains by each box over none (k, d), 0 where nothing."""
+    rows, boxes = linear_sum_assignment(more, maximize=True)
+    taken = more[rows, boxes] > 0
+    return rows[taken], boxes[taken]
 
 
 @njit(cache=True)
