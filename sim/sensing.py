@@ -16,11 +16,11 @@ from sim.coverage import Alone
 from sim.keypoints import Sight, true_keypoints
 from sim.scenario import Scenario
 from tracker.annotations import Boxes, Keypoints, ViewTruth
+from tracker.boxes import detections_from_boxes
 from tracker.cameras import Camera, Panorama
 from tracker.geometry import Array, angles_from_bearing, bearing_from_angles
 from tracker.layout import KEYPOINT_NAMES
 from tracker.measurements import Detections, Ints
-from tracker.sources import detections_from_boxes
 from worlds.world import World
 
 # A false box is what a person of this height would leave at this distance, metres.

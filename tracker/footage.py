@@ -168,7 +168,7 @@ _OPTIONS = {JPEG: images.JPEG, PNG: images.PNG}
 
 
 def boxes_of_detections(camera: Camera, detections: Detections) -> Array:
-    """Detections → boxes (n, 4) left, top, width, height px from the image's corner: what sources.detections_from_boxes takes, undone.
+    """Detections → boxes (n, 4) left, top, width, height px from the image's corner: what boxes.detections_from_boxes takes, undone.
 
     In a panorama left lies in [0, W) and left + width may pass W. In a pinhole the box has its azimuth in the middle of its columns, and its
     width is the one that spans the reported azimuth in the middle of its height.

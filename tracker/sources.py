@@ -6,27 +6,25 @@ import hashlib
 import re
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tracker.cameras import Camera, Tsai
+from tracker.boxes import detections_from_boxes
+from tracker.cameras import Camera
 from tracker.degrading import Degradation
 from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections
 from tracker.formats.site import AREA, FILE, RATE, TERRAIN, Site, read_site
-from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
-from tracker.measurements import Detections, Mount, Setup, Start, Tick, Truth, View
+from tracker.geometry import Array, Pose
+from tracker.measurements import Mount, Setup, Start, Tick, Truth, View
 from tracker.sequence import Sequence, TicksInMemory, read_sequence
 
 PETS_AREA, PETS_RATE = AREA, RATE
 PETS_VIEWS = (1, 5, 7)
 """Of the views of S2.L1, those that are used where nothing is said."""
 MAX_FRAMES = 1_000_000
-FOOT_PIXELS = 2.0  # px, error of a box's edge ...
-FOOT_SHARE = 0.02  # ... and as a share of its height
-DISTORTION_SHARE = 1.0  # where a distortion folds back (κ1 < 0) the calibration is off by about as much as it bends: View_007, left
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,30 +162,3 @@ def _pets_truth(path: Path, calibration: Path, cameras: int, site: Site) -> tupl
         ids, feet = people.get(index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
         out.append(Truth(index, {}, ids, feet, np.ones((len(ids), cameras))))
     return tuple(out)
-
-
-def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> Detections:
-    """Pixel boxes (n, 4) left, top, width, height → Detections; the azimuth is that of the middle of the lower edge."""
-    if not len(boxes):
-        return Detections.none()
-    left, top, width, height = boxes.T
-    middle, bottom, waist = left + width / 2, top + height, top + height / 2
-
-    def angles(u: Array, v: Array) -> tuple[Array, Array]:
-        return angles_from_bearing(camera.bearings_from_pixels(np.stack([u, v], axis=1)))
-
-    azimuth, low = angles(middle, bottom)
-    _, high = angles(middle, top)
-    span = angles(left, waist)[0] - angles(left + width, waist)[0]
-    sigma = FOOT_PIXELS + FOOT_SHARE * height
-    by_side = (angles(middle - sigma, bottom)[0] - angles(middle + sigma, bottom)[0]) / 2 * np.cos(low)
-    by_height = (angles(middle, bottom - sigma)[1] - angles(middle, bottom + sigma)[1]) / 2
-    covariance = np.zeros((len(boxes), 2, 2))
-    covariance[:, 0, 0], covariance[:, 1, 1] = by_side**2, by_height**2
-    if isinstance(camera, Tsai) and camera.kappa1 < 0:
-        straight = angles_from_bearing(replace(camera, kappa1=0.0).bearings_from_pixels(np.stack([middle, bottom], axis=1)))
-        covariance[:, 0, 0] += (DISTORTION_SHARE * (straight[0] - azimuth) * np.cos(low)) ** 2
-        covariance[:, 1, 1] += (DISTORTION_SHARE * (straight[1] - low)) ** 2
-    bearing = bearing_from_angles(azimuth, (low + high) / 2)
-    extent = np.stack([span, high - low], axis=1)
-    return Detections(bearing, extent, np.clip(confidence, 0.0, 1.0), covariance, np.zeros((len(boxes), 0)))

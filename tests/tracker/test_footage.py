@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker import sequences
+from tracker.boxes import detections_from_boxes
 from tracker.cameras import Panorama, Tsai, pinhole
 from tracker.footage import Footage, boxes_of_detections, people_of, sized
 from tracker.geometry import bearing_from_angles
 from tracker.measurements import Detections
-from tracker.sources import detections_from_boxes
 
 BENT = Tsai(768, 576, 5.5549, 5.1113e-3, 324.22, 282.57, 1.0938, 5.1273e-3, 4.65e-3)
 share = st.floats(0.05, 0.95)

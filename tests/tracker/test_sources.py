@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
+from tracker.boxes import detections_from_boxes
 from tracker.geometry import angles_from_bearing
-from tracker.sources import Choice, detections_from_boxes, open_source
+from tracker.sources import Choice, open_source
 
 
 def test_pets(data: Callable[..., Path]) -> None:

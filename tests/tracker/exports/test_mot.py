@@ -13,12 +13,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.exports.scene import FRAMES, PEOPLE, RATE
 from tracker.annotations import read_boxes
+from tracker.boxes import detections_from_boxes
 from tracker.evaluation import evaluate, evaluate_files
 from tracker.formats.mot17 import read_mot17, read_seqinfo
 from tracker.formats.motchallenge import Rows, read_mot15, rows_from_tracks, write_mot15
 from tracker.results import Results
 from tracker.sequence import read_sequence
-from tracker.sources import detections_from_boxes
 
 Exported = Callable[[str], Path]
 VIEWS = ("robot_0_camera", "view_0", "view_1", "view_2")
