@@ -18,7 +18,6 @@ import numpy as np
 from sim.contender import Contender, checked, gathered, parameters_of
 from sim.footage import Footage, identities
 from sim.sensing import Detector
-from tracker.cameras import Camera
 from tracker.clearmot import score
 from tracker.comparison import Frame
 from tracker.evaluation import who_counts
@@ -30,6 +29,7 @@ from tracker.pipeline import Parameters, track
 from tracker.results import Results
 from tracker.slam import Slam
 from tracker.trees import Tracks
+from tracker.visibility import Viewpoint
 
 STAGES = ("poses", "detections", "association", "terrain")
 SURE = 1e-10
@@ -148,12 +148,12 @@ def associated(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, whos
     trusting = replace(parameters.targets, **TRUSTING)  # type: ignore[arg-type]
     for tick in ticks:
         slam.step(tick)
-        feet, cameras, owners = list[Feet](), list[tuple[Camera, Pose]](), list[Ints]()
+        feet, cameras, owners = list[Feet](), list[Viewpoint](), list[Ints]()
         for view in tick.views:
             mount = setup.mounts[view.camera]
             pose = slam.pose(mount.robot)
             feet.append(stand(setup, view.camera, view.detections, (pose, slam.covariance(mount.robot)), trusting.fusion))
-            cameras.append((mount.camera, pose @ mount.T_body_camera))
+            cameras.append(Viewpoint(view.camera, mount.camera, pose @ mount.T_body_camera))
             owners.append(whose.of(view.detections))
         for person in sorted({int(p) for own in owners for p in own[own > 0]} - set(people)):
             people[person] = SingleTargets(setup, trusting, 0)

@@ -25,6 +25,7 @@ from tracker.evaluation import who_counts
 from tracker.films import filmed
 from tracker.geometry import Array
 from tracker.pipeline import Parameters, track
+from tracker.seeing import ImageParameters
 from tracker.sequence import Sequence, read_sequence
 from tracker.sources import PETS_VIEWS, Choice, open_source
 from tracker.tracklets import TrackletParameters
@@ -105,7 +106,7 @@ def measured(material: Material, frames: int, setting: str, repetition: int) -> 
     """Run one."""
     sequence = material.sequence(repetition, frames)
     assert sequence.truth is not None
-    parameters = Parameters(tracklets=SETTINGS[setting], delay=DELAY)
+    parameters = Parameters(images=ImageParameters(SETTINGS[setting]), delay=DELAY)
     began = time.process_time()
     said = list(track(sequence.setup, itertools.islice(iter(sequence.ticks), frames), parameters))
     seconds = time.process_time() - began

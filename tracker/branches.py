@@ -51,7 +51,7 @@ def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, bea
                     break
                 if banned[d]:
                     continue
-                more = fit(look, S0, v, d, boxes, n.gate)
+                more = fit(look, S0, v, d, boxes, n.gate) + leaves.alike[i, d]
                 if more > max(missed - n.width, n.least):
                     worth[offers], source[offers], taken[offers] = beam.gain[b] + more, b, d
                     offers += 1

@@ -6,19 +6,19 @@ is off on the ground for good.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.cameras import Camera
 from tracker.fusion import Combination, Feet, FusionParameters
-from tracker.geometry import Array, Pose
+from tracker.geometry import Array
 from tracker.measurements import Ints, Setup
+from tracker.offsets import OffsetParameters, Offsets
 from tracker.reunion import ReunionParameters
 from tracker.trees import MotionParameters
-from tracker.trust import Trust, TrustParameters
-from tracker.visibility import Bodies
+from tracker.trust import COVERED, Trust, TrustParameters
+from tracker.visibility import Bodies, Viewpoint
 
 Mask = NDArray[np.bool_]
 
@@ -53,25 +53,28 @@ class TargetParameters:
     surely: float = 0.6  # m, standard deviation of a place up to which a box without feet is taken
     before: float = 0.3  # share of those without a box who stand before somebody else's, whose corners are theirs then
     outside: float = 3 / 7  # s, after which somebody is gone who is out of all views
+    partly: bool = False  # whether it is learned how often views find people of whom a part is covered (tracker/cover.py)
     same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
-    offset_sigma: float = 0.3  # m, how far a view may be off on the ground for good; 0 switches the correction off
-    offset_first: float = 0.3  # m, the same of the first view: offsets are known against each other, and places are told as it sees them
-    offset_memory: float = 30.0  # innovations that are worth one independent look at the offset: they come in runs
+    offsets: OffsetParameters = field(default_factory=OffsetParameters)
 
 
 class Evidence:
-    """What is known of the views. `offsets`: camera → offset (2,) m on the ground and its covariance (2, 2) m²."""
+    """What is known of the views."""
 
     def __init__(self, setup: Setup, parameters: TargetParameters) -> None:
         self.setup, self.parameters = setup, parameters
         area = setup.area
         square = float(np.prod(area[1] - area[0])) if area is not None else np.pi * parameters.trust.watched**2
         self.trust = Trust(parameters.trust, square)
-        self.offsets: dict[str, tuple[Array, Array]] = {}
+        self.offsets = Offsets(setup, parameters.offsets)
 
     def detection(self, camera: str) -> float:
         """Share of the people in full view of `camera` who get a box."""
         return self.trust.detection(camera)
+
+    def bodies(self, place: Array, tree: Ints, front: Ints) -> Bodies:
+        """People at places (n, 2) m, of trees (n,), of whom those in the rows `front` may stand before others."""
+        return Bodies(place, tree, front, self.setup, self.trust.shown if self.parameters.partly else None)
 
     def missed(self, camera: str, expected: Array) -> Array:
         """Log-likelihood (n,) of `camera` showing no box of people of whom it should see so much (n,), 0 to 1."""
@@ -88,28 +91,24 @@ class Evidence:
         detection = np.array([self.detection(feet.camera) for feet in views])
         return float((self.parameters.at_once * np.log(1 - detection)).min(initial=0.0))
 
-    def offset(self, camera: str) -> tuple[Array, Array]:
-        """How far the view is off on the ground: (2,) m, covariance (2, 2) m²."""
-        q = self.parameters
-        sigma = q.offset_first if camera == next(iter(self.setup.mounts)) else q.offset_sigma
-        return self.offsets.get(camera, (np.zeros(2), sigma**2 * np.eye(2)))
+    def corrected(self, feet: Feet) -> Feet:
+        """The boxes with their points where they are without the view's offset."""
+        point = feet.point.copy()
+        point[:, :2] -= self.offsets.at(feet.camera, point[:, :2])
+        return replace(feet, point=point)
 
-    def learn_offset(self, camera: str, residual: Array, H: Array, S: Array) -> None:
-        """Take an innovation, covariance S, as a look at this view's own offset; Kalman's update, S widened as looks are not independent."""
-        if self.parameters.offset_sigma > 0:
-            offset, P = self.offset(camera)
-            K = np.linalg.solve(H @ P @ H.T + self.parameters.offset_memory * S, H @ P).T
-            self.offsets[camera] = offset + K @ residual, P - K @ H @ P
-
-    def learn(self, views: list[Feet], box: Ints, expected: Array, people: tuple[Mask, Array]) -> None:
+    def learn(self, views: list[Feet], box: Ints, expected: Array, people: tuple[Mask, Array], cover: Array | None = None) -> None:
         """Count what each view found and missed of the people who are known, and what it showed beside them.
 
         box (t, v): of each track the box of each view, −1 for none; expected (t, v): how often the view should have one; people: which tracks
-        (t,) are known, and the score (t,) of each.
+        (t,) are known, and the score (t,) of each; cover (t, v, 2): how much of them things and others cover, None where that is not looked at.
         """
         q, area, (sure, score) = self.parameters, self.setup.area, people
         for v, feet in enumerate(views):
             known = sure & (expected[:, v] > 0.5)
+            if cover is not None:
+                self.trust.learn_shown(feet.camera, cover[sure, v], box[sure, v] >= 0)
+                known &= cover[:, v].max(axis=1, initial=0.0) < COVERED[0]
             weight = np.ones(len(feet))
             mine = box[:, v] >= 0
             weight[box[mine, v]] = 1 / (1 + np.exp(np.clip(score[mine], -20, 20)))
@@ -123,10 +122,10 @@ class Evidence:
             other = inside & feet.grounded & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
             self.trust.learn(feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other]))
 
-    def prior(self, seen: list[tuple[Feet, tuple[Camera, Pose]]], groups: list[Combination], others: tuple[Array, Ints], ticks: int) -> Array:
+    def prior(self, seen: list[tuple[Feet, Viewpoint]], groups: list[Combination], others: tuple[Array, Ints], ticks: int) -> Array:
         """log-likelihood ratio (g,) of "somebody new" over "false boxes": who sees, who should, and how rare new people are.
 
-        seen: of each view its boxes, and model and T_world_camera; others: places (t, 2) m and trees (t,) of who is there, who may stand before them;
+        seen: of each view its boxes and viewpoint; others: places (t, 2) m and trees (t,) of who is there, who may stand before them;
         ticks: how many there have been, this one with them.
         """
         q, (place, tree) = self.parameters, others
@@ -134,10 +133,10 @@ class Evidence:
         points = np.array([g.point for g in groups]).reshape(-1, 2)
         score, nobody = np.full(len(groups), np.log(rate)), np.full(len(groups), -1, dtype=np.int64)
         front = np.arange(len(groups), len(groups) + len(place))
-        bodies = Bodies(np.concatenate([points, place]), np.concatenate([nobody, tree]), front, self.setup.ground)
-        for v, (feet, camera) in enumerate(seen):
+        bodies = self.bodies(np.concatenate([points, place]), np.concatenate([nobody, tree]), front)
+        for v, (feet, view) in enumerate(seen):
             member = np.array([dict(g.members).get(v, -1) for g in groups], dtype=np.int64)
-            expected = bodies.expected(camera, self.setup.occluders, q.fusion.reach)[: len(groups)]
+            expected = bodies.expected(view, q.fusion.reach)[: len(groups)]
             miss = self.missed(feet.camera, expected)
             here = member >= 0
             score[~here] += miss[~here]

@@ -52,7 +52,8 @@ class Feet:
     hidden (n,): the feet may be out of sight, cut (n,): beyond the image's edge; lying (n,): how often such a box ends above the feet.
     vague (n,): there is more than one place for the feet, as `lines` says (None where the world is not known); point and spread are the mean and
     covariance of all of them then, and height is the usual one. confidence (n,).
-    links: what images say of the boxes of the last frames and these (tracklets.Tracklets.step); None where they are not looked at.
+    links: what images say of the boxes of the last frames and these (tracklets.Tracklets.step); appearance (n, d): what boxes look like in them
+    (appearance.appearances); None where they are not looked at.
     """
 
     camera: str
@@ -71,13 +72,15 @@ class Feet:
     vague: Mask
     lines: Standpoints | None = None
     links: tuple[Array, ...] | None = None
+    appearance: Array | None = None
 
     def __len__(self) -> int:
         return len(self.direction)
 
     def select(self, rows: Mask) -> Feet:
         """The boxes in `rows` (n,), without what images say of them."""
-        columns = {name: getattr(self, name)[rows] for name in Feet.__dataclass_fields__ if name not in ("camera", "origin", "lines", "links")}
+        whole = ("camera", "origin", "lines", "links", "appearance")
+        columns = {name: getattr(self, name)[rows] for name in Feet.__dataclass_fields__ if name not in whole}
         return Feet(self.camera, self.origin, **columns, lines=None if self.lines is None else self.lines.select(rows))
 
 

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 
-from tracker.cameras import Camera
 from tracker.evidence import Evidence, TargetParameters
 from tracker.footing import Footing
 from tracker.fusion import Combination, Feet, combine
-from tracker.geometry import Array, Pose
+from tracker.geometry import Array
 from tracker.measurements import Ints, Setup
 from tracker.reunion import Reunions, Strangers
 from tracker.smoothing import Lag
@@ -27,7 +26,7 @@ from tracker.tracklets import Owners
 from tracker.trees import Heads, Sights, Tracks, born, heads, informed, predict, sights, update
 from tracker.unseen import Outlook
 from tracker.vague import Meeting, begun
-from tracker.visibility import Bodies
+from tracker.visibility import Viewpoint
 
 Mask = NDArray[np.bool_]
 
@@ -54,8 +53,8 @@ class Hypotheses:
         self._bridged = round(parameters.delta_a / setup.period)
         self._gone = np.zeros(0)  # s for which a track was out of all views
 
-    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> tuple[Tracks, Mask]:
-        """Take one tick; cameras: model and T_world_camera of each view. All tracks, and which of them the best hypothesis holds."""
+    def step(self, views: list[Feet], cameras: list[Viewpoint]) -> tuple[Tracks, Mask]:
+        """Take one tick; cameras: from where each view looks. All tracks, and which of them the best hypothesis holds."""
         q = self.parameters
         self.tracks = self._placed(predict(self.tracks, self.setup.period, q.motion))
         taken = [feet.confidence < q.least_confidence for feet in views]
@@ -84,16 +83,16 @@ class Hypotheses:
         """How often each view (v,) has a box of who is in full view, by now."""
         return np.array([self.evidence.detection(feet.camera) for feet in views])
 
-    def unseen(self, others: Tracks, cameras: list[tuple[Camera, Pose]], detection: Array, people: Tracks) -> Array:
+    def unseen(self, others: Tracks, cameras: list[Viewpoint], detection: Array, people: Tracks) -> Array:
         """How likely (n,) `cameras`, with such a detection (v,), show no box of `people` among `others`."""
         both = others.join(people)
-        bodies = Bodies(both.state[:, :2], both.tree, np.arange(len(others)), self.setup.ground)
-        share = bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach)[len(others) :]
+        bodies = self.evidence.bodies(both.state[:, :2], both.tree, np.arange(len(others)))
+        share = bodies.by_view(cameras, self.parameters.fusion.reach)[len(others) :]
         return np.asarray((1 - detection * share).prod(axis=1))
 
-    def _outlook(self, cameras: list[tuple[Camera, Pose]]) -> Outlook:
+    def _outlook(self, cameras: list[Viewpoint]) -> Outlook:
         """What the views should have boxes of now."""
-        return Outlook.of(self.tracks, cameras, self.setup, (self.parameters.fusion.reach, self.parameters.unsure))
+        return Outlook.of(self.tracks, cameras, self.evidence)
 
     def _assign(self, feet: Feet, taken: Mask, none: Array, given: tuple[Ints, Array, Array]) -> None:
         """Give each track at most one box of this view, by the highest sum of log-likelihood ratios, and correct it; none (t,): that of no box.
@@ -102,7 +101,8 @@ class Hypotheses:
         what another track would gain by it.
         """
         q = self.parameters
-        offset, _ = self.evidence.offset(feet.camera)
+        place = self.tracks.state[:, :2]
+        offset = self.evidence.offsets.at(feet.camera, place)
         look = sights(self.tracks, feet, offset, self.setup.ground, q.motion)
         tops = heads(self.tracks, look, feet, q.fusion.standpoints.nod)
         (gain, upright), fit = self._gain(look, tops, feet), tops.fit(q.gate)
@@ -130,7 +130,8 @@ class Hypotheses:
             if not upright[t, d]:
                 H, r, R = H[:1], r[:1], R[:1, :1]
             elif self.believed[t]:
-                self.evidence.learn_offset(feet.camera, r, H, R + H @ self.tracks.covariance[t, :2, :2] @ H.T)
+                S = R + H @ self.tracks.covariance[t, :2, :2] @ H.T
+                self.evidence.offsets.learn(feet.camera, place[t, None], (r[None], H[None], S[None]))
             if (feet.lines is not None or (not upright[t, d] and feet.cut[d])) and fit[t, d]:
                 # The head tells how far somebody is, too, as well as it is known how tall.
                 H, r = np.vstack([np.column_stack([H, np.zeros(len(H))]), tops.H[t, d]]), np.append(r, tops.above[t, d])
@@ -183,10 +184,10 @@ class Hypotheses:
         )
         return np.log(mine / anybody)
 
-    def _judge(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], box: Ints, gains: tuple[Array, Array]) -> Array:
+    def _judge(self, views: list[Feet], cameras: list[Viewpoint], box: Ints, gains: tuple[Array, Array]) -> Array:
         """Score every track by what saw it and what should have (C_rec), and count frames; how often (t, v) each view should have a box."""
         q, tracks, (gain, wanted) = self.parameters, self.tracks, gains
-        outlook, bodies = self._outlook(cameras), Bodies(tracks.state[:, :2], tracks.tree, np.arange(len(tracks)), self.setup.ground)
+        outlook, bodies = self._outlook(cameras), self.evidence.bodies(tracks.state[:, :2], tracks.tree, np.arange(len(tracks)))
         miss, watched = np.zeros(box.shape), bodies.watched(cameras)
         for v, feet in enumerate(views):
             miss[:, v] = self.evidence.missed(feet.camera, outlook.share[:, v])
@@ -221,7 +222,7 @@ class Hypotheses:
             now[key] = max(self._one.get(key, 0.0) + min(one, q.alone) - q.apart * two, -10.0)
         self._one = now
 
-    def _bear(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], free: list[Mask], seen: Mask) -> list[tuple[int, Combination]]:
+    def _bear(self, views: list[Feet], cameras: list[Viewpoint], free: list[Mask], seen: Mask) -> list[tuple[int, Combination]]:
         """Start a track where boxes are left over, unless a track stands there that these views did not see: that is the same person.
 
         The new trees and what they come from.
@@ -246,7 +247,8 @@ class Hypotheses:
         clear = [(feet, d) for feet, d in boxes if feet.lines is not None and not feet.vague[d] and not feet.cut[d]]
         for feet, d in clear:
             one = new.select(np.array([k]))
-            tops = heads(one, sights(one, feet, self.evidence.offset(feet.camera)[0], self.setup.ground, q.motion), feet, q.fusion.standpoints.nod)
+            look = sights(one, feet, self.evidence.offsets.at(feet.camera, one.state[:, :2]), self.setup.ground, q.motion)
+            tops = heads(one, look, feet, q.fusion.standpoints.nod)
             if tops.fit(q.gate)[0, d]:
                 new = update(new, k, tops.above[0, d, None], tops.H[0, d, None], tops.noise[:, d, None])
         return new if clear or not boxes[0][0].vague[boxes[0][1]] else begun(new, k, *boxes[0])
@@ -303,7 +305,7 @@ class SingleTargets:
         self.hypotheses = Hypotheses(setup, parameters)
         self._lag = Lag(delay, setup.period, parameters.motion)
 
-    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None:
+    def step(self, views: list[Feet], cameras: list[Viewpoint]) -> Tracks | None:
         """Take a tick; the people of the tick `delay` before it, None where there was none."""
         tracks, believed = self.hypotheses.step(views, cameras)
         unseen = partial(self.hypotheses.unseen, tracks, cameras, self.hypotheses.detection(views))

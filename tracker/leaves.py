@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.appearance import SIZE
 from tracker.fusion import Combination
 from tracker.geometry import Array
 from tracker.measurements import Ints
@@ -25,10 +26,11 @@ class Leaves:
 
     tree (n,): the id, never used again. state (n, 4) x, y m and velocity m/s, covariance (n, 4, 4). score (n,): log-likelihood ratio of the whole
     track against clutter; alive (n,): the same with a memory that ends, for and against that somebody is there. hits, misses, age, out (n,): ticks
-    seen in all, unseen in a row, since birth, since the best hypothesis held it; away (n,): ticks out of all views. believed (n,): it was certain
-    once. over (n,): it has ended.
+    seen in all, unseen in a row, since birth, since the best hypothesis held it; due (n,): in how many of those unseen in a row some view should
+    have shown it; away (n,): ticks out of all views. believed (n,): it was certain once. over (n,): it has ended.
     node (n, W), past (n, W, 4), spread (n, W, 4, 4), met (n, W): names of the branches that led here, filtered states and whether a box was taken,
-    the latest first. gap (n, W): ticks unseen in a row before each.
+    the latest first. gap (n, W): ticks unseen in a row before each; before (n, W): scores.
+    appearance (n, C, d): what each camera's boxes of the person look like (appearance.appearances), of worn (n, C) boxes; C is 0 without images.
     """
 
     tree: Ints
@@ -48,6 +50,10 @@ class Leaves:
     spread: Array
     met: Mask
     gap: Ints
+    before: Array
+    due: Array
+    appearance: Array
+    worn: Array
 
     @staticmethod
     def none(window: int) -> Leaves:
@@ -74,20 +80,24 @@ class Leaves:
 _COLUMNS = tuple(Leaves.__dataclass_fields__)
 
 
-def _fresh(tree: Ints, state: Array, covariance: Array, window: int) -> Leaves:
-    n = len(tree)
+def _fresh(tree: Ints, state: Array, covariance: Array, size: tuple[int, int]) -> Leaves:
+    n, (window, cameras) = len(tree), size
     zero, ones, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, dtype=bool)
     past, spread, met = np.zeros((n, window, 4)), np.zeros((n, window, 4, 4)), np.zeros((n, window), dtype=bool)
     past[:, 0], spread[:, 0], met[:, 0] = state, covariance, True
     node = np.full((n, window), -1, dtype=np.int64)
-    return Leaves(tree, state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, zero, no, no, node, past, spread, met, 0 * node)
+    dress = np.zeros((n, cameras, SIZE)), np.zeros((n, cameras))
+    return Leaves(
+        tree, state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, zero, no, no, node, past, spread, met, 0 * node,
+        np.zeros((n, window)), np.zeros(n), *dress,
+    )  # fmt: skip
 
 
 def predict(tracks: Leaves, dt: float, motion: MotionParameters) -> Leaves:
     """All leaves `dt` seconds on; what they remember is one tick older, and the latest place in it is open."""
     F, Q = going(tracks.misses, dt, motion)
-    aged = {name: np.roll(getattr(tracks, name), 1, axis=1) for name in ("node", "past", "spread", "met", "gap")}
-    aged["gap"][:, 0] = tracks.misses
+    aged = {name: np.roll(getattr(tracks, name), 1, axis=1) for name in ("node", "past", "spread", "met", "gap", "before")}
+    aged["gap"][:, 0], aged["before"][:, 0] = tracks.misses, tracks.score
     state = (F @ tracks.state[:, :, None])[:, :, 0]
     return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1, **aged)
 
@@ -98,24 +108,24 @@ def going(misses: Ints, dt: float, motion: MotionParameters) -> tuple[Array, Arr
     return F[:, :4, :4], Q[:4, :4]
 
 
-def born(first_tree: int, groups: list[Combination], motion: MotionParameters, window: int) -> Leaves:
-    """One new tree a combination, at rest with an unknown velocity; window: ticks of memory."""
+def born(first_tree: int, groups: list[Combination], motion: MotionParameters, window: int, cameras: int = 0) -> Leaves:
+    """One new tree a combination, at rest with an unknown velocity; window: ticks of memory; cameras: whose images show what people look like."""
     n = len(groups)
     state, covariance = np.zeros((n, 4)), np.zeros((n, 4, 4))
     for k, group in enumerate(groups):
         state[k, :2] = group.point
         covariance[k, :2, :2] = group.covariance
     covariance[:, 2, 2] = covariance[:, 3, 3] = motion.start_speed**2
-    return _fresh(first_tree + np.arange(n), state, covariance, window)
+    return _fresh(first_tree + np.arange(n), state, covariance, (window, cameras))
 
 
 def weights(tracks: Leaves, most: float) -> Array:
-    """Weight (n,) of each leaf as a vertex: its score with the tree's best brought down to at most `most`, twice as much where believed.
+    """Weight (n,) of each leaf as a vertex: what the ticks say for it that are not decided yet, and its score before them, but at most `most`, twice
+    as much where believed.
 
-    A tree that has lived for long has a score that nothing could outweigh, and a search over sums that large would see no difference.
+    A tree that has lived for long has a score that nothing could outweigh, and a search over sums that large would see no difference. What came
+    since counts in full: else a leaf that lost to another of its tree for some ticks, as that of somebody does who is out of sight beside others,
+    would weigh nothing, and its tree could be held only by a leaf that takes what belongs to others.
     """
-    trees, rank = np.unique(tracks.tree, return_inverse=True)
-    best = np.full(len(trees), -np.inf)
-    np.maximum.at(best, rank, tracks.score)
-    top = best[rank]
-    return np.asarray(tracks.score - top + np.minimum(top, np.where(tracks.believed, 2 * most, most)))
+    before = tracks.before[:, -1]
+    return np.asarray(tracks.score - before + np.minimum(before, np.where(tracks.believed, 2 * most, most)))

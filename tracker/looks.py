@@ -9,7 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tracker.evidence import Evidence
+from tracker.fusion import Feet
 from tracker.geometry import Array
+from tracker.ground import Ground
+from tracker.leaves import Leaves
 
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -20,7 +24,8 @@ NEAREST = 12
 
 class Standing(NamedTuple):
     """Leaves predicted to a tick: state (n, 4), covariance (n, 4, 4), ground height z (n,) m and slope (n, 2) there; missed (n, V):
-    log-likelihood of each view showing no box of the person; over (n,): has ended; tree (n,)."""
+    log-likelihood of each view showing no box of the person; over (n,): has ended; tree (n,); alike (n, D): log-likelihood ratio of each box by
+    what images say."""
 
     state: Array
     covariance: Array
@@ -29,16 +34,25 @@ class Standing(NamedTuple):
     missed: Array
     over: Mask
     tree: Ints
+    alike: Array
+
+    @staticmethod
+    def of(leaves: Leaves, ground: Ground, missed: Array, alike: Array) -> Standing:
+        place = leaves.state[:, :2]
+        around = [np.array([0.1, 0.0]), np.array([0.0, 0.1])]
+        slope = np.stack([(ground.height_at(place + e) - ground.height_at(place - e)) / 0.2 for e in around], axis=1)
+        return Standing(leaves.state, leaves.covariance, ground.height_at(place), slope, missed, leaves.over, leaves.tree, alike)
 
 
 class Boxes(NamedTuple):
-    """The boxes of all views in one table, those of view v in rows start[v] to start[v + 1]: origin (V, 3) m and offset (V, 2) m of the views;
-    direction (D, 3), covariance (D, 2, 2); lying (D,): how often such a box ends above the feet; head (D,): tangent of the upper edge's elevation;
-    certain (D,): log of how often people get a box over the density of false ones; hit (D,): log-likelihood ratio, wherever it lies, of there being
-    somebody; usable (D,)."""
+    """The boxes of all views in one table, those of view v in rows start[v] to start[v + 1]: origin (V, 3) m and offset (V, 6) of the views, about
+    `centre` (2,) m (offsets.Offsets); direction (D, 3), covariance (D, 2, 2); lying (D,): how often such a box ends above the feet; head (D,):
+    tangent of the upper edge's elevation; certain (D,): log of how often people get a box over the density of false ones; hit (D,): log-likelihood
+    ratio, wherever it lies, of there being somebody; usable (D,)."""
 
     origin: Array
     offset: Array
+    centre: Array
     start: Ints
     direction: Array
     covariance: Array
@@ -47,6 +61,25 @@ class Boxes(NamedTuple):
     certain: Array
     hit: Array
     usable: Mask
+
+    @staticmethod
+    def of(views: list[Feet], evidence: Evidence, clutter: float) -> Boxes:
+        """clutter: false boxes a steradian that each view is taken to have at least."""
+        q = evidence.parameters
+
+        def column(name: str, shape: tuple[int, ...]) -> Array:
+            return np.concatenate([np.zeros((0, *shape)), *(getattr(f, name) for f in views)])
+
+        start = np.cumsum([0, *(len(f) for f in views)])
+        offset = np.array([evidence.offsets.of(f.camera) for f in views]).reshape(-1, 6)
+        origin = np.array([f.origin for f in views]).reshape(-1, 3)
+        most = [np.log(evidence.detection(f.camera) / clutter) for f in views]
+        certain = np.concatenate([np.zeros(0), *(np.minimum(evidence.certain(f), m) for f, m in zip(views, most, strict=True))])
+        worth = np.concatenate([np.zeros(0), *(evidence.trust.worth(f.camera, f.confidence) for f in views)])
+        return Boxes(
+            origin, offset, evidence.offsets.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("lying", ()),
+            np.tan(column("head_elevation", ())), certain, np.minimum(worth, q.most_gain), column("confidence", ()) >= q.min_confidence,
+        )  # fmt: skip
 
 
 class Numbers(NamedTuple):
@@ -108,11 +141,14 @@ def expected(look: Array, P: Array, spread: float) -> tuple[float, float, float]
 
 
 @njit(cache=True)
-def _residual(look: Array, direction: Array, offset: Array) -> tuple[float, float]:
-    """Residual in the tangent plane of the expected direction, with the view's offset taken off."""
+def _residual(look: Array, v: int, d: int, boxes: Any) -> tuple[float, float]:
+    """Residual of box d of view v in the tangent plane of the expected direction, with the view's offset taken off."""
+    direction, origin, offset = boxes.direction[d], boxes.origin[v], boxes.offset[v]
+    x, y = origin[0] + look[13] * look[0] - boxes.centre[0], origin[1] + look[13] * look[1] - boxes.centre[1]
+    dx, dy = offset[0] + offset[2] * x + offset[3] * y, offset[1] + offset[4] * x + offset[5] * y
     r0 = look[3] * direction[0] + look[4] * direction[1]
     r1 = look[6] * direction[0] + look[7] * direction[1] + look[8] * direction[2]
-    return r0 - look[9] * offset[0] - look[10] * offset[1], r1 - look[11] * offset[0] - look[12] * offset[1]
+    return r0 - look[9] * dx - look[10] * dy, r1 - look[11] * dx - look[12] * dy
 
 
 @njit(cache=True)
@@ -156,7 +192,7 @@ def _update(x: Array, P: Array, look: Array, r: tuple[float, float], S: tuple[fl
 @njit(cache=True)
 def fit(look: Array, S0: tuple[float, float, float], v: int, d: int, boxes: Any, gate: float) -> float:
     """Log-likelihood ratio of box d of view v for whom a look with such an `expected` covariance finds; −inf outside the gate."""
-    r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+    r0, r1 = _residual(look, v, d, boxes)
     C = boxes.covariance[d]
     return _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), gate)[0]
 
@@ -178,7 +214,7 @@ def reached(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
         slack = 0.15 + 0.02 * look[13]
         if not n.low - slack < height < n.high + slack:
             continue
-        ratio = fit(look, S0, v, d, boxes, n.gate)
+        ratio = fit(look, S0, v, d, boxes, n.gate) + leaves.alike[i, d]
         if ratio == -np.inf:
             continue
         if found < NEAREST:
@@ -208,7 +244,7 @@ def accept(k: int, i: int, v: int, d: int, leaves: Any, boxes: Any, n: Any, ways
     look = np.empty(16)
     look_at(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
     S0 = expected(look, ways.covariance[k], n.foot_spread)
-    r0, r1 = _residual(look, boxes.direction[d], boxes.offset[v])
+    r0, r1 = _residual(look, v, d, boxes)
     C = boxes.covariance[d]
     S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
     worth, upright = _gain(r0, r1, S, look, (boxes.certain[d], boxes.lying[d]), n.gate)
@@ -219,7 +255,7 @@ def accept(k: int, i: int, v: int, d: int, leaves: Any, boxes: Any, n: Any, ways
         ways.H[k, v, 0, 0], ways.H[k, v, 0, 1], ways.H[k, v, 1, 0], ways.H[k, v, 1, 1] = look[9], look[10], look[11], look[12]
         ways.S[k, v, 0, 0], ways.S[k, v, 1, 1] = S[0], S[2]
         ways.S[k, v, 0, 1] = ways.S[k, v, 1, 0] = S[1]
-    return worth
+    return worth + leaves.alike[i, d]
 
 
 @njit(cache=True)

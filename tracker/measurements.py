@@ -252,7 +252,8 @@ class Setup:
 
     starts: robot → Start, None where unknown. area: (2, 2) m, the lowest and highest x, y in which targets are reported, or None.
     height: the band of people's heights in metres that a detection must fit. occluders: the top of what stands on the ground
-    (walls, furniture) as a ground of its own, where it is known: it says what a view cannot see.
+    (walls, furniture) as a ground of its own, where it is known: it says what a view cannot see. pillars (p, 5): upright round things that hide
+    people where no occluders are known, each x, y, radius, lowest and highest z in metres.
     """
 
     mounts: dict[str, Mount]
@@ -262,8 +263,10 @@ class Setup:
     area: Array | None = None
     height: tuple[float, float] = (1.4, 2.3)
     occluders: Ground | None = None
+    pillars: Array = field(default_factory=lambda: np.zeros((0, 5)))
 
     def __post_init__(self) -> None:
+        _set(self, "pillars", (None, 5))
         if not self.period > 0:
             raise ValueError(f"period is {self.period} s, needs more than 0")
         if self.area is not None:
@@ -271,6 +274,11 @@ class Setup:
         missing = {m.robot for m in self.mounts.values()} - set(self.starts)
         if missing:
             raise ValueError(f"robots {sorted(missing)} carry cameras and have no entry in starts")
+
+    def stands(self, robot: str) -> bool:
+        """Whether what is called a robot is a camera that stands still: its place is known exactly from the start."""
+        start = self.starts[robot]
+        return start is not None and not start.covariance.any()
 
     def mount_of(self, robot: str) -> Mount:
         """The camera that others see of a robot: its first. Raises ValueError for a robot without one."""

@@ -4,11 +4,13 @@
 was taken for somebody else is put right within the N-scan: the best hypothesis is found anew at every tick over all that is not decided.
 
 It departs from the scheme of Yoo et al. in this: a track takes boxes one by one, not tracklets, with the likelihood of its own Kalman filter as
-score; all leaves make one graph, which falls into parts that are solved by themselves (`small_graphs` has one graph for each hypothesis); and a
-leaf stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. Leaves that are true together also go on
-together, the boxes of each view shared out among them: what each would do alone seldom goes together before many views. What views find, miss and
-are off is learned as in tracker/hypotheses.py, who was lost and comes back keeps the id (tracker/reunion.py). Where terrain and things are known
-this does not yet ask at which distances a box could be of somebody (tracker/standpoints.py): there the default tracker is better."""
+score; all leaves make one graph, which falls into parts that are solved by themselves (`small_graphs` has one graph for each hypothesis); and a leaf
+stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. Leaves that are true together also go on together,
+the boxes of each view shared out among them: what each would do alone seldom goes together before many views. What views find, miss and are off is
+learned as in tracker/hypotheses.py, by how much of people things and others cover (tracker/cover.py), who was lost and comes back keeps the id
+(tracker/reunion.py), and images say whose box it is by what people look like (tracker/likeness.py). Where terrain and things are known this does not
+yet ask at which distances a box could be of somebody (tracker/standpoints.py): there the default tracker is better.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +18,16 @@ from dataclasses import replace
 from typing import final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker import bonds
 from tracker.bonds import Bonds
 from tracker.branches import grow
-from tracker.cameras import Camera
 from tracker.evidence import Evidence
 from tracker.fusion import Combination, Feet, combine
-from tracker.geometry import Array, Pose
+from tracker.geometry import Array
 from tracker.leaves import Leaves, born, predict, weights
+from tracker.likeness import Likeness
 from tracker.looks import Boxes, Branches, Numbers, Standing
 from tracker.measurements import Ints, Setup
 from tracker.recall import Recall
@@ -34,7 +35,7 @@ from tracker.reunion import Reunions, Strangers
 from tracker.selection import MultipleParameters, Selection, select
 from tracker.sharing import claimed, merged, shared
 from tracker.trees import Tracks
-from tracker.visibility import Bodies
+from tracker.visibility import Viewpoint
 
 Mask = NDArray[np.bool_]
 
@@ -56,19 +57,21 @@ class MultipleHypotheses:
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
         self._bonds = Bonds(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
+        self.likeness = Likeness(parameters.alike, parameters.fashion, list(setup.mounts))
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
         self._bridged = round(parameters.delta_a / setup.period)
 
-    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> tuple[Leaves, Mask]:
-        """Take one tick; cameras: model and T_world_camera of each view. The tracks of the best hypothesis, and who of them is there now."""
+    def step(self, views: list[Feet], cameras: list[Viewpoint]) -> tuple[Leaves, Mask]:
+        """Take one tick; cameras: from where each view looks. The tracks of the best hypothesis, and who of them is there now."""
         self._ticks += 1
         self.leaves = predict(self.leaves, self.setup.period, self.parameters.motion)
-        bodies = self._bodies()
-        expected = bodies.by_view(cameras, self.setup.occluders, self.parameters.fusion.reach)
-        table = self._table(views)
-        missed = self._missed(views, expected)
-        standing, numbers = self._standing(missed), self._numbers(views)
         together = self.best[~self.leaves.over[self.best]]
+        bodies = self.evidence.bodies(self.leaves.state[:, :2], self.leaves.tree, together)
+        table = Boxes.of(views, self.evidence, self.parameters.clutter)
+        expected = bodies.by_view(cameras, self.parameters.fusion.reach)
+        missed = self._missed(views, expected)
+        standing = Standing.of(self.leaves, self.setup.ground, missed, self.likeness.worth(self.leaves, views))
+        numbers = self._numbers(views)
         mutual, worth = shared(together, standing, table, numbers)
         ways = merged(grow(standing, table, numbers), mutual)
         who = self.leaves.tree[together], self.leaves.believed[together]
@@ -77,19 +80,17 @@ class MultipleHypotheses:
         roots = self._roots(views, table, ways)
         prior = self._prior(views, cameras, roots)
         self._extend(ways, (roots, prior), (table, missed), bodies.watched(cameras))
+        self._dress(views, table)
         chosen = select(self.leaves, self._bonds, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
         self._doubt(chosen.best, table, (*who, worth))
         fresh = self._believe(chosen.best)
-        self._learn(views, ways, (table.start, expected), chosen.best)
+        self._learn(views, ways, (table.start, expected, bodies.covers(cameras)), chosen.best)
         self._reunite(chosen.best, fresh)
         self._prune(chosen)
         people = self.leaves.select(self.best)
-        here = people.believed & ~people.over & (people.misses <= self._bridged)
+        # Where no view could have shown somebody that is no gap.
+        here = people.believed & ~people.over & (people.due <= self._bridged)
         return people, here
-
-    def _bodies(self) -> Bodies:
-        front = self.best[~self.leaves.over[self.best]]
-        return Bodies(self.leaves.state[:, :2], self.leaves.tree, front, self.setup.ground)
 
     def _missed(self, views: list[Feet], expected: Array) -> Array:
         """Log-likelihood (n, V) of each view showing no box of people of whom it should see so much."""
@@ -98,33 +99,16 @@ class MultipleHypotheses:
             out[:, v] = self.evidence.missed(feet.camera, expected[:, v])
         return out
 
-    def _standing(self, missed: Array) -> Standing:
-        place, ground = self.leaves.state[:, :2], self.setup.ground
-        around = [np.array([0.1, 0.0]), np.array([0.0, 0.1])]
-        slope = np.stack([(ground.height_at(place + e) - ground.height_at(place - e)) / 0.2 for e in around], axis=1)
-        return Standing(self.leaves.state, self.leaves.covariance, ground.height_at(place), slope, missed, self.leaves.over, self.leaves.tree)
+    def _dress(self, views: list[Feet], table: Boxes) -> None:
+        """Note what the boxes look like that leaves have taken."""
+        box = np.where(self._boxes >= 0, self._boxes - table.start[:-1], -1)
+        self.leaves = self.likeness.dressed(self.leaves, views, box, self.leaves.believed)
 
     def _numbers(self, views: list[Feet]) -> Numbers:
         q, (low, high) = self.parameters, self.setup.height
         return Numbers(q.gate, q.motion.foot_spread, low, high, self.evidence.at_once(views), q.least, q.width, q.beam, q.children)
 
-    def _table(self, views: list[Feet]) -> Boxes:
-        def column(name: str, shape: tuple[int, ...]) -> Array:
-            return np.concatenate([np.zeros((0, *shape)), *(getattr(f, name) for f in views)])
-
-        start = np.cumsum([0, *(len(f) for f in views)])
-        offset = np.array([self.evidence.offset(f.camera)[0] for f in views]).reshape(-1, 2)
-        origin = np.array([f.origin for f in views]).reshape(-1, 3)
-        usable = column("confidence", ()) >= self.parameters.min_confidence
-        most = [np.log(self.evidence.detection(f.camera) / self.parameters.clutter) for f in views]
-        certain = np.concatenate([np.zeros(0), *(np.minimum(self.evidence.certain(f), m) for f, m in zip(views, most, strict=True))])
-        worth = np.concatenate([np.zeros(0), *(self.evidence.trust.worth(f.camera, f.confidence) for f in views)])
-        return Boxes(
-            origin, offset, start, column("direction", (3,)), column("covariance", (2, 2)), column("lying", ()), np.tan(column("head_elevation", ())),
-            certain, np.minimum(worth, self.parameters.most_gain), usable,
-        )  # fmt: skip
-
-    def _prior(self, views: list[Feet], cameras: list[tuple[Camera, Pose]], roots: list[Combination]) -> Array:
+    def _prior(self, views: list[Feet], cameras: list[Viewpoint], roots: list[Combination]) -> Array:
         """Log-likelihood ratio of each root being somebody new."""
         people = self.leaves.select(self.best)
         return self.evidence.prior(list(zip(views, cameras, strict=True)), roots, (people.state[:, :2], people.tree), self._ticks)
@@ -136,7 +120,7 @@ class MultipleHypotheses:
         trees = _of_trees(self.leaves, self.best)
         taken = claimed(trees[(self.leaves.misses[trees] < 2) & ~self.leaves.over[trees]], ways, table)
         free = [~taken[table.start[v] : table.start[v + 1]] & (f.confidence >= self.parameters.birth_confidence) for v, f in enumerate(views)]
-        groups = combine(views, free, self.setup.height, self.parameters.fusion)
+        groups = combine([self.evidence.corrected(feet) for feet in views], free, self.setup.height, self.parameters.fusion)
         place, seen = ways.state[first, :2], ways.box[first] >= 0
         here = (self.leaves.misses < 3) & ~self.leaves.over
         known = []
@@ -151,14 +135,15 @@ class MultipleHypotheses:
         parents, met = self.leaves.select(ways.parent), (ways.box >= 0).any(axis=1)
         # For and against being there it does not count how well a box lies: that says which box it is.
         evidence = np.append(table.hit, 0.0)[ways.box].sum(axis=1) + ways.missed
+        due = np.where(met, 0.0, parents.due + 1 - np.exp(missed[ways.parent].sum(axis=1)))
         past, spread, taken = parents.past.copy(), parents.spread.copy(), parents.met.copy()
         past[:, 0], spread[:, 0], taken[:, 0] = ways.state, ways.covariance, met
         children = replace(
             parents, state=ways.state, covariance=ways.covariance, score=parents.score + ways.gain,
             alive=np.clip(parents.alive + evidence, -20.0, q.most_score), hits=parents.hits + met, misses=np.where(met, 0, parents.misses + 1),
-            past=past, spread=spread, met=taken, out=parents.out + 1, away=np.where(watched[ways.parent] | met, 0, parents.away + 1),
+            past=past, spread=spread, met=taken, out=parents.out + 1, due=due, away=np.where(watched[ways.parent] | met, 0, parents.away + 1),
         )  # fmt: skip
-        new = born(self._next_tree, roots, q.motion, self.window)
+        new = born(self._next_tree, roots, q.motion, self.window, self.leaves.appearance.shape[1])
         self._next_tree += len(roots)
         new = replace(new, score=prior, alive=prior)
         self._boxes = np.full((len(children) + len(new), len(table.origin)), -1, dtype=np.int64)
@@ -210,20 +195,20 @@ class MultipleHypotheses:
         """Who (n,) is out of all views for so long that they are gone."""
         return np.asarray(leaves.away * self.setup.period > self.parameters.outside)
 
-    def _learn(self, views: list[Feet], ways: Branches, seen: tuple[Ints, Array], best: Ints) -> None:
+    def _learn(self, views: list[Feet], ways: Branches, seen: tuple[Ints, Array, Array], best: Ints) -> None:
         """Count what the views found of the best hypothesis; and take the innovations of who is believed as looks at the views' own offsets: Kalman's
-        update, widened as looks are not independent. seen: first row of each view's boxes; how often (n, V) each view should see a parent."""
-        q, (start, expected), leaves = self.parameters, seen, self.leaves
+        update, widened as looks are not independent. seen: first row of each view's boxes; how often (n, V) each view should see a parent, and
+        how much (n, V, 2) of it is covered."""
+        (start, expected, cover), leaves = seen, self.leaves
         known = best[self._parent[best] >= 0]
         box = self._boxes[known]
         sure = leaves.believed[known] & (leaves.misses[known] <= self._bridged)
-        self.evidence.learn(views, np.where(box >= 0, box - start[:-1], -1), expected[self._parent[known]], (sure, leaves.alive[known]))
-        if q.offset_sigma <= 0:
-            return
+        seen_of, shown = expected[self._parent[known]], cover[self._parent[known]]
+        self.evidence.learn(views, np.where(box >= 0, box - start[:-1], -1), seen_of, (sure, leaves.alive[known]), shown)
         old = known[leaves.believed[known]]
         for v, feet in enumerate(views):
             looks = ways.residual[old, v], ways.H[old, v], ways.S[old, v]
-            self.evidence.offsets[feet.camera] = _learnt(self.evidence.offset(feet.camera), looks, q.offset_memory)
+            self.evidence.offsets.learn(feet.camera, leaves.state[old, :2], looks)
 
     def _reunite(self, best: Ints, fresh: set[int]) -> None:
         """Who is believed for the first time may be who was lost; end what has gone on as another."""
@@ -281,19 +266,6 @@ def _as_tracks(people: Leaves, stature: tuple[float, float]) -> Tracks:
     return Tracks(people.tree, state, covariance, people.score, people.hits, people.misses, people.age)
 
 
-@njit(cache=True)
-def _learnt(offset: tuple[Array, Array], looks: tuple[Array, Array, Array], memory: float) -> tuple[Array, Array]:
-    """Offset (2,) and its covariance (2, 2) after looks: residual (k, 2), NaN where there is none, H and S (k, 2, 2)."""
-    x, P = offset
-    for k in range(len(looks[0])):
-        residual, H, S = looks[0][k], looks[1][k], looks[2][k]
-        if np.isfinite(residual[0]):
-            HP = H @ P
-            K = np.linalg.solve(HP @ H.T.copy() + memory * S, HP).T.copy()
-            x, P = x + K @ residual, P - K @ HP
-    return x, P
-
-
 @final
 class MultipleTargets:
     """The tracker of people with multiple hypotheses, told `delay` ticks late. Raises ValueError where delay is below 0."""
@@ -302,7 +274,7 @@ class MultipleTargets:
         self._recall = Recall(delay, setup.period, parameters.motion)
         self.hypotheses = MultipleHypotheses(setup, parameters, delay)
 
-    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None:
+    def step(self, views: list[Feet], cameras: list[Viewpoint]) -> Tracks | None:
         """Take a tick; the people of the tick `delay` before it, None where there was none."""
         return self._told(self._recall.feed(*self.hypotheses.step(views, cameras)))
 

@@ -12,19 +12,18 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from tracker.cameras import Camera
 from tracker.charting import chart
 from tracker.evidence import TargetParameters
-from tracker.fusion import Feet, stand
-from tracker.geometry import Pose
+from tracker.fusion import Feet
 from tracker.hypotheses import SingleTargets
 from tracker.measurements import Estimate, Setup, Tick
 from tracker.multiple import MultipleTargets
 from tracker.naming import Names
+from tracker.seeing import ImageParameters, Sight
 from tracker.selection import MultipleParameters
 from tracker.slam import Slam, SlamParameters
-from tracker.tracklets import TrackletParameters, Tracklets
 from tracker.trees import Tracks
+from tracker.visibility import Viewpoint
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Parameters:
     slam: SlamParameters = field(default_factory=lambda: SlamParameters().persistent())  # wheels slip for a while, gyroscopes are off for good
     targets: TargetParameters = field(default_factory=TargetParameters)
     multiple: MultipleParameters | None = None  # where given, people are followed by multiple hypotheses in place of `targets`
-    tracklets: TrackletParameters | None = None  # where given, images tell whose box is whose, too (with `targets`)
+    images: ImageParameters = field(default_factory=ImageParameters)  # what is looked for in them, beside boxes
     delay: int = 0  # ticks after which a tick is spoken of; people are smoothed by what came since
 
 
@@ -54,7 +53,7 @@ def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = N
 class People(Protocol):
     """A tracker of people: takes a tick, and tells who was there some ticks before; None where it has nothing to tell yet, or no more."""
 
-    def step(self, views: list[Feet], cameras: list[tuple[Camera, Pose]]) -> Tracks | None: ...
+    def step(self, views: list[Feet], cameras: list[Viewpoint]) -> Tracks | None: ...
 
     def drain(self) -> Tracks | None: ...
 
@@ -66,9 +65,9 @@ class Tracker:
         self.setup, self.parameters = setup, parameters
         self.slam = Slam(setup, parameters.slam)
         single, many, delay = parameters.targets, parameters.multiple, parameters.delay
-        self._people: People = SingleTargets(setup, single, delay) if many is None else MultipleTargets(setup, many, delay)
-        self._fusion = single.fusion if many is None else many.fusion
-        self._tracklets = {name: Tracklets(mount.camera, parameters.tracklets) for name, mount in setup.mounts.items() if parameters.tracklets}
+        self._sight = Sight(setup, (many or single).fusion, parameters.images)
+        seen = self._sight.setup
+        self._people: People = SingleTargets(seen, single, delay) if many is None else MultipleTargets(seen, many, delay)
         self._names = Names(setup)
         self._waiting: deque[Estimate] = deque()
         self._last = -1
@@ -79,19 +78,10 @@ class Tracker:
         self.slam.step(tick)
         # Who started where nobody knows, and has not found the team yet, is nowhere.
         poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.placed(robot)}
-        feet, cameras = [], []
-        for view in tick.views:
-            mount = self.setup.mounts[view.camera]
-            if mount.robot not in poses:
-                continue
-            pose = poses[mount.robot]
-            links = self._tracklets[view.camera].step(view.image, view.detections) if self._tracklets else None
-            feet.append(replace(stand(self.setup, view.camera, view.detections, pose, self._fusion), links=links))
-            cameras.append((mount.camera, pose[0] @ mount.T_body_camera))
         placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
         estimate = Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters))
         self._waiting.append(replace(estimate, chart=chart(self.slam, tick.index)))
-        return self._told(self._people.step(feet, cameras))
+        return self._told(self._people.step(*self._sight.step(tick, poses)))
 
     def finish(self) -> Estimate | None:
         """What is said of the oldest tick that is waiting, when no more ticks come; None where none is."""

@@ -15,9 +15,11 @@ from tracker.clique import Graph, Limits, Options, Tuning, search
 from tracker.covering import labels
 from tracker.dumping import dump
 from tracker.evidence import TargetParameters
+from tracker.fusion import FusionParameters
 from tracker.geometry import Array
 from tracker.leaves import Leaves, weights
 from tracker.measurements import Ints
+from tracker.offsets import OffsetParameters
 from tracker.packing import Effort, settled
 from tracker.trees import MotionParameters
 
@@ -29,7 +31,8 @@ class MultipleParameters(TargetParameters):
     """What both trackers of people have, and what track trees need beside it; boxes below `min_confidence` are not looked at."""
 
     motion: MotionParameters = field(default_factory=lambda: MotionParameters(foot_spread=0.2))
-    offset_first: float = 0.05  # m: what offsets have in common is told as the first view's own
+    offsets: OffsetParameters = field(default_factory=lambda: OffsetParameters(first=0.05, slope=0.03, slope_first=0.005))
+    fusion: FusionParameters = field(default_factory=lambda: FusionParameters(ahead=0.03))
     n_scan: float = 10 / 7  # s, after which a decision stands
     clutter: float = 2.5  # false boxes a steradian that each view is taken to have at least
     least: float = 2.0  # log-likelihood ratio that a box must have to be taken where the best hypothesis goes on otherwise
@@ -43,6 +46,9 @@ class MultipleParameters(TargetParameters):
     patience: int = 4  # ticks that a young tree may be out of the best hypothesis
     most_leaves: int = 160  # leaves kept in all; each has several children, and every two of them are compared
     most_weight: float = 60.0  # weight that a tree's best leaf has at most
+    alike: float = 0.7  # of what images say of what people look like, where there are images (tracker/likeness.py) ...
+    fashion: float = 0.1  # ... and share by which a box renews how somebody looks
+    partly: bool = True
     k_h: int = 25  # K_H, hypotheses kept
     i_bls_max: int = 2000  # moves of the search at most
     branches: int = 20  # of a part that is not settled without; they bound the time of a tick

@@ -80,7 +80,7 @@ def _gains(v: int, rows: Ints, leaves: Any, boxes: Any, n: Any, ways: Any) -> Ar
         look_at(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
         S0 = expected(look, ways.covariance[k], n.foot_spread)
         for d in near[:found]:
-            worth = fit(look, S0, v, d, boxes, n.gate)
+            worth = fit(look, S0, v, d, boxes, n.gate) + leaves.alike[i, d]
             if worth > 0.0:
                 out[k, d - first] = worth
     return out

@@ -126,7 +126,7 @@ def _read_pets(path: Path, wanted: list[int], choice: Choice) -> Sequence:
             boxes[name] = choice.degradation.applied(boxes[name], frames, view, site.area, rng)
     mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
     starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
-    setup = Setup(mounts, site.ground, starts, 1 / site.rate, area=site.area, occluders=site.occluders)
+    setup = Setup(mounts, site.ground, starts, 1 / site.rate, area=site.area, occluders=site.occluders, pillars=site.pillars)
     ticks = TicksInMemory(tuple(_pets_tick(index, index / site.rate, cameras, boxes) for index in range(frames)), mounts)
     read = [found[n] for n in wanted or found] + sorted((path / "annotations").glob("*-cropped.xml"))
     read += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]

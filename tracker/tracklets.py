@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.boxes import drawn
 from tracker.cameras import Camera, Panorama
-from tracker.geometry import Array, angles_from_bearing, bearing_from_angles
+from tracker.geometry import Array
 from tracker.measurements import Detections, Image, Ints
 
 Gray = NDArray[np.uint8]
@@ -105,23 +106,12 @@ class Tracklets:
         height, width = image.shape[:2]
         gray = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (width // 2, height // 2), interpolation=cv2.INTER_AREA)
         scale = np.array([width // 2 / self.camera.width, height // 2 / self.camera.height])
-        azimuth, elevation = angles_from_bearing(detections.bearing)
-        half = detections.extent / 2
-
-        def pixels(da: Array | float, de: Array | float) -> Array:
-            return np.asarray(self.camera.pixels_from_bearings(bearing_from_angles(azimuth + da, elevation + de))[0] * scale)
-
-        middle = pixels(0.0, 0.0)
-        across = np.abs(pixels(half[:, 0], 0.0)[:, 0] - pixels(-half[:, 0], 0.0)[:, 0])
-        up = np.abs(pixels(0.0, half[:, 1])[:, 1] - pixels(0.0, -half[:, 1])[:, 1])
+        middle, size = (scale * pixels for pixels in drawn(self.camera, detections))
         turn = np.inf
         if self._round:
             turn, pad = float(width // 2), int(PAD * (width // 2))
-            across = np.minimum(across, turn - across)
             middle[:, 0] += pad
             gray = cv2.copyMakeBorder(gray, 0, 0, pad, pad, cv2.BORDER_WRAP)
-        size = np.stack([across, up], axis=1)
-        middle[~((size > 0) & np.isfinite(size)).all(axis=1)] = np.nan
         return Frames(np.asarray(gray, dtype=np.uint8), turn, middle, size)
 
     def _led(self, now: Frames) -> list[Array]:

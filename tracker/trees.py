@@ -142,7 +142,7 @@ class Sights:
 
 
 def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: MotionParameters) -> Sights:
-    """Compare all tracks with all boxes of a view; offset (2,) m on the ground is the view's own error."""
+    """Compare all tracks with all boxes of a view; offset (t, 2) m on the ground is the view's own error there."""
     place = tracks.state[:, :2]
     z = ground.height_at(place)
     # Places are not known to a step of the ground: slopes over less than people stray say more than they know.
@@ -156,7 +156,7 @@ def sights(tracks: Tracks, feet: Feet, offset: Array, ground: Ground, motion: Mo
     G[:, 0, 0] = G[:, 1, 1] = 1.0
     G[:, 2, 0], G[:, 2, 1] = rise
     H = basis @ G / distance[:, None, None]
-    residual = np.einsum("tij,dj->tdi", basis, feet.direction) - (H @ offset)[:, None, :]
+    residual = np.einsum("tij,dj->tdi", basis, feet.direction) - (H @ offset[:, :, None])[:, None, :, 0]
     behind = expected @ feet.direction.T < 0.5
     residual[behind] = np.inf
     spread = tracks.covariance[:, :2, :2] + motion.foot_spread**2 * np.eye(2)

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.cameras import Camera
 from tracker.cloud import Cloud
-from tracker.geometry import Array, Pose
-from tracker.measurements import Ints, Setup
+from tracker.evidence import Evidence
+from tracker.geometry import Array
+from tracker.measurements import Ints
 from tracker.trees import Tracks, informed
-from tracker.visibility import Bodies
+from tracker.visibility import Viewpoint
 
 Mask = NDArray[np.bool_]
 
@@ -35,17 +35,15 @@ class Outlook(NamedTuple):
     there: Array
 
     @staticmethod
-    def of(tracks: Tracks, cameras: list[tuple[Camera, Pose]], setup: Setup, limits: tuple[float, float]) -> Outlook:
-        """cameras: model and T_world_camera of each view; limits: how far it is looked, and from which standard deviation on places are not sure."""
-        reach, unsure = limits
-        place, every = tracks.state[:, :2], np.arange(len(tracks))
-        rows = every[tracks.doubt > unsure] if setup.occluders is not None else every[:0]
+    def of(tracks: Tracks, views: list[Viewpoint], evidence: Evidence) -> Outlook:
+        """What `views` should have boxes of."""
+        q, place, every = evidence.parameters, tracks.state[:, :2], np.arange(len(tracks))
+        rows = every[tracks.doubt > q.unsure] if evidence.setup.occluders is not None else every[:0]
         cloud = Cloud.of(place[rows], tracks.covariance[rows, :2, :2], COUNT, REACH) if len(rows) else None
         spots = cloud.places.reshape(-1, 2) if cloud else place[:0]
         who = np.concatenate([tracks.tree, np.repeat(tracks.tree[rows], COUNT**2)])
-        bodies = Bodies(np.concatenate([place, spots]), who, every, setup.ground)
-        share = bodies.by_view(cameras, setup.occluders, reach)
-        share, there = share[: len(tracks)], share[len(tracks) :].reshape(len(rows), COUNT**2, len(cameras))
+        share = evidence.bodies(np.concatenate([place, spots]), who, every).by_view(views, q.fusion.reach)
+        share, there = share[: len(tracks)], share[len(tracks) :].reshape(len(rows), COUNT**2, len(views))
         if cloud:
             share[rows] = np.einsum("k,nkv->nv", cloud.share, there)
         return Outlook(share, rows, cloud, there)

@@ -40,7 +40,7 @@ class Meeting:
 
     @staticmethod
     def of(tracks: Tracks, feet: Feet, box: Ints, offset: Array, foot_spread: float) -> Meeting:
-        """offset (2,) m: the view's own error on the ground."""
+        """offset (t, 2) m: the view's own error on the ground."""
         along = _over_the_plane(feet, box)
         across = np.stack([-along[:, 1], along[:, 0]], axis=1)
         place, P = tracks.state[:, :2] + offset - feet.origin[:2], tracks.covariance

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tracker.cameras import Camera
+from tracker.cover import covered
 from tracker.geometry import Array, Pose, angles_from_bearing, wrap
-from tracker.ground import Ground
-from tracker.measurements import Ints
+from tracker.measurements import Ints, Setup
 
 Mask = NDArray[np.bool_]
 
 HEIGHTS = (0.4, 1.0, 1.5)
 """Metres over the ground of the points of a body that are looked for."""
 BEHIND = 0.2
-"""How often a person is seen who walks behind another."""
+"""How often a person is seen who walks behind another, where that is not learned."""
 SHOWN = np.array([0.09, 0.6, 1.0, 1.0])
 """Where things that hide people are known: how often people get a box of whom none, one, two or all of those points are free, of those who are in
 full view: walls have holes of which a map of tops does not know, and heads are enough ..."""
@@ -25,19 +28,35 @@ MARGIN = 0.3
 """m, an obstacle nearer than this before a point does not hide it: places and maps have errors."""
 
 
+class Viewpoint(NamedTuple):
+    """From where a view looks: the name of its camera, the camera's model, and T_world_camera."""
+
+    name: str
+    camera: Camera
+    pose: Pose
+
+
+Shown = Callable[[str, Array], Array]
+"""How often (n,) the view of a name has a box of people of whom things and others cover so much (n, 2), of those whom it has in full view."""
+
+
 class Bodies:
-    """People at places (n, 2) m: whether somebody sees them. tree (n,) says who is who, front (m,) which rows may hide others."""
+    """People at places (n, 2) m: whether somebody sees them. tree (n,) says who is who, front (m,) which rows may hide others; shown: what is known
+    of views of who is covered, None where that is not learned."""
 
-    def __init__(self, place: Array, tree: Ints, front: Ints, ground: Ground) -> None:
-        z = ground.height_at(place)
-        self.points = np.repeat(np.column_stack([place, z])[:, None, :], len(HEIGHTS), axis=1)
+    def __init__(self, place: Array, tree: Ints, front: Ints, setup: Setup, shown: Shown | None = None) -> None:
+        self.feet = np.column_stack([place, setup.ground.height_at(place)])
+        self.points = np.repeat(self.feet[:, None, :], len(HEIGHTS), axis=1)
         self.points[:, :, 2] += np.array(HEIGHTS)
-        self.tree, self.front = tree, front
+        self.tree, self.front, self.setup, self.shown = tree, front, setup, shown
 
-    def expected(self, view: tuple[Camera, Pose], occluders: Ground | None, reach: float) -> Array:
-        """How often the view (model, T_world_camera) has a box of each body (n,), of those whom it has in full view; occluders are known up to
-        `reach` m."""
-        camera, pose = view
+    def cover(self, view: Viewpoint) -> Array:
+        """Share (n, 2) of each body that pillars lie over, and that others do."""
+        return np.asarray(covered(view.pose.translation, self.feet, self.tree, self.front, self.setup.pillars))
+
+    def expected(self, view: Viewpoint, reach: float) -> Array:
+        """How often the view has a box of each body (n,), of those whom it has in full view; occluders are known up to `reach` m."""
+        camera, pose, occluders = view.camera, view.pose, self.setup.occluders
         n, origin = len(self.points), pose.translation
         if not n:
             return np.zeros(0)
@@ -45,6 +64,9 @@ class Bodies:
         distance = np.maximum(np.linalg.norm(sight, axis=1), 1e-6)
         direction = sight / distance[:, None]
         inside = camera.pixels_from_bearings(direction @ pose.rotation)[1].reshape(n, -1)
+        if occluders is None and self.shown is not None:
+            share = inside.mean(axis=1)
+            return np.asarray(share * self.shown(view.name, self.cover(view)) * (share > 0.5))
         behind = self._shadowed(origin, distance.reshape(n, -1)[:, 1])
         if occluders is None:
             share = inside.mean(axis=1)
@@ -53,20 +75,24 @@ class Bodies:
         free = inside & ~(stopped & (np.linalg.norm(stop - origin, axis=1) < distance - MARGIN)).reshape(n, -1)
         return np.asarray(SHOWN[free.sum(axis=1)] * inside.any(axis=1) * np.where(behind, BESIDE, 1.0))
 
-    def by_view(self, views: list[tuple[Camera, Pose]], occluders: Ground | None, reach: float) -> Array:
+    def by_view(self, views: list[Viewpoint], reach: float) -> Array:
         """`expected` of all views, (n, v)."""
-        return np.array([self.expected(view, occluders, reach) for view in views]).reshape(len(views), len(self.points)).T
+        return np.array([self.expected(view, reach) for view in views]).reshape(len(views), len(self.points)).T
 
-    def watched(self, views: list[tuple[Camera, Pose]]) -> Mask:
+    def covers(self, views: list[Viewpoint]) -> Array:
+        """`cover` of all views, (n, v, 2)."""
+        return np.array([self.cover(view) for view in views]).reshape(len(views), len(self.points), 2).transpose(1, 0, 2)
+
+    def watched(self, views: list[Viewpoint]) -> Mask:
         """Whether each body (n,) is `inside` the image of any view."""
         out = np.zeros(len(self.points), dtype=bool)
         for view in views:
             out |= self.inside(view)
         return out
 
-    def inside(self, view: tuple[Camera, Pose]) -> Mask:
+    def inside(self, view: Viewpoint) -> Mask:
         """Whether a part of each body (n,) is in the image of the view, hidden or not."""
-        camera, pose = view
+        camera, pose = view.camera, view.pose
         sight = self.points.reshape(-1, 3) - pose.translation
         direction = sight / np.maximum(np.linalg.norm(sight, axis=1), 1e-6)[:, None]
         _, visible = camera.pixels_from_bearings(direction @ pose.rotation)

@@ -13,7 +13,7 @@ from sim.commands.options import Out, numbers, unset
 
 if TYPE_CHECKING:
     from tracker.pipeline import Parameters
-    from tracker.tracklets import TrackletParameters
+    from tracker.seeing import ImageParameters
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,15 @@ class Track:
     delay: int = 0
     """Frames that a frame is told late; people are smoothed by what came since."""
     images: bool = False
-    """Follow the corners of boxes through the images: tracklets. A PETS folder has video/View_00N.mp4, of some views at least (single)."""
+    """Look at the images, too: silhouettes of people before cameras that stand still are a second detector there; what people look like tells them
+    apart (multiple), or corners of their boxes that are followed back do, tracklets (single). A PETS folder has video/View_00N.mp4, of some views at
+    least."""
     l_c: Annotated[int | None, unset("INT", "4")] = None
-    """L_c: frames that corners are followed back (images)."""
+    """L_c: frames that corners are followed back (images, single)."""
     delta_min: Annotated[float | None, unset("FLOAT", "0.05")] = None
-    """δ_min: a corner that moves less is static, px of the image at half its size (images)."""
+    """δ_min: a corner that moves less is static, px of the image at half its size (images, single)."""
     omega: Annotated[float | None, unset("FLOAT", "0.3")] = None
-    """ω: corners of one body move alike within this share of its box's width (images)."""
+    """ω: corners of one body move alike within this share of its box's width (images, single)."""
     hypotheses: Literal["single", "multiple"] = "single"
     """Whether one best hypothesis on people is kept, or track trees with the best set of tracks as a maximum-weight clique."""
     k_h: Annotated[int | None, unset("INT", "one graph of all tracks")] = None
@@ -136,29 +138,33 @@ class Track:
                 raise ValueError(f"--{name.replace('_', '-')} is {value}, needs more than 0")
         if "theta_s" in given:
             given["same_person"] = given.pop("theta_s")
-        v_max, tracklets = given.pop("v_max", None), self._tracklets()
+        v_max, images = given.pop("v_max", None), self._images()
         single, many = Parameters().targets, MultipleParameters()
         if v_max is not None:
             single = replace(single, motion=replace(single.motion, v_max=v_max))
             many = replace(many, motion=replace(many.motion, v_max=v_max))
         if self.hypotheses == "multiple":
-            if tracklets:
-                raise ValueError("--images is for --hypotheses single")
             others: dict[str, Any] = {"small_graphs": self.k_h is not None, "seed": self.seed_search, "graphs": self.dump_graphs}
-            return Parameters(multiple=replace(many, **given, **others), delay=self.delay)
+            return Parameters(multiple=replace(many, **given, **others), images=images, delay=self.delay)
         if {"k_h", "i_bls_max", "n_scan"} & set(given) or self.dump_graphs is not None or self.seed_search:
             raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
-        if not given and v_max is None and not self.delay and tracklets is None:
+        if not given and v_max is None and not self.delay and not self.images:
             return None
-        return Parameters(targets=replace(single, **given), tracklets=tracklets, delay=self.delay)
+        return Parameters(targets=replace(single, **given), images=images, delay=self.delay)
 
-    def _tracklets(self) -> TrackletParameters | None:
+    def _images(self) -> ImageParameters:
+        """What is looked for in images."""
+        from tracker.seeing import ImageParameters
+        from tracker.silhouettes import SilhouetteParameters
         from tracker.tracklets import TrackletParameters
 
         given = {name: getattr(self, name) for name in ("l_c", "delta_min", "omega") if getattr(self, name) is not None}
-        if given and not self.images:
-            raise ValueError("--l-c, --delta-min and --omega are for --images")
-        return TrackletParameters(**given) if self.images else None
+        multiple = self.hypotheses == "multiple"
+        if given and (multiple or not self.images):
+            raise ValueError("--l-c, --delta-min and --omega are for --images with --hypotheses single")
+        if not self.images:
+            return ImageParameters()
+        return ImageParameters(None if multiple else TrackletParameters(**given), SilhouetteParameters(), appearance=multiple)
 
     def _explore(self) -> None:
         from tracker.course import PlanarParameters

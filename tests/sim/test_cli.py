@@ -130,8 +130,9 @@ def test_filters_by_name(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0
     assert "mode='iekf', iterations=3" in (tmp_path / "r" / "run.json").read_text()
-    assert "--l-c, --delta-min and --omega are for --images" in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
-    assert "--images is for --hypotheses single" in refused("track", "s", "--images", "--hypotheses", "multiple", "--out", "q", cwd=tmp_path)
+    needs = "--l-c, --delta-min and --omega are for --images with --hypotheses single"
+    assert needs in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
+    assert needs in refused("track", "s", "--images", "--hypotheses", "multiple", "--l-c", "4", "--out", "q", cwd=tmp_path)
     assert "--map is for UTIAS sets" in refused("track", "s", "--map", "known", "--out", "q", cwd=tmp_path)
     assert "'robot_9' is not told its start, needs one of" in refused("track", "s", "--unknown-start", "robot_9", "--out", "q", cwd=tmp_path)
     assert "no robot is left that knows its start" in refused("track", "s", "--unknown-start", "robot_0,robot_1", "--out", "q", cwd=tmp_path)

@@ -86,7 +86,7 @@ def test_how_tall_a_box_looks_changes_with_the_place_as_is_said() -> None:
 
     def look(x: float, y: float) -> Sights:
         track = replace(Tracks.none(), tree=np.ones(1, dtype=np.int64), state=np.array([[x, y, 0.0, 0.0, 1.72]]), covariance=np.eye(5)[None])
-        return sights(track, feet, np.zeros(2), ground, MotionParameters())
+        return sights(track, feet, np.zeros((1, 2)), ground, MotionParameters())
 
     here, step = look(7.0, 0.5), 0.1
     for axis, (dx, dy) in enumerate(((step, 0.0), (0.0, step))):

@@ -11,11 +11,14 @@ import pytest
 from tests.tracker import crowds
 from tracker.clearmot import TargetScore, score
 from tracker.comparison import Frame
+from tracker.fusion import Combination
 from tracker.geometry import Array
+from tracker.leaves import born, weights
 from tracker.measurements import Setup, Tick
 from tracker.pipeline import Parameters, Tracker, track
 from tracker.selection import MultipleParameters
 from tracker.sources import open_source
+from tracker.trees import MotionParameters
 
 MANY = Parameters(multiple=MultipleParameters())
 
@@ -92,6 +95,33 @@ def test_who_leaves_all_views_is_told_of_up_to_their_last_box(data: Callable[...
         truth = source.truth[frame]
         place = truth.feet[truth.person_id == 19][0]
         assert np.linalg.norm(told[frame][:, :2] - place[:2], axis=1).min() < 1
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_who_stops_behind_a_post_is_not_missed(known: bool) -> None:
+    """Three seconds are longer than a gap that is bridged where the view should have shown them."""
+    setup = crowds.setup(1)
+    post = np.array([[-3.0, -2.5, 0.45, 0.0, 2.5]])
+    setup = replace(setup, pillars=post) if known else setup
+    # The camera is at (−6, −5) m, the post on its line of sight to (0, 0), and they walk across that.
+    steps = 3.5 * np.linspace(-1, 1, 100) ** 3
+    walked = (steps[:, None] * np.array([-2.5, 3.0]) / np.hypot(2.5, 3.0))[:, None, :]
+    rng = np.random.default_rng(0)
+    hidden = np.abs(steps) < 0.6
+    ticks = crowds.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: bool(hidden[frame]))
+    told = np.array([len(e.target_id) for e in track(setup, ticks, MANY)])
+    assert told[~hidden][8:20].all()
+    assert told[hidden][:20].all() == known
+
+
+@pytest.mark.parametrize("ago", [0, 40])
+def test_what_came_before_the_window_counts_up_to_a_bound_and_what_came_since_in_full(ago: int) -> None:
+    """Two leaves of one tree differ by what the last ticks say alone, however good the tree was before."""
+    leaves = born(1, [Combination(((0, 0),), np.zeros(2), np.eye(2))], MotionParameters(), 4).select(np.zeros(2, dtype=np.int64))
+    before = np.full((2, 4), 30.0 + ago)
+    old, new = weights(replace(leaves, before=before, score=before[:, -1] + [2.0, -3.0]), 20.0)
+    assert (old, new) == (22.0, 17.0)
+    assert weights(replace(leaves, before=before, score=before[:, -1], believed=np.ones(2, dtype=bool)), 20.0)[0] == min(30.0 + ago, 40.0)
 
 
 def test_false_boxes_alone_make_nobody() -> None:

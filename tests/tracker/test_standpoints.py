@@ -177,10 +177,10 @@ def track(x: float, y: float, stature: float = RULE.stature, sigma: float = RULE
 def test_a_vague_box_corrects_a_track_as_one_that_is_not_where_there_is_but_one_place() -> None:
     motion, feet = MotionParameters(foot_spread=StandpointParameters().stray), one_box(grid(np.zeros((201, 201))))
     start = track(7.6, 0.3)
-    look = sights(start, feet, np.zeros(2), Flat(), motion)
+    look = sights(start, feet, np.zeros((1, 2)), Flat(), motion)
     R = feet.covariance[0] + look.H[0] @ look.H[0].T * motion.foot_spread**2
     plain = update(start, 0, look.residual[0, 0], look.H[0], R)
-    vague = Meeting.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros(2), motion.foot_spread).correct(start, 0, 0)
+    vague = Meeting.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros((1, 2)), motion.foot_spread).correct(start, 0, 0)
     np.testing.assert_allclose(vague.state[0, :2], plain.state[0, :2], atol=0.05)
     np.testing.assert_allclose(vague.covariance[0, :2, :2], plain.covariance[0, :2, :2], atol=0.02)
 
@@ -192,7 +192,7 @@ def test_a_track_behind_a_wall_is_held_in_its_direction_and_not_drawn_to_where_t
     feet = one_box(grid(tops))
     assert feet.vague[0]
     start = track(6.2, 0.4)
-    after = Meeting.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros(2), 0.25).correct(start, 0, 0)
+    after = Meeting.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros((1, 2)), 0.25).correct(start, 0, 0)
     assert abs(after.state[0, 1]) < 0.15
     assert 5.8 < after.state[0, 0] < 7.0
     assert after.covariance[0, 0, 0] < start.covariance[0, 0, 0]
@@ -202,7 +202,7 @@ def test_who_is_far_from_the_line_of_sight_or_where_nobody_can_be_is_not_met() -
     feet = one_box(grid(np.zeros((201, 201))))
     box = np.zeros(1, dtype=np.int64)
     here, beside, beyond, behind = (
-        Meeting.of(track(x, y), feet, box, np.zeros(2), 0.25).density(4.0)[0, 0] for x, y in ((8.0, 0.0), (8.0, 5.0), (16.0, 0.0), (-8.0, 0.0))
+        Meeting.of(track(x, y), feet, box, np.zeros((1, 2)), 0.25).density(4.0)[0, 0] for x, y in ((8.0, 0.0), (8.0, 5.0), (16.0, 0.0), (-8.0, 0.0))
     )
     assert np.isfinite(here)
     assert beside == beyond == behind == -np.inf
@@ -230,7 +230,7 @@ def test_of_many_boxes_of_one_person_none_says_anew_how_tall_people_are() -> Non
         group = Combination(((0, 0),), first.point[0, :2], first.spread[0])
         walker = begun(born(1, [group], motion, (RULE.stature, RULE.stature_sigma)), 0, first, 0)
         for feet in seen[1:]:
-            walker = Meeting.of(walker, feet, np.zeros(1, dtype=np.int64), np.zeros(2), motion.foot_spread).correct(walker, 0, 0)
+            walker = Meeting.of(walker, feet, np.zeros(1, dtype=np.int64), np.zeros((1, 2)), motion.foot_spread).correct(walker, 0, 0)
         rows = [0, 4]
         error, P = walker.state[0, rows] - [away, stature], walker.covariance[0][np.ix_(rows, rows)]
         nees.append(error @ np.linalg.solve(P, error))
@@ -248,7 +248,7 @@ def test_who_is_known_to_be_tall_stands_farther_away_than_somebody_short_in_the_
     places = []
     for stature in (1.55, 1.75, 1.95):
         start = track(8.0, 0.0, stature, 0.03)
-        meeting = Meeting.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros(2), 0.25)
+        meeting = Meeting.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros((1, 2)), 0.25)
         places.append((meeting.correct(start, 0, 0).state[0, 0], meeting.density(4.0)[0, 0]))
     (near, less), (right, most), (far, least) = places
     assert near < right - 0.2 < right + 0.2 < far

@@ -47,3 +47,35 @@ def test_weighted_boxes_count_by_their_weight() -> None:
         trust.learn("c", np.full(9, 0.99), 10.0, (np.full(2, 0.99), np.full(2, 0.5)))
     expected = np.log(0.9 / (1.0 / SQUARE))
     assert abs(trust.worth("c", np.array([0.99]))[0] - expected) < 0.1
+
+
+def covered_by(things: float, people: float = 0.0) -> np.ndarray:
+    return np.array([[things, people]])
+
+
+def test_how_often_who_is_covered_is_found_comes_out_as_it_was_put_in() -> None:
+    rng, trust = np.random.default_rng(1), taught(0.9, 0.1)
+    for _ in range(4000):
+        cover = np.array([[0.3, 0.0], [0.9, 0.0], [0.0, 0.5]])
+        trust.learn_shown("c", cover, rng.random(3) < 0.9 * np.array([0.8, 0.1, 0.25]))
+    assert abs(trust.shown("c", covered_by(0.3))[0] - 0.8) < 0.05
+    assert abs(trust.shown("c", covered_by(0.9))[0] - 0.1) < 0.05
+    assert abs(trust.shown("c", covered_by(0.0, 0.5))[0] - 0.25) < 0.05
+    assert trust.shown("c", covered_by(0.0))[0] == 1
+    assert trust.shown("other", covered_by(0.9))[0] == Trust(TrustParameters(), SQUARE).shown("c", covered_by(0.9))[0]
+
+
+def test_who_is_covered_more_is_never_found_more_often() -> None:
+    trust = Trust(TrustParameters(), SQUARE)
+    for _ in range(500):
+        trust.learn_shown("c", covered_by(0.7), np.ones(1, dtype=bool))
+    share = trust.shown("c", np.column_stack([np.linspace(0, 1, 30), np.zeros(30)]))
+    assert (np.diff(share) <= 1e-12).all()
+
+
+def test_of_whom_both_things_and_people_cover_nothing_is_learned() -> None:
+    trust = Trust(TrustParameters(), SQUARE)
+    before = trust.shown("c", covered_by(0.5, 0.5))
+    for _ in range(500):
+        trust.learn_shown("c", covered_by(0.5, 0.5), np.zeros(1, dtype=bool))
+    assert trust.shown("c", covered_by(0.5, 0.5)) == before

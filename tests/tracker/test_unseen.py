@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from tests.tracker import crowds
+from tracker.evidence import Evidence, TargetParameters
+from tracker.fusion import FusionParameters
 from tracker.geometry import Array
 from tracker.ground import Grid
 from tracker.measurements import Setup
 from tracker.pipeline import Parameters, Tracker
 from tracker.trees import Tracks
 from tracker.unseen import Outlook
-from tracker.visibility import Bodies
+from tracker.visibility import Bodies, Viewpoint
 
-LIMITS = 60.0, 0.3
+LIMITS = TargetParameters(fusion=FusionParameters(reach=60.0), unsure=0.3)
 DETECTION = np.array([0.9])
 
 
@@ -33,21 +35,21 @@ def track(place: tuple[float, float], sigma: float) -> Tracks:
     return Tracks(one, np.array([[*place, 0.0, 0.0, 1.7]]), np.diag([sigma**2, sigma**2, 0.1, 0.1, 0.01])[None], zero, 5 * one, one, 5 * one)
 
 
-def outlook(setup: Setup, tracks: Tracks) -> tuple[Outlook, list[tuple]]:
-    cameras = []
-    for mount in setup.mounts.values():
+def outlook(setup: Setup, tracks: Tracks) -> tuple[Outlook, list[Viewpoint]]:
+    views = []
+    for name, mount in setup.mounts.items():
         start = setup.starts[mount.robot]
         assert start is not None
-        cameras.append((mount.camera, start.T_world_robot @ mount.T_body_camera))
-    return Outlook.of(tracks, cameras, setup, LIMITS), cameras
+        views.append(Viewpoint(name, mount.camera, start.T_world_robot @ mount.T_body_camera))
+    return Outlook.of(tracks, views, Evidence(setup, LIMITS)), views
 
 
 def test_places_are_as_samples_have_them() -> None:
     setup, tracks = walled(), track((0.0, 2.0), 1.2)
-    found, cameras = outlook(setup, tracks)
+    found, views = outlook(setup, tracks)
     after = found.without(tracks, np.zeros((1, 1), dtype=bool), DETECTION)
     place = np.random.default_rng(0).multivariate_normal(tracks.state[0, :2], tracks.covariance[0, :2, :2], 50_000)
-    share = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup.ground).expected(cameras[0], setup.occluders, LIMITS[0])
+    share = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup).expected(views[0], LIMITS.fusion.reach)
     weight = 1 - DETECTION * share
     expected: Array = weight @ place / weight.sum()
     assert found.share[0, 0] == pytest.approx(share.mean(), abs=0.05)
