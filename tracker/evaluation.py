@@ -56,7 +56,7 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
 
     out: dict[str, Any] = {"targets": score(frames(True)).to_dict(), "everybody": score(frames(False)).to_dict()}
     # A robot that is known exactly is a fixed camera: there is nothing to score in it.
-    fixed = {robot for robot, start in sequence.setup.starts.items() if start is not None and not start.covariance.any()}
+    fixed = {robot for robot in sequence.setup.starts if sequence.setup.stands(robot)}
     robots = {robot: [t.T_world_robot[robot] for t in truth] for robot in truth[0].T_world_robot if robot not in fixed} if truth else {}
     out["robots"] = out["dead_reckoning"] = None
     if robots:
