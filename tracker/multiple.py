@@ -30,6 +30,7 @@ from tracker.leaves import Leaves, born, predict, weights
 from tracker.likeness import Likeness
 from tracker.looks import Boxes, Branches, Numbers, Standing
 from tracker.measurements import Ints, Setup
+from tracker.noise import Noise
 from tracker.recall import Recall
 from tracker.reunion import Reunions, Strangers
 from tracker.selection import MultipleParameters, Selection, select
@@ -57,6 +58,7 @@ class MultipleHypotheses:
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
         self._bonds = Bonds(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
+        self.noise = Noise(parameters.noise)
         self.likeness = Likeness(parameters.alike, parameters.fashion, list(setup.mounts))
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
         self._bridged = round(parameters.delta_a / setup.period)
@@ -64,6 +66,7 @@ class MultipleHypotheses:
     def step(self, views: list[Feet], cameras: list[Viewpoint]) -> tuple[Leaves, Mask]:
         """Take one tick; cameras: from where each view looks. The tracks of the best hypothesis, and who of them is there now."""
         self._ticks += 1
+        views = [self.noise.widened(feet) for feet in views]
         self.leaves = predict(self.leaves, self.setup.period, self.parameters.motion)
         together = self.best[~self.leaves.over[self.best]]
         bodies = self.evidence.bodies(self.leaves.state[:, :2], self.leaves.tree, together)
@@ -196,9 +199,10 @@ class MultipleHypotheses:
         return np.asarray(leaves.away * self.setup.period > self.parameters.outside)
 
     def _learn(self, views: list[Feet], ways: Branches, seen: tuple[Ints, Array, Array], best: Ints) -> None:
-        """Count what the views found of the best hypothesis; and take the innovations of who is believed as looks at the views' own offsets: Kalman's
-        update, widened as looks are not independent. seen: first row of each view's boxes; how often (n, V) each view should see a parent, and
-        how much (n, V, 2) of it is covered."""
+        """Count what the views found of the best hypothesis; take innovations of who is believed as looks at the views' own offsets and noise.
+
+        seen: first row of each view's boxes; how often (n, V) each view should see a parent, and how much (n, V, 2) of it is covered.
+        """
         (start, expected, cover), leaves = seen, self.leaves
         known = best[self._parent[best] >= 0]
         box = self._boxes[known]
@@ -208,6 +212,8 @@ class MultipleHypotheses:
         old = known[leaves.believed[known]]
         for v, feet in enumerate(views):
             looks = ways.residual[old, v], ways.H[old, v], ways.S[old, v]
+            mine = old[self._boxes[old, v] >= 0], v
+            self.noise.learn(feet.camera, ways.residual[mine], ways.S[mine], feet.covariance[self._boxes[mine] - start[v]])
             self.evidence.offsets.learn(feet.camera, leaves.state[old, :2], looks)
 
     def _reunite(self, best: Ints, fresh: set[int]) -> None:

@@ -19,6 +19,7 @@ from tracker.fusion import FusionParameters
 from tracker.geometry import Array
 from tracker.leaves import Leaves, weights
 from tracker.measurements import Ints
+from tracker.noise import NoiseParameters
 from tracker.offsets import OffsetParameters
 from tracker.packing import Effort, settled
 from tracker.trees import MotionParameters
@@ -33,6 +34,7 @@ class MultipleParameters(TargetParameters):
     motion: MotionParameters = field(default_factory=lambda: MotionParameters(foot_spread=0.2))
     offsets: OffsetParameters = field(default_factory=lambda: OffsetParameters(first=0.05, slope=0.03, slope_first=0.005))
     fusion: FusionParameters = field(default_factory=lambda: FusionParameters(ahead=0.03))
+    noise: NoiseParameters = field(default_factory=NoiseParameters)
     n_scan: float = 10 / 7  # s, after which a decision stands
     clutter: float = 2.5  # false boxes a steradian that each view is taken to have at least
     least: float = 2.0  # log-likelihood ratio that a box must have to be taken where the best hypothesis goes on otherwise
