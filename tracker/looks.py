@@ -38,6 +38,7 @@ class Standing(NamedTuple):
 
     @staticmethod
     def of(leaves: Leaves, ground: Ground, missed: Array, alike: Array) -> Standing:
+        """Leaves that have been predicted, on the ground."""
         place = leaves.state[:, :2]
         around = [np.array([0.1, 0.0]), np.array([0.0, 0.1])]
         slope = np.stack([(ground.height_at(place + e) - ground.height_at(place - e)) / 0.2 for e in around], axis=1)

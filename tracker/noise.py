@@ -2,7 +2,7 @@
 lie worse than either.
 
 What feet differ from where they are expected is compared with what that should be, across and up and down. A view that is worse than assumed
-counts for less from then on. None counts for more: what its boxes have in common does not show in this, and people do not stand still.
+counts for less from then on. None counts for more: a track that has followed a view's own errors finds that view better than it is.
 """
 
 from __future__ import annotations
