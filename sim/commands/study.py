@@ -20,10 +20,13 @@ class Study:
 
     fig4: K_H = 1 to 30 and i_bls^max = 500 to 2000; on PETS 2009 as it is and with false boxes. Leaves cells.csv (one run a row), fig4.png
     (processing time, MOTA and its spread over repetitions) and fig4.txt (the same as a table, and what is seen in it).
+
     graphs: a small graph for each hypothesis beside one graph of all tracks, and searches that begin with the tracks that survive beside such that do
     not. Leaves runs.csv, graphs.png (time, weight beside the proved optimum, MOTA) and graphs.txt.
+
     images: tracklets by the corners of boxes, with the paper's L_c, δ_min and ω and others, beside none, on a crowd that is rendered and on videos
     of PETS 2009. Leaves cells.csv, images.png (MOTA, IDF1, time), images.txt and the recordings.
+
     Stopped, the same command goes on from there.
 
     Examples: pilsim study fig4 --out runs/fig4 --pets PETS2009/S2.L1
