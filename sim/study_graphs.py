@@ -1,8 +1,8 @@
 """Which graphs the tracker by multiple hypotheses solves, and where its searches begin: two choices of the paper, each beside its opposite.
 
 The paper makes a small graph of each hypothesis of the frame before; against it stands one graph of all tracks. And it begins each search with the
-tracks that survive (warm); against it stands a start with the heaviest tracks (cold). A run is made twice: once for its time and MOTA, and its first
-ticks once more with their graphs written down, some of which are then solved with proof.
+tracks that survive (warm); against it stands a start with the heaviest tracks (cold). A run is made twice: once for its time and MOTA, and once more
+with its graphs written down, some of which are then solved with proof.
 """
 
 from __future__ import annotations
@@ -26,9 +26,8 @@ from tracker.selection import MultipleParameters
 
 FORMS = {"small graphs": True, "one graph": False}
 STARTS = {"warm": True, "cold": False}
-WRITTEN, PROVED = 12, 12
-"""Ticks of a run whose graphs are written down, the first of it, and graphs of these that are solved with proof, evenly spread: there may be forty
-graphs a tick, and a proof takes up to a second."""
+PROVED = 50
+"""Graphs of a run that are solved with proof, evenly spread over it: there may be forty graphs a tick, and a proof takes up to a second."""
 PANELS = ("processing time / s", "weight that is missing / %", "MOTA")
 
 
@@ -56,7 +55,7 @@ def measured(material: Material, form: str, start: str, repetition: int) -> Run:
     many = MultipleParameters(small_graphs=FORMS[form], warm=STARTS[start], mended=False, seed=repetition)
     seconds, mota = tracked(material, many)
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as folder:
-        for _ in track(material.setup, material.ticks[:WRITTEN], Parameters(multiple=replace(many, graphs=Path(folder)))):
+        for _ in track(material.setup, material.ticks, Parameters(multiple=replace(many, graphs=Path(folder)))):
             pass
         missing = gap(Path(folder), PROVED)
     return Run(material.name, form, start, repetition, seconds, float("nan") if missing is None else missing, mota)
@@ -111,7 +110,8 @@ def _seen(values: Array) -> Iterator[str]:
         time, weight, mota = mean[a][0] / mean[b][0], mean[b][1] - mean[a][1], mean[a][2] - mean[b][2]
         widest = max(spread[a][2], spread[b][2])
         chance = " (within the spread)" if abs(mota) <= widest or widest == 0 else ""
-        yield f"{words}: {time:.2f} times the time, {100 * weight:+.4f} points of weight, {mota:+.4f} of MOTA{chance}"
+        proved = f"{100 * weight:+.4f} points of weight" if np.isfinite(weight) else "weights without proof"
+        yield f"{words}: {time:.2f} times the time, {proved}, {mota:+.4f} of MOTA{chance}"
 
 
 def draw(runs: list[Run], path: Path) -> None:

@@ -8,6 +8,11 @@ from tracker.geometry import Array
 from tracker.measurements import Ints, Setup
 from tracker.trees import Tracks
 
+BEYOND = 1.0
+"""m outside the area at which somebody has left it: places are wrong by half of that, so that who walks along its edge seems to be in and out."""
+GONE = 3.0
+"""s outside the area after which somebody has left it, however near they are."""
+
 
 class Names:
     """Which id each tree was given. Ids count from 1 and are never used again."""
@@ -20,19 +25,22 @@ class Names:
 
     def report(self, people: Tracks) -> tuple[Ints, Array, Array]:
         """Ids (k,), places on the ground (k, 3) m and covariances (k, 3, 3) of the people in the area."""
-        place = people.state[:, :2]
-        inside = np.ones(len(people), dtype=bool)
-        if self.setup.area is not None:
-            inside = ((place >= self.setup.area[0]) & (place <= self.setup.area[1])).all(axis=1)
-        for tree, here in zip(people.tree.tolist(), inside, strict=True):
-            self._outside[tree] = 0 if here else self._outside.get(tree, 0) + 1
-            if tree not in self._name or (self._outside[tree] == 2 and self._name[tree]):
-                # 0 marks a tree that has to be named anew when it comes in.
-                self._name[tree] = 0
-            if here and not self._name[tree]:
+        out = self._out(people.state[:, :2])
+        for tree, far in zip(people.tree.tolist(), out.tolist(), strict=True):
+            self._outside[tree] = self._outside.get(tree, 0) + 1 if far > 0 else 0
+            if far >= BEYOND or self._outside[tree] * self.setup.period > GONE:
+                self._name.pop(tree, None)
+            if far <= 0 and tree not in self._name:
                 self._name[tree], self._next = self._next, self._next + 1
-        chosen = people.select(inside)
+        chosen = people.select(out <= 0)
         covariance = np.zeros((len(chosen), 3, 3))
         covariance[:, :2, :2] = chosen.covariance[:, :2, :2]
         ids = np.array([self._name[tree] for tree in chosen.tree.tolist()], dtype=np.int64)
         return ids, np.column_stack([chosen.state[:, :2], self.setup.ground.height_at(chosen.state[:, :2])]), covariance
+
+    def _out(self, place: Array) -> Array:
+        """m (n,) that places (n, 2) lie outside the area, along the axis along which it is most; 0 or less inside, and where there is no area."""
+        if self.setup.area is None:
+            return np.zeros(len(place))
+        low, high = self.setup.area
+        return np.asarray(np.maximum(low - place, place - high).max(axis=1))

@@ -1,6 +1,7 @@
 """The study of graphs and starts: runs are kept, resumed, drawn and put into words."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,8 @@ def test_panels_and_words() -> None:
     assert "a warm start against a cold one (one graph): 1.00 times the time, +0.1000 points of weight, +0.0200 of MOTA\n" in text + "\n"
     assert text.count("within the spread") == 1
     assert study_graphs.summary(runs(0.005)).count("within the spread") == 3
+    without = [replace(r, gap=float("nan")) for r in runs(0.02)]
+    assert "0.50 times the time, weights without proof, +0.0000 of MOTA" in study_graphs.summary(without)
 
 
 def test_the_picture(tmp_path: Path) -> None:

@@ -98,6 +98,16 @@ def test_who_leaves_the_area_and_returns_has_a_new_id() -> None:
     assert {int(i) for e in estimates[42:] for i in e.target_id} == {2}
 
 
+@pytest.mark.parametrize(("wait", "same"), [(0, True), (30, False)])
+def test_who_is_just_outside_the_area_for_a_moment_keeps_the_id(wait: int, same: bool) -> None:
+    rng = np.random.default_rng(6)
+    x = np.concatenate([np.linspace(0, 2.8, 20), np.full(wait, 2.8), np.linspace(2.8, 0, 20)])
+    setup = crowds.setup(area=np.array([[-10.0, -10.0], [2.3, 10.0]]))
+    estimates = list(track(setup, crowds.ticks(setup, np.stack([x, 0 * x], axis=1)[:, None, :], rng, misses=0, clutter=0)))
+    assert len(estimates[20].target_id) == 0
+    assert {int(i) for e in estimates for i in e.target_id} == ({1} if same else {1, 2})
+
+
 def test_false_boxes_alone_make_nobody() -> None:
     rng = np.random.default_rng(7)
     setup = crowds.setup()

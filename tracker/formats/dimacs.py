@@ -57,12 +57,14 @@ def write_graph(path: Path, graph: Graph) -> None:
     n = len(graph)
     together = ~np.eye(n, dtype=bool)
     together[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = False
-    edges = np.argwhere(np.triu(together)) + 1
-    lines = [
-        f"p edge {n} {len(edges)}",
-        *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())),
-        *(f"e {a} {b}" for a, b in edges.tolist()),
-    ]
+    together = np.triu(together)
+    # A row at a time: a tracker writes thousands of graphs of 100 000 edges.
+    names = np.array([str(v + 1) for v in range(n)], dtype=object)
+    edges = []
+    for v in np.flatnonzero(together.any(axis=1)).tolist():
+        row = f"e {v + 1} "
+        edges.append(row + f"\n{row}".join(names[together[v]]))
+    lines = [f"p edge {n} {np.count_nonzero(together)}", *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())), *edges]
     write_text(path, "\n".join(lines) + "\n")
 
 
