@@ -20,18 +20,23 @@ class Names:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self._name: dict[int, int] = {}
-        self._outside: dict[int, int] = {}
-        self._next = 1
+        self._since: dict[int, int] = {}
+        self._next, self._tick = 1, 0
 
     def report(self, people: Tracks) -> tuple[Ints, Array, Array]:
         """Ids (k,), places on the ground (k, 3) m and covariances (k, 3, 3) of the people in the area."""
+        self._tick += 1
         out = self._out(people.state[:, :2])
         for tree, far in zip(people.tree.tolist(), out.tolist(), strict=True):
-            self._outside[tree] = self._outside.get(tree, 0) + 1 if far > 0 else 0
-            if far >= BEYOND or self._outside[tree] * self.setup.period > GONE:
+            if far > 0:
+                self._since.setdefault(tree, self._tick)
+            # Time goes on while nobody sees them, too.
+            if far >= BEYOND or (self._tick - self._since.get(tree, self._tick)) * self.setup.period > GONE:
                 self._name.pop(tree, None)
-            if far <= 0 and tree not in self._name:
-                self._name[tree], self._next = self._next, self._next + 1
+            if far <= 0:
+                self._since.pop(tree, None)
+                if tree not in self._name:
+                    self._name[tree], self._next = self._next, self._next + 1
         chosen = people.select(out <= 0)
         covariance = np.zeros((len(chosen), 3, 3))
         covariance[:, :2, :2] = chosen.covariance[:, :2, :2]
