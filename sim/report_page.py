@@ -1,16 +1,22 @@
-"""The page itself: HTML that is well-formed XML too, one file, no scripts, nothing from a network."""
+"""The report page: its texts, tables and figures, put into the template that lies beside this file.
+
+The page is HTML that is well-formed XML as well. It is one file, runs no scripts and loads nothing from a network.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
+from pathlib import Path
 from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup, escape
 
 from sim.intervals import mean_interval
 from sim.report_glossary import CAUSES, GLOSSARY
-from sim.report_pictures import Album, Entry
+from sim.report_pictures import Album, Entry, Picture
 from sim.report_plots import Plot, shortened
 from sim.report_rows import STAGES, Row, Rows, Setting, Sweep
 from sim.report_series import name_of
@@ -35,6 +41,7 @@ from sim.report_words import (
 )
 from sim.stress import SWEEPS
 
+TEMPLATE = Path(__file__).with_suffix(".html.j2")
 MOST_FAILED = 30
 """Failed runs that are listed one by one."""
 KINDS_SAID = {"miss": "a person missed", "false positive": "somebody who is not there", "switch": "a swapped identity"}
@@ -48,59 +55,118 @@ COLUMNS = (
     ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
     ("switches", "switches", 0), ("ate_m", "ATE [m]", 3),
 )  # fmt: skip
+HEADINGS = {
+    "moments": "Worst moments",
+    "failed": "Runs that failed",
+    "figures": "All figures",
+    "words": "What the words mean",
+    "again": "To do it again",
+}
 
 
 @dataclass(frozen=True, eq=False)
-class Page:
-    """All that stands on it: rows, plots by name with their SVG, pictures."""
+class Report:
+    """What the page is made from: rows, plots by name with their SVG, and pictures of the worst moments."""
 
     rows: Rows
     plots: dict[str, tuple[Plot, str]]
     album: Album
 
-    def figures(self, prefix: str) -> str:
-        """The plots whose names begin so, side by side where there is room."""
-        own = [(name, plot, svg) for name, (plot, svg) in self.plots.items() if name.startswith(prefix)]
-        return tag("div", "".join(_figure(*one) for one in own), class_="plots") if own else ""
+    def figures(self, prefix: str) -> list[PageFigure]:
+        """The plots whose names begin with `prefix`."""
+        return [PageFigure.of(name, plot, svg) for name, (plot, svg) in self.plots.items() if name.startswith(prefix)]
 
 
-def tag(name: str, inner: str, **attributes: str) -> str:
-    """An element; `inner` is HTML already, attributes are escaped (class_ for class)."""
-    written = "".join(f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
-    return f"<{name}{written}>{inner}</{name}>"
+@dataclass(frozen=True, eq=False)
+class PageFigure:
+    """A plot on the page: its anchor, the SVG element, and the caption."""
+
+    anchor: str
+    svg: Markup
+    caption: str
+
+    @staticmethod
+    def of(name: str, plot: Plot, svg: str) -> PageFigure:
+        # A screen reader reads the label, and then does not spell out the letters within the picture.
+        labelled = svg.replace("<svg", f'<svg role="img" aria-label="{escape(plot.in_words())}"', 1)
+        return PageFigure(f"plot-{name}", Markup(labelled), f"{plot.note} File: {name}.")
 
 
-def text(name: str, words: str, **attributes: str) -> str:
-    return tag(name, escape(words), **attributes)
+@dataclass(frozen=True, eq=False)
+class PageTable:
+    """A table of strings; the first cell of each row of the body names the row."""
+
+    caption: str
+    head: tuple[str, ...]
+    body: tuple[tuple[str, ...], ...]
 
 
-def page(content: Page) -> str:
-    """The whole document."""
-    rows = content.rows
-    parts = [("moments", "Worst moments", _moments(content.album))] if content.album.entries else []
-    parts = [
-        *((f"sweep-{name_of(s.name)}", _title(s), _sweep(content, s)) for s in rows.sweeps()),
-        *parts,
-        *([("failed", "Runs that failed", _failed(rows.failed))] if rows.failed else []),
-        ("figures", "All figures", "".join(_table(s, t) for s in rows.sweeps() for t in rows.trackers)),
-        ("words", "What the words mean", _glossary(rows)),
-        ("again", "To do it again", _again(rows)),
-    ]
-    links = "".join(tag("li", text("a", title, href=f"#{anchor}")) for anchor, title, _ in parts)
-    sections = "".join(tag("section", text("h2", title, id=anchor) + body, aria_labelledby=anchor) for anchor, title, body in parts)
-    title = f"Stress test: {rows.folder.resolve().name}"
-    header = tag("header", text("p", "pilsim stress test", class_="kicker") + text("h1", "Where the tracker breaks, and why"))
-    header = header.replace("</header>", text("p", headline(rows), class_="lead") + "</header>")
-    short = tag("section", text("h2", "In short", id="short") + _summary(content), aria_labelledby="short", class_="short")
-    contents = tag("nav", text("h2", "On this page", id="contents") + tag("ul", links), aria_labelledby="contents")
-    body = text("a", "Skip to the summary", href="#short", class_="skip") + header + tag("main", short + contents + sections)
-    body += tag("footer", text("p", f"Made by pilsim report from {plural(len(rows.rows), 'run')}. Plots lie beside this page as PNG and CSV."))
-    head = (
-        '<meta charset="utf-8"/><meta name="viewport" content="width=device-width, initial-scale=1"/>'
-        "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\"/>"
-        f"{text('title', title)}<style>{STYLE}</style>"
-    )
-    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{body}</body></html>\n'
+@dataclass(frozen=True, eq=False)
+class PageMoment:
+    """A worst moment: its heading, what happened, pictures with their alternative texts, and names of pictures that are missing."""
+
+    heading: str
+    sentence: str
+    pictures: tuple[Picture, ...]
+    alternatives: tuple[str, ...]
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PageSweep:
+    """The section of one sweep: its anchor, sentences and figures."""
+
+    anchor: str
+    sentences: list[str]
+    figures: list[PageFigure]
+
+
+def page(report: Report) -> str:
+    """Render the whole document."""
+    # The page is written without a server, so an undefined name must fail here and not leave a hole in the text.
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    return template.render(page=_content(report)).lstrip()
+
+
+def _content(report: Report) -> dict[str, Any]:
+    """The names that the template uses, and what they hold."""
+    rows = report.rows
+    worst = findings(rows, rows.trackers[0])[:1]
+    told = {cause for counts in causes_of(rows.rows).values() for cause in counts}
+    return {
+        "title": f"Stress test: {rows.folder.resolve().name}",
+        "style": Markup(STYLE),
+        "headline": headline(rows),
+        "headings": _headings(report),
+        "summary": summary(rows),
+        "worst_figures": [figure for f in worst for figure in report.figures(f"first-{name_of(f.sweep.name)}")],
+        "overview_figures": report.figures("overview"),
+        "sweeps": [_sweep(report, sweep) for sweep in rows.sweeps()],
+        "about_moments": MOMENTS_SAID,
+        "moments": [_moment(k, entry) for k, entry in enumerate(report.album.entries, 1)],
+        "failed": _failed(rows.failed),
+        "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
+        "tables": [found for sweep in rows.sweeps() for tracker in rows.trackers if (found := _tables(sweep, tracker))],
+        "glossary": GLOSSARY,
+        "causes": [(cause, meaning) for cause, meaning in CAUSES.items() if cause in told],
+        "commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]),
+        "provenance": _provenance(rows),
+        "runs": plural(len(rows.rows), "run"),
+    }
+
+
+def _headings(report: Report) -> dict[str, str]:
+    """Anchor → heading of each section, in the order of the page."""
+    left_out = {"moments"} if not report.album.entries else set()
+    left_out |= {"failed"} if not report.rows.failed else set()
+    sweeps = {_anchor(sweep): _title(sweep) for sweep in report.rows.sweeps()}
+    rest = {anchor: heading for anchor, heading in HEADINGS.items() if anchor not in left_out}
+    return {"short": "In short", "contents": "On this page", **sweeps, **rest}
+
+
+def _anchor(sweep: Sweep) -> str:
+    return f"sweep-{name_of(sweep.name)}"
 
 
 def _title(sweep: Sweep) -> str:
@@ -109,41 +175,24 @@ def _title(sweep: Sweep) -> str:
     return f"{name}: {words}" if len(words) < 70 else name
 
 
-def _summary(content: Page) -> str:
-    said = "".join(tag("div", text("dt", heading) + text("dd", words)) for heading, words in summary(content.rows))
-    worst = findings(content.rows, content.rows.trackers[0])[:1]
-    figures = "".join(content.figures(f"first-{name_of(f.sweep.name)}") for f in worst) + content.figures("overview")
-    return tag("div", tag("dl", said) + tag("div", figures), class_="beside")
-
-
-def _figure(name: str, plot: Plot, svg: str) -> str:
-    # The words for those who do not see the picture; the picture's own letters are then not read out one by one.
-    labelled = svg.replace("<svg", f'<svg role="img" aria-label="{escape(plot.in_words())}"', 1)
-    return tag("figure", labelled + text("figcaption", f"{plot.note} File: {name}."), id=f"plot-{name}")
-
-
-def _sweep(content: Page, sweep: Sweep) -> str:
+def _sweep(report: Report, sweep: Sweep) -> PageSweep:
     said = [f"What is tried: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
-    for tracker in content.rows.trackers:
+    for tracker in report.rows.trackers:
         found = finding(sweep, tracker)
         if found is None:
             said.append(f"No run of {tracker} has a score.")
             continue
         worst = found.worst.of(tracker)
-        name = f"{tracker}: MOTA" if len(content.rows.trackers) > 1 else "MOTA"
+        name = f"{tracker}: MOTA" if len(report.rows.trackers) > 1 else "MOTA"
         if sweep.name == REAL:
             said += [part for part in (predicted(sweep, tracker),) if part]
             continue
         where = at(found.worst)
         said += [part for part in (f"{change(found, name)} {breaking(found)}", reasons(worst, where), owner(worst, where), robots(found)) if part]
-    return tag("ul", "".join(text("li", words) for words in said)) + content.figures(name_of(sweep.name) + "-")
+    return PageSweep(_anchor(sweep), said, report.figures(name_of(sweep.name) + "-"))
 
 
-def _moments(album: Album) -> str:
-    return text("p", MOMENTS_SAID) + tag("ol", "".join(tag("li", _moment(k, entry)) for k, entry in enumerate(album.entries, 1)), class_="moments")
-
-
-def _moment(k: int, entry: Entry) -> str:
+def _moment(k: int, entry: Entry) -> PageMoment:
     row, moment = entry.row, entry.moment
     said = str(moment.get("kind"))
     heading = f"{KINDS_SAID.get(said, said)}: {moment.get('cause', 'cause unknown')}"
@@ -153,86 +202,57 @@ def _moment(k: int, entry: Entry) -> str:
     if isinstance(place := moment.get("position"), Sequence) and not isinstance(place, str):
         where += f" at ({', '.join(f'{round(float(v), 1) + 0.0:.1f}' for v in place)}) m"
     meaning = CAUSES.get(str(moment.get("cause")), "")
-    said = f"{_capital(meaning)} {_capital(where)} ({row.id}).".strip()
-    out = text("h3", _capital(heading)) + text("p", said)
-    for number, picture in enumerate(entry.pictures, 1):
-        alt = f"Moment {k}, picture {number} of {len(entry.pictures)}: {heading}; {where}"
-        out += f'<img src="{picture.uri}" alt="{escape(alt)}" width="{picture.width}" height="{picture.height}"/>'
-    return out + "".join(text("p", f"The picture {name} is missing.", class_="note") for name in entry.missing)
+    sentence = f"{_capital(meaning)} {_capital(where)} ({row.id}).".strip()
+    count = len(entry.pictures)
+    alternatives = tuple(f"Moment {k}, picture {number} of {count}: {heading}; {where}" for number in range(1, count + 1))
+    return PageMoment(_capital(heading), sentence, entry.pictures, alternatives, entry.missing)
 
 
 def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def table(caption: str, head: Iterable[str], body: Iterable[Sequence[str]]) -> str:
-    """A table whose first cell of each row names it. Narrow screens show it as a list of cards, so cells carry their heads."""
-    names = list(head)
-    cells = "".join(text("th", name, scope="col", role="columnheader") for name in names)
-    lines = ""
-    for first, *rest in body:
-        line = text("th", first, scope="row", role="rowheader")
-        line += "".join(text("td", value, data_label=name, role="cell") for name, value in zip(names[1:], rest, strict=True))
-        lines += tag("tr", line, role="row")
-    inner = text("caption", caption) + tag("thead", tag("tr", cells, role="row"), role="rowgroup") + tag("tbody", lines, role="rowgroup")
-    return tag("table", inner, role="table")
-
-
-def _table(sweep: Sweep, tracker: str) -> str:
+def _tables(sweep: Sweep, tracker: str) -> tuple[str, list[PageTable]] | None:
+    """A heading with the tables of one sweep and tracker; None where the tracker did not run."""
     settings = [s for s in sweep.ordered() if any(row.tracker == tracker for row in s.rows)]
     if not settings:
-        return ""
-    head = [sweep.parameter, "runs", *(label for _, label, _ in COLUMNS)]
-    out = text("h3", f"{sweep.name}, tracker {tracker}")
-    out += table(f"Means over seeds, with 95 % intervals: {sweep.name}, {tracker}", head, [_figures_of(s, tracker) for s in settings])
+        return None
+    head = (sweep.parameter, "runs", *(label for _, label, _ in COLUMNS))
+    caption = f"Means over seeds, with 95 % intervals: {sweep.name}, {tracker}"
+    tables = [PageTable(caption, head, tuple(_figures_of(s, tracker) for s in settings))]
     shares = {s.id: stages(s.of(tracker)) for s in settings}
     if any(shares.values()):
         names = (*STAGES, "total")
-        body = [[shortened(s.value), *(shares[s.id][name].text(3) if name in shares[s.id] else "–" for name in names)] for s in settings]
-        out += table(f"MOTA that perfect input would win back: {sweep.name}, {tracker}", [sweep.parameter, *names], body)
-    return out
+        body = tuple((shortened(s.value), *(shares[s.id][name].text(3) if name in shares[s.id] else "–" for name in names)) for s in settings)
+        tables.append(PageTable(f"MOTA that perfect input would win back: {sweep.name}, {tracker}", (sweep.parameter, *names), body))
+    return f"{sweep.name}, tracker {tracker}", tables
 
 
-def _figures_of(setting: Setting, tracker: str) -> list[str]:
+def _figures_of(setting: Setting, tracker: str) -> tuple[str, ...]:
     failed = sum(row.tracker == tracker and row.error is not None for row in setting.rows)
     cells = [shortened(setting.value), str(len(setting.of(tracker))) + (f" (+ {failed} failed)" if failed else "")]
     for name, _, digits in COLUMNS:
         values = list(setting.scores(tracker, name).values())
         interval = mean_interval(values) if values else None
         cells.append("–" if interval is None else interval.text(digits) if digits else f"{interval.mean:.1f}")
-    return cells
+    return tuple(cells)
 
 
-def _failed(failed: Sequence[Row]) -> str:
-    body = [(row.id, shortened(row.value), str(row.seed), row.tracker, str(row.error)) for row in failed[:MOST_FAILED]]
-    out = table("Runs without scores, and what ended them", ("setting", "value", "seed", "tracker", "error"), body)
-    rest = len(failed) - MOST_FAILED
-    return out + (text("p", f"{rest} more are in results.jsonl.") if rest > 0 else "")
+def _failed(failed: Sequence[Row]) -> PageTable | None:
+    """The first runs that failed; None where none did."""
+    body = tuple((row.id, shortened(row.value), str(row.seed), row.tracker, str(row.error)) for row in failed[:MOST_FAILED])
+    caption = "Runs without scores, and what ended them"
+    return PageTable(caption, ("setting", "value", "seed", "tracker", "error"), body) if body else None
 
 
-def _glossary(rows: Rows) -> str:
-    told = {cause for counts in causes_of(rows.rows).values() for cause in counts}
-    causes = [(cause, meaning) for cause, meaning in CAUSES.items() if cause in told]
-    out = _meanings(GLOSSARY)
-    return out + (text("h3", "Causes of errors") + _meanings(causes) if causes else "")
-
-
-def _meanings(words: Iterable[tuple[str, str]]) -> str:
-    return tag("dl", "".join(tag("div", text("dt", word) + text("dd", meaning)) for word, meaning in words), class_="two")
-
-
-def _again(rows: Rows) -> str:
-    commands = [*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]
-    out = text("p", "The same command in another folder makes the same rows again; in the same folder it goes on from what is there.")
-    out += tag("pre", text("code", "\n".join(commands)), tabindex="0")
+def _provenance(rows: Rows) -> list[PageTable]:
+    """Versions of the parts, and options of the trackers, where the rows name them."""
     versions: dict[str, dict[str, None]] = {}
     for row in rows.rows:
         for name, version in row.versions.items():
             versions.setdefault(name, {})[version if isinstance(version, str) else json.dumps(version)] = None
-    out += table("Versions", ("part", "version"), [(name, " and ".join(seen)) for name, seen in versions.items()]) if versions else ""
     options = {row.tracker: row.options for row in rows.rows if row.options}
-    return out + (table("Trackers", ("name", "options"), [(n, _options(o)) for n, o in options.items()]) if options else "")
-
-
-def _options(options: dict[str, Any]) -> str:
-    return ", ".join(f"{name} = {value}" for name, value in options.items())
+    parts = tuple((name, " and ".join(seen)) for name, seen in versions.items())
+    trackers = tuple((name, ", ".join(f"{key} = {value}" for key, value in chosen.items())) for name, chosen in options.items())
+    tables = (PageTable("Versions", ("part", "version"), parts), PageTable("Trackers", ("name", "options"), trackers))
+    return [table for table in tables if table.body]
