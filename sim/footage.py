@@ -69,7 +69,7 @@ def filmed(case: Case, rendered: bool) -> Footage:
         lines = Sightlines(stage.simulation)
         landmarks = lines.landmarks
         moments = list(run_unrendered(stage.scenario, stage.simulation, setup, lines))
-        moments = [_within(m, setup.area) for m in moments] if setup.area is not None else moments
+        moments = [_within(m, setup) for m in moments] if setup.area is not None else moments
     recorded = [moment.tick for moment in moments]
     person = {
         id(view.detections): identities(view.detections, setup.mounts[view.camera].camera, moment.views[view.camera].boxes)
@@ -97,10 +97,10 @@ def _before_cameras(setup: Setup) -> Setup:
     return replace(setup, mounts=mounts, starts=starts, area=np.array(PETS_AREA))
 
 
-def _within(moment: Glimpse, area: Array) -> Glimpse:
-    """The moment with nobody outside the area in its truth."""
+def _within(moment: Glimpse, setup: Setup) -> Glimpse:
+    """The moment without people outside the area, and without robots, in its truth."""
     t = moment.truth
-    inside = ((t.feet[:, :2] >= area[0]) & (t.feet[:, :2] <= area[1])).all(axis=1)
+    inside = setup.contains(t.feet)
     return replace(moment, truth=Truth(t.index, {}, t.person_id[inside], t.feet[inside], t.visible[inside]))
 
 

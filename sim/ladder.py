@@ -118,7 +118,7 @@ def replaced(footage: Footage, chosen: Mapping[str, bool]) -> tuple[Setup, list[
 
 def _known(footage: Footage, robot: str, start: Start | None) -> Start | None:
     """The start as it is; a fixed camera is known anyway."""
-    if robot not in footage.truth[0].T_world_robot or (start is not None and not start.covariance.any()):
+    if robot not in footage.truth[0].T_world_robot or footage.told.is_fixed(robot):
         return start
     return Start(footage.truth[0].T_world_robot[robot], SURE * np.eye(6))
 
@@ -170,7 +170,7 @@ def _estimate(setup: Setup, index: int, robots: dict[str, tuple[Pose, Array]], t
             continue
         best = int(np.argmax(tracks.score))
         place = tracks.state[best, :2]
-        if setup.area is None or ((place >= setup.area[0]) & (place <= setup.area[1])).all():
+        if setup.contains(place[None])[0]:
             ids.append(person)
             places.append([*place, float(setup.ground.height_at(place[None])[0])])
             P = np.zeros((3, 3))

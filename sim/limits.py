@@ -54,7 +54,7 @@ def visible_recall(footage: Footage) -> float | None:
 def ate_bound(footage: Footage, survey: Survey | None = None) -> float | None:
     """As in `limits`; None for runs without landmarks, and where odometry is made worse than it says."""
     troubles = footage.case.troubles
-    moving = [robot for robot, start in footage.setup.starts.items() if start is not None and start.covariance.any()]
+    moving = list(footage.setup.anchored_robots)
     if not moving or troubles.slip or troubles.kidnapped or troubles.skew:
         return None
     if footage.landmarks is None:

@@ -36,7 +36,7 @@ def variances(setup: Setup, frames: Sequence[Frame], places: Mapping[int, Array]
     places: landmark → (3,) m; nothing was known of them before they were seen. correction: spreads, rad, of a standing correction factor that is
     estimated too. A landmark is in the state from its first sighting to its last: before and after it tells nothing.
     """
-    names = [name for name, start in setup.starts.items() if start is not None and start.covariance.any()]
+    names = setup.anchored_robots
     spans = _spans(frames)
     joint, alive = Joint(1, len(spans), correction), list[int]()
     for name in names:
@@ -99,7 +99,7 @@ def surveyed(setup: Setup, truth: Iterable[Mapping[str, Pose]], odometry: Iterab
     as Extraction says. What a tracker could have seen beside is not in it, nor are other robots, nor the rays that a landmark was placed from before:
     another front end may well be below it. None where no robot moves from a start that was told, or nothing was seen.
     """
-    if not survey.places or not any(start is not None and start.covariance.any() for start in setup.starts.values()):
+    if not survey.places or not setup.anchored_robots:
         return None
     cameras = {mount.robot: camera for camera, mount in setup.mounts.items()}
     R = np.eye(2) * Extraction().sigma ** 2

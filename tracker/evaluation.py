@@ -55,8 +55,8 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
         return [Frame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=counts[k] if by_count else None) for k, t in enumerate(truth)]
 
     out: dict[str, Any] = {"targets": score(frames(True)).to_dict(), "everybody": score(frames(False)).to_dict()}
-    # A robot that is known exactly is a fixed camera: there is nothing to score in it.
-    fixed = {robot for robot in sequence.setup.starts if sequence.setup.stands(robot)}
+    # The pose of a fixed camera is given: there is nothing to score in it.
+    fixed = {robot for robot in sequence.setup.starts if sequence.setup.is_fixed(robot)}
     robots = {robot: [t.T_world_robot[robot] for t in truth] for robot in truth[0].T_world_robot if robot not in fixed} if truth else {}
     out["robots"] = out["dead_reckoning"] = None
     if robots:

@@ -103,7 +103,7 @@ class Evidence:
         box (t, v): of each track the box of each view, −1 for none; expected (t, v): how often the view should have one; people: which tracks
         (t,) are known, and the score (t,) of each; cover (t, v, 2): how much of them things and others cover, None where that is not looked at.
         """
-        q, area, (sure, score) = self.parameters, self.setup.area, people
+        q, (sure, score) = self.parameters, people
         for v, feet in enumerate(views):
             known = sure & (expected[:, v] > 0.5)
             if cover is not None:
@@ -114,10 +114,8 @@ class Evidence:
             weight[box[mine, v]] = 1 / (1 + np.exp(np.clip(score[mine], -20, 20)))
             weight[box[sure & mine, v]] = 0
             place = feet.point[:, :2]
-            if area is None:
-                inside = np.linalg.norm(place - feet.origin[:2], axis=1) < q.trust.watched
-            else:
-                inside = ((place >= area[0]) & (place <= area[1])).all(axis=1)
+            watched = np.linalg.norm(place - feet.origin[:2], axis=1) < q.trust.watched
+            inside = watched if self.setup.area is None else self.setup.contains(place)
             low, high = self.setup.height
             other = inside & feet.grounded & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
             self.trust.learn(feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other]))

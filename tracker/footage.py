@@ -88,7 +88,7 @@ class Footage:
         out = {}
         for name, mount in self.setup.mounts.items():
             start = self.setup.starts[mount.robot]
-            if isinstance(mount.camera, Tsai) and start is not None and not start.covariance.any():
+            if isinstance(mount.camera, Tsai) and start is not None and self.setup.is_fixed(mount.robot):
                 out[name] = FixedView(mount.camera, start.T_world_robot @ mount.T_body_camera)
         return out
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.cameras import Camera
+from tracker.cameras import Camera, Mask
 from tracker.geometry import Array, Pose, frozen
 from tracker.ground import Ground
 
@@ -275,10 +275,34 @@ class Setup:
         if missing:
             raise ValueError(f"robots {sorted(missing)} carry cameras and have no entry in starts")
 
-    def stands(self, robot: str) -> bool:
-        """Whether what is called a robot is a camera that stands still: its place is known exactly from the start."""
+    def is_fixed(self, robot: str) -> bool:
+        """Whether a robot is a fixed camera: its start pose is known and has zero covariance."""
         start = self.starts[robot]
         return start is not None and not start.covariance.any()
+
+    @property
+    def moving_robots(self) -> tuple[str, ...]:
+        """Robots that are no fixed cameras, in the order of `starts`, whether their start pose is known or not."""
+        return tuple(robot for robot in self.starts if not self.is_fixed(robot))
+
+    @property
+    def anchored_robots(self) -> tuple[str, ...]:
+        """Those of `moving_robots` whose start pose is known: they define the world frame."""
+        return tuple(robot for robot in self.moving_robots if self.starts[robot] is not None)
+
+    def contains(self, points: Array) -> Mask:
+        """Points (n, 2) or (n, 3) m, world → (n,): whether they lie in the area or on its edge. Without an area all do."""
+        if self.area is None:
+            return np.ones(len(points), dtype=np.bool_)
+        low, high = self.area
+        return np.asarray(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
+
+    def distance_beyond(self, points: Array) -> Array:
+        """Points (n, 2) or (n, 3) m, world → (n,) m outside the area along x or y, whichever is more; 0 inside. Without an area all are 0."""
+        if self.area is None:
+            return np.zeros(len(points))
+        low, high = self.area
+        return np.asarray(np.maximum(low - points[:, :2], points[:, :2] - high).max(axis=1).clip(min=0.0))
 
     def mount_of(self, robot: str) -> Mount:
         """The camera that others see of a robot: its first. Raises ValueError for a robot without one."""

@@ -26,8 +26,8 @@ class Names:
     def report(self, people: Tracks) -> tuple[Ints, Array, Array]:
         """Ids (k,), places on the ground (k, 3) m and covariances (k, 3, 3) of the people in the area."""
         self._tick += 1
-        out = self._out(people.state[:, :2])
-        for tree, far in zip(people.tree.tolist(), out.tolist(), strict=True):
+        beyond = self.setup.distance_beyond(people.state)
+        for tree, far in zip(people.tree.tolist(), beyond.tolist(), strict=True):
             if far > 0:
                 self._since.setdefault(tree, self._tick)
             # Time goes on while nobody sees them, too.
@@ -37,15 +37,8 @@ class Names:
                 self._since.pop(tree, None)
                 if tree not in self._name:
                     self._name[tree], self._next = self._next, self._next + 1
-        chosen = people.select(out <= 0)
+        chosen = people.select(beyond <= 0)
         covariance = np.zeros((len(chosen), 3, 3))
         covariance[:, :2, :2] = chosen.covariance[:, :2, :2]
         ids = np.array([self._name[tree] for tree in chosen.tree.tolist()], dtype=np.int64)
         return ids, np.column_stack([chosen.state[:, :2], self.setup.ground.height_at(chosen.state[:, :2])]), covariance
-
-    def _out(self, place: Array) -> Array:
-        """m (n,) that places (n, 2) lie outside the area, along the axis along which it is most; 0 or less inside, and where there is no area."""
-        if self.setup.area is None:
-            return np.zeros(len(place))
-        low, high = self.setup.area
-        return np.asarray(np.maximum(low - place, place - high).max(axis=1))

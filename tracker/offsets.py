@@ -32,7 +32,7 @@ class Offsets:
 
     def __init__(self, setup: Setup, parameters: OffsetParameters) -> None:
         self.parameters, p = parameters, parameters
-        still = [robot for robot in setup.starts if setup.stands(robot)]
+        still = [robot for robot in setup.starts if setup.is_fixed(robot)]
         places = [start.T_world_robot.translation[:2] for robot, start in setup.starts.items() if start is not None and robot in still]
         self.centre = setup.area.mean(axis=0) if setup.area is not None else np.mean(places, axis=0) if places else np.zeros(2)
         self._known: dict[str, tuple[Array, Array]] = {}

@@ -35,7 +35,7 @@ class Sight:
     """All cameras of a setup. `setup` is the one that was given, with the views of silhouettes."""
 
     def __init__(self, setup: Setup, fusion: FusionParameters, images: ImageParameters) -> None:
-        still = {name: mount for name, mount in setup.mounts.items() if images.silhouettes and setup.stands(mount.robot)}
+        still = {name: mount for name, mount in setup.mounts.items() if images.silhouettes and setup.is_fixed(mount.robot)}
         self.setup = replace(setup, mounts=setup.mounts | {name + SILHOUETTES: mount for name, mount in still.items()})
         self.fusion, self.images = fusion, images
         self._tracklets = {name: Tracklets(mount.camera, images.tracklets) for name, mount in setup.mounts.items() if images.tracklets}

@@ -74,7 +74,7 @@ def without_starts(sequence: Sequence, robots: Collection[str]) -> Sequence:
         if robot not in starts:
             raise ValueError(f"{robot!r} is not told its start, needs one of {', '.join(starts)}")
     # A robot that is known exactly is a fixed camera, whose landmarks nobody maps.
-    if robots and not any(start is not None and start.covariance.any() for name, start in starts.items() if name not in robots):
+    if robots and not set(sequence.setup.anchored_robots) - set(robots):
         raise ValueError("no robot is left that knows its start, needs at least one: the world's frame is theirs")
     if not robots:
         return sequence

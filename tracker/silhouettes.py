@@ -120,8 +120,7 @@ class Silhouettes:
         foot = np.column_stack([u.ravel(), v.ravel()])
         sight = self.camera.bearings_from_pixels(foot / self._scale - 0.5 + self.camera.pixel_centre) @ self.pose.rotation.T
         point, there = self.setup.ground.intersect(np.broadcast_to(origin, sight.shape), sight, p.reach)
-        if self.setup.area is not None:
-            there &= ((point[:, :2] > self.setup.area[0] - p.margin) & (point[:, :2] < self.setup.area[1] + p.margin)).all(axis=1)
+        there &= self.setup.distance_beyond(point) <= p.margin
         foot, point = foot[there], point[there]
         head, _ = self._pixels(point + np.array([0.0, 0.0, stature]))
         distance = np.hypot(*(point - origin)[:, :2].T)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tracker.cameras import Panorama
 from tracker.geometry import Pose
-from tracker.measurements import Companions, Odometry, Sightings, Start
+from tracker.ground import Flat
+from tracker.measurements import Companions, Mount, Odometry, Setup, Sightings, Start
 
 
 def sightings(covariance: object, reach: float = np.nan) -> Sightings:
@@ -56,3 +58,34 @@ def test_companions_are_directions_of_different_robots() -> None:
         Companions(ahead, ("a", "b"), 0 * sure)
     with pytest.raises(ValueError, match=r"bearing has shape \(2, 3\)"):
         Companions(ahead, ("a",), sure)
+
+
+EXACT, DOUBTED = Start(Pose.identity(), np.zeros((6, 6))), Start(Pose.identity(), 1e-4 * np.eye(6))
+
+
+def setup_of(starts: dict[str, Start | None], area: np.ndarray | None = None) -> Setup:
+    return Setup({name: Mount(Panorama(64, 32), Pose.identity(), name) for name in starts}, Flat(), starts, 0.1, area=area)
+
+
+def test_the_edge_belongs_to_the_area() -> None:
+    setup = setup_of({"a": EXACT}, np.array([[-1.0, 2.0], [3.0, 4.0]]))
+    points = np.array([[0.0, 3.0], [-1.0, 2.0], [3.0, 4.0], [3.5, 3.0], [0.0, 1.75], [-2.0, 6.5], [np.nan, 3.0]])
+    inside = [True, True, True, False, False, False, False]
+    assert setup.contains(points).tolist() == inside
+    np.testing.assert_array_equal(setup.distance_beyond(points), [0, 0, 0, 0.5, 0.25, 2.5, np.nan])
+    high = np.column_stack([points, np.full(len(points), 99.0)])
+    assert setup.contains(high).tolist() == inside, "height does not matter"
+    assert setup.contains(points[:0]).shape == setup.distance_beyond(points[:0]).shape == (0,)
+
+
+def test_without_an_area_everything_is_inside() -> None:
+    setup, far = setup_of({"a": EXACT}), np.array([[1e6, 0.0], [0.0, -1e6]])
+    assert setup.contains(far).all()
+    assert not setup.distance_beyond(far).any()
+
+
+def test_a_fixed_camera_has_a_start_pose_without_covariance() -> None:
+    setup = setup_of({"wanderer": DOUBTED, "camera": EXACT, "lost": None, "rover": DOUBTED})
+    assert [name for name in setup.starts if setup.is_fixed(name)] == ["camera"]
+    assert setup.moving_robots == ("wanderer", "lost", "rover")
+    assert setup.anchored_robots == ("wanderer", "rover")
