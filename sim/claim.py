@@ -1,46 +1,56 @@
-"""A claim on a path that one process at a time can hold, and that goes with the process however it ends."""
+"""An exclusive lock on a path, held by one process at a time and released when that process ends, however it ends."""
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from filelock import FileLock, Timeout
 
-class Claimed(ValueError):  # noqa: N818  it is what happened, and one line for who asked
-    """Somebody else holds the claim."""
+
+class Locked(ValueError):  # noqa: N818  the name states what is the case; the message is one line for the user
+    """Another process holds the lock."""
 
 
 @contextmanager
-def claim(path: Path, wait: bool = False) -> Iterator[None]:
-    """Hold `path`, a file of no content that is made and removed, during this context. Whatever a dead process held is free.
+def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
+    """Hold the lock on the file `path` during this context. The file is empty, and is removed at the end.
 
-    wait: until it is free; else raises Claimed, in one line, where another process holds it.
+    The process id stands in a second file, `path` with `.pid` appended. It serves the error message alone: the operating system keeps the lock.
+
+    wait: wait until the lock is free. Otherwise Locked is raised, with one line for a message, where another process holds it.
+    Raises FileNotFoundError where the folder does not exist.
     """
-    held = _take(path, wait)
+    path.parent.stat()  # FileLock would make the folder.
+    lock, holder = FileLock(path), holder_file(path)
     try:
-        os.truncate(held, 0)
-        os.write(held, f"{os.getpid()}\n".encode())
+        lock.acquire(blocking=wait)
+    except Timeout:
+        raise Locked(f"{path.parent}: another run (process {_holder(holder)}) writes into it; wait for it, or choose another --out") from None
+    try:
+        holder.write_text(f"{os.getpid()}\n")
         yield
     finally:
-        path.unlink(missing_ok=True)
-        os.close(held)
+        # Both are removed while the lock is held: afterwards they may belong to the next process.
+        with suppress(OSError):
+            holder.unlink(missing_ok=True)
+        # On POSIX a process that opened this file earlier sees, once it has locked it, that it has no name, and opens a new one.
+        # Windows cannot remove a file that is open: filelock removes it there.
+        if os.name == "posix":
+            path.unlink(missing_ok=True)
+        lock.release()
 
 
-def _take(path: Path, wait: bool) -> int:
-    while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            # Who held it before may have removed it while we waited: then another file may bear its name by now.
-            if path.exists() and os.path.samestat(os.fstat(descriptor), path.stat()):
-                return descriptor
-        except FileNotFoundError:
-            pass
-        except BlockingIOError:
-            holder = path.read_text().strip() or "unknown"
-            os.close(descriptor)
-            raise Claimed(f"{path.parent}: another run (process {holder}) writes into it; wait for it, or choose another --out") from None
-        os.close(descriptor)
+def holder_file(path: Path) -> Path:
+    """The file with the id of the process that holds the lock on `path`."""
+    return path.with_name(f"{path.name}.pid")
+
+
+def _holder(path: Path) -> str:
+    """The process id in this file; "unknown" where the holder has not written it yet, or removes it now."""
+    try:
+        return path.read_text().strip() or "unknown"
+    except OSError:
+        return "unknown"

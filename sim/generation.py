@@ -18,7 +18,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from sim.claim import claim
+from sim.claim import file_lock
 from sim.presets import Preset
 from sim.production import Order, carry_out
 from sim.workforce import Lost, Workforce
@@ -81,7 +81,7 @@ def generate(plan: Plan) -> int:
     """
     _check_free(plan)
     plan.out.mkdir(parents=True, exist_ok=True)
-    with claim(plan.out / ".lock"):
+    with file_lock(plan.out / ".lock"):
         _check_free(plan)
         orders = plan.orders()
         for order in orders:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim.claim import Claimed, claim
+from sim.claim import Locked, file_lock
 from sim.lookouts import lookouts
 from sim.presets import Preset, confined, provenance
 from sim.record import Stage, record_stage
@@ -56,7 +56,7 @@ class Order:
     def sweep(self) -> None:
         """Remove what a run that was killed has left of it; what is still written stays."""
         if self.partial.exists() or self._lock.exists():
-            with suppress(Claimed), claim(self._lock):
+            with suppress(Locked), file_lock(self._lock):
                 shutil.rmtree(self.partial, ignore_errors=True)
 
     @property
@@ -73,7 +73,7 @@ class Order:
                 raise ValueError(f"{name} is {os.environ.get(name)!r} in a worker, needs to be 1 from its start on (Dask's nannies see to it)")
         os.environ["LP_NUM_THREADS"] = "1"
         # A process has one watchdog and one OpenGL: workers of Dask may have several threads.
-        with _one_at_a_time, claim(self._lock, wait=True):
+        with _one_at_a_time, file_lock(self._lock, wait=True):
             if not self.whole:
                 record_stage(self._stage(), self.folder)
 

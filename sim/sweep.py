@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sim.claim import claim
+from sim.claim import file_lock, holder_file
 from sim.record import versions
 from sim.trial import SCHEMA, Trial, blank
 from sim.worker import Worker
@@ -119,7 +119,7 @@ def close_workers() -> None:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Nobody else writes rows here meanwhile."""
-    with claim(folder / LOCK):
+    with file_lock(folder / LOCK):
         try:
             yield
         finally:
@@ -130,7 +130,7 @@ def _whole_rows(folder: Path) -> list[dict[str, Any]]:
     """The rows of a folder; a last line that was cut off in writing is left out. Raises ValueError for anything else that is no row."""
     path = folder / RESULTS
     if not path.exists():
-        others = [p.name for p in folder.iterdir() if p.name not in (LOCK, RUN, "moments")]
+        others = [p.name for p in folder.iterdir() if p.name not in (LOCK, holder_file(folder / LOCK).name, RUN, "moments")]
         if others:
             raise ValueError(f"{folder}: holds {others[0]} and no {RESULTS}; choose another --out or remove it")
         return []

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import tyro
 
-from sim.claim import claim
+from sim.claim import file_lock
 from sim.commands.generate import Generate
 from tracker.dataset import sequences
 from tracker.inspection import inspect
@@ -97,7 +97,7 @@ def test_another_dataset_or_run_in_the_folder_is_refused(dataset: Path, tmp_path
         wish(*same, "--seed", "5", out=dataset)
     with pytest.raises(ValueError, match="is a dataset of 2 sequences, --count is 1"):
         wish(*same, "--count", "1", out=dataset)
-    with claim(dataset / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
+    with file_lock(dataset / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
         wish(*same, out=dataset)
     (tmp_path / "diary.txt").write_text("dear diary")
     with pytest.raises(ValueError, match="holds something else"):

@@ -1,13 +1,14 @@
 """Running sweeps: rows, what is resumed, what is refused, what is contained."""
 
-import fcntl
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from sim.claim import file_lock
 from sim.contender import Contender
 from sim.scenario import Scenario
 from sim.stress import Case
@@ -78,10 +79,8 @@ def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     rows_of(tmp_path, trial(tmp_path))
     with pytest.raises(ValueError, match=r"holds misses/0 seed 1005 of another run \(scenario differs\)"):
         sweep([trial(tmp_path, frames=9)], tmp_path, Force(), "pilsim stress")
-    with (tmp_path / ".lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(ValueError, match=r"another run \(process unknown\) writes into it"):
-            sweep([trial(tmp_path)], tmp_path, Force(), "pilsim stress")
+    with file_lock(tmp_path / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
+        sweep([trial(tmp_path)], tmp_path, Force(), "pilsim stress")
 
 
 def test_folders_that_hold_something_else(tmp_path: Path) -> None:

@@ -1,14 +1,17 @@
-"""XML that may come from anywhere: read with the line of every fault; what could name other files or grow without bound is refused."""
+"""XML files of unknown origin, read with the line of each element; what could name other files or grow without bound is refused."""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NoReturn
-from xml.parsers import expat
+from xml.sax import SAXParseException
+from xml.sax.handler import ContentHandler
+from xml.sax.xmlreader import AttributesImpl
 
 import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.expatreader import DefusedExpatParser
 
 MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 32
@@ -57,33 +60,45 @@ class Element:
         return int(value)
 
 
+class _Tree(ContentHandler):
+    """Collects the elements under `top`, each with its line."""
+
+    def __init__(self, where: str, parser: DefusedExpatParser) -> None:
+        super().__init__()
+        self.top = Element("", {}, 1, where)
+        self._open = [self.top]
+        self._parser = parser
+
+    def startElement(self, name: str, attrs: AttributesImpl) -> None:
+        element = Element(name, dict(attrs.items()), self._parser.getLineNumber() or 0, self.top.where)
+        if len(self._open) > MAX_DEPTH:
+            raise ValueError(f"{element.where}:line {element.line}: field {name} is nested deeper than {MAX_DEPTH}")
+        self._open[-1].children.append(element)
+        self._open.append(element)
+
+    def endElement(self, name: str) -> None:
+        self._open.pop()
+
+
 def parse(path: str | os.PathLike[str], root: str) -> Element:
-    """The file's tree. A document type or an entity is refused (they can name other files and grow without bound), and so are
-    files above 64 MiB and elements nested deeper than 32.
+    """The element `root` at the top of a file, with all that it holds.
+
+    Raises ValueError, in one line that names the file, for what is no XML and for files above 64 MiB. Document types and entities are refused,
+    as they can name other files and grow without bound. Elements nested deeper than 32 are refused.
     """
     source = Path(path)
     if source.stat().st_size > MAX_BYTES:
         raise ValueError(f"{path}: {source.stat().st_size} bytes, needs at most {MAX_BYTES}")
-    top = Element("", {}, 1, str(path))
-    stack = [top]
-    parser = expat.ParserCreate()
-
-    def refuse(*_: object) -> NoReturn:
-        raise ValueError(f"{path}:line {parser.CurrentLineNumber}: holds a document type or an entity, which is refused")
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, parser.CurrentLineNumber, str(path))
-        if len(stack) > MAX_DEPTH:
-            raise ValueError(f"{path}:line {element.line}: field {tag} is nested deeper than {MAX_DEPTH}")
-        stack[-1].children.append(element)
-        stack.append(element)
-
-    parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: stack.pop()
+    parser = DefusedExpatParser(forbid_dtd=True)
+    tree = _Tree(str(path), parser)
+    parser.setContentHandler(tree)
     try:
-        parser.Parse(source.read_bytes(), True)
-    except (expat.ExpatError, LookupError, UnicodeError) as error:
+        with source.open("rb") as file:
+            parser.parse(file)
+    except DefusedXmlException:
+        raise ValueError(f"{path}:line {parser.getLineNumber()}: holds a document type or an entity, which is refused") from None
+    except SAXParseException as error:
+        raise ValueError(f"{path}: is not XML: {error.getMessage()}: line {error.getLineNumber()}, column {error.getColumnNumber()}") from None
+    except (LookupError, UnicodeError) as error:
         raise ValueError(f"{path}: is not XML: {error}") from None
-    return top.find(root)
+    return tree.top.find(root)
