@@ -1,21 +1,48 @@
-"""Means over seeds with 95 % intervals, and paired differences: how sure a figure is."""
+"""Confidence intervals of means over seeds, and paired differences between two sets of runs."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 Verdict = Literal["higher", "lower", "no difference seen", "identical", "one seed"]
+Bounds = tuple[float | None, float | None]
+"""The least and the greatest value that a figure can take; None where it has no such limit."""
+
+UNBOUNDED: Bounds = (None, None)
+SHARE: Bounds = (0.0, 1.0)
+AT_LEAST_ZERO: Bounds = (0.0, None)
+AT_MOST_ONE: Bounds = (None, 1.0)
+_BOUNDS: dict[str, Bounds] = (
+    dict.fromkeys(("mota", "mota_all"), AT_MOST_ONE)
+    | dict.fromkeys(("idf1", "hota", "map_complete", "map_ghosts", "visible_recall", "seen", "seen_twice"), SHARE)
+    | dict.fromkeys(("ate_m", "dead_reckoning_m", "ate_bound_m", "motp_m", "target_bound_m", "map_aligned_m", "robots_off"), AT_LEAST_ZERO)
+    | dict.fromkeys(("efficiency", "clique_gap", "gospa", "misses", "false_positives", "switches", "truths"), AT_LEAST_ZERO)
+    | dict.fromkeys(("collisions", "near_misses", "tip_overs", "energy"), AT_LEAST_ZERO)
+)
+FEWEST_RESAMPLED = 6
+"""Values from which the bootstrap is used. Five values have too few distinct resamples for a coverage near 95 %."""
+RESAMPLES = 4999
+SEED = 20090
+"""Each interval uses a generator of its own with this seed, so the same values always give the same interval."""
+
+
+def bounds_of(figure: str) -> Bounds:
+    """The bounds of a figure by its name in the rows, for instance (None, 1) for "mota". An unknown name has none."""
+    return _BOUNDS.get(figure, UNBOUNDED)
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean of `count` independent values and the interval that holds the true mean with the confidence asked for; one value has none
-    (low and high are None).
+    """The mean of `count` independent values, and its confidence interval from low to high.
+
+    A single value has no interval: low and high are None.
     """
 
     mean: float
@@ -24,14 +51,14 @@ class Interval:
     count: int
 
     def text(self, digits: int = 2, signed: bool = False) -> str:
-        """As in 0.61 (0.55 to 0.67)."""
+        """The mean and the interval as text, for instance "0.61 (0.55 to 0.67)"."""
         sign = "+" if signed else ""
         mean, low, high = (None if v is None else f"{v:{sign}.{digits}f}".replace("-", "−") for v in (self.mean, self.low, self.high))
         return str(mean) if low is None else f"{mean} ({low} to {high})"
 
     @property
     def verdict(self) -> Verdict:
-        """What a difference says: only an interval that leaves out 0 is a difference."""
+        """The verdict on a difference. It is "higher" or "lower" only where the interval excludes 0."""
         if self.low is None or self.high is None:
             return "one seed"
         if self.low == self.high == 0:
@@ -39,20 +66,78 @@ class Interval:
         return "higher" if self.low > 0 else "lower" if self.high < 0 else "no difference seen"
 
 
-def mean_interval(values: Sequence[float], confidence: float = 0.95) -> Interval:
-    """Student's t interval of the mean: mean ± t(n − 1) · s / √n. Raises ValueError where there is no value."""
-    array = np.asarray(values, dtype=np.float64)
-    if not len(array):
-        raise ValueError("values has length 0, needs at least 1")
-    mean = float(array.mean())
+def mean_interval(values: Sequence[float], confidence: float = 0.95, bounds: Bounds = UNBOUNDED) -> Interval:
+    """The mean of independent values with a confidence interval that stays within the range of the figure.
+
+    Six values or more: a BCa bootstrap interval (Efron 1987), with the tails widened for small samples as Hesterberg (2015, section 3.4)
+    proposes. It lies between the least and the greatest value. Where BCa is undefined, the percentile interval takes its place.
+    Two to five values: Student's t interval, cut at `bounds`. The bootstrap covers the true mean in only 70 to 80 % of such cases.
+    Equal values: an interval of zero width. One value: no interval.
+
+    A cut at the bounds costs no coverage, since the true mean lies within them. On skewed values both kinds cover less than the 95 % they
+    claim. Simulated on lognormal, exponential and beta values: 83 to 93 % with 3 to 6 values, 88 to 95 % with 10, 89 to 95 % with 20.
+    The interval depends on the values alone: not on their order, nor on other calls. It always contains the mean.
+
+    Raises ValueError where there is no value.
+    """
+    array = _checked(values)
+    if len(array) < FEWEST_RESAMPLED or array.min() == array.max():
+        return student_interval(values, confidence, bounds)
+    # Sorted: the resamples are drawn by index, and the order of the values must not matter.
+    low, high = _bootstrap(np.sort(array), confidence)
+    return _around(array, low, high)
+
+
+def student_interval(values: Sequence[float], confidence: float = 0.95, bounds: Bounds = UNBOUNDED) -> Interval:
+    """Student's t interval of the mean, mean ± t(n − 1) · s / √n, cut at `bounds`. One value has no interval.
+
+    Raises ValueError where there is no value.
+    """
+    array = _checked(values)
     if len(array) == 1:
-        return Interval(mean, None, None, 1)
+        return Interval(float(array.mean()), None, None, 1)
     spread = float(array.std(ddof=1)) / float(np.sqrt(len(array)))
-    reach = float(stats.t.ppf(0.5 + confidence / 2, len(array) - 1)) * spread
-    return Interval(mean, mean - reach, mean + reach, len(array))
+    half_width = float(stats.t.ppf(0.5 + confidence / 2, len(array) - 1)) * spread
+    mean = float(array.mean())
+    low, high = mean - half_width, mean + half_width
+    return _around(array, low if bounds[0] is None else max(low, bounds[0]), high if bounds[1] is None else min(high, bounds[1]))
 
 
 def paired(first: Mapping[int, float], second: Mapping[int, float], confidence: float = 0.95) -> Interval | None:
-    """Second less first, seed by seed, over the seeds that both have; None where they share none."""
+    """The second less the first, seed by seed, over the seeds that both have. None where they share none.
+
+    The interval is Student's t. Differences of paired runs have no bounds to leave and are nearly symmetric, so t covers 95 % of true
+    differences from 3 seeds on. It also holds at the high confidences of a Bonferroni correction, where the bootstrap ends at the extremes.
+    """
     seeds = sorted(set(first) & set(second))
-    return mean_interval([second[seed] - first[seed] for seed in seeds], confidence) if seeds else None
+    return student_interval([second[seed] - first[seed] for seed in seeds], confidence) if seeds else None
+
+
+def _checked(values: Sequence[float]) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    if not len(array):
+        raise ValueError("values has length 0, needs at least 1")
+    return array
+
+
+def _around(array: NDArray[np.float64], low: float, high: float) -> Interval:
+    """An interval that contains the mean: BCa on extreme values, or a bound below a value, could leave it out."""
+    mean = float(array.mean())
+    return Interval(mean, min(low, mean), max(high, mean), len(array))
+
+
+def _bootstrap(array: NDArray[np.float64], confidence: float) -> tuple[float, float]:
+    """Low and high of the BCa interval, or of the percentile interval where BCa is not a number."""
+    n = len(array)
+    tail = float(stats.norm.cdf(np.sqrt(n / (n - 1)) * stats.t.ppf(0.5 - confidence / 2, n - 1)))
+    for method in ("BCa", "percentile"):
+        # SciPy warns of a degenerate BCa, which the percentile interval then replaces.
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", stats.DegenerateDataWarning)
+            drawn = stats.bootstrap(
+                (array,), np.mean, n_resamples=RESAMPLES, confidence_level=1 - 2 * tail, method=method, rng=np.random.default_rng(SEED)
+            )
+        low, high = float(drawn.confidence_interval.low), float(drawn.confidence_interval.high)
+        if np.isfinite(low) and np.isfinite(high):
+            break
+    return low, high

@@ -1,4 +1,4 @@
-"""Paired differences as a picture: a dot and its interval a setting, and the line of no difference."""
+"""A plot of paired differences: for each setting the mean and its interval, beside the line of no difference."""
 
 from __future__ import annotations
 
@@ -8,22 +8,25 @@ from typing import Any
 import matplotlib
 import matplotlib.figure
 
-from sim.paired import EVERY, MEASURES, Contest, Measure
+from sim.paired import EVERY, MEASURES, ComparedMeasure, PairedComparison
 from sim.report_plots import MARKERS, PALETTE, STYLE, shortened
 from tracker.atomic import new_file
 
 
-def draw(contest: Contest, path: Path) -> None:
-    """Write a PNG, under a temporary name first: a panel a measure, a line a setting, a colour an entrant. Better is always to the right."""
-    ids = list(dict.fromkeys(one.id for match in contest.matches for one in match.differences))
+def draw(found: PairedComparison, path: Path) -> None:
+    """Write a PNG, under a temporary name first. Each measure has a panel, each setting a line, each tracker a colour. Right is better.
+
+    Raises ValueError where no pair of runs has scores.
+    """
+    ids = list(dict.fromkeys(one.id for pair in found.pairs for one in pair.differences))
     if not ids:
-        raise ValueError(f"{path}: there is no pair of runs that both have scores, so nothing to draw")
+        raise ValueError(f"{path}: no pair of runs has scores, so there is nothing to draw")
     with matplotlib.rc_context(STYLE):
-        figure = matplotlib.figure.Figure(figsize=(13, 1.9 + 0.42 * len(ids) * max(1, 0.6 * len(contest.matches))), layout="constrained")
-        figure.suptitle(f"Beside {contest.reference.name}: difference and 95 % interval; filled: sure", fontsize=12, x=0.01, ha="left")
+        figure = matplotlib.figure.Figure(figsize=(13, 1.9 + 0.42 * len(ids) * max(1, 0.6 * len(found.pairs))), layout="constrained")
+        figure.suptitle(f"Difference from {found.reference.name} with 95 % interval; filled: the interval excludes 0", fontsize=12, x=0.01, ha="left")
         panels = figure.subplots(1, len(MEASURES), sharey=True)
         for axes, measure in zip(panels, MEASURES, strict=True):
-            _panel(axes, contest, measure, ids)
+            _panel(axes, found, measure, ids)
         panels[0].set_yticks(range(len(ids)), [shortened(id) for id in ids])
         panels[0].invert_yaxis()
         handles, labels = panels[0].get_legend_handles_labels()
@@ -33,20 +36,20 @@ def draw(contest: Contest, path: Path) -> None:
             figure.savefig(part, dpi=120, metadata={"Software": None})
 
 
-def _panel(axes: Any, contest: Contest, measure: Measure, ids: list[str]) -> None:
+def _panel(axes: Any, found: PairedComparison, measure: ComparedMeasure, ids: list[str]) -> None:
     axes.axvline(0, color="#222222", linewidth=1.2)
     axes.grid(axis="y", visible=False)
-    for k, match in enumerate(contest.matches):
-        shift = 0.5 * ((k + 0.5) / len(contest.matches) - 0.5)
+    for k, pair in enumerate(found.pairs):
+        shift = 0.5 * ((k + 0.5) / len(found.pairs) - 0.5)
         style = {"color": PALETTE[k % len(PALETTE)], "marker": MARKERS[k % len(MARKERS)], "markersize": 7, "linestyle": "none"}
-        axes.plot([], [], label=match.entrant.name, **style)
-        for one in match.differences:
+        axes.plot([], [], label=pair.tracker.name, **style)
+        for one in pair.differences:
             if one.measure is measure:
                 place, interval = ids.index(one.id) + shift, one.interval
                 if interval.low is not None and interval.high is not None:
                     axes.hlines(place, interval.low, interval.high, color=style["color"], linewidth=3 if one.id == EVERY else 1.8)
-                sure = one.words in ("better", "worse")
-                axes.plot([interval.mean], [place], fillstyle="full" if sure else "none", markeredgewidth=1.8, **style)
+                certain = one.verdict in ("better", "worse")
+                axes.plot([interval.mean], [place], fillstyle="full" if certain else "none", markeredgewidth=1.8, **style)
     if not measure.more_is_better:
         axes.invert_xaxis()
     axes.set(title=measure.label, xlabel="worse ←   difference   → better")

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from sim.intervals import Interval, mean_interval
+from sim.intervals import Interval, bounds_of, mean_interval
 from sim.placement_config import PlacementConfig
 from sim.placement_episode import Episode
 from sim.placement_terms import TERMS
@@ -73,7 +73,7 @@ def table(outcomes: Sequence[Outcome], measures: Sequence[str] = ()) -> dict[str
     out: dict[str, dict[str, Interval]] = {}
     for name in dict.fromkeys(outcome.policy for outcome in outcomes):
         rows = [outcome.values for outcome in outcomes if outcome.policy == name]
-        out[name] = {measure: mean_interval([row[measure] for row in rows]) for measure in (measures or rows[0])}
+        out[name] = {measure: mean_interval([row[measure] for row in rows], bounds=bounds_of(measure)) for measure in (measures or rows[0])}
     return out
 
 

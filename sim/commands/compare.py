@@ -37,13 +37,13 @@ class Compare:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from sim.paired import contest, described, to_json
+        from sim.paired import compare_paired, described, to_json
 
         if self.out is not None and self.out.suffix.lower() != ".png":
             raise ValueError(f"--out is {self.out}, needs a name that ends in .png")
         if not self.folders:
             raise ValueError("compare needs folders of results, the first as the reference")
-        found = contest(self.folders)
+        found = compare_paired(self.folders)
         if self.out is not None:
             from sim.paired_plot import draw
 

@@ -1,4 +1,4 @@
-"""Trackers beside each other: differences pair by pair, by hand; what cannot be compared is refused."""
+"""Paired comparison of trackers: differences by hand; runs that cannot be compared are refused."""
 
 import copy
 import json
@@ -9,7 +9,7 @@ import cv2
 import pytest
 
 from sim.commands.compare import Compare
-from sim.paired import EVERY, contest, described, to_json
+from sim.paired import EVERY, compare_paired, described, to_json
 from sim.paired_plot import draw
 from tests.sim import stress_rows
 
@@ -27,18 +27,18 @@ def better(rows: list[dict[str, Any]], tracker: str = "default") -> list[dict[st
 
 def test_two_folders(tmp_path: Path) -> None:
     before = stress_rows.density(4)
-    found = contest([stress_rows.write(tmp_path / "a", before), stress_rows.write(tmp_path / "b", better(before))])
-    (match,) = found.matches
-    assert (found.reference.name, match.entrant.name, match.alone, match.failed) == ("a", "b", (0, 0), 0)
-    by = {(one.id, one.measure.name): one for one in match.differences}
+    found = compare_paired([stress_rows.write(tmp_path / "a", before), stress_rows.write(tmp_path / "b", better(before))])
+    (pair,) = found.pairs
+    assert (found.reference.name, pair.tracker.name, pair.unpaired, pair.failed) == ("a", "b", (0, 0), 0)
+    by = {(one.id, one.measure.name): one for one in pair.differences}
     assert len(by) == 15
     whole = by[EVERY, "mota"]
     # Differences a seed are 0.02, 0.03, 0.02, 0.03: mean 0.025, s = 0.0057735, t(3) = 3.182446.
     assert whole.interval.mean == pytest.approx(0.025)
     assert whole.interval.low == pytest.approx(0.025 - 3.182446 * 0.0057735 / 2, abs=1e-6)
-    assert (whole.words, whole.pairs, whole.interval.count) == ("better", 16, 4)
-    assert by[EVERY, "idf1"].words == "identical"
-    assert by["density/2", "ate_m"].words == "worse"
+    assert (whole.verdict, whole.pairs, whole.interval.count) == ("better", 16, 4)
+    assert by[EVERY, "idf1"].verdict == "identical"
+    assert by["density/2", "ate_m"].verdict == "worse"
     text = described(found)
     assert "better (4 seeds)" in text
     assert "+0.025 (+0.016 to +0.034)" in text
@@ -46,9 +46,9 @@ def test_two_folders(tmp_path: Path) -> None:
 
 def test_three_trackers_of_one_folder(tmp_path: Path) -> None:
     rows = stress_rows.density(3)
-    found = contest([stress_rows.write(tmp_path, rows + better(rows, "mine") + [row | {"tracker": {"name": "same"}} for row in rows])])
-    assert [match.entrant.name for match in found.matches] == ["mine", "same"]
-    assert {one.words for one in found.matches[1].differences} == {"identical"}
+    found = compare_paired([stress_rows.write(tmp_path, rows + better(rows, "mine") + [row | {"tracker": {"name": "same"}} for row in rows])])
+    assert [pair.tracker.name for pair in found.pairs] == ["mine", "same"]
+    assert {one.verdict for one in found.pairs[1].differences} == {"identical"}
     draw(found, tmp_path / "new" / "out.png")
     image = cv2.imread(str(tmp_path / "new" / "out.png"))
     assert image is not None
@@ -60,18 +60,20 @@ def test_rows_without_a_partner_and_failed_ones_are_counted(tmp_path: Path) -> N
     rows = stress_rows.density(3)
     other = better(rows)[:-2]
     other[0] = stress_rows.failed(other[0], "ValueError: no")
-    found = contest([stress_rows.write(tmp_path / "a", rows), stress_rows.write(tmp_path / "b", [*other, stress_rows.row("density", 0, 5, 77)])])
-    (match,) = found.matches
-    assert (match.alone, match.failed) == ((2, 1), 1)
-    assert next(one.pairs for one in match.differences if one.id == EVERY) == 9
+    found = compare_paired(
+        [stress_rows.write(tmp_path / "a", rows), stress_rows.write(tmp_path / "b", [*other, stress_rows.row("density", 0, 5, 77)])]
+    )
+    (pair,) = found.pairs
+    assert (pair.unpaired, pair.failed) == ((2, 1), 1)
+    assert next(one.pairs for one in pair.differences if one.id == EVERY) == 9
     assert "(2 runs of a without a partner; 1 run of b without a partner; 1 pair with a failed run left out)" in described(found)
 
 
 def test_seeds_and_not_settings_are_independent(tmp_path: Path) -> None:
     """Four settings of one seed are one value: there is no interval."""
     rows = stress_rows.density(1)
-    found = contest([stress_rows.write(tmp_path / "a", rows), stress_rows.write(tmp_path / "b", better(rows))])
-    assert {one.words for one in found.matches[0].differences} == {"one seed"}
+    found = compare_paired([stress_rows.write(tmp_path / "a", rows), stress_rows.write(tmp_path / "b", better(rows))])
+    assert {one.verdict for one in found.pairs[0].differences} == {"one seed"}
     assert json.loads(json.dumps(to_json(found)))["entrants"][0]["differences"][0]["low"] is None
 
 
@@ -87,16 +89,16 @@ def test_seeds_and_not_settings_are_independent(tmp_path: Path) -> None:
 def test_what_cannot_be_compared(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     row = stress_rows.row("density", 0, 5, 0)
     with pytest.raises(ValueError, match=message):
-        contest([stress_rows.write(tmp_path / "a", [row]), stress_rows.write(tmp_path / "b", [row | changes])])
+        compare_paired([stress_rows.write(tmp_path / "a", [row]), stress_rows.write(tmp_path / "b", [row | changes])])
 
 
 def test_there_must_be_two(tmp_path: Path) -> None:
     folder = stress_rows.write(tmp_path / "a", stress_rows.density(1))
     with pytest.raises(ValueError, match=r"holds one tracker \(default\), needs another"):
-        contest([folder])
+        compare_paired([folder])
     with pytest.raises(ValueError, match="the same folder is given twice"):
-        contest([folder, folder])
-    found = contest([folder, stress_rows.write(tmp_path / "x" / "a", better(stress_rows.density(1)))])
+        compare_paired([folder, folder])
+    found = compare_paired([folder, stress_rows.write(tmp_path / "x" / "a", better(stress_rows.density(1)))])
     assert found.reference.name == str(folder)
 
 
