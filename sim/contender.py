@@ -18,7 +18,7 @@ from tracker.measurements import Estimate, Setup, Tick
 from tracker.pipeline import Parameters, track
 from tracker.results import Results, surveyed
 from tracker.selection import MultipleParameters
-from tracker.slam import SlamParameters
+from tracker.slam_parameters import SlamParameters
 
 Tracking = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
 

@@ -22,7 +22,7 @@ from tracker.geometry import Array, Pose, angles_from_bearing, deflected, wrap
 from tracker.ground import Grid
 from tracker.measurements import Detections, Estimate, Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.pipeline import Parameters, Tracker
-from tracker.slam import SlamParameters
+from tracker.slam_parameters import SlamParameters
 
 CAMERA = Panorama(1024, 512)
 BODY_RADIUS = 0.22

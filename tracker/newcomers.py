@@ -6,16 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from tracker.geometry import Array, Pose
-from tracker.measurements import Setup, Start, Tick
-from tracker.relocation import Known, Place, locate
-
-if TYPE_CHECKING:
-    from tracker.slam import Slam, SlamParameters
+from tracker.measurements import Setup, Sightings, Start, Tick
+from tracker.relocation import Known, Place, State, locate
+from tracker.slam_parameters import SlamParameters
 
 LEVEL_SIGMA = 0.3
 """rad: what is known of roll and pitch before the first "up" is used; that measurement is taken in by the filter as any other."""
@@ -23,12 +21,25 @@ FRAME_SIGMA = 1e-4
 """m and rad: place and heading in one's own frame are so by definition."""
 
 
+class SingleRobotFilter(Protocol):
+    """What is asked of the filter of one robot that waits (tracker.slam.Slam). sighted: camera → sightings of static landmarks at the last tick."""
+
+    sighted: dict[str, Sightings]
+
+    @property
+    def state(self) -> State: ...
+
+    def step(self, tick: Tick) -> None: ...
+
+    def pose(self, robot: str) -> Pose: ...
+
+
 class Newcomers:
     """Robots that wait, each with a filter of its own, which `build` makes and which maps nothing."""
 
-    def __init__(self, setup: Setup, parameters: SlamParameters, build: Callable[[Setup, SlamParameters], Slam]) -> None:
+    def __init__(self, setup: Setup, parameters: SlamParameters, build: Callable[[Setup, SlamParameters], SingleRobotFilter]) -> None:
         self.setup, self.parameters, self._build = setup, parameters, build
-        self._alone: dict[str, Slam] = {}
+        self._alone: dict[str, SingleRobotFilter] = {}
         self._rule = replace(parameters.search, pairs=parameters.search.strangers)
 
     def step(self, name: str, tick: Tick, known: Known) -> Place | str:

@@ -21,7 +21,8 @@ from tracker.multiple import MultipleTargets
 from tracker.naming import Names
 from tracker.seeing import ImageParameters, Sight
 from tracker.selection import MultipleParameters
-from tracker.slam import Slam, SlamParameters
+from tracker.slam import Slam
+from tracker.slam_parameters import SlamParameters
 from tracker.trees import Tracks
 from tracker.visibility import Viewpoint
 

@@ -21,7 +21,8 @@ from tracker.gaussian import nees
 from tracker.geometry import Pose, deflected, exp_so3, rotation_z
 from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
-from tracker.slam import Slam, SlamParameters
+from tracker.slam import Slam
+from tracker.slam_parameters import SlamParameters
 
 Array = NDArray[np.float64]
 

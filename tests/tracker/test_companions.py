@@ -20,7 +20,8 @@ from tracker.joint import Joint
 from tracker.linearisation import Met, linearise
 from tracker.measurements import Companions, Mount, Odometry, Setup, Start, Tick
 from tracker.persistence import Persistence
-from tracker.slam import Slam, SlamParameters
+from tracker.slam import Slam
+from tracker.slam_parameters import SlamParameters
 
 Array = NDArray[np.float64]
 MODES = ("iekf", "fej", "invariant")

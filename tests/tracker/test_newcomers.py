@@ -15,7 +15,8 @@ from tracker.measurements import Setup, Sightings, Tick
 from tracker.newcomers import level_start
 from tracker.pipeline import track
 from tracker.results import Results
-from tracker.slam import Slam, SlamParameters
+from tracker.slam import Slam
+from tracker.slam_parameters import SlamParameters
 from tracker.trajectory import score_robots
 
 HALL = Room(seed=20, robots=3, ticks=45, landmarks=110)

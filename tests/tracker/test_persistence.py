@@ -14,7 +14,8 @@ from tracker.joint import Joint, Linear
 from tracker.linearisation import linearise
 from tracker.measurements import Odometry, Start, Tick
 from tracker.persistence import COUNT, Persistence, freed, root
-from tracker.slam import Slam, SlamParameters
+from tracker.slam import Slam
+from tracker.slam_parameters import SlamParameters
 
 RULE = Persistence()
 OFF = {"r0": (0.0, 0.0, 0.0, 1.0, 1.0, -1.0), "r1": (0.0, 0.0, 0.0, 1.0, -1.0, 1.0)}

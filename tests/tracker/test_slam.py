@@ -17,7 +17,8 @@ from tracker.geometry import Pose, exp_so3
 from tracker.ground import Flat
 from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
 from tracker.motion import compose
-from tracker.slam import Slam, SlamParameters
+from tracker.slam import Slam
+from tracker.slam_parameters import SlamParameters
 
 SHORT = Room(robots=2, ticks=60, landmarks=90)
 
