@@ -1,6 +1,6 @@
 """A fixed lag: what is said of a tick some ticks later, when it is known who came, who had gone, and which way people went on.
 
-Smoothing: Rauch, Tung, Striebel (1965), Maximum likelihood estimates of linear dynamic systems, over the filtered states that a track remembers.
+A track remembers its filtered states, which are smoothed step by step backwards (rts_smoother.rts_step).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.leaves import Leaves, going
+from tracker.rts_smoother import rts_step
 from tracker.trees import MotionParameters, Tracks
 
 Mask = NDArray[np.bool_]
@@ -50,12 +51,7 @@ def smoothed(tracks: Leaves, ago: int, motion: tuple[float, MotionParameters]) -
     """The tracks as they were `ago` ticks before, with what came since taken into state and covariance; all are older than that."""
     x, P = tracks.past[:, 0], tracks.spread[:, 0]
     for k in range(1, ago + 1):
-        now, spread = tracks.past[:, k], tracks.spread[:, k]
-        F, Q = going(tracks.gap[:, k - 1], *motion)
-        predicted = F @ spread @ F.transpose(0, 2, 1) + Q
-        C = np.linalg.solve(predicted, F @ spread).transpose(0, 2, 1)
-        x = now + (C @ (x[:, :, None] - F @ now[:, :, None]))[:, :, 0]
-        P = spread + C @ (P - predicted) @ C.transpose(0, 2, 1)
+        x, P = rts_step((tracks.past[:, k], tracks.spread[:, k]), (x, P), *going(tracks.gap[:, k - 1], *motion))
     # How tall they are is not followed here.
     state, covariance = np.zeros((len(x), 5)), np.zeros((len(x), 5, 5))
     state[:, :4], covariance[:, :4, :4] = x, P

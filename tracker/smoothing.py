@@ -1,6 +1,6 @@
 """A fixed lag: what is said of a tick some ticks later, when it is known who came, who had gone, and which way people went on.
 
-Smoothing: Rauch, Tung, Striebel (1965), Maximum likelihood estimates of linear dynamic systems, over the filtered states of the window.
+The window holds filtered states, which are smoothed step by step backwards (rts_smoother.rts_step).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array
+from tracker.rts_smoother import rts_step
 from tracker.trees import MotionParameters, Tracks, onward
 
 Mask = NDArray[np.bool_]
@@ -107,14 +108,7 @@ class Lag:
             goes_on = np.isin(now.tree, after.tree)
             x, P = now.state.copy(), now.covariance.copy()
             before = now.select(goes_on)
-            x[goes_on], P[goes_on] = _back(before, after, *onward(before.misses, self.period, self.motion))
+            F, Q = onward(before.misses, self.period, self.motion)
+            x[goes_on], P[goes_on] = rts_step((before.state, before.covariance), (after.state, after.covariance), F, Q)
             after = replace(now, state=x, covariance=P)
         return after
-
-
-def _back(now: Tracks, after: Tracks, F: Array, Q: Array) -> tuple[Array, Array]:
-    """One step of the smoother for rows of the same trees, which went on by F (n, 5, 5) and Q (5, 5): states (n, 5), covariances (n, 5, 5)."""
-    predicted = F @ now.covariance @ F.transpose(0, 2, 1) + Q
-    C = np.linalg.solve(predicted, F @ now.covariance).transpose(0, 2, 1)
-    x = now.state + (C @ (after.state[:, :, None] - F @ now.state[:, :, None]))[:, :, 0]
-    return x, now.covariance + C @ (after.covariance - predicted) @ C.transpose(0, 2, 1)
