@@ -201,6 +201,20 @@ def deflected(bearing: Array, error: Array) -> Array:
     return np.asarray(out)
 
 
+def rotation_onto(points: Array, onto: Array, upright: bool = False) -> Array:
+    """The rotation (d, d) of the rigid motion that brings `points` (n, d) m nearest to `onto` (n, d) m in the mean of squares.
+
+    d is 2 or 3, and the means of both are left out (Umeyama 1991, eqs. 39 to 42, with scale 1). upright: of the rotations about z alone; for d = 3.
+    """
+    M = (onto - onto.mean(axis=0)).T @ (points - points.mean(axis=0))
+    if upright:
+        return rotation_z(float(np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])))
+    U, _, Vt = np.linalg.svd(M)
+    signs = np.ones(len(M))
+    signs[-1] = np.linalg.det(U) * np.linalg.det(Vt)
+    return np.asarray(U @ np.diag(signs) @ Vt)
+
+
 def triangulate(origins: ArrayLike, directions: ArrayLike) -> tuple[Array, float]:
     """The point nearest to several lines, in the mean of squares.
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tracker.atomic import new_folder
 from tracker.formats.utias import Robot, Team
-from tracker.geometry import Array
+from tracker.geometry import Array, rotation_onto
 from tracker.sequence import read_json
 
 SCHEMA = 1
@@ -158,10 +158,7 @@ def _rms(rows: Array) -> float:
 
 def _aligned(points: Array, onto: Array) -> Array:
     """points (n, 2) after the rigid motion that brings them nearest to `onto` (Umeyama 1991, scale 1)."""
-    middle, target = points.mean(axis=0), onto.mean(axis=0)
-    U, _, Vt = np.linalg.svd((onto - target).T @ (points - middle))
-    R = U @ np.diag([1.0, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
-    return (points - middle) @ R.T + target
+    return (points - points.mean(axis=0)) @ rotation_onto(points, onto).T + onto.mean(axis=0)
 
 
 def table(scores: dict[str, dict[str, float | None] | None]) -> str:

@@ -11,7 +11,7 @@ from itertools import permutations
 import numpy as np
 from scipy.stats import chi2
 
-from tracker.geometry import Array, Pose, rotation_z
+from tracker.geometry import Array, Pose, rotation_onto
 
 Poses = Mapping[str, Sequence[Pose | None]]
 Covariances = Mapping[str, Sequence[Array | None] | None]
@@ -153,14 +153,8 @@ def align(points: Array, onto: Array, upright: bool = False) -> Pose:
     """The rigid motion that brings `points` (n, 3) nearest to `onto` (n, 3) in the mean of squares (Umeyama 1991, scale 1); upright: among those
     that turn about z alone.
     """
-    middle, target = points.mean(axis=0), onto.mean(axis=0)
-    M = (onto - target).T @ (points - middle)
-    if upright:
-        R = rotation_z(float(np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])))
-    else:
-        U, _, Vt = np.linalg.svd(M)
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt
-    return Pose(R, target - R @ middle)
+    R = rotation_onto(points, onto, upright)
+    return Pose(R, onto.mean(axis=0) - R @ points.mean(axis=0))
 
 
 def _absolute(frames: Pairs, alignments: tuple[Pose, ...]) -> RobotScore:
