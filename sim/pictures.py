@@ -20,6 +20,7 @@ from tracker.ground import Grid
 from tracker.measurements import Image, Mount, Tick
 from tracker.results import Results
 from tracker.sequence import Sequence
+from tracker.videos import check_frames
 
 matplotlib.use("Agg")
 
@@ -256,18 +257,30 @@ def _plan_so_far(sequence: Sequence, results: Results, relief: Relief, tick: Tic
 
 
 def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
-    """An MP4 (MPEG-4 part 2) of RGB frames, all of one size. Raises ValueError where there is no frame or no encoder."""
-    writer = None
+    """An MP4 file (VP9, which browsers play) of RGB frames (H, W, 3) at `rate` frames/s. All have one size, of an even H and an even W.
+
+    Raises ValueError where there is no frame, where a size does not fit and where OpenCV cannot encode VP9; OSError where the disk is full.
+    """
+    writer, size, count = cv2.VideoWriter(), (0, 0), 0
     with new_file(path) as part:
         try:
-            for frame in frames:
-                if writer is None:
-                    writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), rate, (frame.shape[1], frame.shape[0]))
-                    if not writer.isOpened():
-                        raise ValueError(f"{path}: this OpenCV cannot write MP4 video")
+            for count, frame in enumerate(frames, 1):
+                if count == 1:
+                    size = (frame.shape[1], frame.shape[0])
+                    _open_vp9(writer, part, path, size, rate)
+                if frame.shape != (size[1], size[0], 3):  # The writer would leave it out and not say so.
+                    raise ValueError(f"{path}: frame {count - 1} has the shape {frame.shape}, needs {(size[1], size[0], 3)}")
                 writer.write(frame[:, :, ::-1])
         finally:
-            if writer is not None:
-                writer.release()
-        if writer is None:
+            writer.release()
+        if count == 0:
             raise ValueError(f"{path}: no frame to write")
+        check_frames(part, count, path)
+
+
+def _open_vp9(writer: Any, part: Path, path: Path, size: tuple[int, int], rate: float) -> None:
+    """Begin the file `part`, named `path` in messages. size: (width, height) px."""
+    if size[0] % 2 or size[1] % 2:  # The encoder would cut off the last column or row: it halves the resolution of the colours.
+        raise ValueError(f"{path}: frames are {size[0]} x {size[1]} pixels, needs an even width and height")
+    if not writer.open(str(part), cv2.VideoWriter.fourcc(*"vp09"), rate, size):
+        raise ValueError(f"{path}: this OpenCV cannot write VP9 video at {rate} frames/s here; opencv-python-headless from PyPI has an encoder")

@@ -205,7 +205,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(dataset: Path,
             assert time.monotonic() < deadline
             assert run.poll() is None
             time.sleep(0.05)
-        holders = [int(path.read_text()) for path in tmp_path.glob("D/.pilsun-*.lock")]
+        holders = [int(path.read_text()) for path in tmp_path.glob("D/.pilsun-*.lock.pid")]
         assert set(holders) <= set(pids)
         os.kill(holders[0], signal.SIGKILL)
         _, said = run.communicate(timeout=400)
