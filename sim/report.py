@@ -1,4 +1,4 @@
-"""A stress test as one page that one wants to read: plots, words and pictures from the rows that `stress` left. No network, no scripts."""
+"""The report of a stress test: one page with findings, plots and pictures, from the rows that `stress` wrote."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tracker.atomic import write_text
 
 
 def write_report(folder: Path, out: Path | None = None) -> Path:
-    """Write the page (FOLDER/report.html unless `out` says otherwise), and PNG and CSV of each plot into FOLDER/report. Returns its path.
+    """Write the page to `out` (default: FOLDER/report.html), and each plot as PNG and CSV into FOLDER/report. Returns the path of the page.
 
     Raises ValueError as `read_rows` does, and where a picture lies outside the folder.
     """

@@ -14,11 +14,11 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup, escape
 
-from sim.intervals import mean_interval
+from sim.intervals import bounds_of, mean_interval
 from sim.report_glossary import CAUSES, GLOSSARY
 from sim.report_pictures import Album, Entry, Picture
 from sim.report_plots import Plot, shortened
-from sim.report_rows import STAGES, Row, Rows, Setting, Sweep
+from sim.report_rows import STAGES, Row, Rows, Setting, SweepRows
 from sim.report_series import name_of
 from sim.report_style import STYLE
 from sim.report_summary import headline, summary
@@ -43,13 +43,13 @@ from sim.stress import SWEEPS
 
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
 MOST_FAILED = 30
-"""Failed runs that are listed one by one."""
-KINDS_SAID = {"miss": "a person missed", "false positive": "somebody who is not there", "switch": "a swapped identity"}
-"""Kinds of a moment for a person to read."""
-MOMENTS_SAID = (
-    "The longest mistakes, each at its middle frame: the plan seen from above, ten metres wide. Rings are people as they truly are, with the way they"
-    " came; coloured dots are what the tracker tells of them; the red ring is the mistake. Arrows are robots, grey where they are, red where they"
-    " believe to be. Lines come from robots that have the person in sight, blue with a box about the person, grey without."
+"""The greatest number of failed runs that are listed."""
+KIND_NAMES = {"miss": "a missed person", "false positive": "a false person", "switch": "an identity switch"}
+"""Kinds of errors as the page names them."""
+ABOUT_MOMENTS = (
+    "The longest errors, each at its middle frame, on a plan ten metres wide. Rings are the true positions of people, with the paths behind them."
+    " Coloured dots are the tracks. The red ring is the error. Arrows are robots: grey at the true pose, red at the estimated pose."
+    " Lines lead from robots to people whom they see: blue where the detector reported a box, grey where it did not."
 )
 COLUMNS = (
     ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
@@ -59,8 +59,8 @@ HEADINGS = {
     "moments": "Worst moments",
     "failed": "Runs that failed",
     "figures": "All figures",
-    "words": "What the words mean",
-    "again": "To do it again",
+    "words": "Glossary",
+    "again": "How to reproduce it",
 }
 
 
@@ -143,7 +143,7 @@ def _content(report: Report) -> dict[str, Any]:
         "worst_figures": [figure for f in worst for figure in report.figures(f"first-{name_of(f.sweep.name)}")],
         "overview_figures": report.figures("overview"),
         "sweeps": [_sweep(report, sweep) for sweep in rows.sweeps()],
-        "about_moments": MOMENTS_SAID,
+        "about_moments": ABOUT_MOMENTS,
         "moments": [_moment(k, entry) for k, entry in enumerate(report.album.entries, 1)],
         "failed": _failed(rows.failed),
         "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
@@ -165,18 +165,18 @@ def _headings(report: Report) -> dict[str, str]:
     return {"short": "In short", "contents": "On this page", **sweeps, **rest}
 
 
-def _anchor(sweep: Sweep) -> str:
+def _anchor(sweep: SweepRows) -> str:
     return f"sweep-{name_of(sweep.name)}"
 
 
-def _title(sweep: Sweep) -> str:
+def _title(sweep: SweepRows) -> str:
     name = "Real" if sweep.name == REAL else sweep.name.replace("_", " ").capitalize()
     words = spread(sweep)
     return f"{name}: {words}" if len(words) < 70 else name
 
 
-def _sweep(report: Report, sweep: Sweep) -> PageSweep:
-    said = [f"What is tried: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
+def _sweep(report: Report, sweep: SweepRows) -> PageSweep:
+    said = [f"The sweep: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
     for tracker in report.rows.trackers:
         found = finding(sweep, tracker)
         if found is None:
@@ -195,7 +195,7 @@ def _sweep(report: Report, sweep: Sweep) -> PageSweep:
 def _moment(k: int, entry: Entry) -> PageMoment:
     row, moment = entry.row, entry.moment
     said = str(moment.get("kind"))
-    heading = f"{KINDS_SAID.get(said, said)}: {moment.get('cause', 'cause unknown')}"
+    heading = f"{KIND_NAMES.get(said, said)}: {moment.get('cause', 'cause unknown')}"
     where = f"{at_row(row)}, seed {row.seed}, frame {moment.get('frame')}, tracker {row.tracker}"
     if moment.get("person") is not None:
         where += f"; person {moment['person']}"
@@ -212,7 +212,7 @@ def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _tables(sweep: Sweep, tracker: str) -> tuple[str, list[PageTable]] | None:
+def _tables(sweep: SweepRows, tracker: str) -> tuple[str, list[PageTable]] | None:
     """A heading with the tables of one sweep and tracker; None where the tracker did not run."""
     settings = [s for s in sweep.ordered() if any(row.tracker == tracker for row in s.rows)]
     if not settings:
@@ -224,7 +224,7 @@ def _tables(sweep: Sweep, tracker: str) -> tuple[str, list[PageTable]] | None:
     if any(shares.values()):
         names = (*STAGES, "total")
         body = tuple((shortened(s.value), *(shares[s.id][name].text(3) if name in shares[s.id] else "–" for name in names)) for s in settings)
-        tables.append(PageTable(f"MOTA that perfect input would win back: {sweep.name}, {tracker}", (sweep.parameter, *names), body))
+        tables.append(PageTable(f"MOTA that perfect input would recover: {sweep.name}, {tracker}", (sweep.parameter, *names), body))
     return f"{sweep.name}, tracker {tracker}", tables
 
 
@@ -233,7 +233,7 @@ def _figures_of(setting: Setting, tracker: str) -> tuple[str, ...]:
     cells = [shortened(setting.value), str(len(setting.of(tracker))) + (f" (+ {failed} failed)" if failed else "")]
     for name, _, digits in COLUMNS:
         values = list(setting.scores(tracker, name).values())
-        interval = mean_interval(values) if values else None
+        interval = mean_interval(values, bounds=bounds_of(name)) if values else None
         cells.append("–" if interval is None else interval.text(digits) if digits else f"{interval.mean:.1f}")
     return tuple(cells)
 
@@ -241,7 +241,7 @@ def _figures_of(setting: Setting, tracker: str) -> tuple[str, ...]:
 def _failed(failed: Sequence[Row]) -> PageTable | None:
     """The first runs that failed; None where none did."""
     body = tuple((row.id, shortened(row.value), str(row.seed), row.tracker, str(row.error)) for row in failed[:MOST_FAILED])
-    caption = "Runs without scores, and what ended them"
+    caption = "Runs without scores, with their errors"
     return PageTable(caption, ("setting", "value", "seed", "tracker", "error"), body) if body else None
 
 

@@ -1,4 +1,4 @@
-"""Pictures of the worst moments, small enough for a page: JPEG as data URIs."""
+"""Pictures of the worst moments for the page: small JPEG files as data URIs."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import numpy as np
 from sim.report_rows import Row
 
 WIDTH = 1000
-"""px at most."""
+"""The greatest width in px."""
 BUDGET = 1_600_000
-"""Bytes of all pictures together, before base64: the page stays below 3 MB."""
+"""Bytes of all pictures together, before base64. The page then stays below 3 MB."""
 QUALITIES = (80, 65, 50, 35, 20)
 
 
@@ -30,12 +30,13 @@ class Picture:
 
     @property
     def uri(self) -> str:
+        """The picture as a data URI."""
         return "data:image/jpeg;base64," + base64.b64encode(self.data).decode("ascii")
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A moment of a run with the pictures that are there, and the names of those that are not."""
+    """A moment of a run with its pictures, and the names of pictures that are missing."""
 
     row: Row
     moment: dict[str, Any]
@@ -45,15 +46,15 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Album:
-    """The worst moments, the worst first."""
+    """The worst moments with their pictures, the worst first."""
 
     entries: tuple[Entry, ...]
 
     @staticmethod
     def of(folder: Path, moments: Sequence[tuple[Row, dict[str, Any]]]) -> Album:
-        """Read and shrink the pictures, all at the best quality at which they fit into the budget.
+        """Read the pictures and shrink them, all at the best JPEG quality with which they fit into BUDGET.
 
-        Raises ValueError for a picture outside the folder, or a file that is none.
+        Raises ValueError for a picture outside the folder, and for a file that is no image.
         """
         read = [(row, moment, _images(folder, row, moment)) for row, moment in moments]
         images = [image for _, _, (found, _) in read for image in found]

@@ -1,4 +1,4 @@
-"""Plots of a report: curves with intervals, stacked bars, and what each sweep costs; as SVG for the page, PNG and CSV beside it."""
+"""Plots of a report: curves with intervals, stacked bars and ranges, as SVG for the page and as PNG and CSV files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.intervals import Interval
 from tracker.atomic import new_file
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D00", "#5B5B5B")
-"""After Okabe and Ito: told apart by the colour-blind; their yellow, too pale for white paper, is darkened."""
+"""Colours of Okabe and Ito, which colour-blind readers can distinguish. Their yellow is darkened for white paper."""
 REST = "#C8CCD2"
 MARKERS = "osD^vPX*"
 HATCHES = ("", "//", "\\\\", "xx", "--", "||", "++", "")
@@ -38,14 +38,14 @@ STYLE: Any = {
     "svg.hashsalt": "pilsim",
 }
 SIZE = (4.7, 3.5)
-"""Inches: a phone's width at about the size of its text."""
+"""Inches. Text of 11 points is then legible on a phone."""
 LONGEST = 36
-"""Letters of a name on an axis at most."""
+"""The greatest number of letters of a name on an axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Means with intervals along an axis; limit: drawn dashed, as a bound that nobody passes."""
+    """Means with intervals along an axis. limit: whether the line is a bound, which is drawn dashed."""
 
     name: str
     points: tuple[Interval | None, ...]
@@ -54,7 +54,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """Shares that are stacked at each place of the axis: name → one value a place. rest: the name of what is left, drawn pale."""
+    """Shares that are stacked at each value of the axis: name → one share for each value. rest: the name of the remainder, drawn in grey."""
 
     parts: dict[str, tuple[float, ...]]
     rest: str = ""
@@ -62,7 +62,7 @@ class Bars:
 
 @dataclass(frozen=True, eq=False)
 class Spans:
-    """From a mean to another, one line a place of the axis, drawn sideways."""
+    """Horizontal ranges between two means, one for each value of the axis."""
 
     high: Line
     low: Line
@@ -70,9 +70,9 @@ class Spans:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """A plot: name (of its files), title, labels; values along the x axis (numbers, or names where `numeric` is false); what is drawn.
+    """A plot: the name of its files, its title and labels, the values along the x axis, and what is drawn.
 
-    within: what the axis of the scores shows at least; note: what a reader must know beside it.
+    numeric: whether the values are numbers, otherwise names. within: the range that the score axis shows at least. note: the caption.
     """
 
     name: str
@@ -87,11 +87,11 @@ class Plot:
 
     @property
     def lines(self) -> tuple[Line, ...]:
-        """All means that are drawn, none where it is bars."""
+        """All lines of means; none in a plot of bars."""
         return () if isinstance(self.drawn, Bars) else (self.drawn.high, self.drawn.low) if isinstance(self.drawn, Spans) else self.drawn
 
     def rows(self) -> list[list[Any]]:
-        """What is drawn, as a table with a head: value, series, mean, low, high, count; or value, part, amount."""
+        """The data as a table with a head: value, series, mean, low, high, seeds; or value, part, amount."""
         if isinstance(self.drawn, Bars):
             body = [[x, part, values[k]] for part, values in self.drawn.parts.items() for k, x in enumerate(self.x)]
             return [[self.x_label, "part", self.y_label], *body]
@@ -101,7 +101,7 @@ class Plot:
         return rows
 
     def in_words(self) -> str:
-        """The same for those who do not see it."""
+        """The data in words, for readers who do not see the plot."""
         if isinstance(self.drawn, Bars):
             pairs = {part: zip(self.x, values, strict=True) for part, values in self.drawn.parts.items()}
             said = [f"{part}: " + ", ".join(f"{x}: {value:.3g}" for x, value in pair) for part, pair in pairs.items()]
@@ -114,10 +114,10 @@ class Plot:
 
 
 def save(plot: Plot, folder: Path) -> str:
-    """Write NAME.png and NAME.csv into a folder, each under a temporary name first; returns the plot as an SVG element."""
+    """Write NAME.png and NAME.csv into a folder, each under a temporary name first. Returns the plot as an SVG element."""
     with matplotlib.rc_context(STYLE):
         figure = _figure(plot)
-        # Places are worked out once for both files.
+        # The layout is computed once for both files.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         picture, vector = io.BytesIO(), io.StringIO()
@@ -132,7 +132,7 @@ def save(plot: Plot, folder: Path) -> str:
 
 
 def inline(svg: str, name: str) -> str:
-    """An SVG file as an element of a page: without prolog and fixed size, with ids of its own."""
+    """An SVG file as an element of a page: without prolog and fixed size, with ids that begin with `name`."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1), count=1)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
@@ -140,10 +140,10 @@ def inline(svg: str, name: str) -> str:
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', svg)
     svg = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', svg)
     svg = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", svg)
-    # The page's own family: a reader need not have the one that matplotlib measured with.
+    # A reader may not have matplotlib's font, so the page's font family is used.
     svg = re.sub(r"(font: [^;\"]*?px) [^;\"]*|font-family: [^;\"]*", lambda found: f"{found[1] or 'font-family:'} sans-serif", svg)
     svg = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", svg, count=1, flags=re.DOTALL)
-    # Hundredths of a point are enough of a place; what is written between elements is for people and stays.
+    # Coordinates are rounded to hundredths of a point. Text between elements is not changed.
     svg = re.sub(r"<[^>]+>", lambda element: re.sub(r"(\.\d\d)\d+", r"\1", element[0]), svg)
     return re.sub(r"\n\s*", "\n", svg).strip()
 
@@ -188,7 +188,7 @@ def _longest(plot: Plot) -> int:
 
 
 def _places(axes: Any, plot: Plot) -> np.ndarray:
-    """Where the values stand; sets scale and ticks. Numbers of several orders stand on a logarithmic scale."""
+    """Positions of the values along the axis. Sets the scale and the ticks; the scale is logarithmic where numbers span a factor of 8."""
     if not plot.numeric:
         axes.set_xticks(range(len(plot.x)), [shortened(x) for x in plot.x])
         axes.margins(x=0.1)
@@ -243,13 +243,13 @@ def _bars(axes: Any, plot: Plot, bars: Bars) -> list[Any]:
     places = np.arange(len(plot.x), dtype=np.float64)
     _places(axes, Plot(plot.name, "", tuple(shortened(x) for x in plot.x), "", "", bars, numeric=False))
     axes.grid(axis="x", visible=False)
-    # What is below zero is stacked downwards, so that nothing hides.
+    # Negative amounts are stacked downwards, so that no bar hides another.
     up, down = np.zeros(len(places)), np.zeros(len(places))
     handles = []
     for k, (name, values) in enumerate(bars.parts.items()):
         amounts = np.array(values)
         if not amounts.any():
-            continue  # its colour stays its own, in all plots with the same parts
+            continue  # k still counts it, so every part keeps its colour in all plots
         bottom = np.where(amounts >= 0, up, down)
         colour, hatch = (REST, "") if name == bars.rest else (PALETTE[k % len(PALETTE)], HATCHES[k % len(HATCHES)])
         style = {"color": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.6}
@@ -261,6 +261,6 @@ def _bars(axes: Any, plot: Plot, bars: Bars) -> list[Any]:
 
 
 def shortened(value: Any) -> str:
-    """A value as it stands on an axis."""
+    """A value as the axis shows it, at most LONGEST letters."""
     text = f"{value:g}" if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"

@@ -1,4 +1,4 @@
-"""The rows that a stress test leaves in a folder, results.jsonl, read and put in order: sweeps of settings of runs."""
+"""The results of a stress test, read from results.jsonl and grouped by sweep and setting."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ STAGES = ("poses", "detections", "association", "terrain")
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One run: a setting (`id` of a sweep, whose `parameter` has `value`), a seed and a tracker, by its name.
+    """One run of one setting, seed and tracker. The setting `id` is the `sweep` with its `parameter` at `value`.
 
-    error: what the run failed with, in one line, or None. scores: numbers by the names of SCORES, limits: bounds beside them; what is not known
-    is not there. causes: kind of error → cause → count. ladder: measure ("mota", "metres") → stage → what perfect input there would win, or empty.
-    moments: the worst moments. where: file and line.
+    error: the error of a failed run in one line, or None. scores: name of SCORES → number; limits: name → bound; unknown ones are missing.
+    causes: kind of error → cause → count. ablation: measure ("mota", "metres") → stage → what perfect input to it would recover, or empty; the
+    file calls it ladder. moments: the worst moments. where: file and line.
     """
 
     id: str
@@ -41,7 +41,7 @@ class Row:
     scores: dict[str, float]
     limits: dict[str, float]
     causes: dict[str, dict[str, float]]
-    ladder: dict[str, dict[str, float]]
+    ablation: dict[str, dict[str, float]]
     moments: tuple[dict[str, Any], ...]
     versions: dict[str, Any]
     command: str
@@ -49,13 +49,14 @@ class Row:
 
     @property
     def frames(self) -> int | None:
+        """Number of frames of the scenario, where it is known."""
         frames = self.scenario.get("frames")
         return frames if isinstance(frames, int) else None
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """The runs of one id, of all seeds and trackers."""
+    """The runs of one id: all seeds and trackers."""
 
     id: str
     value: Any
@@ -66,13 +67,13 @@ class Setting:
         return sorted((row for row in self.rows if row.tracker == tracker and row.error is None), key=lambda row: row.seed)
 
     def scores(self, tracker: str, name: str) -> dict[int, float]:
-        """Seed → score or limit of that name, where it is known."""
+        """Seed → the score or bound of that name, where it is known."""
         return {row.seed: value for row in self.of(tracker) if (value := row.scores.get(name, row.limits.get(name))) is not None}
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
-    """Settings that differ in one parameter, in the order of their ids' numbers."""
+class SweepRows:
+    """The settings of one sweep, which differ in one parameter, in the order of the numbers in their ids."""
 
     name: str
     parameter: str
@@ -80,17 +81,17 @@ class Sweep:
 
     @property
     def numeric(self) -> bool:
-        """Whether all values are numbers, so that they have places on a scale."""
+        """Whether all values are numbers."""
         return all(isinstance(s.value, (int, float)) and not isinstance(s.value, bool) for s in self.settings)
 
     def ordered(self) -> tuple[Setting, ...]:
-        """Settings by value where that is a number, else as they come."""
+        """Settings by value where all values are numbers, otherwise in their own order."""
         return tuple(sorted(self.settings, key=lambda s: s.value)) if self.numeric else self.settings
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """All rows of a folder; torn: whether a last line was cut off and left out."""
+    """All rows of a folder. torn: whether the last line was cut off and left out."""
 
     folder: Path
     rows: tuple[Row, ...]
@@ -98,19 +99,20 @@ class Rows:
 
     @property
     def trackers(self) -> list[str]:
-        """Names of the trackers, the one that came first in front."""
+        """Names of the trackers, in the order of the rows."""
         return list(dict.fromkeys(row.tracker for row in self.rows))
 
     @property
     def failed(self) -> list[Row]:
+        """The rows of runs that failed."""
         return [row for row in self.rows if row.error is not None]
 
-    def sweeps(self) -> list[Sweep]:
-        """In the order in which they came. Raises ValueError where an id has two values."""
+    def sweeps(self) -> list[SweepRows]:
+        """The sweeps in the order of the rows. Raises ValueError where an id has two values."""
         by_sweep: dict[str, dict[str, list[Row]]] = {}
         for row in self.rows:
             by_sweep.setdefault(row.sweep, {}).setdefault(row.id, []).append(row)
-        return [Sweep(name, _parameter(settings), tuple(_settings(settings))) for name, settings in by_sweep.items()]
+        return [SweepRows(name, _parameter(settings), tuple(_settings(settings))) for name, settings in by_sweep.items()]
 
 
 def _parameter(settings: dict[str, list[Row]]) -> str:
@@ -133,9 +135,9 @@ def _number(id: str) -> float:
 
 
 def read_rows(folder: Path) -> Rows:
-    """The rows that `stress` wrote. A last line without an end is what an interrupted run leaves: it is left out and told of.
+    """Read the rows that `stress` wrote. An interrupted run leaves a last line without an end, which is left out and reported in `torn`.
 
-    Raises ValueError naming file and line where the folder holds no rows, rows of another version, or anything else that is damaged.
+    Raises ValueError naming file and line where the folder holds no rows, rows of another version, or damaged rows.
     """
     path = folder / ROWS
     if not folder.is_dir():
@@ -200,7 +202,7 @@ def _row(line: str, where: str) -> Row:
         scores=_numbers(fields.maybe("scores", dict) or {}, f"{where}: scores"),
         limits=_numbers(fields.maybe("limits", dict) or {}, f"{where}: limits"),
         causes={kind: _numbers(_object(counts, where, kind), f"{where}: {kind}") for kind, counts in causes.items()},
-        ladder={m: _numbers(_object(ladder[m], where, m), f"{where}: ladder {m}") for m in ("mota", "metres") if ladder.get(m)},
+        ablation={m: _numbers(_object(ladder[m], where, m), f"{where}: ladder {m}") for m in ("mota", "metres") if ladder.get(m)},
         moments=tuple(moments),
         versions=fields.maybe("versions", dict) or {},
         where=where,
@@ -209,7 +211,7 @@ def _row(line: str, where: str) -> Row:
 
 @dataclass(frozen=True)
 class _Fields:
-    """Fields of a row with their kinds checked."""
+    """The fields of a row, read with a check of their types."""
 
     content: dict[str, Any]
     where: str
@@ -239,7 +241,7 @@ def _value(value: Any, where: str) -> Any:
 
 
 def _numbers(values: dict[str, Any], where: str) -> dict[str, float]:
-    """Those that are known (not null). Raises ValueError for anything else than a finite number."""
+    """The numbers that are not null. Raises ValueError for a value that is not a finite number."""
     for name, value in values.items():
         if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)):
             raise ValueError(f"{where}: {name} is {value!r}, needs a finite number or null")

@@ -1,4 +1,4 @@
-"""How a report looks: on a phone, on a desk, on paper."""
+"""The style sheet of a report: for phones, for large screens and for print."""
 
 STYLE = """
 :root{color-scheme:light;--ink:#1a1c20;--soft:#4a4f57;--line:#cfd3d8;--paper:#fff;--wash:#f3f6f9;--accent:#00538a}

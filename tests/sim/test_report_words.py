@@ -1,4 +1,4 @@
-"""What a report says: sentences that follow from the rows, on rows whose scores are a formula."""
+"""The sentences of a report, on rows whose scores are a formula."""
 
 from pathlib import Path
 from typing import Any
@@ -24,42 +24,44 @@ def test_a_fall_its_place_and_its_reason(tmp_path: Path) -> None:
     assert "at 5 people to 0.20 (" in change(first)
     assert breaking(first) == "It is below 0.5 at 100 people."
     worst = first.worst.of("default")
-    why = "70 % misses, 20 % false positives and 10 % switches; the commonest cause: occluded (misses), 42 % of all errors: less than a fifth of"
+    why = (
+        "70 % misses, 20 % false positives and 10 % switches. The most frequent cause is occluded (misses), 42 % of all errors: less than a fifth of"
+    )
     assert why in reasons(worst, "x")
     assert owner(worst, "x").startswith(
-        "Of the MOTA lost at x, 0.80, perfect input to all of poses, detections, association and terrain would win back 0.80 ("
+        "The loss of MOTA at x is 0.80. Perfect input to poses, detections, association and terrain together would recover 0.80 ("
     )
-    assert "of this detections own 0.48 (" in owner(worst, "x")
-    assert "not sure" not in owner(worst, "x")
-    assert robots(first).startswith("Robots are 0.035 (")
-    assert "m at 100 people; by wheels alone it would be 0.200 m; no filter can be better than 0.020 m (the Cramér-Rao bound)." in robots(first)
+    assert "The largest shares are detections with 0.48 (" in owner(worst, "x")
+    assert "not significant" not in owner(worst, "x")
+    assert robots(first).startswith("The ATE of the robots is 0.035 (")
+    assert "m at 100 people; dead reckoning alone has 0.200 m; no filter can be better than 0.020 m (the Cramér-Rao bound)." in robots(first)
     assert second.fall == 0
-    assert change(second).startswith("No difference is seen for sure")
+    assert change(second).startswith("No significant difference is seen")
     assert breaking(second) == "It stays above 0.5 at every setting."
 
 
-def test_the_headline_is_the_largest_sure_fall(tmp_path: Path) -> None:
+def test_the_headline_is_the_largest_significant_fall(tmp_path: Path) -> None:
     rows = read(tmp_path, stress_rows.terrain() + stress_rows.density())
     assert headline(rows) == (
-        "Density hurts most: the tracking score MOTA (1 is perfect) falls from 0.96 at 5 people to 0.20 at 100 people."
-        " The commonest error there: misses, occluded."
+        "Density has the largest effect: MOTA (1 is perfect) falls from 0.96 at 5 people to 0.20 at 100 people."
+        " The most frequent errors there: misses (occluded)."
     )
-    assert "no setting is worse than another for sure" in headline(read(tmp_path / "t", stress_rows.terrain()))
+    assert "no setting is significantly worse than another" in headline(read(tmp_path / "t", stress_rows.terrain()))
 
 
 def test_one_seed_and_few_seeds_are_not_sure(tmp_path: Path) -> None:
     one = read(tmp_path / "one", stress_rows.density(1))
     found = finding(one.sweeps()[0], "default")
     assert found is not None
-    assert "one seed alone cannot say" in change(found)
+    assert "One seed alone cannot show" in change(found)
     assert found.fall == 0
-    assert "there are no intervals" in dict(summary(one))["How sure"]
-    assert "fewer than 5" in dict(summary(read(tmp_path / "two", stress_rows.density(2))))["How sure"]
-    assert "fewer" not in dict(summary(read(tmp_path / "five", stress_rows.density(5))))["How sure"]
+    assert "there are no intervals" in dict(summary(one))["Certainty"]
+    assert "fewer than 5" in dict(summary(read(tmp_path / "two", stress_rows.density(2))))["Certainty"]
+    assert "fewer" not in dict(summary(read(tmp_path / "five", stress_rows.density(5))))["Certainty"]
 
 
 def test_noise_alone_is_no_fall(tmp_path: Path) -> None:
-    """Settings that differ by chance only: the best and the worst of six are chosen, and still called different in few tests of many."""
+    """Settings that differ by chance only are rarely called different, although the best and the worst of six are compared."""
     import numpy as np
 
     rng, called = np.random.default_rng(0), 0
@@ -76,10 +78,10 @@ def test_noise_alone_is_no_fall(tmp_path: Path) -> None:
 def test_failures_are_told(tmp_path: Path) -> None:
     rows = stress_rows.density(2)
     rows[0] = stress_rows.failed(rows[0], "RuntimeError: boom")
-    told = dict(summary(read(tmp_path / "some", rows)))["How sure"]
-    assert "1 run of 8 failed and is in no mean (1 × RuntimeError: boom)" in told
+    told = dict(summary(read(tmp_path / "some", rows)))["Certainty"]
+    assert "1 run of 8 failed and is left out of all means (1 × RuntimeError: boom)" in told
     every = read(tmp_path / "all", [stress_rows.failed(row, "RuntimeError: boom") for row in rows])
-    assert dict(summary(every))["What broke"] == "Every run failed, or none has a score: 8 × RuntimeError: boom."
+    assert dict(summary(every))["Results"] == "Every run failed or has no score: 8 × RuntimeError: boom."
     assert headline(every).startswith("No run has a score")
 
 
@@ -87,7 +89,7 @@ def test_several_trackers_and_versions_are_told(tmp_path: Path) -> None:
     mine = [row | {"tracker": {"name": "mine", "options": {}}, "versions": {"pilsim": "9"}} for row in stress_rows.density(2)]
     told = dict(summary(read(tmp_path, stress_rows.density(2) + mine)))
     assert "default 0.65 over 8 runs and mine 0.65 over 8 runs" in told["Trackers"]
-    assert "different versions" in told["How sure"]
+    assert "different versions" in told["Certainty"]
 
 
 @pytest.mark.parametrize(
@@ -96,7 +98,7 @@ def test_several_trackers_and_versions_are_told(tmp_path: Path) -> None:
         ((0.9, 0.4, 0.3, 0.2), "It is below 0.5 from 20 people up."),
         ((0.1, 0.4, 0.6, 0.9), "It is below 0.5 from 20 people down."),
         ((0.9, 0.4, 0.9, 0.2), "It is below 0.5 at 20 people and 100 people."),
-        ((0.1, 0.4, 0.3, 0.2), "It is below 0.5 at every setting: the sweep starts from a tracker that is broken already."),
+        ((0.1, 0.4, 0.3, 0.2), "It is below 0.5 at every setting, so the tracker is broken before the sweep begins."),
     ],
 )
 def test_where_it_breaks(mota: tuple[float, ...], said: str, tmp_path: Path) -> None:
@@ -108,14 +110,14 @@ def test_where_it_breaks(mota: tuple[float, ...], said: str, tmp_path: Path) -> 
     assert breaking(found) == said
 
 
-def test_two_stages_that_own_alike_are_not_told_apart(tmp_path: Path) -> None:
+def test_two_stages_with_equal_shares_are_not_told_apart(tmp_path: Path) -> None:
     rows = [stress_rows.row("density", 0, 5, seed) for seed in range(4)]
     for row in rows:
         more = 0.01 * (-1) ** row["seed"]
         row["ladder"] = {"mota": {"poses": 0.1 + more, "detections": 0.1 - more, "association": 0.0, "terrain": 0.0, "total": 0.2}}
     found = finding(read(tmp_path, rows).sweeps()[0], "default")
     assert found is not None
-    assert owner(found.best.of("default"), "here").endswith("which of the two owns more is not sure.")
+    assert owner(found.best.of("default"), "here").endswith("the difference between these two is not significant.")
 
 
 def test_real_beside_its_twin(tmp_path: Path) -> None:
