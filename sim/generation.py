@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
@@ -153,8 +152,3 @@ def _shown(orders: list[Order]) -> Iterator[None]:
             watching.join()
             bar.n = sum(order.frames for order in orders)
             bar.refresh()
-
-
-def summary(plan: Plan) -> dict[str, Any]:
-    """What was asked for, as JSON values."""
-    return {"out": str(plan.out), "preset": plan.name, "count": plan.count, "frames": plan.count * plan.preset.scenario.frames}

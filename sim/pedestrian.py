@@ -18,7 +18,7 @@ from sim.legs import SHIN, THIGH
 from sim.soles import feet, turn
 from tracker.geometry import Array, frozen
 
-HIP_HEIGHT, SHOULDER_HEIGHT, CHIN_HEIGHT = 0.530, 0.818, 0.870
+HIP_HEIGHT, SHOULDER_HEIGHT = 0.530, 0.818
 UPPER_ARM, FOREARM, HAND = 0.186, 0.146, 0.108
 HALF_HIPS, HALF_SHOULDERS = 0.050, 0.107
 """Half the distance of the hip joints and of the shoulder joints (the outer shoulder is at 0.129)."""

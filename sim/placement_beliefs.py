@@ -52,11 +52,6 @@ class Beliefs:
         return Beliefs(known, mean, covariance), float(gain)
 
 
-def noise(eye: Array, point: Array) -> Array:
-    """(2, 2) m²: of a view from eye (x, y, height) m of feet at point (2,) m."""
-    return _noise(eye[0] - point[0], eye[1] - point[1], eye[2])
-
-
 def measure(feet: Array, eyes: Array, rng: np.random.Generator) -> Array:
     """(r, p, 2) m: feet (p, 2) m as views from eyes (r, 3) m (x, y, height over the ground) measure them."""
     draws = rng.normal(size=(len(eyes), len(feet), 2))

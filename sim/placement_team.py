@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from sim.driving import ACCELERATION, TOP_SPEED, TOP_YAW_RATE, YAW_ACCELERATION
+from sim.driving import ACCELERATION, YAW_ACCELERATION
 from sim.placement_map import PlacementMap, height_on
 from sim.rover import HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
 from sim.social_force import BODY_RADIUS
@@ -145,8 +145,3 @@ def energy(before: Array, after: Array, climbed: Array) -> float:
     gone, turned = after[:, TRAVELLED] - before[:, TRAVELLED], after[:, TURNED] - before[:, TURNED]
     work = MASS * GRAVITY * (ROLLING * gone + SCRUBBING * ARM * turned + np.maximum(climbed, 0.0))
     return float(work.sum()) / 1000.0
-
-
-def commands(action: Array) -> Array:
-    """(r, 2) m/s and rad/s of actions (r, 2) in [−1, 1]."""
-    return action * np.array([TOP_SPEED, TOP_YAW_RATE])

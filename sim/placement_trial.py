@@ -10,7 +10,6 @@ import gymnasium
 import numpy as np
 
 from sim.intervals import Interval, bounds_of, mean_interval
-from sim.placement_config import PlacementConfig
 from sim.placement_episode import Episode
 from sim.placement_terms import TERMS
 from sim.policies import Briefing, Lloyd, Policy, Random, Static
@@ -75,9 +74,3 @@ def table(outcomes: Sequence[Outcome], measures: Sequence[str] = ()) -> dict[str
         rows = [outcome.values for outcome in outcomes if outcome.policy == name]
         out[name] = {measure: mean_interval([row[measure] for row in rows], bounds=bounds_of(measure)) for measure in (measures or rows[0])}
     return out
-
-
-def key_of(options: dict[str, Any], seed: int) -> tuple[PlacementConfig, int]:
-    """The configuration of these options and the number of the map of that seed."""
-    config = PlacementConfig.of({k: v for k, v in options.items() if k not in ("density", "reward", "render_mode")}, options.get("density"))
-    return config, Episode.key(config, seed).seed

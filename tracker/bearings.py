@@ -131,7 +131,7 @@ class Placed:
 def intersect(origins: Array, directions: Array) -> tuple[Array, NDArray[np.bool_]]:
     """The point nearest to k lines, for n bundles at once: origins, directions (n, k, 3) → points (n, 3) and whether each is in front of all.
 
-    As geometry.triangulate; bundles of parallel lines give a point that is in front of none.
+    Nearest in the mean of squares of distances. Bundles of parallel lines give a point that is in front of none.
     """
     across = np.eye(3) - directions[..., :, None] * directions[..., None, :]
     A = across.sum(axis=1)

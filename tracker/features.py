@@ -166,18 +166,3 @@ def root(descriptor: NDArray[np.floating]) -> Floats:
     d = np.asarray(descriptor, dtype=np.float32)
     out: Floats = np.sqrt(d / np.maximum(d.sum(axis=1, keepdims=True), 1e-12))
     return out
-
-
-def match(a: Floats, b: Floats, ratio: float = 0.85, unlike: float = 0.7) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pairs of rows of unit descriptors a (n, d), b (m, d): each the other's nearest, under `unlike`, and under `ratio` of the second (Lowe 2004)."""
-    if len(a) == 0 or len(b) == 0:
-        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-    # No two patches are alike to the last digit: a floor keeps the ratio of two that nearly are away from 0 / 0.
-    distance = np.sqrt(np.maximum(2 - 2 * a @ b.T, 1e-4))
-    best = distance.argmin(axis=1)
-    rows = np.arange(len(a))
-    value = distance[rows, best]
-    mutual = distance.argmin(axis=0)[best] == rows
-    distance[rows, best] = np.inf
-    good = np.flatnonzero(mutual & (value < unlike) & (value <= ratio * distance.min(axis=1)))
-    return good, best[good]

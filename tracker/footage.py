@@ -19,7 +19,7 @@ from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angl
 from tracker.images import decode
 from tracker.layout import DETECTIONS
 from tracker.manifests import read_json
-from tracker.measurements import Detections, Ints, Setup, Truth
+from tracker.measurements import Detections, Setup, Truth
 from tracker.sequence import Sequence, read_sequence
 from tracker.tables import read_table
 
@@ -199,8 +199,3 @@ def boxes_of_detections(camera: Camera, detections: Detections) -> Array:
 def sized(edges: Array) -> Array:
     """(n, 4) left, top, right, bottom → left, top, width, height."""
     return np.column_stack([edges[:, :2], edges[:, 2:] - edges[:, :2]])
-
-
-def people_of(footage: Footage) -> Ints:
-    """All ids of a sequence, ascending."""
-    return np.unique(np.concatenate([t.person_id for t in footage.truth] + [np.zeros(0, dtype=np.int64)]))

@@ -111,13 +111,3 @@ def subtract(P: Array, A: Array, X: Array | None = None, Y: Array | None = None)
             P[left : left + TILE, rows] = P[rows, left : left + TILE].T
         block = P[rows, rows]
         np.copyto(block, block.T, where=UPPER[: len(block), : len(block)])
-
-
-def condition(P: ArrayLike, H: ArrayLike, residual: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-    """One plain Kalman update, for small dense states: the change of the mean (n,) and the covariance after it (n, n)."""
-    P, H = np.array(P, dtype=np.float64), np.asarray(H, dtype=np.float64)
-    HP = H @ P
-    S = HP @ H.T + np.asarray(R, dtype=np.float64)
-    change = HP.T @ solve_positive(S, np.asarray(residual, dtype=np.float64))
-    subtract(P, whitened(HP, S))
-    return change, P

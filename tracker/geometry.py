@@ -99,17 +99,6 @@ def rotation_z(yaw: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def right_jacobian_so3(phi: ArrayLike) -> Array:
-    """J with Exp(φ + δ) ≈ Exp(φ) Exp(J δ), (3, 3) (Solà, Deray, Atchuthan 2018, eq. 143)."""
-    v = np.asarray(phi, dtype=np.float64)
-    angle2 = float(v @ v)
-    K = skew(v)
-    if angle2 < 1e-8:
-        return np.eye(3) - 0.5 * K + (K @ K) / 6
-    angle = np.sqrt(angle2)
-    return np.eye(3) - (1 - np.cos(angle)) / angle2 * K + (angle - np.sin(angle)) / (angle2 * angle) * (K @ K)
-
-
 @dataclass(frozen=True, eq=False)
 class Pose:
     """A rigid motion T_a_b: rotation (3, 3), translation (3,) m. Raises ValueError where the rotation is not one (1e-6)."""
@@ -213,20 +202,3 @@ def rotation_onto(points: Array, onto: Array, upright: bool = False) -> Array:
     signs = np.ones(len(M))
     signs[-1] = np.linalg.det(U) * np.linalg.det(Vt)
     return np.asarray(U @ np.diag(signs) @ Vt)
-
-
-def triangulate(origins: ArrayLike, directions: ArrayLike) -> tuple[Array, float]:
-    """The point nearest to several lines, in the mean of squares.
-
-    origins (n, 3) m, directions (n, 3) unit → point (3,) m and the largest angle between two directions, radians (the parallax).
-    Raises ValueError for fewer than two lines or for lines that are parallel.
-    """
-    o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-    if len(o) < 2:
-        raise ValueError(f"triangulation got {len(o)} lines, needs at least 2")
-    across = np.eye(3) - d[:, :, None] * d[:, None, :]
-    A = across.sum(axis=0)
-    if np.linalg.cond(A) > 1e12:
-        raise ValueError("triangulation got parallel lines, needs a parallax above 0")
-    point = np.linalg.solve(A, np.einsum("nij,nj->i", across, o))
-    return point, float(np.arccos(np.clip((d @ d.T).min(), -1.0, 1.0)))

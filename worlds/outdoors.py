@@ -37,7 +37,6 @@ class Weather:
 
 
 FAIR = Weather((0.36, 0.56, 0.84), (0.84, 0.89, 0.94), 0.75)
-OVERCAST = Weather((0.62, 0.67, 0.72), (0.84, 0.86, 0.87), 0.35, 0.96)
 
 
 def embankment(rng: np.random.Generator, nodes: Array, half: float, height: float) -> Array:

@@ -14,12 +14,12 @@ from sim.scenario import Scenario
 from sim.simulation import Simulation
 from tests.sim.rays import silhouettes
 from tests.sim.yard import yard
+from tests.tracker.rectified import Gaze, rectify
 from tracker.annotations import HIDDEN, VISIBLE, ViewTruth, read_joints, read_views
 from tracker.cameras import Camera, Panorama, Tsai
 from tracker.geometry import Array, Pose
 from tracker.layout import KEYPOINT_NAMES
 from tracker.measurements import Ints, Setup
-from tracker.rectified import Gaze, rectify
 from tracker.sequence import read_sequence
 
 SCENARIO = Scenario(seed=5, robots=2, people=8, frames=6, width=1024)

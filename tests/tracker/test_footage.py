@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tests.tracker import sequences
 from tracker.boxes import detections_from_boxes
 from tracker.cameras import Panorama, Tsai, pinhole
-from tracker.footage import Footage, boxes_of_detections, people_of, sized
+from tracker.footage import Footage, boxes_of_detections, sized
 from tracker.geometry import bearing_from_angles
 from tracker.measurements import Detections
 
@@ -64,7 +64,6 @@ def test_nobody_has_no_boxes() -> None:
 def test_detections_and_people_are_the_sequences(tmp_path: Path) -> None:
     ticks = sequences.write(tmp_path / "s")
     footage = Footage.open(tmp_path / "s")
-    assert people_of(footage).tolist() == [4, 9]
     assert footage.rate == 6
     assert footage.fixed == {}
     for tick in ticks:

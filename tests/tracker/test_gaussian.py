@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.gaussian import block_diagonal, condition, gate, mahalanobis2, nees, robust_weights, subtract, whitened
+from tests.tracker.kalman import condition
+from tracker.gaussian import block_diagonal, gate, mahalanobis2, nees, robust_weights, subtract, whitened
 
 
 @pytest.fixture

@@ -20,12 +20,10 @@ from tracker.geometry import (
     frozen,
     log_so3,
     quaternion_from_rotation,
-    right_jacobian_so3,
     rotation_from_quaternion,
     rotation_z,
     skew,
     tangent_basis,
-    triangulate,
     wrap,
 )
 
@@ -127,16 +125,6 @@ def test_skew_is_the_cross_product() -> None:
     assert_allclose(skew(a[0]), skew(a)[0])
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-7, 9.9e-5, 1.01e-4, 0.3, 2.0, 3.1])
-def test_the_right_jacobian_against_differences(angle: float) -> None:
-    step = 1e-6
-    for axis in axes()[:10]:
-        phi = angle * axis
-        R = exp_so3(phi)
-        columns = [(log_so3(R.T @ exp_so3(phi + step * e)) - log_so3(R.T @ exp_so3(phi - step * e))) / (2 * step) for e in np.eye(3)]
-        assert_allclose(right_jacobian_so3(phi), np.stack(columns, axis=1), atol=1e-8)
-
-
 # --- poses ------------------------------------------------------------------------------------------------------------------------
 
 
@@ -218,27 +206,3 @@ def test_tangent_bases_are_orthonormal_and_point_the_right_way() -> None:
     assert_allclose(across * math.cos(elevation), along, atol=1e-9)
     assert_allclose(up, (bearing_from_angles(azimuth, elevation + step) - bearing_from_angles(azimuth, elevation - step)) / (2 * step), atol=1e-9)
     assert tangent_basis([0.0, 0, 1])[0] @ [0, 1, 0] == 1
-
-
-def test_triangulation_finds_the_point_and_the_parallax() -> None:
-    rng = np.random.default_rng(5)
-    for n in (2, 3, 8):
-        point, origins = rng.normal(0, 5, 3), rng.normal(0, 5, (n, 3))
-        d = point - origins
-        d /= np.linalg.norm(d, axis=1, keepdims=True)
-        found, parallax = triangulate(origins, d)
-        assert_allclose(found, point, atol=1e-6)
-        assert_allclose(parallax, max(np.arccos(np.clip(a @ b, -1, 1)) for a in d for b in d))
-
-
-def test_triangulation_of_skew_lines_is_the_middle_of_their_shortest_join() -> None:
-    found, parallax = triangulate([[0.0, 0, 0], [0, 5, 2]], [[1.0, 0, 0], [0, 1, 0]])
-    assert_allclose(found, [0, 0, 1], atol=1e-12)
-    assert_allclose(parallax, np.pi / 2)
-
-
-def test_triangulation_refuses_what_has_no_point() -> None:
-    with pytest.raises(ValueError, match="1 lines, needs at least 2"):
-        triangulate([[0.0, 0, 0]], [[1.0, 0, 0]])
-    with pytest.raises(ValueError, match="parallel"):
-        triangulate([[0.0, 0, 0], [0, 1, 0]], [[1.0, 0, 0], [1, 0, 0]])

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.tracker.kalman import condition
 from tracker.bearings import gravity, residual
-from tracker.gaussian import condition
 from tracker.geometry import Pose, skew
 from tracker.joint import Joint, Linear
 from tracker.measurements import Start

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.geometry import Pose, exp_so3, right_jacobian_so3
+from tracker.geometry import Pose, exp_so3, log_so3
 from tracker.motion import compose, exponential, orthogonal, retract, retraction_jacobian, right_jacobian
 
 SIZES = [0.0, 1e-9, 1e-7, 1e-4, 9.9e-3, 1.01e-2, 0.3, 2.0, np.pi - 1e-7, np.pi]
@@ -23,7 +23,16 @@ def test_rows_agree_with_geometry(rng: np.random.Generator, size: float) -> None
     phi = rng.normal(size=(4, 3))
     phi *= size / np.linalg.norm(phi, axis=1, keepdims=True)
     np.testing.assert_allclose(exponential(phi), [exp_so3(p) for p in phi], atol=1e-12)
-    np.testing.assert_allclose(right_jacobian(phi), [right_jacobian_so3(p) for p in phi], atol=1e-7)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-7, 1e-4, 9.9e-3, 1.01e-2, 0.3, 2.0, 3.1])
+def test_the_right_jacobian_against_differences(rng: np.random.Generator, angle: float) -> None:
+    step, phi = 1e-6, rng.normal(size=(10, 3))
+    phi *= angle / np.linalg.norm(phi, axis=1, keepdims=True)
+    for row, J in zip(phi, right_jacobian(phi), strict=True):
+        R = exp_so3(row)
+        columns = [(log_so3(R.T @ exp_so3(row + step * e)) - log_so3(R.T @ exp_so3(row - step * e))) / (2 * step) for e in np.eye(3)]
+        np.testing.assert_allclose(J, np.stack(columns, axis=1), atol=1e-7)
 
 
 def test_compose_moves_the_pose_and_its_error(rng: np.random.Generator) -> None:

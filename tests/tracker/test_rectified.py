@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.tracker.rectified import Gaze, rectify
 from tracker.cameras import Panorama
 from tracker.formats.pets2009 import read_camera, write_camera
 from tracker.geometry import Pose, angles_from_bearing
-from tracker.rectified import Gaze, rectify
 
 PANORAMA = Panorama(1024, 512)
 LEANING = Pose.planar(4.0, -2.0, 0.7, 1.5) @ Pose.exp([0, 0, 0, 0.15, -0.1, 0.0])
