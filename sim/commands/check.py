@@ -17,18 +17,21 @@ SHOWN = 100
 
 @dataclass(frozen=True)
 class Check:
-    """Verify a dataset or a sequence: files against manifests, tables against each other, truth against images. Exit code 0 if all is well, else 2.
+    """Verify a dataset: checksums, tables, and truth against images.
 
-    Each fault is a line, FILE: what is wrong with it. Checked are sums and sizes, that every image decodes to the size of its camera, that every
-    frame is there, that boxes are those of the instances to the pixel, that key points are where the cameras see the joints, and that values are
-    within their bounds.
+    DIR is a dataset or one sequence. Each fault is a line, FILE: what is wrong.
+    The command checks checksums and sizes, and that no frame is missing. It checks
+    that every image decodes to the size of its camera, and that boxes match the
+    instance masks to the pixel. It checks that key points project from the joints,
+    and that values are within their bounds. The exit code is 0 without a fault,
+    else 2.
 
     Examples: pilsim check D
               pilsim check D/pilsun-00000 --json
     """
 
     source: Annotated[Positional[Path], arg(metavar="DIR")]
-    """A dataset or a sequence."""
+    """The dataset or the sequence."""
     json: bool = False
     """Print JSON alone: {"faults": [{"file": …, "reason": …}, …], "count": …}."""
 

@@ -5,27 +5,33 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
+
+from sim.commands.options import unset
 
 
 @dataclass(frozen=True)
 class Clique:
-    """Find the heaviest clique of a weighted graph in the DIMACS format, by breakout local search or exactly.
+    """Find a maximum-weight clique of a graph in the DIMACS format.
 
-    Vertices count from 1, as in the file. Example: pilsim clique C500.9.clq --seconds 10 --seed 1 --target 6955 --json
+    The solver is breakout local search, or with --exact branch and bound. Vertices
+    count from 1, as in the file.
+
+    Example: pilsim clique C500.9.clq --seconds 10 --seed 1 --target 6955 --json
     """
 
-    file: Positional[Path]
-    """Lines `p edge N M`, `n VERTEX WEIGHT` (1 where there is none), `e A B`."""
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    """The graph: lines `p edge N M`, `n VERTEX WEIGHT`, `e A B`. A vertex without a line has the weight 1."""
     seconds: float = 10.0
-    """Search for so long, or prove for so long."""
+    """Time limit of the search or of the proof, s."""
     seed: int = 0
-    """Of the search; the same seed makes the same moves."""
-    target: float | None = None
-    """Stop at a clique of at least this weight."""
+    """The seed of the search; the same seed makes the same moves."""
+    target: Annotated[float | None, unset("WEIGHT", "none")] = None
+    """The search stops at a clique of at least this weight."""
     exact: bool = False
-    """Prove the best one, for small graphs."""
+    """Prove that the clique has the maximum weight; for small graphs."""
     json: bool = False
     """Print JSON alone: weight, moves, seconds, clique."""
 

@@ -7,18 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from sim.commands.options import unset
 
 
 @dataclass(frozen=True)
 class Compare:
-    """Compare trackers on the same runs: paired differences of MOTA, IDF1 and ATE with 95 % intervals, in all and setting by setting.
+    """Compare trackers on the same runs by differences with intervals.
 
-    Takes folders that `stress` wrote, of which the first is the reference, or one folder in which several trackers ran. Says better or worse
-    only where the interval leaves out 0.
-    For instance three filters on the same 20 runs, a folder each, the plain one as the reference:
+    Each DIR is a folder that `stress` wrote; the first is the reference. One folder
+    in which several trackers ran is enough. The table gives the differences of MOTA,
+    IDF1 and ATE with 95 % intervals, for all runs and for each setting. It says
+    better or worse only where the interval excludes 0.
+
+    Three filters on the same 20 runs, a folder each, the first as the reference:
       pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --slam ekf --correction off --out runs/ekf
       pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --slam iekf --iterations 2 --correction on --out runs/iekf
       pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --out runs/default
@@ -29,10 +32,10 @@ class Compare:
               pilsim compare runs/default runs/ekf runs/mine --out differences.png
     """
 
-    folders: Positional[tuple[Path, ...]]
-    """Result folders; the first is what the others are compared with."""
+    folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR [DIR ...]", help_behavior_hint="(at least one)")]
+    """Folders of results; the first is the reference."""
     out: Annotated[Path | None, unset("FILE.png", "none is drawn")] = None
-    """Draw the differences and their intervals."""
+    """A picture of the differences with their intervals."""
     json: bool = False
     """Print JSON alone."""
 

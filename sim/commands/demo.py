@@ -10,27 +10,30 @@ from sim.commands.options import Out
 
 @dataclass(frozen=True)
 class Demo:
-    """Simulate a crowd and robots, track it, score it, and draw it: the whole way once.
+    """Simulate people and robots, track them, score and draw the result.
 
-    Example: pilsim demo --frames 333 --seed 7 --out runs/seven
+    The command runs the whole pipeline once, at 6 frames a second.
+
+    Examples: pilsim demo
+              pilsim demo --frames 333 --seed 7 --out runs/seven
     """
 
     frames: int = 60
-    """How many frames, at 6 a second; the paper's set has 333."""
+    """Number of frames, at 6 a second; the paper's set has 333."""
     seed: int = 0
-    """Of everything random. The same seed gives the same bytes."""
+    """Seed of all random numbers; the same seed gives the same bytes."""
     robots: int = 4
-    """Rovers with a panoramic camera each."""
+    """Number of rovers, each with a panoramic camera."""
     people: int = 10
-    """Who walk about."""
+    """Number of people."""
     world: str = "pilsun"
-    """The place: pilsun is a small indoor lab with ramps, a step, a platform and furniture."""
+    """Name of the world, as `pilsim worlds` lists it. pilsun is an indoor laboratory with ramps, a step, a platform and furniture."""
     difficulty: float = 0.5
-    """Of the ground, from 0 (gentle) to 1."""
+    """Difficulty of the terrain, from 0 (gentle) to 1."""
     width: int = 1024
-    """Of a panorama in pixels; it is half as high."""
+    """Width of a panorama, pixels; it is half as high."""
     out: Out = Path("runs/demo")
-    """Where everything goes. The same scenario again reuses what is there."""
+    """Folder of all results. The same scenario again reuses what is there."""
 
     def run(self) -> None:
         from sim.demo import run_demo

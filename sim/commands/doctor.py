@@ -8,7 +8,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Doctor:
-    """Say what this computer has: versions, the OpenGL that renders, whether it is a GPU, and measured panoramas per second."""
+    """Report what this computer has: versions, OpenGL, rendering speed.
+
+    The report names the OpenGL renderer, says whether it is a GPU, and measures the
+    panoramas that it renders per second.
+
+    Example: pilsim doctor --json
+    """
 
     json: bool = False
     """Print JSON alone."""

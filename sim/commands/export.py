@@ -17,10 +17,16 @@ Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum"]
 
 @dataclass(frozen=True)
 class Export:
-    """Write a sequence, or all of a dataset, in a format that other tools read. The README.md in it explains every column.
+    """Write sequences in a format that other tools read.
 
-    pets: PETS 2009 (CVML truth, Tsai cameras); mot15, mot17: MOTChallenge, one sequence a view; wildtrack: Wildtrack and MultiviewX; coco:
-    COCO with masks, key points and tracks; jrdb: JRDB, panoramas; tum: trajectories of robots. pets and wildtrack know only fixed pinhole cameras.
+    README.md in the result explains every column. The formats are:
+      pets       PETS 2009: CVML truth, Tsai cameras (fixed pinhole cameras alone)
+      mot15      MOTChallenge 2015, one sequence a view
+      mot17      MOTChallenge 2017, one sequence a view
+      wildtrack  WILDTRACK and MultiviewX (fixed pinhole cameras alone)
+      coco       COCO with masks, key points and tracks
+      jrdb       JRDB: panoramas
+      tum        TUM: trajectories of robots
 
     Examples: pilsim export runs/pilsun --format mot17 --out runs/mot17
               pilsim export runs/pilsun/pilsun-00000 --format coco --out runs/coco
@@ -29,11 +35,11 @@ class Export:
     source: Annotated[Positional[Path], arg(metavar="DIR")]
     """A sequence, or a folder of sequences."""
     format: Format
-    """What is written."""
+    """The format to write."""
     out: Out
-    """Where it goes; must not be there yet."""
+    """Folder of the result; it must not exist yet."""
     rectangles: bool = False
-    """wildtrack: write rectangles.pom, too, a line for every camera and cell: millions."""
+    """wildtrack: write rectangles.pom too, a line for every camera and cell (millions of lines)."""
     json: bool = False
     """Print JSON alone."""
 

@@ -5,23 +5,55 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.commands.options import Out, numbers, unset
-from sim.commands.settings import Settings
+from sim.commands.settings import DetectorSettings, Number, ScenarioSettings, Whole, Word, given
 
 if TYPE_CHECKING:
     from sim.presets import Preset
 
+_COMMON = ("world", "difficulty", "seed", "robots", "people", "frames", "width")
+"""Options of a scenario that most people need."""
+
+
+@dataclass(frozen=True)
+class ImageFiles:
+    """Files of images beside JPEG."""
+
+    png: bool = False
+    """Write images without loss, as PNG in place of JPEG; three times as large."""
+    range: bool = False
+    """Write the range of every pixel, too, as 16-bit PNG in 1/256 m."""
+    classes: bool = False
+    """Write the semantic class of every pixel, too, as 8-bit PNG."""
+    video: bool = False
+    """Write an MP4 of every camera, too."""
+    mesh: bool = True
+    """Write the terrain as glTF, some MB a sequence."""
+
+
+@dataclass(frozen=True)
+class TwinFiles:
+    """What a twin is made from."""
+
+    annotations: Annotated[Path | None, unset("FILE", "needed for a twin")] = None
+    """The paths of the people: the CVML file of a PETS 2009 sequence, boxes in View_001."""
+    calibration: Annotated[Path | None, unset("DIR", "needed for a twin")] = None
+    """The folder of View_001.xml and so on (Tsai)."""
+
 
 @dataclass(frozen=True)
 class Generate:
-    """Generate a dataset: sequences of panoramas and of fixed cameras' images, with the truth of everything. It goes on where it was cut off.
+    """Generate a dataset: sequences of images with the full truth.
 
-    PRESET is pilsun (as the paper's set: 333 frames, 4 robots, 10 people, indoors), s2l1, s2l2 or s2l3 (crowds and cameras as in PETS 2009), each
-    in any world; or twin: the people of a PETS 2009 annotation on their real paths, before the real cameras and before rovers.
+    The same command continues a dataset that was interrupted. The presets are:
+      pilsun            as the paper's set: 333 frames, 4 robots, 10 people, indoors
+      s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
+      twin              the people of a PETS 2009 annotation on their real paths,
+                        seen by the real cameras and by rovers
 
     Examples: pilsim generate pilsun --out D
               pilsim generate pilsun --world forest --count 20 --workers 2 --out D
@@ -31,34 +63,41 @@ class Generate:
     """
 
     preset: Positional[Literal["pilsun", "s2l1", "s2l2", "s2l3", "twin"]]
-    """What kind of sequences."""
+    """The kind of sequences."""
     out: Out
-    """Where the dataset goes; what is whole in it is kept. A twin is one sequence, and must not be there yet."""
-    settings: OmitArgPrefixes[Settings] = Settings()
-    views: Annotated[str | None, unset("STR", "the preset's; 1 of a twin")] = None
-    """How many fixed cameras look on; or, for a twin, the numbers of the PETS cameras, as in 1,5,7."""
+    """Folder of the dataset; complete sequences in it are kept. The folder of a twin must not exist yet."""
     count: int = 1
-    """How many sequences; the n-th has the seed + n, and with it another place, people and ways."""
+    """Number of sequences; sequence n has the seed + n, and so another world, other people and other paths."""
+    seed: Whole = None
+    """Seed of all random numbers."""
+    frames: Whole = None
+    """Number of frames of a sequence."""
+    world: Word = None
+    """Name of the world, as `pilsim worlds` lists it."""
+    difficulty: Number = None
+    """Difficulty of the terrain, from 0 (gentle) to 1."""
+    robots: Whole = None
+    """Number of rovers, each with a panoramic camera."""
+    people: Whole = None
+    """Number of people, in all."""
+    width: Whole = None
+    """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
+    views: Annotated[str | None, unset("STR", "the preset's; 1 of a twin")] = None
+    """Number of fixed cameras; for a twin the numbers of the PETS cameras, as in 1,5,7."""
     workers: int = 1
-    """Processes on this machine; the bytes are the same with any number."""
-    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
-    """A Dask scheduler, as in tcp://10.0.0.1:8786, to use instead; its workers must see DIR under the same path."""
+    """Number of processes on this machine; the bytes are the same with any number."""
+    files: Annotated[OmitArgPrefixes[ImageFiles], arg(name="file")] = ImageFiles()
+    """These options choose what is written beside JPEG images and tables."""
+    twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
+    """The preset twin needs both files; no other preset takes them."""
+    scenario: Annotated[OmitArgPrefixes[ScenarioSettings], arg(name="expert scenario")] = ScenarioSettings()
+    """These options change people, cameras and physics of the preset."""
+    detector: Annotated[OmitArgPrefixes[DetectorSettings], arg(name="expert detector")] = DetectorSettings()
+    """These options change the errors of the simulated detector of people."""
     config: Annotated[Path | None, unset("FILE", "none")] = None
-    """A .toml or .json file of settings, as frames = 100 or at_once = 8; options given beside it win."""
-    png: bool = False
-    """Images without loss, as PNG in place of JPEG; three times as large."""
-    range: bool = False
-    """The range of every pixel too, as 16-bit PNG in 1/256 m."""
-    classes: bool = False
-    """The semantic class of every pixel too, as 8-bit PNG."""
-    video: bool = False
-    """An MP4 of every camera too."""
-    mesh: bool = True
-    """The terrain as glTF, some MB a sequence."""
-    annotations: Annotated[Path | None, unset("FILE", "needed for a twin")] = None
-    """Of a twin, who walked where: the CVML file of any PETS 2009 sequence, boxes in View_001."""
-    calibration: Annotated[Path | None, unset("DIR", "needed for a twin")] = None
-    """Of a twin, the folder of View_001.xml and so on (Tsai)."""
+    """A .toml or .json file of options, as frames = 100 or at_once = 8; the command line overrides it."""
+    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
+    """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path."""
 
     def run(self) -> None:
         if self.preset == "twin":
@@ -67,19 +106,23 @@ class Generate:
         from sim.generation import Plan, generate
         from tracker.recording import Form
 
-        if self.annotations or self.calibration:
+        if self.twin.annotations or self.twin.calibration:
             raise ValueError("--annotations and --calibration are for a twin: pilsim generate twin …")
-        form = Form(self.png, self.range, self.classes, self.video, self.mesh)
+        form = Form(**vars(self.files))
         plan = Plan(self.preset, self._preset(), self.out, self.count, form, self.workers, self.cluster)
         made = generate(plan)
         counted = f"{plan.count} sequence{'s' * (plan.count != 1)}, {made} new"
         print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
 
+    def _given(self) -> dict[str, Any]:
+        """Name → value of the options of a scenario that are on the command line."""
+        return given(self, _COMMON) | given(self.scenario) | given(self.detector)
+
     def _preset(self) -> Preset:
         """The preset with the settings of the file, and over them those of the command line."""
         from sim.presets import preset_of, read_settings
 
-        changes = self.settings.given()
+        changes = self._given()
         if self.views is not None:
             if not self.views.isdecimal():
                 raise ValueError(f"--views is {self.views!r}, needs a number of cameras")
@@ -101,16 +144,15 @@ class Generate:
         from sim.side_by_side import side_by_side
         from sim.twin import Twin, generate, likeness
 
-        if self.annotations is None or self.calibration is None:
+        if self.twin.annotations is None or self.twin.calibration is None:
             raise ValueError("a twin needs --annotations FILE and --calibration DIR")
         own = {"frames", "robots", "width", "seed"}
-        given = self.settings.given()
-        forms = (self.png, self.range, self.classes, self.video, not self.mesh)
-        ours = self.count == self.workers == 1 and not (self.cluster or self.config or any(forms))
-        if set(given) - own or not ours:
+        changes = self._given()
+        ours = self.count == self.workers == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
+        if set(changes) - own or not ours:
             raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}, the rest is of its annotation")
         views = tuple(numbers(self.views or "1"))
-        twin = dataclasses.replace(Twin(self.annotations, self.calibration, views), **given)
+        twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
         generate(twin, self.out, progress=partial(tqdm, desc="frames", unit="frame"))
         print(f"{self.out}: a sequence (README.md in it); `pilsim track {self.out}` tracks it")
         if 1 in views:

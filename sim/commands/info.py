@@ -12,16 +12,18 @@ from tyro.conf import Positional, arg
 
 @dataclass(frozen=True)
 class Info:
-    """Summarise a dataset or a sequence: frames, cameras, people, boxes, how dense the crowd is, and sizes in MB. `pilsim check` verifies it.
+    """Summarize a dataset: frames, cameras, people, boxes, density, sizes.
+
+    DIR is a dataset or one sequence. `pilsim check` verifies it.
 
     Examples: pilsim info D
               pilsim info D/pilsun-00000 --json
     """
 
     source: Annotated[Positional[Path], arg(metavar="DIR")]
-    """A dataset or a sequence."""
+    """The dataset or the sequence."""
     json: bool = False
-    """Print JSON alone."""
+    """Print JSON alone; sizes are in MB."""
 
     def run(self) -> None:
         from tracker.inventory import described, inventory

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,8 +13,18 @@ Out = Annotated[Path, arg(metavar="DIR")]
 
 
 def unset(metavar: str, meaning: str) -> Any:
-    """What help says of an option that is not there by default: how its value is called, and what happens without it, in place of `None`."""
+    """How help presents an option without a default value: the name of its value, and what happens without it, in place of `None`."""
     return arg(metavar=metavar, help_behavior_hint=f"(default: {meaning})")
+
+
+def options_of(command: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Name, value and default of every option of a command, those of its groups at the place of the group."""
+    for field in dataclasses.fields(command):
+        value = getattr(command, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from options_of(value)
+        else:
+            yield field.name, value, field.default
 
 
 def numbers(text: str) -> list[int]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from tyro.conf import OmitArgPrefixes, arg
+
 from sim.commands.options import unset
 
 if TYPE_CHECKING:
@@ -15,15 +17,45 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Scene:
+    """What an episode takes place in."""
+
+    difficulty: float = 0.5
+    """Difficulty of the terrain, from 0 (gentle) to 1."""
+    drive: str = "kinematic"
+    """Motion of the robots: kinematic, or physics (wheels on MuJoCo's terrain)."""
+    observation: str = "state"
+    """What a policy observes: state gives visible people their true ids; tracks runs SLAM and tracker, and gives MOTA, too."""
+    density: Annotated[str | None, unset("STR", "none")] = None
+    """A preset, pilsun, s2l1, s2l2 or s2l3: its world, robots and people replace --world, --robots and --people."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """Training of a policy by PPO."""
+
+    train: Annotated[int | None, unset("INT", "no training")] = None
+    """Train PPO for this number of decisions, in place of a comparison; needs the extra `rl`."""
+    out: Path = Path("runs/ppo")
+    """Folder of ppo.zip, curve.csv and curve.png."""
+
+
+@dataclass(frozen=True)
 class Place:
-    """Try policies that place robots so that people stay seen, over many seeds; or train one.
+    """Compare, or train, policies that place robots so as to see people.
 
-    Each policy plays the same episodes: the same maps, people and starts. What is told is the mean over seeds with its 95 % interval, as shares of
-    people seen by one and by two robots, GOSPA over that of saying nothing, collisions and people frightened in a decision; below that, by how much
-    each policy differs from the first, seed by seed: a difference whose interval leaves out 0 is one.
+    All policies play the same episodes: the same maps, people and starts. The table
+    gives means over seeds with 95 % intervals. Its columns are the shares of people
+    that one and two robots see, the relative GOSPA, collisions, and frightened people
+    per decision. A second table gives paired differences from the first policy. A
+    difference is significant where its interval excludes 0.
 
-    random: to a place at random, then to another. static: the best ring. lloyd: coverage of where people walk. greedy: where most is learnt of
-    people, one move ahead. ppo:FILE: what `--train` left.
+    The policies are:
+      random    goes to random places, one after another
+      static    stays on the best ring
+      lloyd     covers the places where people walk
+      greedy    takes the most informative next move
+      ppo:FILE  is a policy that --train wrote
 
     Examples: pilsim place --policy random lloyd greedy --episodes 20 --workers 2
               pilsim place --policy greedy --world campus --people 35 --json
@@ -32,54 +64,46 @@ class Place:
     """
 
     policy: tuple[str, ...] = ("random", "static", "lloyd", "greedy")
-    """Policies to try, one or more of random, static, lloyd, greedy, ppo:FILE."""
+    """Policies to compare, one or more of random, static, lloyd, greedy, ppo:FILE."""
     episodes: int = 20
-    """Episodes of each, with seeds from --seed on; ten seeds in a row share a map."""
+    """Episodes of each policy, with seeds from --seed on; ten seeds in a row share a map."""
     seed: int = 0
     """The first seed."""
     world: str = "ruins"
-    """A name that `pilsim worlds` lists."""
+    """Name of the world, as `pilsim worlds` lists it."""
     robots: int = 4
-    """Rovers with a panoramic camera each."""
+    """Number of rovers, each with a panoramic camera."""
     people: int = 10
-    """Who walk about."""
-    difficulty: float = 0.5
-    """Of the ground, from 0 (gentle) to 1."""
-    drive: str = "kinematic"
-    """kinematic, or physics: wheels on MuJoCo's terrain."""
-    observation: str = "state"
-    """state: people who are seen are told apart; tracks: SLAM and tracker in the loop, and MOTA is told, too."""
-    density: Annotated[str | None, unset("STR", "none")] = None
-    """pilsun, s2l1, s2l2 or s2l3: world, robots and people of that dataset, in place of the three options."""
+    """Number of people."""
     steps: int = 240
     """Decisions of an episode, two a second."""
-    train: Annotated[int | None, unset("INT", "no training")] = None
-    """Train PPO for so many decisions instead; needs the extra `rl`."""
-    out: Path = Path("runs/ppo")
-    """Where --train leaves ppo.zip, curve.csv and curve.png."""
     workers: int = 1
-    """Processes that try policies; the figures are the same with any number."""
+    """Number of processes; the figures are the same with any number."""
     picture: Annotated[Path | None, unset("FILE.png", "none is drawn")] = None
-    """Draw the means with their intervals."""
+    """A picture of the means with their intervals."""
     json: bool = False
     """Print JSON alone: means, intervals and every episode."""
+    scene: Annotated[OmitArgPrefixes[Scene], arg(name="episode")] = Scene()
+    """These options change what happens in an episode."""
+    training: Annotated[OmitArgPrefixes[Training], arg(name="training")] = Training()
+    """These options train a policy with PPO."""
 
     def run(self) -> None:
         import sim  # noqa: F401
         from sim.placement_contest import differences, draw, text
         from sim.placement_trial import policy_of, table
 
-        for name, value in (("episodes", self.episodes), ("steps", self.steps), ("train", self.train), ("workers", self.workers)):
+        for name, value in (("episodes", self.episodes), ("steps", self.steps), ("train", self.training.train), ("workers", self.workers)):
             if value is not None and value < 1:
                 raise ValueError(f"{name} is {value}, needs at least 1")
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}, needs at least 0")
         if self.picture is not None and self.picture.suffix.lower() != ".png":
             raise ValueError(f"--picture is {self.picture}, needs a name that ends in .png")
-        if self.train is not None:
+        if self.training.train is not None:
             from sim.policies_training import train
 
-            print(train(self._options(), self.train, self.out, self.seed))
+            print(train(self._options(), self.training.train, self.training.out, self.seed))
             return
         if not self.policy:
             raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, ppo:FILE")
@@ -90,10 +114,10 @@ class Place:
         if self.json:
             print(json.dumps({"means": _plain(found), "differences": _plain(less), "episodes": [dataclasses.asdict(o) for o in outcomes]}, indent=1))
         else:
-            what = f"{self.density or self.world}, {self.steps} decisions each"
+            what = f"{self.scene.density or self.world}, {self.steps} decisions each"
             print(text(found, less), f"means over {self.episodes} seeds from {self.seed} with 95 % intervals; {what}", sep="\n\n")
         if self.picture is not None:
-            draw(found, f"{self.density or self.world}, {self.episodes} episodes", self.picture)
+            draw(found, f"{self.scene.density or self.world}, {self.episodes} episodes", self.picture)
 
     def _outcomes(self) -> list[Outcome]:
         """In the order of policies and seeds."""
@@ -110,9 +134,9 @@ class Place:
         return out
 
     def _options(self) -> dict[str, Any]:
-        options: dict[str, Any] = {"difficulty": self.difficulty, "drive": self.drive, "observation": self.observation}
-        if self.density is not None:
-            return options | {"density": self.density}
+        options: dict[str, Any] = {"difficulty": self.scene.difficulty, "drive": self.scene.drive, "observation": self.scene.observation}
+        if self.scene.density is not None:
+            return options | {"density": self.scene.density}
         return options | {"world": self.world, "robots": self.robots, "people": self.people}
 
 

@@ -6,25 +6,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from sim.commands.options import unset
 
 
 @dataclass(frozen=True)
 class Report:
-    """Turn what `stress` left in a folder into a page to read: what was tested, what broke first, why, and how far the limits are.
+    """Make a page of a stress test: what failed first, why, and bounds.
 
-    One HTML file without scripts that needs no network; PNG and CSV of each plot go to FOLDER/report. May be run while a stress test goes on.
+    The page is one HTML file without scripts; it needs no network. FOLDER/report
+    holds each plot as PNG and CSV. The command also works during a stress test.
 
     Examples: pilsim report runs/stress
               pilsim report runs/stress --out density.html
     """
 
-    folder: Positional[Path]
-    """The folder with results.jsonl."""
+    folder: Annotated[Positional[Path], arg(metavar="FOLDER")]
+    """The folder with results.jsonl, as `pilsim stress` writes it."""
     out: Annotated[Path | None, unset("FILE", "FOLDER/report.html")] = None
-    """The page."""
+    """The page to write."""
 
     def run(self) -> None:
         from sim.report import write_report

@@ -1,4 +1,4 @@
-"""Every field of a scenario as an option, without a value where the preset's shall stay."""
+"""The expert options of `pilsim generate`: fields of a scenario, None where the value of the preset stays."""
 
 from __future__ import annotations
 
@@ -15,47 +15,40 @@ Number = Annotated[float | None, unset("FLOAT", _OWN)]
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What the preset says, changed."""
+class ScenarioSettings:
+    """People, cameras and physics."""
 
-    world: Word = None
-    """The place: `pilsim worlds` lists them."""
-    difficulty: Number = None
-    """Of the ground, from 0 (gentle) to 1."""
-    seed: Whole = None
-    """Of everything random."""
-    robots: Whole = None
-    """Rovers with a panoramic camera each."""
-    people: Whole = None
-    """Who walk about, in all."""
     at_once: Whole = None
-    """How many of the people are there at once, coming and going; all throughout where it is 0."""
+    """Number of people who are present at the same time; 0 keeps all people present."""
     children: Number = None
-    """The share of people who are children."""
-    frames: Whole = None
-    """How many frames."""
+    """Share of the people who are children, from 0 to 1."""
     rate: Number = None
-    """Frames a second."""
-    width: Whole = None
-    """Of a panorama in pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
+    """Frame rate, frames per second."""
     camera_height: Number = None
-    """Of the panoramic cameras over the ground, m."""
+    """Height of the panoramic cameras above the ground, m."""
     timestep: Number = None
-    """Of the physics, s."""
+    """Time step of the physics, s."""
     exposure: Number = None
-    """Sigma of a slow drift of the exposure, in stops."""
+    """Standard deviation of a slow exposure drift, stops."""
     image_noise: Number = None
-    """Sigma of the noise of a pixel, in counts of 255."""
-    misses: Number = None
-    """The share of visible people whom the simulated detector misses."""
-    clutter: Number = None
-    """Mean number of its false detections a view and frame."""
-    bearing_noise: Number = None
-    """Sigma of the edge of a detection, rad."""
-    min_visible: Number = None
-    """The visible fraction of a body below which it is never detected."""
+    """Standard deviation of the pixel noise, counts of 255."""
 
-    def given(self) -> dict[str, Any]:
-        """Name → value of what was given."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: value for name, value in values.items() if value is not None}
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """The simulated detector of people."""
+
+    misses: Number = None
+    """Probability that a visible person is missed, from 0 to 1."""
+    clutter: Number = None
+    """Mean number of false detections per view and frame."""
+    bearing_noise: Number = None
+    """Standard deviation of an edge of a detection, rad."""
+    min_visible: Number = None
+    """Visible fraction of a body, from 0 to 1, below which it is never detected."""
+
+
+def given(options: Any, names: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Name → value of the options that are not None; all fields where no names are told."""
+    values = {name: getattr(options, name) for name in names or [field.name for field in dataclasses.fields(options)]}
+    return {name: value for name, value in values.items() if value is not None}

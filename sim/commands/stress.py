@@ -6,11 +6,11 @@ import json
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import arg
+from tyro.conf import OmitArgPrefixes, arg
 
-from sim.commands.options import unset
+from sim.commands.options import options_of, unset
 
 if TYPE_CHECKING:
     from sim.contender import Contender
@@ -19,12 +19,42 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Stress:
-    """Try a tracker on sweeps, each of one parameter: more people, rougher ground, views that drop out, slipping wheels and so on.
+class TrackerOptions:
+    """The tracker under test."""
 
-    A line a run in DIR/results.jsonl: scores, what was possible at all, why people were missed or mixed up, pictures of the worst moments. The same
-    command again goes on where it was interrupted. `--list` shows the sweeps; robots/2 is the run that all of them start from.
-    --slam, --iterations, --correction and --hypotheses are the tracker's, of every run: two trackers that are to be compared get a folder each.
+    tracker: Annotated[str, unset("MODULE:FUNCTION", "pilsim's own")] = ""
+    """A tracker of your own: a function of (setup, ticks) that gives an Estimate a tick, as tracker.pipeline.track does."""
+    results: Annotated[Path | None, unset("DIR", "none")] = None
+    """Tracks made elsewhere, in place of a tracker: DIR/ID/SEED.txt, as density/3/4.txt; MOT15 with x, y, z."""
+    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej")] = None
+    """Filter of the robots' poses, as for `pilsim track`; a sweep of this parameter overrides it."""
+    iterations: Annotated[int | None, unset("INT", "2")] = None
+    """Number of linearizations of an update; ekf has one."""
+    correction: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on")] = None
+    """Whether the filter estimates each robot's odometry correction factor."""
+    hypotheses: Annotated[Literal["single", "multiple"] | None, unset("{single,multiple}", "single")] = None
+    """Tracker of people: one best hypothesis, or multiple hypotheses."""
+
+
+@dataclass(frozen=True)
+class MachineOptions:
+    """Where and how long runs are made."""
+
+    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
+    """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path."""
+    limit: float = 1800.0
+    """Time limit of a run, s."""
+
+
+@dataclass(frozen=True)
+class Stress:
+    """Test a tracker on sweeps of one parameter each; find where it fails.
+
+    A sweep is for instance more people, rougher terrain, lost views or slipping
+    wheels. DIR/results.jsonl has a line a run: scores, bounds, causes of errors, and
+    pictures of the worst moments. The same command continues an interrupted test.
+    `--list` shows the sweeps; all of them start from the run robots/2. Two trackers
+    that you want to compare need a folder each.
 
     Examples: pilsim stress --sweep density --seeds 5 --no-render --workers 2 --out runs/density
               pilsim stress --sweep placement --seeds 5 --no-render --out runs/placement
@@ -35,47 +65,35 @@ class Stress:
     """
 
     out: Annotated[Path | None, unset("DIR", "needed, but for --list")] = None
-    """Where the results go."""
+    """Folder of the results."""
     sweep: Annotated[tuple[str, ...], arg(help_behavior_hint="(default: all)")] = ()
-    """Which sweeps, or single cases of them as in density/3."""
+    """Names of sweeps, or of single cases as density/3."""
     show: Annotated[bool, arg(name="list")] = False
-    """Show the sweeps and do nothing."""
+    """Show the sweeps and do nothing else."""
     json: bool = False
-    """With --list: every case as a line of JSON, with its scenario. Else: the rows, when all are there."""
+    """With --list: print each case as a line of JSON, with its scenario. Otherwise: print the rows when all runs are done."""
     seeds: int = 1
-    """How many seeds of each case."""
+    """Number of seeds of each case."""
     first_seed: int = 0
-    """The first of them."""
+    """The first seed."""
     frames: int = 60
-    """Frames of a run (of the sweep over the rate: at 6 frames a second)."""
+    """Number of frames of a run; the sweep of the frame rate counts them at 6 frames per second."""
     width: int = 512
-    """Of a panorama in pixels."""
+    """Width of a panorama, pixels."""
     world: str = "pilsun"
-    """Where, unless the sweep says otherwise."""
+    """Name of the world, unless the sweep sets it."""
     render: bool = True
-    """With panoramas and their features, as a real robot; --no-render: boxes and landmarks by rays, many times faster."""
+    """Render panoramas and detect features in them. --no-render makes boxes and landmarks by ray casting, many times faster."""
     ladder: bool = False
-    """Run each case with stages replaced by the truth, all 16 combinations, and share out the loss between them."""
+    """Ablation: run each case with stages replaced by the truth, in all 16 combinations, and attribute the loss to the stages."""
     pets: Annotated[Path | None, unset("DIR", "none")] = None
-    """A PETS 2009 sequence (as for `pilsim track`): it and its twin are run too, or alone where no sweep is named."""
-    tracker: Annotated[str, unset("MODULE:FUNCTION", "pilsim's own")] = ""
-    """Called with (setup, ticks), giving an Estimate a tick as tracker.pipeline.track does."""
-    results: Annotated[Path | None, unset("DIR", "none")] = None
-    """Tracks that were made elsewhere in place of a tracker: FOLDER/ID/SEED.txt, as in density/3/4.txt, MOT15 with x, y, z."""
-    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej")] = None
-    """The filter of the robots' places, as for `pilsim track`; a sweep over it goes first. So with what follows."""
-    iterations: Annotated[int | None, unset("INT", "2")] = None
-    """Linearisations of an update."""
-    correction: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on")] = None
-    """Whether each robot's correction factor is estimated."""
-    hypotheses: Annotated[Literal["single", "multiple"] | None, unset("{single,multiple}", "single")] = None
-    """How people are followed."""
+    """A PETS 2009 sequence (as for `pilsim track`) to run with its twin, or alone where no sweep is named."""
+    subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
+    """These options choose the tracker under test, for every run."""
     workers: int = 1
-    """Processes at work at once."""
-    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
-    """A Dask scheduler, as in tcp://10.0.0.1:8786, to use instead; its workers must see DIR under the same path."""
-    limit: float = 1800.0
-    """Seconds after which a run is ended."""
+    """Number of processes on this machine."""
+    machine: Annotated[OmitArgPrefixes[MachineOptions], arg(name="expert run")] = MachineOptions()
+    """These options set where runs take place, and how long each may take."""
 
     def run(self) -> None:
         from functools import partial
@@ -95,7 +113,7 @@ class Stress:
                 raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
         if self.world not in WORLDS:
             raise ValueError(f"--world is {self.world!r}, needs one of {', '.join(sorted(WORLDS))}")
-        force, trials = Force(self.workers, self.cluster, self.limit), self._trials()
+        force, trials = Force(self.workers, self.machine.cluster, self.machine.limit), self._trials()
         rows = sweep(trials, self.out, force, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
         if self.json:
             for row in rows:
@@ -122,12 +140,12 @@ class Stress:
         from sim.contender import Contender, load
 
         names = ("slam", "iterations", "correction", "hypotheses")
-        options = {name: value for name in names if (value := getattr(self, name)) is not None}
-        if self.results is not None and not self.results.is_dir():
-            raise ValueError(f"{self.results}: no such folder")
-        if self.tracker:
-            load(self.tracker)
-        return Contender(self.tracker, options, "" if self.results is None else str(self.results.resolve()))
+        options = {name: value for name in names if (value := getattr(self.subject, name)) is not None}
+        if self.subject.results is not None and not self.subject.results.is_dir():
+            raise ValueError(f"{self.subject.results}: no such folder")
+        if self.subject.tracker:
+            load(self.subject.tracker)
+        return Contender(self.subject.tracker, options, "" if self.subject.results is None else str(self.subject.results.resolve()))
 
     def _trials(self) -> list[Trial]:
         """Seed by seed, so that an interrupted sweep has whole curves."""
@@ -157,9 +175,8 @@ class Stress:
     def _command(self, other: Stress | None = None) -> str:
         """The command line that asks for this."""
         now, words = other or self, ["pilsim", "stress"]
-        for name, field in Stress.__dataclass_fields__.items():
-            value: Any = getattr(now, name)
-            if value == field.default or name in ("show", "json"):
+        for name, value, default in options_of(now):
+            if value == default or name in ("show", "json"):
                 continue
             flag = f"--{name.replace('_', '-')}"
             if name == "sweep":

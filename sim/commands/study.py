@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional
 
-from sim.commands.options import Out
+from sim.commands.options import Out, unset
 
 if TYPE_CHECKING:
     from sim.study import Material
@@ -16,18 +16,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Study:
-    """Repeat a study of the paper, with a synthetic crowd, and with PETS 2009 where a folder is named.
+    """Repeat a study of the paper on synthetic people and on PETS 2009.
 
-    fig4: K_H = 1 to 30 and i_bls^max = 500 to 2000; on PETS 2009 as it is and with false boxes. Leaves cells.csv (one run a row), fig4.png
-    (processing time, MOTA and its spread over repetitions) and fig4.txt (the same as a table, and what is seen in it).
+    fig4: K_H = 1 to 30 and i_bls^max = 500 to 2000, on PETS 2009 as it is and with
+    false boxes. It writes cells.csv (a run a row), fig4.png (processing time, MOTA
+    and its spread over repetitions) and fig4.txt (the table and its summary).
 
-    graphs: a small graph for each hypothesis beside one graph of all tracks, and searches that begin with the tracks that survive beside such that do
-    not. Leaves runs.csv, graphs.png (time, weight beside the proved optimum, MOTA) and graphs.txt.
+    graphs: a small graph for each hypothesis beside one graph of all tracks. Searches
+    start from the surviving tracks, or without them. It writes runs.csv, graphs.png
+    (time, weight beside the proved optimum, MOTA) and graphs.txt.
 
-    images: tracklets by the corners of boxes, with the paper's L_c, δ_min and ω and others, beside none, on a crowd that is rendered and on videos
-    of PETS 2009. Leaves cells.csv, images.png (MOTA, IDF1, time), images.txt and the recordings.
+    images: tracklets of corners with the paper's L_c, δ_min and ω and with others,
+    beside none, on rendered people and on videos of PETS 2009. It writes cells.csv,
+    images.png (MOTA, IDF1, time), images.txt and the recordings.
 
-    Stopped, the same command goes on from there.
+    The same command continues a study that was interrupted.
 
     Examples: pilsim study fig4 --out runs/fig4 --pets PETS2009/S2.L1
               pilsim study graphs --out runs/graphs --repetitions 3 --frames 60
@@ -35,13 +38,13 @@ class Study:
     """
 
     name: Positional[Literal["fig4", "graphs", "images"]]
-    """Which study."""
+    """The study."""
     out: Out
-    """Where the results go."""
-    pets: Path | None = None
-    """A PETS 2009 folder; its views 1, 5 and 7 are used (images: 1 alone, too)."""
+    """Folder of the results."""
+    pets: Annotated[Path | None, unset("DIR", "synthetic people alone")] = None
+    """A PETS 2009 folder; its views 1, 5 and 7 are used (images: view 1 alone, too)."""
     repetitions: int = 20
-    """Runs of each setting, with other seeds of the search (images: of the crowd, and of what is dropped)."""
+    """Runs of each setting, each with another seed."""
     frames: int = 200
     """Frames of each run."""
 

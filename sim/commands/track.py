@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from tyro.conf import Positional
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.commands.options import Out, numbers, unset
 
@@ -17,71 +17,116 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class PetsOptions:
+    """Detections of a PETS folder."""
+
+    detections: tyro.conf.UseAppendAction[
+        Annotated[tuple[str, ...], arg(metavar="VIEW=FILE", help_behavior_hint="(default: those of the folder; repeatable)")]
+    ] = ()
+    """Other detections (MOT15) for one PETS camera; repeat it for several cameras."""
+    degrade: Annotated[str, unset("drop=P,clutter=N,noise=PX", "as they are")] = ""
+    """Degradation of PETS detections: probability of a loss, false boxes per view and frame, noise of the boxes in pixels."""
+    seed: int = 0
+    """Seed of --degrade."""
+
+
+@dataclass(frozen=True)
+class TrackletOptions:
+    """Tracklets of corners in the images."""
+
+    l_c: Annotated[int | None, unset("INT", "4")] = None
+    """L_c: number of frames that corners are followed back."""
+    delta_min: Annotated[float | None, unset("FLOAT", "0.05")] = None
+    """δ_min: a corner that moves less is static, px of the image at half its size."""
+    omega: Annotated[float | None, unset("FLOAT", "0.3")] = None
+    """ω: corners of one body differ in motion by at most this share of the box width."""
+
+
+@dataclass(frozen=True)
+class PeopleOptions:
+    """Parameters of the tracker of people."""
+
+    theta_s: Annotated[float | None, unset("FLOAT", "1.0")] = None
+    """θ_s: two tracks within this distance, m, that no view can tell apart are merged."""
+    v_max: Annotated[float | None, unset("FLOAT", "3.0")] = None
+    """v_max: maximum speed of a person, m/s; a faster track is deleted."""
+    delta_a: Annotated[float | None, unset("FLOAT", "1.29")] = None
+    """Δ_a: longest time that a track coasts without a detection, s."""
+    n_conf: Annotated[int | None, unset("INT", "2")] = None
+    """N_conf: number of frames before a track may be confirmed."""
+
+
+@dataclass(frozen=True)
+class HypothesisOptions:
+    """Parameters of multiple hypothesis tracking."""
+
+    k_h: Annotated[int | None, unset("INT", "one graph of all tracks")] = None
+    """K_H: number of global hypotheses kept; with it the child hypotheses of each form a graph of their own."""
+    i_bls_max: Annotated[int | None, unset("INT", "2000")] = None
+    """i_bls^max: maximum number of moves of the clique search."""
+    n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
+    """N-scan pruning: age after which a decision is final, s."""
+    seed_search: int = 0
+    """Seed of the clique search."""
+    dump_graphs: Annotated[Path | None, unset("DIR", "nowhere")] = None
+    """Folder for every weighted graph that is solved (DIMACS), with the clique that was chosen."""
+
+
+@dataclass(frozen=True)
+class SlamOptions:
+    """The filter that estimates the poses of the robots."""
+
+    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej; UTIAS: invariant")] = None
+    """Filter of the robots' poses: extended, iterated, with first-estimates Jacobians, or with the right-invariant error."""
+    iterations: Annotated[int | None, unset("INT", "2")] = None
+    """Number of linearizations of an update; ekf has one."""
+    correction: Literal["on", "off"] = "on"
+    """Whether the filter estimates each robot's odometry correction factor."""
+    persistence: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on with fej")] = None
+    """Whether the filter estimates odometry biases, as of wheel slip; for fej or iekf."""
+    unknown_start: Annotated[str, unset("ROBOT,...", "none")] = ""
+    """Robots with an unknown start, as robot_1,robot_2. Each maps alone until its map matches the others' map."""
+
+
+@dataclass(frozen=True)
 class Track:
-    """Track people in a sequence made by pilsim, or in a PETS 2009 folder; or place the robots of a UTIAS set (MRCLAM).
+    """Track people and localize the robots in a sequence.
 
-    A PETS folder has annotations/*-cropped.xml, detections/View_00N.txt (MOT15), and calibration/ in it or beside it.
+    SOURCE is one of:
+      a sequence that pilsim wrote
+      a PETS 2009 folder with annotations/*-cropped.xml and
+        detections/View_00N.txt (MOT15), and calibration/ in it or beside it
+      a UTIAS set (MRCLAM); it has robots alone
 
-    Examples: pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
+    Examples: pilsim track runs/demo/sequence --out runs/tracks
+              pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
               pilsim track MRCLAM_Dataset1 --map unknown --out runs/utias
     """
 
-    source: Positional[Path]
+    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
     """The folder to track."""
     out: Out
-    """Where tracks.txt (MOT15, metres) and robots.csv go."""
-    views: str = ""
-    """Numbers of the PETS cameras to use, as in 1,5,7; all where it is empty."""
-    detections: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """VIEW=FILE: other detections (MOT15) for a PETS camera; may be given several times."""
-    degrade: str = ""
-    """drop=P,clutter=N,noise=PX: PETS detections made worse: a share lost, false boxes a view and frame, pixels that boxes are moved by."""
-    seed: int = 0
-    """Of what --degrade draws."""
+    """Folder of tracks.txt (MOT15, meters) and robots.csv."""
+    views: Annotated[str, unset("N,...", "all")] = ""
+    """Numbers of the PETS cameras, as in 1,5,7."""
     delay: int = 0
-    """Frames that a frame is told late; people are smoothed by what came since."""
-    images: bool = False
-    """Look at the images, too: silhouettes of people before cameras that stand still are a second detector there; what people look like tells them
-    apart (multiple), or corners of their boxes that are followed back do, tracklets (single). A PETS folder has video/View_00N.mp4, of some views at
-    least."""
-    l_c: Annotated[int | None, unset("INT", "4")] = None
-    """L_c: frames that corners are followed back (images, single)."""
-    delta_min: Annotated[float | None, unset("FLOAT", "0.05")] = None
-    """δ_min: a corner that moves less is static, px of the image at half its size (images, single)."""
-    omega: Annotated[float | None, unset("FLOAT", "0.3")] = None
-    """ω: corners of one body move alike within this share of its box's width (images, single)."""
+    """Number of frames by which the output lags; later frames smooth the positions of people."""
     hypotheses: Literal["single", "multiple"] = "single"
-    """Whether one best hypothesis on people is kept, or track trees with the best set of tracks as a maximum-weight clique."""
-    k_h: Annotated[int | None, unset("INT", "one graph of all tracks")] = None
-    """K_H: hypotheses kept; where it is given, the children of each are a graph of their own (multiple)."""
-    i_bls_max: Annotated[int | None, unset("INT", "2000")] = None
-    """Moves of the clique search at most (multiple)."""
-    seed_search: int = 0
-    """Of the clique search (multiple)."""
-    dump_graphs: Annotated[Path | None, unset("DIR", "nowhere")] = None
-    """Where every weighted graph that is solved is written (DIMACS), beside the clique that was chosen (multiple)."""
-    theta_s: Annotated[float | None, unset("FLOAT", "1.0")] = None
-    """θ_s: two tracks nearer than this that no view tells apart are one person, m."""
-    n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
-    """Time after which a decision stands, s (multiple)."""
-    v_max: Annotated[float | None, unset("FLOAT", "3.0")] = None
-    """v_max: nobody goes faster, m/s; a track that does is dropped."""
-    delta_a: Annotated[float | None, unset("FLOAT", "1.29")] = None
-    """Longest gap that is bridged, s."""
-    n_conf: Annotated[int | None, unset("INT", "2")] = None
-    """Frames until a track may be believed."""
+    """Tracker of people: one best hypothesis, or multiple hypotheses by track trees and maximum-weight cliques."""
+    images: bool = False
+    """Use the images, too: silhouettes, and appearance (multiple) or tracklets (single). A PETS folder needs video/View_00N.mp4 of any view."""
     map: Literal["known", "unknown"] = "unknown"
-    """UTIAS: whether the filter is told where the landmarks are."""
-    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej; UTIAS: invariant")] = None
-    """The filter of the robots' places: extended, iterated, with first-estimates Jacobians, or with the right-invariant error."""
-    iterations: Annotated[int | None, unset("INT", "2")] = None
-    """Linearisations of an update; ekf has one."""
-    correction: Literal["on", "off"] = "on"
-    """Whether each robot's correction factor is estimated."""
-    persistence: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on with fej")] = None
-    """Whether errors of odometry that last (slip, biases) are kept in the state; for fej or iekf."""
-    unknown_start: str = ""
-    """Robots, as in robot_1,robot_2, that are not told where they start: each maps alone until it has enough in common with the others."""
+    """UTIAS: whether the filter knows the landmarks."""
+    pets: Annotated[OmitArgPrefixes[PetsOptions], arg(name="PETS detection")] = PetsOptions()
+    """These options replace or degrade the detections of a PETS folder."""
+    robots: Annotated[OmitArgPrefixes[SlamOptions], arg(name="expert SLAM")] = SlamOptions()
+    """These options choose the filter that estimates the poses of the robots."""
+    people: Annotated[OmitArgPrefixes[PeopleOptions], arg(name="expert tracking")] = PeopleOptions()
+    """These are the paper's parameters of both trackers of people."""
+    multiple: Annotated[OmitArgPrefixes[HypothesisOptions], arg(name="expert hypothesis")] = HypothesisOptions()
+    """These are the paper's parameters of --hypotheses multiple."""
+    tracklets: Annotated[OmitArgPrefixes[TrackletOptions], arg(name="expert tracklet")] = TrackletOptions()
+    """The paper's parameters of tracklets need --images and --hypotheses single."""
 
     def run(self) -> None:
         from sim.demo import tracked
@@ -94,17 +139,17 @@ class Track:
         if is_utias(self.source):
             if views:
                 raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
-            if self.unknown_start:
+            if self.robots.unknown_start:
                 raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
-            if self.persistence == "on":
+            if self.robots.persistence == "on":
                 raise ValueError(f"{self.source}: --persistence is for sequences; biases of a UTIAS set are in the correction factor")
             self._explore()
             return
         if self.map != "unknown":
             raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
-        choice = Choice.parse(self.detections, self.degrade, self.seed)
+        choice = Choice.parse(self.pets.detections, self.pets.degrade, self.pets.seed)
         sequence = open_source(self.source, views, choice)
-        lost = [name.strip() for name in self.unknown_start.split(",") if name.strip()]
+        lost = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
         sequence = without_starts(sequence, lost)
         if self.images:
             sequence = filmed(sequence, self.source)
@@ -119,10 +164,10 @@ class Track:
         from tracker.pipeline import Parameters
 
         people = self._people()
-        if self.slam is None and self.iterations is None and self.correction == "on" and self.persistence is None:
+        if self.robots.slam is None and self.robots.iterations is None and self.robots.correction == "on" and self.robots.persistence is None:
             return people
-        lasting = None if self.persistence is None else self.persistence == "on"
-        chosen = filter_of(self.slam, self.iterations, self.correction == "on", lasting)
+        lasting = None if self.robots.persistence is None else self.robots.persistence == "on"
+        chosen = filter_of(self.robots.slam, self.robots.iterations, self.robots.correction == "on", lasting)
         return replace(people or Parameters(), slam=chosen)
 
     def _people(self) -> Parameters | None:
@@ -130,8 +175,8 @@ class Track:
         from tracker.pipeline import Parameters
         from tracker.selection import MultipleParameters
 
-        names = ("k_h", "i_bls_max", "delta_a", "n_conf", "theta_s", "n_scan", "v_max")
-        given = {name: getattr(self, name) for name in names}
+        multiple = {name: getattr(self.multiple, name) for name in ("k_h", "i_bls_max", "n_scan")}
+        given: dict[str, Any] = multiple | vars(self.people)
         given = {name: value for name, value in given.items() if value is not None}
         for name, value in given.items():
             if not value > 0:
@@ -144,9 +189,13 @@ class Track:
             single = replace(single, motion=replace(single.motion, v_max=v_max))
             many = replace(many, motion=replace(many.motion, v_max=v_max))
         if self.hypotheses == "multiple":
-            others: dict[str, Any] = {"small_graphs": self.k_h is not None, "seed": self.seed_search, "graphs": self.dump_graphs}
+            others: dict[str, Any] = {
+                "small_graphs": self.multiple.k_h is not None,
+                "seed": self.multiple.seed_search,
+                "graphs": self.multiple.dump_graphs,
+            }
             return Parameters(multiple=replace(many, **given, **others), images=images, delay=self.delay)
-        if {"k_h", "i_bls_max", "n_scan"} & set(given) or self.dump_graphs is not None or self.seed_search:
+        if {"k_h", "i_bls_max", "n_scan"} & set(given) or self.multiple.dump_graphs is not None or self.multiple.seed_search:
             raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
         if not given and v_max is None and not self.delay and not self.images:
             return None
@@ -158,7 +207,7 @@ class Track:
         from tracker.silhouettes import SilhouetteParameters
         from tracker.tracklets import TrackletParameters
 
-        given = {name: getattr(self, name) for name in ("l_c", "delta_min", "omega") if getattr(self, name) is not None}
+        given = {name: value for name, value in vars(self.tracklets).items() if value is not None}
         multiple = self.hypotheses == "multiple"
         if given and (multiple or not self.images):
             raise ValueError("--l-c, --delta-min and --omega are for --images with --hypotheses single")
@@ -170,7 +219,7 @@ class Track:
         from tracker.course import PlanarParameters
         from tracker.expedition import explore
 
-        asked = {"mode": self.slam, "iterations": self.iterations, "correction": self.correction == "on"}
+        asked = {"mode": self.robots.slam, "iterations": self.robots.iterations, "correction": self.robots.correction == "on"}
         parameters = PlanarParameters(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
         paths = explore(self.source, self.out, self.map == "known", parameters)
         counted = ", ".join(f"{count} {reason}" for reason, count in paths.run["counters"].items() if count)

@@ -14,7 +14,7 @@ from sim.commands.options import unset
 
 @dataclass(frozen=True)
 class Worlds:
-    """List the worlds with their measures, draw them, or give one away for other programs.
+    """List the worlds with their measures, draw them, or export one.
 
     Examples: pilsim worlds
               pilsim worlds --preview runs/worlds --difficulty 1
@@ -22,17 +22,17 @@ class Worlds:
     """
 
     name: Positional[Annotated[str | None, unset("[WORLD]", "all of them")]] = None
-    """One world."""
+    """Name of one world."""
     difficulty: float = 0.5
-    """Of relief, steps, clutter and occlusion, from 0 (gentle) to 1 (rovers begin to fail)."""
+    """Difficulty of relief, steps, clutter and occlusion, from 0 (gentle) to 1 (some rovers fail)."""
     seed: int = 0
-    """Another seed is another place of the same kind."""
+    """Seed of the world; another seed gives another place of the same kind."""
     preview: Annotated[Path | None, unset("DIR", "none is drawn")] = None
-    """Draw NAME.png into this folder: as a rover sees it, from above, and the plan."""
+    """Draw NAME.png into this folder: a rover's view, a view from above, and the plan."""
     export: Annotated[Path | None, unset("FILE", "none is written")] = None
-    """Write the scene of the named world; the ending says how: .glb, .obj, .ply, .xml (MJCF and its files), .mjz (MuJoCo's archive)."""
+    """Write the scene of the named world as .glb, .obj, .ply, .xml (MJCF and its files) or .mjz (MuJoCo's archive)."""
     slip: Annotated[float, arg(metavar="SECONDS", help_behavior_hint="(default: not measured)")] = 0.0
-    """Drive four rovers for so long and measure how far wheel odometry is off, a metre driven."""
+    """Drive four rovers for this time, s, and measure the error of wheel odometry per meter."""
     json: bool = False
     """Print JSON alone."""
 

@@ -1,13 +1,16 @@
 """The command as a user meets it: bad input is one line and exit code 2, and nothing is left half-written."""
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from sim.cli import COMMANDS, Command, main
 from tests.tracker import sequences
 from tests.tracker.formats.mrclam import write_set
 from tracker.trajectory import MEASURES
@@ -53,10 +56,10 @@ def test_bad_scenarios(arguments: list[str], message: str, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "Expected one of {demo, track, "),
-        (["frobnicate"], "Unrecognized options: frobnicate; see pilsim --help"),
+        ([], "a command is missing, needs one of demo, doctor, "),
+        (["frobnicate"], 'pilsim has no command "frobnicate"; see pilsim --help'),
         (["demo", "--frames", "abc"], "Error parsing --frames: invalid literal for int() with base 10: 'abc'; see pilsim demo --help"),
-        (["generate", "pilsun", "--out", "x", "--frmes", "3"], "Unrecognized options: --frmes, 3 (perhaps --frames); see pilsim generate --help"),
+        (["generate", "pilsun", "--out", "x", "--frmes", "3"], 'generate has no option "--frmes" (did you mean --frames?); see pilsim generate'),
         (["export", "x", "--format", "jpeg", "--out", "y"], "invalid choice 'jpeg' for argument '--format'"),
         (["generate", "pilsun"], "Missing from pilsim generate: --out DIR"),
         (["track", "x", "--out", "y", "--l-c", "4"], "no such folder"),
@@ -71,11 +74,89 @@ def test_what_no_command_knows(arguments: list[str], message: str, tmp_path: Pat
     assert message in refused(*arguments, cwd=tmp_path)
 
 
-def test_help_and_version(tmp_path: Path) -> None:
-    assert "pilsim" in pilsim("--help", cwd=tmp_path).stdout
+def called(*words: str) -> int:
+    """The exit code of the command line in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["pilsim", *words])
+        try:
+            main()
+        except SystemExit as left:
+            return int(left.code or 0)
+    return 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("trak x", 'pilsim has no command "trak"; did you mean track? see pilsim --help'),
+        ("Track x", 'pilsim has no command "Track"; did you mean track? see pilsim --help'),
+        ("--seed 3 demo", "--seed stands before the command; see pilsim --help"),
+        ("track x --hypothesis multiple", 'track has no option "--hypothesis" (did you mean --hypotheses?); see pilsim track --help'),
+        ("track x --n_skan=2", 'track has no option "--n_skan" (did you mean --n-scan?); see pilsim track --help'),
+        ("stress --no-rendr", 'stress has no option "--no-rendr" (did you mean --no-render?); see pilsim stress --help'),
+        ("track x --sweep density", 'track has no option "--sweep" (which is an option of stress); see pilsim track --help'),
+        (
+            "track x --slm ekf --hypothesis multiple --xyzzy",
+            'track has no option "--slm" (did you mean --slam?), "--hypothesis" (did you mean --hypotheses?), "--xyzzy"; see pilsim track --help',
+        ),
+        ("demo 3", "Unrecognized options: 3; see pilsim demo --help"),
+    ],
+)
+def test_misspelt_names(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert called(*words.split()) == 2
+    assert capsys.readouterr().err == f"error: {message}\n"
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_overview_fits_a_screen(columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert called("--help") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    names = [line.split()[0] for line in lines if line.startswith("  ")]
+    assert sorted(names) == sorted(hint.__metadata__[0].name for hint in get_args(Command))
+
+
+def test_help_and_version_from_a_shell(tmp_path: Path) -> None:
+    done = pilsim("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) <= 40
     version = pilsim("--version", cwd=tmp_path)
     assert version.returncode == 0
     assert version.stdout.startswith("pilsim 0.")
+
+
+def test_help_needs_no_heavy_module() -> None:
+    code = "import sys, sim.cli; sim.cli.overview(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"scipy", "mujoco", "numba", "cv2", "matplotlib", "tracker", "worlds"} & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert called(name, "--help") == 0
+    said = capsys.readouterr().out
+    lines = said.splitlines()
+    assert "Example" in said
+    # A reader learns nothing from `None`.
+    assert "None" not in said
+    # Examples stay whole, so that they can be copied; all else fits.
+    assert all(len(line) <= columns for line in lines if "pilsim " not in line)
+    groups = [line.strip("╭╮─ ") for line in lines if line.startswith("╭")]
+    common = groups.index("options")
+    assert groups[:common] in ([], ["positional arguments"])
+    for group in groups[common + 1 :]:
+        # One sentence stands below the title, and a rule below that.
+        below = lines[next(k for k, line in enumerate(lines) if line.startswith(f"╭─ {group} ")) + 1 :]
+        sentence = " ".join(line.strip("│ ") for line in below[: next(k for k, line in enumerate(below) if "───" in line)])
+        assert sentence.endswith("."), group
+    options = re.split(r"\n│ (?=--)", said)[1:]
+    assert {option.split()[0].strip(",") for option in options} | {"--help"} >= set(re.findall(r"(?m)^│ (--[a-z-]+)", said))
+    for option in options:
+        assert re.search(r"\((default|required)", option), option
 
 
 def test_an_out_that_holds_something_else(tmp_path: Path) -> None:
@@ -153,14 +234,6 @@ def test_published_score_by_command(data: Callable[..., Path]) -> None:
     done = pilsim("score", "--truth", "gt.txt", "--result", "cem_result.txt", "--iou", "0.5", "--json", cwd=folder)
     targets = json.loads(done.stdout)["targets"]
     assert [round(targets["mota"], 3), targets["false_positives"], targets["misses"], targets["switches"]] == [0.850, 247, 420, 31]
-
-
-def test_help_teaches(tmp_path: Path) -> None:
-    for command in ("demo", "track", "score", "worlds", "generate", "place", "stress", "report", "compare", "view"):
-        said = pilsim(command, "--help", cwd=tmp_path).stdout
-        assert "Example" in said
-        # Who is told `None` knows nothing.
-        assert "None" not in said, command
 
 
 def test_no_gl_is_one_line(tmp_path: Path) -> None:
