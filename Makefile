@@ -2,26 +2,30 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PYTEST := $(BIN)/python -m pytest
+PYTEST_FLAGS ?=
 JOBS ?= 2
+# For tests that train policies. PyPI has a build for x86-64 Linux with CUDA alone, of several GB: pip's settings or TORCH can name a smaller one.
+TORCH ?= torch==2.13.0
 GL_CHECK := $(BIN)/python -c 'import sys, sim.gl; sys.tracebacklimit = 0; sim.gl.choose_gl()'
 
-.PHONY: demo test test-all bench lint gl clean help
+.PHONY: demo test test-all bench lint gl system rl clean help
 
 help:
 	@echo "make demo      simulate, track, score and draw; pictures in runs/demo"
 	@echo "make test      the tests, under 10 minutes on 2 cores"
 	@echo "make test-all  what is too long for make test"
+	@echo "make rl        torch and stable-baselines3: without them four tests are skipped"
 	@echo "make bench     speed, beside other programs that do the same"
 	@echo "make lint      ruff and mypy"
 
 demo: .venv/installed gl
 	$(BIN)/pilsim demo
 
-test: .venv/installed-test gl
-	$(PYTEST) -n $(JOBS) -m "not slow"
+test: .venv/installed-test system gl
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m "not slow"
 
-test-all: .venv/installed-test gl
-	$(PYTEST) -n $(JOBS) -m slow
+test-all: .venv/installed-test system gl
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m slow
 
 # Peers of the benchmarks, without what they would drag in (jupedsim: PySide6 and VTK).
 bench: .venv/installed-test gl
@@ -50,6 +54,18 @@ lint: .venv/installed-test
 	$(BIN)/pip install -q --disable-pip-version-check -e '.[test]'
 	$(BIN)/pip install -q --disable-pip-version-check --no-deps motmetrics trackeval
 	@touch $@
+
+rl: .venv/installed-rl
+
+# torch first: else stable-baselines3 would take the newest.
+.venv/installed-rl: .venv/installed-test
+	$(BIN)/pip install -q --disable-pip-version-check $(TORCH)
+	$(BIN)/pip install -q --disable-pip-version-check -e '.[rl]'
+	@touch $@
+
+# EGL, OSMesa and Chromium: installed by root, named to others.
+system: .venv/installed
+	@.ci/system-packages
 
 gl: .venv/installed
 	@$(GL_CHECK) 2>/dev/null || { \

@@ -1,8 +1,9 @@
-"""What tests share: where the real data lies."""
+"""What all tests share: the folder of real data, and the count of skipped tests."""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,9 +17,52 @@ def data() -> Callable[..., Path]:
     """`data("pets2009", "calibration")` → that path in the folder of real data; the test is skipped where it is absent."""
 
     def find(*parts: str) -> Path:
+        if not DATA.is_dir():
+            pytest.skip(f"needs the folder of real data, {DATA} is none (set PILSIM_DATA)")
         path = DATA.joinpath(*parts)
         if not path.exists():
             pytest.skip(f"real data not found: {path} (set PILSIM_DATA to the folder that holds it)")
         return path
 
     return find
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("skips")
+    group.addoption("--most-skips", type=int, metavar="N", help="fail where more than N tests are skipped")
+    group.addoption("--skip-log", type=Path, metavar="FILE", help="append the reason of every skipped test to FILE, one a line")
+
+
+def skip_reasons(config: pytest.Config) -> list[str]:
+    """The reason of every skipped test, in alphabetical order. A worker of pytest-xdist has none: its tests count in the process that started it."""
+    if hasattr(config, "workerinput"):
+        return []
+    terminal = config.pluginmanager.get_plugin("terminalreporter")
+    reports = terminal.stats.get("skipped", []) if terminal else []
+    # `longrepr` is (file, line, "Skipped: reason"); one line is kept of it.
+    return sorted(" ".join(str(report.longrepr[2]).removeprefix("Skipped: ").split()) for report in reports)
+
+
+def too_many(config: pytest.Config) -> bool:
+    most = config.getoption("most_skips")
+    return most is not None and len(skip_reasons(config)) > most
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    reasons, log = skip_reasons(session.config), session.config.getoption("skip_log")
+    if log and reasons:
+        with log.open("a", encoding="utf-8") as file:
+            file.writelines(f"{reason}\n" for reason in reasons)
+    # A run that failed or was stopped keeps its own exit status.
+    if too_many(session.config) and session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    reasons, most = skip_reasons(config), config.getoption("most_skips")
+    terminalreporter.write_line(f"skips: {len(reasons)}")
+    for reason, count in Counter(reasons).most_common():
+        terminalreporter.write_line(f"  {count} x {reason}")
+    if too_many(config):
+        terminalreporter.write_line(f"error: {len(reasons)} tests are skipped, at most {most} may be (--most-skips)", red=True)
