@@ -1,1 +1,1 @@
-"""The commands of `pilsim`, one a file: options as a frozen dataclass, and `run`. What they do is imported when they run: --help is fast."""
+"""The commands of `pilsim`, one a file: a frozen dataclass of options with a method `run`. Modules are imported in `run`, so that help is fast."""

@@ -23,8 +23,8 @@ class Study:
     and its spread over repetitions) and fig4.txt (the table and its summary).
 
     graphs: a small graph for each hypothesis beside one graph of all tracks. Searches
-    start from the surviving tracks, or without them. It writes runs.csv, graphs.png
-    (time, weight beside the proved optimum, MOTA) and graphs.txt.
+    start from the surviving tracks, or without them. It writes runs.csv, graphs.txt
+    and graphs.png (time, weight beside the proved optimum, MOTA).
 
     images: tracklets of corners with the paper's L_c, δ_min and ω and with others,
     beside none, on rendered people and on videos of PETS 2009. It writes cells.csv,

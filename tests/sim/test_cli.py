@@ -238,7 +238,7 @@ def test_published_score_by_command(data: Callable[..., Path]) -> None:
 
 def test_no_gl_is_one_line(tmp_path: Path) -> None:
     environment = {"MUJOCO_GL": "osmesa", "PATH": "/usr/bin:/bin", "PYOPENGL_PLATFORM": "nonsense"}
-    command = [PILSIM, "demo", "--frames", "1", "--out", "out"]
+    command = [str(PILSIM), "demo", "--frames", "1", "--out", "out"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
