@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from sim.report_page import Report, page
+from sim.report_page import PageContent, page
 from sim.report_pictures import Album
 from sim.report_plots import Plot, save
 from sim.report_rows import Rows, read_rows
@@ -30,7 +30,7 @@ def write_report(folder: Path, out: Path | None = None) -> Path:
     beside.mkdir(exist_ok=True)
     target.parent.mkdir(parents=True, exist_ok=True)
     drawn = {plot.name: save(plot, beside) for plot in tqdm(plots, desc="plots", unit="plot", disable=len(plots) < 8 or None)}
-    text = page(Report(rows, {plot.name: (plot, drawn[plot.name]) for plot in plots}, album))
+    text = page(PageContent(rows, {plot.name: (plot, drawn[plot.name]) for plot in plots}, album))
     write_text(target, text)
     return target
 

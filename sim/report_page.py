@@ -65,7 +65,7 @@ HEADINGS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class PageContent:
     """What the page is made from: rows, plots by name with their SVG, and pictures of the worst moments."""
 
     rows: Rows
@@ -121,30 +121,30 @@ class PageSweep:
     figures: list[PageFigure]
 
 
-def page(report: Report) -> str:
+def page(content: PageContent) -> str:
     """Render the whole document."""
     # The page is written without a server, so an undefined name must fail here and not leave a hole in the text.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(page=_content(report)).lstrip()
+    return template.render(page=_names(content)).lstrip()
 
 
-def _content(report: Report) -> dict[str, Any]:
+def _names(content: PageContent) -> dict[str, Any]:
     """The names that the template uses, and what they hold."""
-    rows = report.rows
+    rows = content.rows
     worst = findings(rows, rows.trackers[0])[:1]
     told = {cause for counts in causes_of(rows.rows).values() for cause in counts}
     return {
         "title": f"Stress test: {rows.folder.resolve().name}",
         "style": Markup(STYLE),
         "headline": headline(rows),
-        "headings": _headings(report),
+        "headings": _headings(content),
         "summary": summary(rows),
-        "worst_figures": [figure for f in worst for figure in report.figures(f"first-{name_of(f.sweep.name)}")],
-        "overview_figures": report.figures("overview"),
-        "sweeps": [_sweep(report, sweep) for sweep in rows.sweeps()],
+        "worst_figures": [figure for f in worst for figure in content.figures(f"first-{name_of(f.sweep.name)}")],
+        "overview_figures": content.figures("overview"),
+        "sweeps": [_sweep(content, sweep) for sweep in rows.sweeps()],
         "about_moments": ABOUT_MOMENTS,
-        "moments": [_moment(k, entry) for k, entry in enumerate(report.album.entries, 1)],
+        "moments": [_moment(k, entry) for k, entry in enumerate(content.album.entries, 1)],
         "failed": _failed(rows.failed),
         "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
         "tables": [found for sweep in rows.sweeps() for tracker in rows.trackers if (found := _tables(sweep, tracker))],
@@ -156,11 +156,11 @@ def _content(report: Report) -> dict[str, Any]:
     }
 
 
-def _headings(report: Report) -> dict[str, str]:
+def _headings(content: PageContent) -> dict[str, str]:
     """Anchor → heading of each section, in the order of the page."""
-    left_out = {"moments"} if not report.album.entries else set()
-    left_out |= {"failed"} if not report.rows.failed else set()
-    sweeps = {_anchor(sweep): _title(sweep) for sweep in report.rows.sweeps()}
+    left_out = {"moments"} if not content.album.entries else set()
+    left_out |= {"failed"} if not content.rows.failed else set()
+    sweeps = {_anchor(sweep): _title(sweep) for sweep in content.rows.sweeps()}
     rest = {anchor: heading for anchor, heading in HEADINGS.items() if anchor not in left_out}
     return {"short": "In short", "contents": "On this page", **sweeps, **rest}
 
@@ -175,21 +175,21 @@ def _title(sweep: SweepRows) -> str:
     return f"{name}: {words}" if len(words) < 70 else name
 
 
-def _sweep(report: Report, sweep: SweepRows) -> PageSweep:
+def _sweep(content: PageContent, sweep: SweepRows) -> PageSweep:
     said = [f"The sweep: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
-    for tracker in report.rows.trackers:
+    for tracker in content.rows.trackers:
         found = finding(sweep, tracker)
         if found is None:
             said.append(f"No run of {tracker} has a score.")
             continue
         worst = found.worst.of(tracker)
-        name = f"{tracker}: MOTA" if len(report.rows.trackers) > 1 else "MOTA"
+        name = f"MOTA of {tracker}" if len(content.rows.trackers) > 1 else "MOTA"
         if sweep.name == REAL:
             said += [part for part in (predicted(sweep, tracker),) if part]
             continue
         where = at(found.worst)
         said += [part for part in (f"{change(found, name)} {breaking(found)}", reasons(worst, where), owner(worst, where), robots(found)) if part]
-    return PageSweep(_anchor(sweep), said, report.figures(name_of(sweep.name) + "-"))
+    return PageSweep(_anchor(sweep), said, content.figures(name_of(sweep.name) + "-"))
 
 
 def _moment(k: int, entry: Entry) -> PageMoment:

@@ -35,7 +35,7 @@ MEASURES = (
     PlottedMeasure("idf1", "Identity", "IDF1 (1 is perfect)"),
     PlottedMeasure("ate_m", "Error of the robots", "ATE [m] (0 is perfect)", BOUNDS, (0.0, 0.01)),
     PlottedMeasure("motp_m", "Error of people's positions", "MOTP [m] (0 is perfect)", (("target_bound_m", "Cramér-Rao bound"),), (0.0, 0.1)),
-    PlottedMeasure("efficiency", "Error of the robots relative to the bound", "ATE over the Cramér-Rao bound (1 is perfect)", (), (0.0, 1.0)),
+    PlottedMeasure("efficiency", "Error of the robots relative to the bound", "ATE / Cramér-Rao bound (1 is perfect)", (), (0.0, 1.0)),
     PlottedMeasure("map_aligned_m", "Error of landmarks", "RMSE after alignment [m] (0 is perfect)", (), (0.0, 0.01)),
     PlottedMeasure("map_complete", "Landmarks mapped", "share of those seen often (1 is perfect)"),
     PlottedMeasure("mota_all", "All people, seen or not", "MOTA over all people", (("visible_recall", "bound: share seen by robots"),)),

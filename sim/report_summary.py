@@ -94,7 +94,7 @@ def limits(first: Finding) -> str:
     said = []
     seen = [row.limits["visible_recall"] for row in rows if "visible_recall" in row.limits]
     if seen:
-        said.append(f"At {at(first.worst)} robots see {100 * np.mean(seen):.0f} % of the true positions; no tracker can find more.")
+        said.append(f"At {at(first.worst)}, robots see {100 * np.mean(seen):.0f} % of the true positions; no tracker can find more.")
         every = [row.scores["mota_all"] for row in rows if "mota_all" in row.scores]
         if every:
             said.append(f"Over all people, seen or not, MOTA is {mean_interval(every, bounds=bounds_of('mota_all')).text()}.")

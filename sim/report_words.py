@@ -197,7 +197,7 @@ def robots(found: Finding) -> str:
         said = f"The ATE of the robots is {low.text(3)} m at {at(least)} and {high.text(3)} m at {at(most)}"
     else:
         said = f"The ATE of the robots is {high.text(3)} m at {at(most)}" + ("; no other setting is significantly better" if len(known) > 1 else "")
-    odometry, bound = "dead reckoning alone has {} m", "no filter can be better than {} m (the Cramér-Rao bound)"
+    odometry, bound = "it is {} m by dead reckoning alone", "no filter can be better than {} m (the Cramér-Rao bound)"
     for name, words in (("dead_reckoning_m", odometry), ("ate_bound_m", bound)):
         if values := most.scores(found.tracker, name):
             said += "; " + words.format(f"{float(np.mean(list(values.values()))):.3f}")

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import tomllib
 import xml.etree.ElementTree as ElementTree
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from sim.intervals import bounds_of, mean_interval
 from sim.report import write_report
+from sim.report_page import TEMPLATE
 from sim.report_plots import Bars, Line, Plot, inline
 from sim.report_rows import read_rows
 from tests.sim import stress_rows
@@ -123,6 +125,13 @@ def test_a_page_of_failures_alone(tmp_path: Path) -> None:
     ElementTree.fromstring(text.removeprefix("<!DOCTYPE html>"))
     assert "40 × TimeoutError: longer than 600 s" in text
     assert "10 more are in results.jsonl" in text
+
+
+def test_the_wheel_carries_the_template() -> None:
+    project = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").is_file())
+    patterns = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]["*"]
+    assert TEMPLATE.is_file()
+    assert any(TEMPLATE.match(pattern) for pattern in patterns)
 
 
 def test_two_svgs_share_no_id() -> None:

@@ -34,7 +34,7 @@ def test_a_fall_its_place_and_its_reason(tmp_path: Path) -> None:
     assert "The largest shares are detections with 0.48 (" in owner(worst, "x")
     assert "not significant" not in owner(worst, "x")
     assert robots(first).startswith("The ATE of the robots is 0.035 (")
-    assert "m at 100 people; dead reckoning alone has 0.200 m; no filter can be better than 0.020 m (the Cramér-Rao bound)." in robots(first)
+    assert "m at 100 people; it is 0.200 m by dead reckoning alone; no filter can be better than 0.020 m (the Cramér-Rao bound)." in robots(first)
     assert second.fall == 0
     assert change(second).startswith("No significant difference is seen")
     assert breaking(second) == "It stays above 0.5 at every setting."
