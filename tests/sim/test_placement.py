@@ -37,7 +37,7 @@ def test_gymnasium_accepts_it():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_stable_baselines_accepts_it():
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs stable-baselines3 (make rl)")
     checker.check_env(make())
 
 

@@ -76,8 +76,8 @@ def test_greedy_and_lloyd_see_more_people_twice_than_random():
 
 @pytest.mark.slow
 def test_ppo_trains_alike_with_the_same_seed_and_plays(tmp_path):
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("stable_baselines3")
+    torch = pytest.importorskip("torch", reason="needs stable-baselines3 (make rl)")
+    pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
     from sim.policies_ppo import Learned
     from sim.policies_training import train
 

@@ -46,7 +46,7 @@ def test_people_are_counted_once_by_who_else_sees_them():
 
 
 def test_a_robot_is_worth_what_only_it_adds():
-    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
     from sim.policies_learners import own_worth
 
     env, _ = begun()
@@ -61,7 +61,7 @@ def test_a_robot_is_worth_what_only_it_adds():
 
 
 def test_robots_that_learn_are_environments_side_by_side():
-    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
     from sim.policies_learners import Learners
 
     first, again = (Learners(OPTIONS, 2) for _ in range(2))
