@@ -60,6 +60,8 @@ GROUPS: dict[str, tuple[type, ...]] = {
 }
 """The commands as the overview shows them."""
 COMMANDS = {command.__name__.lower(): command for group in GROUPS.values() for command in group}
+WIDEST = 120
+"""Columns of a command's help at most."""
 NEAR = 0.7
 """Least similarity, from 0 to 1 (difflib), of a word to the name that an error message suggests for it."""
 
@@ -109,13 +111,27 @@ def _parse(words: list[str]) -> Command:
     _check_names(words)
     errors, output = io.StringIO(), _Output()
     try:
-        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output):
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output), _at_most(WIDEST):
             return tyro.cli(Command, prog="pilsim", args=words)
     except SystemExit as exit_:
         if exit_.code == 2:
             raise ValueError(f"{_first_part(errors.getvalue())}; see pilsim {words[0]} --help") from None
         print("\n".join(_wrapped(output.getvalue())))
         raise
+
+
+@contextlib.contextmanager
+def _at_most(columns: int) -> Iterator[None]:
+    """Makes the terminal look at most so wide: in a wider one tyro sets groups side by side, with expert options beside the common ones."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = str(min(columns, shutil.get_terminal_size().columns))
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before
 
 
 class _Output(io.StringIO):
@@ -131,7 +147,7 @@ class _Output(io.StringIO):
 
 def _wrapped(text: str) -> Iterator[str]:
     """The lines of a command's help; its sentences, which tyro joins to one line a paragraph, are wrapped to the terminal."""
-    width = max(40, shutil.get_terminal_size().columns)
+    width = max(40, min(WIDEST, shutil.get_terminal_size().columns))
     for line in text.rstrip("\n").split("\n"):
         # Boxes are as wide as the terminal already; examples are indented, and stay whole for copying.
         prose = line and not line.startswith((" ", "│", "╭", "╰", "Example"))
