@@ -165,7 +165,8 @@ def described(found: PairedComparison) -> str:
         for one in pair.differences:
             digits = one.measure.digits
             numbers = f"{one.reference:8.{digits}f} → {one.compared:7.{digits}f}   {one.interval.text(digits, signed=True):31s}"
-            lines.append(f"  {one.id:{wide}s}  {one.measure.label:7s} {numbers} {one.verdict} ({one.interval.count} seed{"s" * (one.interval.count != 1)})")
+            seeds = f"{one.interval.count} seed{'s' * (one.interval.count != 1)}"
+            lines.append(f"  {one.id:{wide}s}  {one.measure.label:7s} {numbers} {one.verdict} ({seeds})")
         if not pair.differences:
             lines.append("  no pair of runs in which both have scores")
     note = "Differences from the reference: mean and 95 % interval (Student's t over seeds). More MOTA and IDF1 are better; less ATE is better."
