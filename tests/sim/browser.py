@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,11 @@ class Browser:
             self._process.wait()
         os.close(self._write)
         os.close(self._read)
-        shutil.rmtree(self._home, ignore_errors=True)
+        # Processes that Chromium started may write into the folder for a moment after it has ended.
+        deadline = time.monotonic() + 5
+        while os.path.exists(self._home) and time.monotonic() < deadline:
+            shutil.rmtree(self._home, ignore_errors=True)
+            time.sleep(0.05)
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Ask for something and wait for the answer."""
