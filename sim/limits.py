@@ -16,8 +16,8 @@ from sim import cliques
 from sim.footage import Footage
 from sim.landmarks import whose
 from sim.target_limits import target_bound
+from tracker import cramer_rao
 from tracker.bearings import Sight, jacobians, robot_jacobians
-from tracker.cramer_rao import surveyed
 from tracker.evaluation import who_counts
 from tracker.geometry import Array, Pose, skew, tangent_basis
 from tracker.measurements import Companions, Mount, Odometry, Sightings, Survey, View
@@ -58,7 +58,11 @@ def ate_bound(footage: Footage, survey: Survey | None = None) -> float | None:
     if not moving or troubles.slip or troubles.kidnapped or troubles.skew:
         return None
     if footage.landmarks is None:
-        return None if survey is None else surveyed(footage.setup, [t.T_world_robot for t in footage.truth], footage.in_memory().odometry(), survey)
+        return (
+            None
+            if survey is None
+            else cramer_rao.surveyed(footage.setup, [t.T_world_robot for t in footage.truth], footage.in_memory().odometry(), survey)
+        )
     problem = _Problem(footage, moving)
     last = len(footage.ticks) - 1
     ends = sorted({round(last * k / MOMENTS) for k in range(1, MOMENTS + 1)} - {0}) or [0]
@@ -161,7 +165,7 @@ class _Problem:
 
     def error(self) -> float:
         """m: the mean over robots of the root mean square over the frames that were taken."""
-        return float(np.sqrt(np.mean(self._squares, axis=0)).mean())
+        return cramer_rao.ate_bound(np.array(self._squares))
 
 
 def _adjoint(T: Pose) -> Array:

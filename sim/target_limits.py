@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import ellipe
 
 from sim.footage import Footage
+from tracker.cramer_rao import bound_step
 from tracker.geometry import Array
 from tracker.trees import MotionParameters, transition
 
@@ -31,8 +32,7 @@ def target_bound(footage: Footage) -> float | None:
     for k in range(len(footage.truth)):
         information = _told(footage, k, people)
         seen = information.any(axis=(1, 2))
-        P = F @ P @ F.T + Q
-        P = np.asarray(np.linalg.inv(np.linalg.inv(P) + information), dtype=np.float64)
+        P = bound_step(P, F, Q, information)
         errors.append(mean_distance(P[seen, :2, :2]))
     found = np.concatenate(errors)
     return float(found.mean()) if len(found) else None

@@ -87,8 +87,17 @@ def _spans(frames: Sequence[Frame]) -> dict[int, int]:
     return {int(s): k for k, frame in enumerate(frames) for subject, _ in frame.seen.values() for s in subject}
 
 
+def bound_step(P: Array, F: Array, Q: Array, information: Array) -> Array:
+    """One step of the recursion for n independent states that move linearly (Tichavský et al. 1998, eq. 21): the bounds (n, d, d) one frame later.
+
+    P (n, d, d): the bounds before; F, Q (d, d): transition and process noise; information (n, d, d): what the measurements of the frame add.
+    """
+    predicted = F @ P @ F.T + Q
+    return np.asarray(np.linalg.inv(np.linalg.inv(predicted) + information), dtype=np.float64)
+
+
 def ate_bound(variance: Array) -> float:
-    """m: the mean over robots of the root mean square over frames, as ATE is."""
+    """Variances (frames, robots) m² → m: the mean over robots of the root mean square over frames, as ATE is."""
     return float(np.sqrt(variance.mean(axis=0)).mean())
 
 
