@@ -58,11 +58,9 @@ def ate_bound(footage: Footage, survey: Survey | None = None) -> float | None:
     if not moving or troubles.slip or troubles.kidnapped or troubles.skew:
         return None
     if footage.landmarks is None:
-        return (
-            None
-            if survey is None
-            else cramer_rao.surveyed(footage.setup, [t.T_world_robot for t in footage.truth], footage.in_memory().odometry(), survey)
-        )
+        if survey is None:
+            return None
+        return cramer_rao.surveyed(footage.setup, [t.T_world_robot for t in footage.truth], footage.in_memory().odometry(), survey)
     problem = _Problem(footage, moving)
     last = len(footage.ticks) - 1
     ends = sorted({round(last * k / MOMENTS) for k in range(1, MOMENTS + 1)} - {0}) or [0]
