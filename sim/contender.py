@@ -13,17 +13,13 @@ from typing import Any
 import numpy as np
 
 from tracker.formats.motchallenge import read_mot15
-from tracker.geometry import Array, Pose
+from tracker.geometry import Pose
 from tracker.measurements import Estimate, Setup, Tick
-from tracker.pipeline import Parameters, track
-from tracker.results import Results, surveyed
-from tracker.selection import MultipleParameters
-from tracker.slam_parameters import SlamParameters
+from tracker.options import parameters_from
+from tracker.pipeline import track
+from tracker.results import Results
 
 Tracking = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
-
-SLAM = ("ekf", "iekf", "fej", "invariant")
-OPTIONS = ("slam", "iterations", "correction", "hypotheses", "k_h", "i_bls_max")
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,7 @@ class Contender:
             raise ValueError("--tracker and --results exclude each other")
         if self.options and (self.function or self.results):
             raise ValueError(f"options {', '.join(self.options)} are of the default tracker, not of {self.name}")
-        parameters_of(self.options)
+        parameters_from(self.options)
 
     @property
     def name(self) -> str:
@@ -64,61 +60,16 @@ class Contender:
         """
         if self.results:
             return _made_elsewhere(Path(self.results) / run[0] / f"{run[1]}.txt", len(ticks))
-        return gathered(self.estimates(setup, ticks, graphs), setup)
+        return Results.of(self.estimates(setup, ticks, graphs), {})
 
     def estimates(self, setup: Setup, ticks: list[Tick], graphs: Path | None = None) -> list[Estimate]:
         """As results_of, in full."""
         if self.function:
             return checked(self.name, load(self.function)(setup, ticks), setup, ticks)
-        parameters = parameters_of(self.options)
+        parameters = parameters_from(self.options)
         if graphs is not None and parameters.multiple is not None:
             parameters = replace(parameters, multiple=replace(parameters.multiple, graphs=graphs))
         return checked(self.name, track(setup, ticks, parameters), setup, ticks)
-
-
-def gathered(estimates: list[Estimate], setup: Setup) -> Results:
-    """Estimates as Results; robots that are known exactly from the start (fixed cameras) are none."""
-    moving = [robot for robot, start in setup.starts.items() if start is None or start.covariance.any()]
-    tracks = {e.index: (e.target_id, e.position) for e in estimates}
-    poses: dict[str, list[Pose | None]] = {robot: [e.T_world_robot[robot] for e in estimates] for robot in moving}
-    covariances: dict[str, list[Array | None]] = {robot: [e.robot_covariance[robot] for e in estimates] for robot in moving}
-    return Results(len(estimates), tracks, poses, covariances, {}, surveyed(estimates))
-
-
-def filter_of(slam: str | None, iterations: int | None, correction: bool, persistence: bool | None = None) -> SlamParameters:
-    """The filter by the name of its mode on the command line, fej by default; persistence: whether errors of the odometry that last are kept in the
-    state, by default with fej. Raises ValueError where there is no such filter.
-    """
-    slam = "fej" if slam is None else slam
-    if slam not in SLAM:
-        raise ValueError(f"slam is {slam!r}, needs one of {', '.join(SLAM)}")
-    if persistence and slam not in ("iekf", "fej"):
-        raise ValueError(f"--persistence on is for --slam fej or iekf, not {slam}")
-    chosen = SlamParameters().persistent() if persistence or (persistence is None and slam == "fej") else SlamParameters()
-    mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, chosen.iterations if iterations is None else int(iterations))
-    return replace(chosen, mode=mode, iterations=iterations, correction=correction)
-
-
-def parameters_of(options: dict[str, Any]) -> Parameters:
-    """Parameters of our tracker from options by their names on the command line. Raises ValueError for one that is unknown or out of bounds."""
-    unknown = sorted(set(options) - set(OPTIONS))
-    if unknown:
-        raise ValueError(f"option {unknown[0]!r} of the tracker is unknown, needs one of {', '.join(OPTIONS)}")
-    for name, allowed in (("correction", ("on", "off")), ("hypotheses", ("single", "multiple"))):
-        if options.get(name, allowed[0]) not in allowed:
-            raise ValueError(f"{name} is {options[name]!r}, needs {' or '.join(allowed)}")
-    filter_ = filter_of(options.get("slam"), options.get("iterations"), options.get("correction", "on") == "on")
-    if options.get("hypotheses", "single") == "single":
-        if {"k_h", "i_bls_max"} & set(options):
-            raise ValueError("k_h and i_bls_max are for hypotheses multiple")
-        return Parameters(slam=filter_)
-    counts = {name: int(options[name]) for name in ("k_h", "i_bls_max") if name in options}
-    for name, value in counts.items():
-        if value < 1:
-            raise ValueError(f"{name} is {value}, needs at least 1")
-    multiple = MultipleParameters(small_graphs="k_h" in counts)
-    multiple = replace(multiple, k_h=counts.get("k_h", multiple.k_h), i_bls_max=counts.get("i_bls_max", multiple.i_bls_max))
-    return Parameters(slam=filter_, multiple=multiple)
 
 
 def load(function: str) -> Tracking:

@@ -13,12 +13,15 @@ from tqdm import tqdm
 
 from sim.record import record
 from sim.scenario import Scenario
-from tracker.atomic import write_text
+from tracker.atomic import unfinished, write_text
 from tracker.evaluation import evaluate, table
-from tracker.pipeline import Parameters, track
-from tracker.results import Results, read_results, write_results
+from tracker.io.resume import check_same, holds, json_value
+from tracker.pipeline import Parameters
+from tracker.results import Results, read_results
+from tracker.run import tracked
 from tracker.sequence import Sequence, read_json, read_sequence
 
+STATEMENT = "sequence/scenario.json"
 PICTURES = ("contact_sheet.png", "plan.png", "video.mp4")
 
 
@@ -32,7 +35,7 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     if not folder.exists():
         record(scenario, folder, partial(tqdm, desc="panoramas", unit="frame"))
     sequence = read_sequence(folder)
-    if (out / "track").exists() and read_results(out / "track").run.get("parameters") != repr(Parameters()):
+    if (out / "track").exists() and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
         print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
         for name in PICTURES:
             (out / name).unlink(missing_ok=True)
@@ -56,41 +59,11 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
 
 def check_folder(scenario: Scenario, out: Path) -> None:
     """Refuse a folder that holds anything but this scenario's run."""
-    if not out.exists():
-        return
-    if not out.is_dir():
-        raise ValueError(f"{out}: is a file, needs a folder")
-    stated = out / "sequence" / "scenario.json"
-    if stated.exists():
-        there, wanted = read_json(stated), json.loads(scenario.to_json())
+    if holds(out, STATEMENT, (unfinished(out / "sequence").name,)):
+        there = read_json(out / STATEMENT)
         if not isinstance(there, dict):
-            raise ValueError(f"{stated}: no scenario")
-        different = [f"{name} {there.get(name)} there, {value} asked for" for name, value in wanted.items() if there.get(name) != value]
-        if different:
-            raise ValueError(f"{out}: holds another run ({different[0]}); choose another --out or remove it")
-    elif any(p.name != ".sequence.partial" for p in out.iterdir()):
-        raise ValueError(f"{out}: holds something else; choose another --out or remove it")
-
-
-def tracked(sequence: Sequence, folder: Path, run: dict[str, Any], parameters: Parameters | None = None) -> Results:
-    """Track a sequence with a progress bar and write the results, or read them where the same run is there already.
-
-    Raises ValueError where `folder` holds another run.
-    """
-    run = json.loads(json.dumps(run | {"provenance": sequence.provenance, "parameters": repr(parameters or Parameters())}))
-    if folder.exists() and any(folder.iterdir()):
-        if not (folder / "run.json").exists():
-            raise ValueError(f"{folder}: is there already and holds no run; choose another --out or remove it")
-        there = read_results(folder)
-        if {k: v for k, v in there.run.items() if k in run} != run:
-            raise ValueError(f"{folder}: holds another run; choose another --out or remove it")
-        return there
-    estimates = track(sequence.setup, sequence.ticks, parameters)
-    results = Results.of(tqdm(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), run)
-    if folder.exists():
-        folder.rmdir()
-    write_results(folder, results)
-    return results
+            raise ValueError(f"{out / STATEMENT}: no scenario")
+        check_same(out, there, json.loads(scenario.to_json()))
 
 
 def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:

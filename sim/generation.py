@@ -25,6 +25,7 @@ from tracker.atomic import write_text
 from tracker.dataset import FILE, Dataset, read_dataset
 from tracker.formats.card import write_card
 from tracker.formats.croissant import write_croissant
+from tracker.io.resume import check_same, holds
 from tracker.recording import Form
 
 LARGEST_COUNT = 100_000
@@ -108,18 +109,12 @@ def generate(plan: Plan) -> int:
 
 def _check_free(plan: Plan) -> None:
     """Raises ValueError where `out` holds anything but this dataset, of which there may be more or fewer sequences than now wanted."""
-    if plan.out.exists() and not plan.out.is_dir():
-        raise ValueError(f"{plan.out}: is a file, needs a folder")
-    if (plan.out / FILE).exists():
+    if holds(plan.out, FILE, (".*",)):
         there, wanted = read_dataset(plan.out), plan.dataset
         flat = [{"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (there, wanted)]
-        different = [f"{key} {flat[0].get(key)} there, {value} asked for" for key, value in flat[1].items() if flat[0].get(key) != value]
-        if different:
-            raise ValueError(f"{plan.out}: holds another dataset ({different[0]}); choose another --out or remove it")
+        check_same(plan.out, flat[0], flat[1], "another dataset")
         if len(there.sequences) > plan.count:
             raise ValueError(f"{plan.out}: is a dataset of {len(there.sequences)} sequences, --count is {plan.count}; ask for as many or more")
-    elif plan.out.exists() and any(not path.name.startswith(".") for path in plan.out.iterdir()):
-        raise ValueError(f"{plan.out}: holds something else; choose another --out or remove it")
 
 
 def _work(plan: Plan, orders: list[Order]) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.contender import Contender, checked, gathered, parameters_of
+from sim.contender import Contender, checked
 from sim.footage import Footage, identities
 from sim.sensing import Detector
 from tracker.clearmot import score
@@ -25,6 +25,7 @@ from tracker.fusion import Feet, stand
 from tracker.geometry import Array, Pose
 from tracker.hypotheses import SingleTargets
 from tracker.measurements import Detections, Estimate, Ints, Odometry, Setup, Start, Tick, View
+from tracker.options import parameters_from
 from tracker.pipeline import Parameters, track
 from tracker.results import Results
 from tracker.slam import Slam
@@ -43,7 +44,7 @@ def climb(footage: Footage, contender: Contender) -> dict[str, Any]:
     """Shares of the stages in MOTA and in metres (mean distance of a match), and both for every combination, "0110" for detections and association
     replaced. Of our own tracker alone: the association of others cannot be replaced.
     """
-    parameters = parameters_of(contender.options)
+    parameters = parameters_from(contender.options)
     values = {}
     for which in product((False, True), repeat=len(STAGES)):
         chosen = dict(zip(STAGES, which, strict=True))
@@ -78,8 +79,8 @@ def _scored(footage: Footage, results: Results) -> dict[str, float]:
 def _tracked(footage: Footage, parameters: Parameters, chosen: Mapping[str, bool]) -> Results:
     setup, ticks, whose = replaced(footage, chosen)
     if not chosen["association"]:
-        return gathered(checked("default", track(setup, ticks, parameters), setup, ticks), setup)
-    return gathered(list(associated(setup, ticks, parameters, whose)), setup)
+        return Results.of(checked("default", track(setup, ticks, parameters), setup, ticks), {})
+    return Results.of(associated(setup, ticks, parameters, whose), {})
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,9 @@ import numpy as np
 
 from sim.policies_choices import CHOICES, HOLD, PARTS
 from sim.policies_ppo import needed
-from tracker.atomic import new_file
+from tracker.atomic import finish_folder, new_file, unfinished, write_text
+from tracker.io.resume import check_same
+from tracker.sequence import read_json
 
 TEAMS, ROUND = 16, 20
 """Teams that learn side by side, and choices of each between two improvements of the policy."""
@@ -36,7 +38,7 @@ class Curve:
         self.rows.append((decisions, float(np.mean(rewards)), error))
 
     def write(self, file: Path) -> None:
-        with file.open("w", newline="", encoding="utf-8") as out:
+        with new_file(file) as part, part.open("w", newline="", encoding="utf-8") as out:
             csv.writer(out).writerows([("decisions", "reward", "standard_error"), *self.rows])
 
     @staticmethod
@@ -58,30 +60,29 @@ def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> P
 
     if folder.exists():
         raise ValueError(f"{folder}: is there already")
-    unfinished = folder.with_name(f".{folder.name}.partial")
-    order = json.dumps({"options": options, "steps": steps, "seed": seed})
-    if (unfinished / ORDER).exists() and (unfinished / ORDER).read_text(encoding="utf-8") != order:
-        raise ValueError(f"{unfinished}: holds another training that was interrupted; finish or remove it, or choose another --out")
+    part, order = unfinished(folder), {"options": options, "steps": steps, "seed": seed}
+    if (part / ORDER).exists():
+        check_same(part, read_json(part / ORDER), order, "another training, which was interrupted")
     torch.set_num_threads(1)
     envs = Learners(options, TEAMS)
-    model, curve = _begun(envs, unfinished, steps, seed)
-    unfinished.mkdir(parents=True, exist_ok=True)
-    (unfinished / ORDER).write_text(order, encoding="utf-8")
-    _learn(model, envs, curve, unfinished)
+    model, curve = _begun(envs, part, steps, seed)
+    part.mkdir(parents=True, exist_ok=True)
+    write_text(part / ORDER, json.dumps(order))
+    _learn(model, envs, curve, part)
     envs.close()
-    _save(model, curve, unfinished)
-    draw(curve, _beside(options), unfinished / "curve.png")
-    unfinished.rename(folder)
+    _save(model, curve, part)
+    draw(curve, _beside(options), part / "curve.png")
+    finish_folder(folder)
     return folder / MODEL
 
 
-def _begun(envs: Any, unfinished: Path, steps: int, seed: int) -> tuple[Any, Curve]:
+def _begun(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any, Curve]:
     """A new model and curve, or those that an interrupted training has left."""
     ppo = needed()
     from sim.policies_network import ChoicePolicy
 
-    if (unfinished / MODEL).exists():
-        return ppo.load(unfinished / MODEL, env=envs, device="cpu"), Curve.read(unfinished / CURVE, steps)
+    if (folder / MODEL).exists():
+        return ppo.load(folder / MODEL, env=envs, device="cpu"), Curve.read(folder / CURVE, steps)
     rates: dict[str, Any] = {"learning_rate": _rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
     shape = {"choices": CHOICES, "parts": PARTS}
     batch = ROUND * envs.num_envs // 4

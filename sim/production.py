@@ -15,6 +15,7 @@ from sim.lookouts import lookouts
 from sim.presets import Preset, confined, provenance
 from sim.record import Stage, record_stage
 from sim.simulation import Simulation
+from tracker.atomic import unfinished
 from tracker.dataset import MANIFEST
 from tracker.recording import Form
 from worlds import catalogue
@@ -41,7 +42,7 @@ class Order:
 
     @property
     def partial(self) -> Path:
-        return self.folder.with_name(f".{self.folder.name}.partial")
+        return unfinished(self.folder)
 
     @property
     def frames(self) -> int:

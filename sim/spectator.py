@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sim.commands.options import views_of
 from sim.spectacle import Scene, Shown
 from tracker.atomic import new_file
 from tracker.measurements import Estimate, Tick
 from tracker.pipeline import track
 from tracker.results import Results, read_results
+from tracker.run import views_of
 from tracker.sequence import Sequence
 from tracker.sources import Choice, open_source
 

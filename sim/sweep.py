@@ -17,6 +17,7 @@ from sim.trial import SCHEMA, Trial, blank
 from sim.worker import Worker
 from sim.workforce import Workforce
 from tracker.atomic import write_text
+from tracker.io.resume import check_same, holds
 
 RESULTS, RUN, LOCK = "results.jsonl", "run.json", ".lock"
 Key = tuple[str, int, str]
@@ -81,9 +82,8 @@ def key_of(row: dict[str, Any]) -> Key:
 def _is_of(folder: Path, row: dict[str, Any], trial: Trial) -> bool:
     """Whether a row is all that a trial would give; not where only its ladder is missing. Raises ValueError where it is of another run."""
     asked = blank(trial)
-    for name in ("scenario", "tracker", "rendered", "value"):
-        if row.get(name) != json.loads(json.dumps(asked[name])):
-            raise ValueError(f"{folder}: holds {row['id']} seed {row['seed']} of another run ({name} differs); choose another --out or remove it")
+    wanted = {name: asked[name] for name in ("scenario", "tracker", "rendered", "value")}
+    check_same(folder, row, wanted, f"{row['id']} seed {row['seed']} of another run")
     return row["ladder"] is not None or not trial.climbs
 
 
@@ -129,10 +129,7 @@ def _locked(folder: Path) -> Iterator[None]:
 def _whole_rows(folder: Path) -> list[dict[str, Any]]:
     """The rows of a folder; a last line that was cut off in writing is left out. Raises ValueError for anything else that is no row."""
     path = folder / RESULTS
-    if not path.exists():
-        others = [p.name for p in folder.iterdir() if p.name not in (LOCK, holder_file(folder / LOCK).name, RUN, "moments")]
-        if others:
-            raise ValueError(f"{folder}: holds {others[0]} and no {RESULTS}; choose another --out or remove it")
+    if not holds(folder, RESULTS, (LOCK, holder_file(folder / LOCK).name, RUN, "moments")):
         return []
     lines = path.read_bytes().split(b"\n")
     out = []

@@ -8,6 +8,29 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
+def unfinished(path: Path) -> Path:
+    """The temporary name, beside `path`, under which the folder `path` is written."""
+    return path.with_name(f".{path.name}.partial")
+
+
+def begin_folder(path: Path) -> Path:
+    """Make an empty folder under the temporary name of `path`, without what a killed run left there; returns the temporary name."""
+    discard_folder(path)
+    unfinished(path).mkdir(parents=True)
+    return unfinished(path)
+
+
+def finish_folder(path: Path) -> None:
+    """Give the folder under the temporary name its own."""
+    unfinished(path).rename(path)
+
+
+def discard_folder(path: Path) -> None:
+    """Remove the folder under the temporary name, where there is one."""
+    if unfinished(path).exists():
+        shutil.rmtree(unfinished(path))
+
+
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
     """An empty folder to write into that becomes `path` when the block ends, and is removed where the block fails.
@@ -18,16 +41,11 @@ def new_folder(path: Path) -> Iterator[Path]:
         if not path.is_dir() or any(path.iterdir()):
             raise ValueError(f"{path}: is there already")
         path.rmdir()
-    partial = path.with_name(f".{path.name}.partial")
-    if partial.exists():
-        shutil.rmtree(partial)
-    partial.mkdir(parents=True)
     try:
-        yield partial
-        partial.rename(path)
+        yield begin_folder(path)
+        finish_folder(path)
     finally:
-        if partial.exists():
-            shutil.rmtree(partial)
+        discard_folder(path)
 
 
 @contextmanager

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,10 @@ import numpy as np
 from tracker.course import Outing, PlanarParameters, follow, outing
 from tracker.formats.utias import read_team
 from tracker.geometry import Array
+from tracker.io.resume import check_same, holds, json_value
 from tracker.paths import Paths, read_paths, score_paths, write_paths
 from tracker.planar import MATCHED, OUTLIER, REOPENED, ROBOT, SCAN, STARTED
+from tracker.results import RUN
 from tracker.unicycle import Sensors
 
 
@@ -24,14 +24,11 @@ def explore(source: Path, folder: Path, known_map: bool, parameters: PlanarParam
     Raises ValueError where the set is damaged, the filter diverges, or `folder` holds another run.
     """
     parameters, sensors = parameters or PlanarParameters(), Sensors()
-    told = {"map": "known" if known_map else "unknown", "parameters": asdict(parameters), "sensors": asdict(sensors), "provenance": _sums(source)}
-    run = json.loads(json.dumps(told))
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        if not (folder / "run.json").is_file():
-            raise ValueError(f"{folder}: is there already and holds no run; choose another --out or remove it")
+    told = {"map": "known" if known_map else "unknown", "parameters": parameters, "sensors": sensors, "provenance": _sums(source)}
+    run = json_value(told)
+    if holds(folder, RUN):
         there = read_paths(folder)
-        if {k: v for k, v in there.run.items() if k in run} != run:
-            raise ValueError(f"{folder}: holds another run; choose another --out or remove it")
+        check_same(folder, there.run, run)
         return there
     team = read_team(source)
     out = outing(team, sensors, known_map, parameters.correction)

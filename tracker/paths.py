@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tracker.atomic import new_folder
 from tracker.formats.utias import Robot, Team
 from tracker.geometry import Array, rotation_onto
+from tracker.io.resume import program_version
 from tracker.sequence import read_json
 
 SCHEMA = 1
@@ -49,7 +50,7 @@ def write_paths(folder: Path, paths: Paths) -> None:
         np.savetxt(partial / "robots.csv", np.concatenate(blocks), formats, ",", header=ROBOTS, comments="")
         rows = [[subject, *place] for subject, place in paths.landmarks.items()]
         np.savetxt(partial / "map.csv", np.array(rows).reshape(-1, 3), ["%d", "%.6f", "%.6f"], ",", header=MAP, comments="")
-        text = json.dumps({"schema": SCHEMA, "kind": "planar"} | paths.run, indent=1, sort_keys=True)
+        text = json.dumps({"schema": SCHEMA, "pilsim": program_version(), "kind": "planar"} | paths.run, indent=1, sort_keys=True)
         (partial / "run.json").write_text(text + "\n", encoding="utf-8")
 
 

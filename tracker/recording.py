@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.annotations import ViewTruth, box_rows, camera_row, joint_rows, keypoint_rows
+from tracker.atomic import begin_folder, discard_folder, finish_folder, unfinished
 from tracker.calibration import calibration_of, pose_row
 from tracker.cameras import Tsai
 from tracker.formats.pets2009 import write_camera
@@ -64,7 +64,7 @@ class SequenceWriter:
 
     def __init__(self, folder: Path, setup: Setup, tops: Grid, form: Form | None = None) -> None:
         self.folder, self.setup, self.form = folder, setup, form or Form()
-        self.partial = folder.with_name(f".{folder.name}.partial")
+        self.partial = unfinished(folder)
         self.tops = tops
         self._coders = Coders(self.partial)
         self._videos = Videos(self.partial / "videos", 1 / setup.period) if self.form.video else None
@@ -79,9 +79,7 @@ class SequenceWriter:
         return measured | {f"truth/{name}": list(columns) for name, columns in truth.items()}
 
     def __enter__(self) -> SequenceWriter:
-        if self.partial.exists():
-            shutil.rmtree(self.partial)
-        (self.partial / "truth").mkdir(parents=True)
+        (begin_folder(self.folder) / "truth").mkdir()
         for camera in self.setup.mounts:
             for folder in self.form.folders():
                 (self.partial / folder / camera).mkdir(parents=True)
@@ -94,8 +92,7 @@ class SequenceWriter:
         self._coders.close()
         if self._videos:
             self._videos.close()
-        if self.partial.exists():
-            shutil.rmtree(self.partial)
+        discard_folder(self.folder)
 
     def add(self, tick: Tick, truth: Truth, layers: Layers, views: Mapping[str, ViewTruth]) -> None:
         """Append one tick, its layers, and by camera what is true of the view.
@@ -170,7 +167,7 @@ class SequenceWriter:
         files = {name: {"sha256": sha256, "bytes": size} for name, (sha256, size) in sums.items()}
         manifest = {"schema": SCHEMA, "versions": versions, "files": files}
         _write_json(root / "manifest.json", manifest | {"sum": manifest_sum(manifest)})
-        root.rename(self.folder)
+        finish_folder(self.folder)
 
     def _calibrate(self) -> None:
         """The file of PETS 2009 of every Tsai camera whose place is known and stays."""

@@ -15,12 +15,14 @@ import numpy as np
 from tracker.atomic import new_folder
 from tracker.formats.motchallenge import read_mot15, rows_from_tracks, write_mot15
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.io.resume import program_version
 from tracker.layout import POSE, UPPER
 from tracker.measurements import Estimate, Ints, Survey
 from tracker.sequence import read_json
 from tracker.tables import read_table, write_table
 
 SCHEMA = 1
+RUN = "run.json"
 MAX_FRAMES = 10_000_000
 MAP = {"landmark": int, "final": int, "tx": float, "ty": float, "tz": float}
 SIGHTINGS = {"frame": int, "robot": str, "landmark": int}
@@ -79,17 +81,17 @@ def write_results(folder: Path, results: Results) -> None:
             write_table(partial / "map.csv", list(MAP), [[n, int(n in final), *place] for n, place in results.survey.places.items()])
             seen = [[k, robot, n] for k, by in enumerate(results.survey.sighted) for robot, ids in by.items() for n in ids.tolist()]
             write_table(partial / "sightings.csv", list(SIGHTINGS), seen)
-        text = json.dumps({"schema": SCHEMA, "frames": results.frames} | results.run, indent=1, sort_keys=True)
-        (partial / "run.json").write_text(text + "\n", encoding="utf-8")
+        text = json.dumps({"schema": SCHEMA, "pilsim": program_version(), "frames": results.frames} | results.run, indent=1, sort_keys=True)
+        (partial / RUN).write_text(text + "\n", encoding="utf-8")
 
 
 def read_results(folder: Path) -> Results:
     """Raises ValueError naming file and line or field where a file is missing or wrong."""
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder")
-    run = read_json(folder / "run.json")
+    run = read_json(folder / RUN)
     if not isinstance(run, dict) or run.get("schema") != SCHEMA or not isinstance(run.get("frames"), int) or not 0 <= run["frames"] <= MAX_FRAMES:
-        raise ValueError(f"{folder / 'run.json'}: schema or frames is missing or not of version {SCHEMA}")
+        raise ValueError(f"{folder / RUN}: schema or frames is missing or not of version {SCHEMA}")
     frames = int(run["frames"])
     rows = read_mot15(folder / "tracks.txt")
     if not rows.positioned.all():

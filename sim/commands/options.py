@@ -33,11 +33,3 @@ def numbers(text: str) -> list[int]:
         return [int(part) for part in text.split(",") if part.strip()]
     except ValueError:
         raise ValueError(f"--views is {text!r}, needs numbers as in 1,5,7") from None
-
-
-def views_of(run: dict[str, Any]) -> list[int]:
-    """The views that a run.json names. Raises ValueError where that is no list of numbers."""
-    views = run.get("views", [])
-    if not isinstance(views, list) or not all(isinstance(view, int) for view in views):
-        raise ValueError(f"run.json: views is {views!r}, needs a list of numbers")
-    return views

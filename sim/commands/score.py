@@ -9,7 +9,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.commands.options import unset, views_of
+from sim.commands.options import unset
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,7 @@ class Score:
         from tracker.evaluation import efficiency, evaluate, evaluate_files, table
         from tracker.formats.utias import is_utias
         from tracker.results import read_results
+        from tracker.run import views_of
         from tracker.sources import Choice, open_source
 
         if self.source and is_utias(self.source) and self.results and not (self.files.truth or self.files.result or self.files.iou):

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.commands.options import Out, numbers, unset
-
-if TYPE_CHECKING:
-    from tracker.pipeline import Parameters
-    from tracker.seeing import ImageParameters
+from sim.commands.options import Out, numbers, options_of, unset
 
 
 @dataclass(frozen=True)
@@ -129,9 +125,10 @@ class Track:
     """The paper's parameters of tracklets need --images and --hypotheses single."""
 
     def run(self) -> None:
-        from sim.demo import tracked
         from tracker.films import filmed
         from tracker.formats.utias import is_utias
+        from tracker.options import OPTIONS, parameters_from
+        from tracker.run import tracked
         from tracker.sequence import without_starts
         from tracker.sources import Choice, open_source
 
@@ -154,66 +151,10 @@ class Track:
         if self.images:
             sequence = filmed(sequence, self.source)
         run = {"source": self.source.name, "views": views} | choice.to_run() | ({"unknown_start": lost} if lost else {})
-        results = tracked(sequence, self.out, run, self._parameters())
+        parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
+        results = tracked(sequence, self.out, run, parameters)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
-
-    def _parameters(self) -> Parameters | None:
-        """What was asked of the filter, for a sequence; None where nothing was."""
-        from sim.contender import filter_of
-        from tracker.pipeline import Parameters
-
-        people = self._people()
-        if self.robots.slam is None and self.robots.iterations is None and self.robots.correction == "on" and self.robots.persistence is None:
-            return people
-        lasting = None if self.robots.persistence is None else self.robots.persistence == "on"
-        chosen = filter_of(self.robots.slam, self.robots.iterations, self.robots.correction == "on", lasting)
-        return replace(people or Parameters(), slam=chosen)
-
-    def _people(self) -> Parameters | None:
-        """What was asked of the tracker of people; None where nothing was."""
-        from tracker.pipeline import Parameters
-        from tracker.selection import MultipleParameters
-
-        multiple = {name: getattr(self.multiple, name) for name in ("k_h", "i_bls_max", "n_scan")}
-        given: dict[str, Any] = multiple | vars(self.people)
-        given = {name: value for name, value in given.items() if value is not None}
-        for name, value in given.items():
-            if not value > 0:
-                raise ValueError(f"--{name.replace('_', '-')} is {value}, needs more than 0")
-        if "theta_s" in given:
-            given["same_person"] = given.pop("theta_s")
-        v_max, images = given.pop("v_max", None), self._images()
-        single, many = Parameters().targets, MultipleParameters()
-        if v_max is not None:
-            single = replace(single, motion=replace(single.motion, v_max=v_max))
-            many = replace(many, motion=replace(many.motion, v_max=v_max))
-        if self.hypotheses == "multiple":
-            others: dict[str, Any] = {
-                "small_graphs": self.multiple.k_h is not None,
-                "seed": self.multiple.seed_search,
-                "graphs": self.multiple.dump_graphs,
-            }
-            return Parameters(multiple=replace(many, **given, **others), images=images, delay=self.delay)
-        if {"k_h", "i_bls_max", "n_scan"} & set(given) or self.multiple.dump_graphs is not None or self.multiple.seed_search:
-            raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
-        if not given and v_max is None and not self.delay and not self.images:
-            return None
-        return Parameters(targets=replace(single, **given), images=images, delay=self.delay)
-
-    def _images(self) -> ImageParameters:
-        """What is looked for in images."""
-        from tracker.seeing import ImageParameters
-        from tracker.silhouettes import SilhouetteParameters
-        from tracker.tracklets import TrackletParameters
-
-        given = {name: value for name, value in vars(self.tracklets).items() if value is not None}
-        multiple = self.hypotheses == "multiple"
-        if given and (multiple or not self.images):
-            raise ValueError("--l-c, --delta-min and --omega are for --images with --hypotheses single")
-        if not self.images:
-            return ImageParameters()
-        return ImageParameters(None if multiple else TrackletParameters(**given), SilhouetteParameters(), appearance=multiple)
 
     def _explore(self) -> None:
         from tracker.course import PlanarParameters

@@ -16,13 +16,13 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from sim import causes
-from sim.contender import gathered
 from sim.footage import filmed
 from sim.ladder import STAGES, replaced
 from sim.scenario import Scenario
 from sim.stress import Case
 from sim.trial import scored
 from tracker.pipeline import Parameters, track
+from tracker.results import Results
 
 WORLDS, PEOPLE, SEEDS, FRAMES, DELAY = ("campus", "ruins"), (10, 43, 74), (100, 109), 120, 10
 POSES = ("SLAM", "true")
@@ -44,7 +44,7 @@ def outcomes(scenario: Scenario, delay: int) -> dict[str, Outcome]:
     footage, out = filmed(Case("crowd/0", "crowd", "people", scenario.people, scenario), rendered=False), {}
     for poses in POSES:
         setup, ticks, _ = replaced(footage, dict.fromkeys(STAGES, False) | {"poses": poses == "true"})
-        results = gathered(list(track(setup, ticks, Parameters(delay=delay))), setup)
+        results = Results.of(track(setup, ticks, Parameters(delay=delay)), {})
         scores = scored(footage, results)
         why = causes.counted(causes.mistakes(causes.gather(footage, results)))
         flat = {cause: count for counts in why.values() for cause, count in counts.items()}

@@ -162,7 +162,7 @@ def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixtur
 def test_an_out_that_holds_something_else(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "diary.txt").write_text("dear diary")
-    assert "holds something else" in refused("demo", "--out", "out", cwd=tmp_path)
+    assert "and no sequence/scenario.json; choose another --out" in refused("demo", "--out", "out", cwd=tmp_path)
     (tmp_path / "file").write_text("")
     assert "is a file, needs a folder" in refused("demo", "--out", "file", cwd=tmp_path)
 
@@ -192,6 +192,27 @@ def test_track_then_score_and_reuse(tmp_path: Path) -> None:
     assert "r: holds another run" in refused("track", "t", "--out", "r", cwd=tmp_path)
 
 
+def test_results_of_an_old_version_are_scored_and_not_tracked_over(tmp_path: Path) -> None:
+    """As pilsim 0.3.0 wrote run.json: its parameters are a text, here cut short."""
+    sequences.write(tmp_path / "s")
+    assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
+    scores = pilsim("score", "s", "r", "--json", cwd=tmp_path).stdout
+    provenance = json.loads((tmp_path / "r" / "run.json").read_text())["provenance"]
+    old = {
+        "frames": 3,
+        "parameters": "Parameters(slam=SlamParameters(mode='fej', iterations=2, correction=True), multiple=None, delay=0)",
+        "provenance": provenance,
+        "schema": 1,
+        "source": "s",
+        "views": [],
+    }
+    text = json.dumps(old, indent=1, sort_keys=True) + "\n"
+    (tmp_path / "r" / "run.json").write_text(text)
+    assert pilsim("score", "s", "r", "--json", cwd=tmp_path).stdout == scores
+    assert "r: was written by pilsim 0.3.0 or older" in refused("track", "s", "--out", "r", cwd=tmp_path)
+    assert (tmp_path / "r" / "run.json").read_text() == text
+
+
 @pytest.mark.slow
 def test_a_utias_set_by_command(tmp_path: Path) -> None:
     write_set(tmp_path / "s")
@@ -210,7 +231,8 @@ def test_a_utias_set_by_command(tmp_path: Path) -> None:
 def test_filters_by_name(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0
-    assert "mode='iekf', iterations=3" in (tmp_path / "r" / "run.json").read_text()
+    slam = json.loads((tmp_path / "r" / "run.json").read_text())["parameters"]["slam"]
+    assert (slam["mode"], slam["iterations"], slam["persistence"]) == ("iekf", 3, None)
     needs = "--l-c, --delta-min and --omega are for --images with --hypotheses single"
     assert needs in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
     assert needs in refused("track", "s", "--images", "--hypotheses", "multiple", "--l-c", "4", "--out", "q", cwd=tmp_path)

@@ -4,11 +4,10 @@ import re
 
 import pytest
 
-from sim.contender import Contender, filter_of, parameters_of
+from sim.contender import Contender
 from sim.footage import Footage, filmed
 from sim.scenario import Scenario
 from sim.stress import Case
-from tracker.pipeline import Parameters
 
 
 @pytest.fixture(scope="module")
@@ -50,34 +49,6 @@ def test_functions_that_are_not_there(footage: Footage) -> None:
     for name, message in (("nothing", "needs module:function"), ("no.such:track", "no"), ("tests.sim.contenders:absent", "has no function absent")):
         with pytest.raises(ValueError, match=message):
             Contender(name).estimates(footage.told, footage.ticks)
-
-
-def test_options_are_those_of_the_command_line() -> None:
-    assert repr(parameters_of({})) == repr(Parameters())
-    plain = parameters_of({"slam": "ekf", "correction": "off"}).slam
-    assert (plain.mode, plain.iterations, plain.correction) == ("iekf", 1, False)
-    many = parameters_of({"hypotheses": "multiple", "k_h": 5}).multiple
-    assert many is not None
-    assert (many.k_h, many.small_graphs) == (5, True)
-    for options, message in (
-        ({"slam": "ukf"}, "slam is 'ukf', needs one of"),
-        ({"k_h": 3}, "for hypotheses multiple"),
-        ({"hypotheses": "multiple", "k_h": 0}, "k_h is 0, needs at least 1"),
-        ({"speed": 3}, "option 'speed' of the tracker is unknown"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            parameters_of(options)
-
-
-def test_lasting_errors_are_states_by_default_and_left_out_with_other_filters() -> None:
-    assert filter_of("fej", 2, True) == Parameters().slam
-    assert Parameters().slam.persistence is not None
-    for slam in ("ekf", "iekf", "invariant"):
-        assert filter_of(slam, 2, True).persistence is None
-    assert filter_of("fej", 2, True, persistence=False).persistence is None
-    assert filter_of("iekf", 2, True, persistence=True).persistence is not None
-    with pytest.raises(ValueError, match="--persistence on is for --slam fej or iekf, not invariant"):
-        filter_of("invariant", 2, True, persistence=True)
 
 
 def test_a_cases_options_go_first() -> None:

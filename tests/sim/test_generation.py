@@ -100,7 +100,7 @@ def test_another_dataset_or_run_in_the_folder_is_refused(dataset: Path, tmp_path
     with file_lock(dataset / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
         wish(*same, out=dataset)
     (tmp_path / "diary.txt").write_text("dear diary")
-    with pytest.raises(ValueError, match="holds something else"):
+    with pytest.raises(ValueError, match=r"and no dataset\.json; choose another --out"):
         wish(*same, out=tmp_path)
     with pytest.raises(ValueError, match="is a file, needs a folder"):
         wish(*same, out=tmp_path / "diary.txt")

@@ -2,10 +2,10 @@
 
 import pytest
 
-from sim.contender import parameters_of
 from sim.placement_trial import PLAIN
 from sim.scenario import Scenario
 from sim.stress import OWN_GOALS, POLICIES, SWEEPS, Case, cases, standard
+from tracker.options import parameters_from
 
 
 def test_ids_are_one_each_and_say_what_varies() -> None:
@@ -14,7 +14,7 @@ def test_ids_are_one_each_and_say_what_varies() -> None:
     assert {case.sweep for case in every} == set(SWEEPS)
     for case in every:
         assert case.value == SWEEPS[case.sweep].values[int(case.id.split("/")[1])]
-        parameters_of(case.options)
+        parameters_from(case.options)
 
 
 def test_a_sweep_changes_what_it_says_and_nothing_else() -> None:

@@ -77,7 +77,7 @@ def test_what_is_there_is_not_run_again(tmp_path: Path) -> None:
 
 def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     rows_of(tmp_path, trial(tmp_path))
-    with pytest.raises(ValueError, match=r"holds misses/0 seed 1005 of another run \(scenario differs\)"):
+    with pytest.raises(ValueError, match=r"holds misses/0 seed 1005 of another run \(scenario\.frames 3 there, 4 asked for\)"):
         sweep([trial(tmp_path, frames=9)], tmp_path, Force(), "pilsim stress")
     with file_lock(tmp_path / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
         sweep([trial(tmp_path)], tmp_path, Force(), "pilsim stress")

@@ -63,6 +63,6 @@ def test_a_folder_that_holds_something_else(tmp_path: Path) -> None:
     source, out = write_set(tmp_path / "s"), tmp_path / "r"
     out.mkdir()
     (out / "mine.txt").write_text("dear")
-    with pytest.raises(ValueError, match="holds no run"):
+    with pytest.raises(ValueError, match=r"holds mine\.txt and no run\.json"):
         explore(source, out, False)
     assert (out / "mine.txt").read_text() == "dear"

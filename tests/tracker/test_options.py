@@ -1,0 +1,66 @@
+"""Parameters from options by name: the defaults, what each option sets, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tracker.options import OPTIONS, parameters_from
+from tracker.pipeline import Parameters
+
+
+def test_no_options_are_the_defaults() -> None:
+    assert parameters_from({}) == parameters_from(dict.fromkeys(OPTIONS)) == Parameters()
+
+
+def test_every_option_reaches_its_parameter() -> None:
+    plain = parameters_from({"slam": "ekf", "iterations": 5, "correction": "off"}).slam
+    assert (plain.mode, plain.iterations, plain.correction) == ("iekf", 1, False)
+    single = parameters_from({"theta_s": 0.5, "v_max": 2.0, "delta_a": 1.0, "n_conf": 3, "delay": 4, "images": True, "l_c": 6})
+    assert (single.targets.same_person, single.targets.motion.v_max, single.targets.delta_a, single.targets.n_conf) == (0.5, 2.0, 1.0, 3)
+    assert single.multiple is None
+    assert single.delay == 4
+    assert single.images.tracklets is not None
+    assert single.images.tracklets.l_c == 6
+    chosen: dict[str, Any] = {"k_h": 5, "i_bls_max": 100, "n_scan": 2.0, "v_max": 2.0, "seed_search": 7, "dump_graphs": "graphs"}
+    many = parameters_from(chosen | {"hypotheses": "multiple"}).multiple
+    assert many is not None
+    assert (many.k_h, many.i_bls_max, many.n_scan, many.motion.v_max) == (5, 100, 2.0, 2.0)
+    assert (many.small_graphs, many.seed, many.graphs) == (True, 7, Path("graphs"))
+    whole = parameters_from({"hypotheses": "multiple"}).multiple
+    assert whole is not None
+    assert not whole.small_graphs
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"slam": "ukf"}, "--slam is 'ukf', needs one of ekf, iekf, fej, invariant"),
+        ({"correction": True}, "--correction is True, needs one of on, off"),
+        ({"k_h": 3}, "for --hypotheses multiple"),
+        ({"seed_search": 3}, "for --hypotheses multiple"),
+        ({"hypotheses": "multiple", "k_h": 0}, "--k-h is 0, needs more than 0"),
+        ({"hypotheses": "multiple", "k_h": 2.5}, "--k-h is 2.5, needs a whole number"),
+        ({"v_max": float("nan")}, "--v-max is nan, needs a number"),
+        ({"images": "yes"}, "--images is 'yes', needs true or false"),
+        ({"l_c": 3}, "are for --images with --hypotheses single"),
+        ({"iterations": 0}, "iterations is 0, needs at least 1"),
+        ({"speed": 3}, "option 'speed' of the tracker is unknown"),
+    ],
+)
+def test_what_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        parameters_from(options)
+
+
+def test_odometry_biases_are_estimated_by_default_and_not_with_other_filters() -> None:
+    assert parameters_from({"slam": "fej"}).slam == Parameters().slam
+    assert Parameters().slam.persistence is not None
+    for slam in ("ekf", "iekf", "invariant"):
+        assert parameters_from({"slam": slam}).slam.persistence is None
+    assert parameters_from({"persistence": "off"}).slam.persistence is None
+    assert parameters_from({"slam": "iekf", "persistence": "on"}).slam.persistence is not None
+    with pytest.raises(ValueError, match="--persistence on is for --slam fej or iekf, not invariant"):
+        parameters_from({"slam": "invariant", "persistence": "on"})

@@ -1,0 +1,61 @@
+"""Tracking into a folder: the same run is read, another one is refused."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.tracker import sequences
+from tracker.pipeline import Parameters
+from tracker.results import read_results
+from tracker.run import tracked, views_of
+from tracker.sequence import Sequence, read_sequence
+
+RUN = {"source": "s", "views": []}
+
+
+@pytest.fixture
+def sequence(tmp_path: Path) -> Sequence:
+    sequences.write(tmp_path / "s")
+    return read_sequence(tmp_path / "s")
+
+
+def test_the_same_run_is_read_whatever_the_order_of_its_keys(sequence: Sequence, tmp_path: Path) -> None:
+    file = tmp_path / "r" / "run.json"
+    tracked(sequence, tmp_path / "r", RUN)
+    run = json.loads(file.read_text())
+    assert run["pilsim"] == importlib.metadata.version("pilsim")
+    assert run["parameters"]["targets"]["n_conf"] == Parameters().targets.n_conf
+    stamp = (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns
+    file.write_text(json.dumps(dict(reversed(run.items())) | {"parameters": dict(reversed(run["parameters"].items()))}))
+    tracked(sequence, tmp_path / "r", dict(reversed(RUN.items())), Parameters())
+    assert (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns == stamp
+
+
+def test_another_run_is_refused_by_what_differs(sequence: Sequence, tmp_path: Path) -> None:
+    tracked(sequence, tmp_path / "r", RUN)
+    with pytest.raises(ValueError, match=r"r: holds another run \(parameters\.delay 0 there, 2 asked for\); choose another --out or remove it"):
+        tracked(sequence, tmp_path / "r", RUN, Parameters(delay=2))
+    unlimited = Parameters(slam=replace(Parameters().slam, robust=float("inf")))
+    with pytest.raises(ValueError, match=r"parameters\.slam\.robust 3\.0 there, inf asked for"):
+        tracked(sequence, tmp_path / "r", RUN, unlimited)
+    tracked(sequence, tmp_path / "q", RUN, unlimited)
+    assert read_results(tmp_path / "q").run["parameters"]["slam"]["robust"] == "inf"
+
+
+def test_a_folder_without_a_run_is_refused(sequence: Sequence, tmp_path: Path) -> None:
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "mine.txt").write_text("dear")
+    with pytest.raises(ValueError, match=r"r: holds mine\.txt and no run\.json; choose another --out"):
+        tracked(sequence, tmp_path / "r", RUN)
+
+
+def test_views_are_a_list_of_numbers() -> None:
+    assert views_of({}) == []
+    assert views_of({"views": [1, 5]}) == [1, 5]
+    with pytest.raises(ValueError, match=r"run\.json: views is '1,5', needs a list of numbers"):
+        views_of({"views": "1,5"})

@@ -1,0 +1,100 @@
+"""Resumption of a run in a folder: a folder that holds the same run is used again, and any other folder is refused.
+
+A run is described by a mapping of names to JSON values, which stands in a file of its folder: the statement. `holds` tells whether a folder has the
+statement, and `check_same` compares it with the run that is asked for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import json
+import math
+from collections.abc import Collection, Mapping
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+OTHERWISE = "choose another --out or remove it"
+LONGEST = 80
+"""Characters of a value in a message."""
+
+
+def holds(folder: Path, statement: str, ignored: Collection[str] = ()) -> bool:
+    """Whether `folder` holds `statement`, the path of a file relative to it. False where the folder is missing or has nothing else in it.
+
+    ignored: patterns (fnmatch) of the names that may stand in a folder without a statement.
+    Raises ValueError where `folder` is a file, or holds other things and no statement.
+    """
+    if not folder.exists():
+        return False
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: is a file, needs a folder")
+    if (folder / statement).exists():
+        return True
+    names = sorted(path.name for path in folder.iterdir())
+    others = [name for name in names if not any(fnmatch(name, pattern) for pattern in ignored)]
+    if others:
+        raise ValueError(f"{folder}: holds {others[0]} and no {statement}; {OTHERWISE}")
+    return False
+
+
+def check_same(folder: Path, there: Mapping[str, Any], wanted: Mapping[str, Any], what: str = "another run") -> None:
+    """Raises ValueError where an entry of `wanted` differs from the entry of `there` with the same name; the order of keys does not matter.
+    An entry that is missing equals null.
+
+    Other entries of `there` are results of the run and are not compared. what: what the folder then holds, for the message.
+    """
+    wanted = json_value(wanted)
+    difference = _difference({name: there[name] for name in wanted if name in there}, wanted)
+    if difference:
+        raise ValueError(f"{folder}: holds {what} ({difference}); {OTHERWISE}")
+
+
+def json_value(value: Any) -> Any:
+    """A value as JSON holds it: dataclasses and mappings as objects, tuples and arrays as lists, paths as text.
+
+    Numbers that are not finite become the texts "inf", "-inf" and "nan", which every JSON reader takes.
+    Raises ValueError for a value of any other type.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: json_value(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(name): json_value(entry) for name, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_value(entry) for entry in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return json_value(value.tolist())
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    raise ValueError(f"a value is a {type(value).__name__}, needs a type that JSON holds")
+
+
+def program_version() -> str:
+    """The version of pilsim that runs, or "unknown" where only its source is on the path."""
+    try:
+        return importlib.metadata.version("pilsim")
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def _difference(there: Any, wanted: Any, name: str = "") -> str:
+    """The first entry in which two JSON values differ, as `name value there, value asked for`; "" where they are equal."""
+    if isinstance(there, dict) and isinstance(wanted, dict):
+        for key in dict.fromkeys([*wanted, *there]):
+            path = f"{name}.{key}" if name else key
+            if inner := _difference(there.get(key), wanted.get(key), path):
+                return inner
+        return ""
+    return "" if there == wanted else f"{name} {_short(there)} there, {_short(wanted)} asked for"
+
+
+def _short(value: Any) -> str:
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"

@@ -1,0 +1,109 @@
+"""Parameters of the tracker from options by name: the command `track`, the stress test and Python share the names and their checks.
+
+A name is that of the command line with `_` for `-`, as k_h for --k-h; messages name options as the command line does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tracker.pipeline import Parameters
+from tracker.seeing import ImageParameters
+from tracker.selection import MultipleParameters
+from tracker.silhouettes import SilhouetteParameters
+from tracker.slam_parameters import SlamParameters
+from tracker.tracklets import TrackletParameters
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    "slam": ("ekf", "iekf", "fej", "invariant"),
+    "correction": ("on", "off"),
+    "persistence": ("on", "off"),
+    "hypotheses": ("single", "multiple"),
+}
+"""Options that are one of several words."""
+WHOLE = ("iterations", "delay", "n_conf", "k_h", "i_bls_max", "seed_search", "l_c")
+"""Options that are whole numbers."""
+REAL = ("theta_s", "v_max", "delta_a", "n_scan", "delta_min", "omega")
+"""Options that are real numbers."""
+POSITIVE = ("theta_s", "v_max", "delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")
+OPTIONS = (*CHOICES, *WHOLE, *REAL, "images", "dump_graphs")
+"""All names."""
+
+
+def parameters_from(options: Mapping[str, Any]) -> Parameters:
+    """Parameters from options by name; an option that is missing or None has its default value.
+
+    images: bool; dump_graphs: a folder. Raises ValueError for an option that is unknown, out of bounds, or without effect beside the others.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    _check(given)
+    images, delay = _images(given), given.get("delay", 0)
+    if given.get("hypotheses") == "multiple":
+        return Parameters(slam=_slam(given), multiple=_multiple(given), images=images, delay=delay)
+    if {"k_h", "i_bls_max", "n_scan", "dump_graphs"} & set(given) or given.get("seed_search"):
+        raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
+    targets = Parameters().targets
+    if "v_max" in given:
+        targets = replace(targets, motion=replace(targets.motion, v_max=given["v_max"]))
+    return Parameters(slam=_slam(given), targets=replace(targets, **_people(given)), images=images, delay=delay)
+
+
+def _check(given: Mapping[str, Any]) -> None:
+    """Names, types and bounds of single options."""
+    for name, value in given.items():
+        flag = f"--{name.replace('_', '-')}"
+        if name not in OPTIONS:
+            raise ValueError(f"option {name!r} of the tracker is unknown, needs one of {', '.join(OPTIONS)}")
+        if name in CHOICES and value not in CHOICES[name]:
+            raise ValueError(f"{flag} is {value!r}, needs one of {', '.join(CHOICES[name])}")
+        if name in WHOLE and (isinstance(value, bool) or not isinstance(value, int)):
+            raise ValueError(f"{flag} is {value!r}, needs a whole number")
+        if name in REAL and (isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value)):
+            raise ValueError(f"{flag} is {value!r}, needs a number")
+        if name in POSITIVE and not value > 0:
+            raise ValueError(f"{flag} is {value}, needs more than 0")
+        if name == "images" and not isinstance(value, bool):
+            raise ValueError(f"{flag} is {value!r}, needs true or false")
+
+
+def _slam(given: Mapping[str, Any]) -> SlamParameters:
+    """The filter of the robots' poses: fej by default, which estimates odometry biases unless persistence is off."""
+    slam, persistence = given.get("slam", "fej"), given.get("persistence")
+    if persistence == "on" and slam not in ("iekf", "fej"):
+        raise ValueError(f"--persistence on is for --slam fej or iekf, not {slam}")
+    biases = persistence == "on" or (persistence is None and slam == "fej")
+    chosen = SlamParameters().persistent() if biases else SlamParameters()
+    # The plain filter is the iterated one with one iteration.
+    mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, given.get("iterations", chosen.iterations))
+    return replace(chosen, mode=mode, iterations=iterations, correction=given.get("correction", "on") == "on")
+
+
+def _people(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of both trackers of people."""
+    fields = {"theta_s": "same_person", "delta_a": "delta_a", "n_conf": "n_conf"}
+    return {field: given[name] for name, field in fields.items() if name in given}
+
+
+def _multiple(given: Mapping[str, Any]) -> MultipleParameters:
+    """Multiple hypothesis tracking; with K_H the children of each hypothesis form a graph of their own."""
+    chosen = MultipleParameters()
+    if "v_max" in given:
+        chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
+    own = {name: given[name] for name in ("k_h", "i_bls_max", "n_scan") if name in given}
+    graphs = Path(given["dump_graphs"]) if "dump_graphs" in given else None
+    return replace(chosen, **_people(given), **own, small_graphs="k_h" in given, seed=given.get("seed_search", 0), graphs=graphs)
+
+
+def _images(given: Mapping[str, Any]) -> ImageParameters:
+    """What is searched for in images: nothing without `images`."""
+    tracklets = {name: given[name] for name in ("l_c", "delta_min", "omega") if name in given}
+    images, multiple = given.get("images", False), given.get("hypotheses") == "multiple"
+    if tracklets and (multiple or not images):
+        raise ValueError("--l-c, --delta-min and --omega are for --images with --hypotheses single")
+    if not images:
+        return ImageParameters()
+    return ImageParameters(None if multiple else TrackletParameters(**tracklets), SilhouetteParameters(), appearance=multiple)

@@ -1,0 +1,46 @@
+"""Tracking of a sequence into a folder, or reading of what the same run left there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from tracker.io.resume import OTHERWISE, check_same, holds, json_value
+from tracker.pipeline import Parameters, track
+from tracker.results import RUN, Results, read_results, write_results
+from tracker.sequence import Sequence
+
+
+def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters: Parameters | None = None) -> Results:
+    """Track a sequence with a progress bar and write the results, or read them where the same run is there already.
+
+    run: what was tracked, as JSON values by name; provenance and parameters are added to it.
+    Raises ValueError where `folder` holds another run, or one of which an old version does not say enough.
+    """
+    wanted = json_value({**run, "provenance": sequence.provenance, "parameters": parameters or Parameters()})
+    if holds(folder, RUN):
+        there = read_results(folder)
+        if written_by_old_version(there.run):
+            raise ValueError(f"{folder}: was written by pilsim 0.3.0 or older, whose parameters cannot be compared; {OTHERWISE}")
+        check_same(folder, there.run, wanted)
+        return there
+    estimates = track(sequence.setup, sequence.ticks, parameters)
+    results = Results.of(tqdm(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), wanted)
+    write_results(folder, results)
+    return results
+
+
+def written_by_old_version(run: Mapping[str, Any]) -> bool:
+    """Whether pilsim 0.3.0 or older wrote a run.json: there the parameters are a text, which cannot be compared with others."""
+    return isinstance(run.get("parameters"), str)
+
+
+def views_of(run: Mapping[str, Any]) -> list[int]:
+    """The views that a run.json names. Raises ValueError where that is no list of numbers."""
+    views = run.get("views", [])
+    if not isinstance(views, list) or not all(isinstance(view, int) for view in views):
+        raise ValueError(f"run.json: views is {views!r}, needs a list of numbers")
+    return views
