@@ -6,7 +6,7 @@ PYTEST_FLAGS ?=
 JOBS ?= 2
 # For tests that train policies. PyPI has a build for x86-64 Linux with CUDA alone, of several GB: pip's settings or TORCH can name a smaller one.
 TORCH ?= torch==2.13.0
-GL_CHECK := $(BIN)/python -c 'import sys, sim.gl; sys.tracebacklimit = 0; sim.gl.choose_gl()'
+GL_CHECK := $(BIN)/python -c 'import sys, sim.rendering.gl_context; sys.tracebacklimit = 0; sim.rendering.gl_context.choose_gl()'
 
 .PHONY: demo test test-all bench lint gl system rl clean help
 

@@ -1,4 +1,7 @@
-"""The simulator. Importing it registers the gymnasium environment `pilsim/Placement-v0`."""
+"""The simulator: robots and people act in a world, and what they see becomes sequences that the tracker reads.
+
+Read `recording/record.py` first. Importing `sim` registers the gymnasium environment `pilsim/Placement-v0`.
+"""
 
 import os
 
@@ -7,4 +10,4 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import gymnasium
 
-gymnasium.register("pilsim/Placement-v0", "sim.placement:Placement", max_episode_steps=240)
+gymnasium.register("pilsim/Placement-v0", "sim.placement.env:Placement", max_episode_steps=240)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from sim.scenario import Scenario
-from sim.simulation import Simulation
+from sim.simulation.simulation import Simulation
 from tests.sim.footfalls import Footfalls
 from tests.worlds.inspection import can_be_walked, rays_hit_the_ground
 from worlds import catalogue
-from worlds.measures import measure
+from worlds.difficulty import measure
 
 OPEN = ("campus", "forest", "hills", "quarry")
 

@@ -137,7 +137,7 @@ def test_python_runs(block: Block, tmp_path: Path) -> None:
     assert done.stdout.strip(), "prints nothing"
 
 
-@pytest.mark.parametrize("block", (*READ, *RUN), ids=str)
+@pytest.mark.parametrize("block", [*READ, *RUN], ids=str)
 def test_commands_are_known(block: Block) -> None:
     """Every command line is one that `pilsim`, `make` or `python -m` takes; values that name files are not looked for."""
     for words in _commands(block.text):

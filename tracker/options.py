@@ -11,12 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tracker.detections.front_end import ImageParameters
+from tracker.detections.optical_flow import TrackletParameters
+from tracker.detections.silhouettes import SilhouetteParameters
+from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters
-from tracker.seeing import ImageParameters
-from tracker.selection import MultipleParameters
-from tracker.silhouettes import SilhouetteParameters
-from tracker.slam_parameters import SlamParameters
-from tracker.tracklets import TrackletParameters
+from tracker.slam.parameters import SlamParameters
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "slam": ("ekf", "iekf", "fej", "invariant"),
@@ -88,9 +88,9 @@ def _people(given: Mapping[str, Any]) -> dict[str, Any]:
     return {field: given[name] for name, field in fields.items() if name in given}
 
 
-def _multiple(given: Mapping[str, Any]) -> MultipleParameters:
+def _multiple(given: Mapping[str, Any]) -> MhtParameters:
     """Multiple hypothesis tracking; with K_H the children of each hypothesis form a graph of their own."""
-    chosen = MultipleParameters()
+    chosen = MhtParameters()
     if "v_max" in given:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
     own = {name: given[name] for name in ("k_h", "i_bls_max", "n_scan") if name in given}

@@ -12,19 +12,18 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from tracker.charting import chart
-from tracker.evidence import TargetParameters
-from tracker.fusion import Feet
-from tracker.hypotheses import SingleTargets
-from tracker.measurements import Estimate, Setup, Tick
-from tracker.multiple import MultipleTargets
-from tracker.naming import Names
-from tracker.seeing import ImageParameters, Sight
-from tracker.selection import MultipleParameters
-from tracker.slam import Slam
-from tracker.slam_parameters import SlamParameters
-from tracker.trees import Tracks
-from tracker.visibility import Viewpoint
+from tracker.detections.front_end import FrontEnd, ImageParameters
+from tracker.detections.ground_points import GroundDetections
+from tracker.detections.occlusion import Viewpoint
+from tracker.gnn.tracker import GnnTracker
+from tracker.mht.parameters import MhtParameters
+from tracker.mht.tracker import MhtTracker
+from tracker.slam.filter import Slam, map_snapshot
+from tracker.slam.parameters import SlamParameters
+from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.track_ids import TrackIds
+from tracker.tracks.tracks import Tracks
+from tracker.types import Estimate, Setup, Tick
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,8 @@ class Parameters:
     """All that can be set, by part."""
 
     slam: SlamParameters = field(default_factory=lambda: SlamParameters().persistent())  # wheels slip for a while, gyroscopes are off for good
-    targets: TargetParameters = field(default_factory=TargetParameters)
-    multiple: MultipleParameters | None = None  # where given, people are followed by multiple hypotheses in place of `targets`
+    targets: TrackParameters = field(default_factory=TrackParameters)
+    multiple: MhtParameters | None = None  # where given, people are followed by multiple hypotheses in place of `targets`
     images: ImageParameters = field(default_factory=ImageParameters)  # what is looked for in them, beside boxes
     delay: int = 0  # ticks after which a tick is spoken of; people are smoothed by what came since
 
@@ -51,10 +50,10 @@ def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = N
         yield estimate
 
 
-class People(Protocol):
+class PeopleTracker(Protocol):
     """A tracker of people: takes a tick, and tells who was there some ticks before; None where it has nothing to tell yet, or no more."""
 
-    def step(self, views: list[Feet], cameras: list[Viewpoint]) -> Tracks | None: ...
+    def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None: ...
 
     def drain(self) -> Tracks | None: ...
 
@@ -66,10 +65,10 @@ class Tracker:
         self.setup, self.parameters = setup, parameters
         self.slam = Slam(setup, parameters.slam)
         single, many, delay = parameters.targets, parameters.multiple, parameters.delay
-        self._sight = Sight(setup, (many or single).fusion, parameters.images)
+        self._sight = FrontEnd(setup, (many or single).fusion, parameters.images)
         seen = self._sight.setup
-        self._people: People = SingleTargets(seen, single, delay) if many is None else MultipleTargets(seen, many, delay)
-        self._names = Names(setup)
+        self._people: PeopleTracker = GnnTracker(seen, single, delay) if many is None else MhtTracker(seen, many, delay)
+        self._names = TrackIds(setup)
         self._waiting: deque[Estimate] = deque()
         self._last = -1
 
@@ -81,7 +80,7 @@ class Tracker:
         poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.placed(robot)}
         placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
         estimate = Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters))
-        self._waiting.append(replace(estimate, chart=chart(self.slam, tick.index)))
+        self._waiting.append(replace(estimate, chart=map_snapshot(self.slam, tick.index)))
         return self._told(self._people.step(*self._sight.step(tick, poses)))
 
     def finish(self) -> Estimate | None:

@@ -10,8 +10,8 @@ from tqdm import tqdm
 
 from tracker.io.resume import OTHERWISE, check_same, holds, json_value
 from tracker.pipeline import Parameters, track
-from tracker.results import RUN, Results, read_results, write_results
-from tracker.sequence import Sequence
+from tracker.sequence.results import RUN, Results, read_results, write_results
+from tracker.types import Sequence
 
 
 def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters: Parameters | None = None) -> Results:

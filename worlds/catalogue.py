@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from worlds import campus, forest, hills, pilsun, quarry, ruins, tunnel
+from worlds.scenes import campus, forest, hills, pilsun, quarry, ruins, tunnel
 from worlds.world import World
 
 Build = Callable[[np.random.Generator, float], World]

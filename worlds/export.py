@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from worlds.heightfield import Array
-from worlds.scenery import scenery
+from worlds.terrain.heightfield import Array
+from worlds.triangles import scenery
 from worlds.world import World
 
 _ASSETS = "assets"

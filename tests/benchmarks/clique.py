@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from tests.conftest import DATA
-from tracker.clique import Graph, Limits, search
-from tracker.exact_clique import exact
+from tracker.clique.branch_and_bound import exact
+from tracker.clique.local_search import Graph, Limits, search
 from tracker.formats.dimacs import read_graph
 
 LIMIT = float(os.environ.get("PILSIM_CLIQUE_SECONDS", "10"))

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.crowd import Crowd, Obstacles
-from sim.itinerary import Plans
+from sim.crowd.crowd import Crowd, Obstacles
+from sim.crowd.goals import GoalPlans
 from tracker.geometry import Array
-from worlds.heightfield import Heightfield
-from worlds.walkable import FEET, free_space
+from worlds.terrain.free_space import FEET, free_space
+from worlds.terrain.heightfield import Heightfield
 
 DT, DENSITY, RADIUS, APART = 0.05, 0.5, 0.25, 0.7
 SIZES = (10, 74, 500, 2000)
@@ -66,7 +66,7 @@ def ours(scene: Scene) -> Callable[[int], None]:
     feet = free_space(ground, np.zeros(ground.heights.shape, dtype=bool), FEET)
     n = len(scene.people)
     itinerary = (scene.goal[:, None] + np.arange(4)) % 4
-    crowd = Crowd(feet, ground, Plans.of(np.full(n, 1.2), scene.goals, itinerary, np.full((n, 4), 0.1)))
+    crowd = Crowd(feet, ground, GoalPlans.of(np.full(n, 1.2), scene.goals, itinerary, np.full((n, 4), 0.1)))
     state = [crowd.start(scene.people, np.zeros(n))]
     obstacles = Obstacles(scene.obstacles, np.zeros((4, 2)), np.full(4, RADIUS))
 

@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from sim import causes
-from sim.footage import filmed
-from sim.ladder import STAGES, replaced
 from sim.scenario import Scenario
-from sim.stress import Case
-from sim.trial import scored
+from sim.stress import error_causes
+from sim.stress.ablation import STAGES, replaced
+from sim.stress.footage import simulate_case
+from sim.stress.sweeps import Case
+from sim.stress.trial import scored
 from tracker.pipeline import Parameters, track
-from tracker.results import Results
+from tracker.sequence.results import Results
 
 WORLDS, PEOPLE, SEEDS, FRAMES, DELAY = ("campus", "ruins"), (10, 43, 74), (100, 109), 120, 10
 POSES = ("SLAM", "true")
@@ -36,17 +36,17 @@ class Outcome:
     idf1: float
     ate: float
     truths: int
-    causes: dict[str, int]
+    error_causes: dict[str, int]
 
 
 def outcomes(scenario: Scenario, delay: int) -> dict[str, Outcome]:
     """By where the poses come from, of one simulated run."""
-    footage, out = filmed(Case("crowd/0", "crowd", "people", scenario.people, scenario), rendered=False), {}
+    footage, out = simulate_case(Case("crowd/0", "crowd", "people", scenario.people, scenario), rendered=False), {}
     for poses in POSES:
         setup, ticks, _ = replaced(footage, dict.fromkeys(STAGES, False) | {"poses": poses == "true"})
         results = Results.of(track(setup, ticks, Parameters(delay=delay)), {})
         scores = scored(footage, results)
-        why = causes.counted(causes.mistakes(causes.gather(footage, results)))
+        why = error_causes.counted(error_causes.mistakes(error_causes.gather(footage, results)))
         flat = {cause: count for counts in why.values() for cause, count in counts.items()}
         ate = scores["ate_m"] if poses == "SLAM" and scores["ate_m"] is not None else np.nan
         out[poses] = Outcome(scores["mota"], scores["idf1"], ate, scores["truths"], flat)

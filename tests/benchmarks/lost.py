@@ -15,10 +15,10 @@ import numpy as np
 from tqdm import tqdm
 
 from tracker.geometry import Array, Pose
-from tracker.measurements import Detections, Setup, Tick, View
 from tracker.pipeline import Parameters
-from tracker.sequence import Sequence, read_sequence
-from tracker.slam import Slam
+from tracker.sequence.reader import read_sequence
+from tracker.slam.filter import Slam
+from tracker.types import Detections, Sequence, Setup, Tick, View
 
 FAR, BLIND, WATCHED = 2.0, 3.0, 10.0
 """m, s, and s that are looked at afterwards."""

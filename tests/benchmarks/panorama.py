@@ -19,13 +19,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.cubemap import CUBE
-from sim.gl import choose_gl
-from sim.panorama import PanoramaRenderer
+from sim.rendering.cubemap import CUBE
+from sim.rendering.gl_context import choose_gl
+from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
-from sim.simulation import Simulation
-from tracker.cameras import Panorama
+from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
+from tracker.geometry.cameras import Panorama
 
 CAMERA = Panorama(1024, 512)
 SIDE, FINE = 256, 4

@@ -8,9 +8,9 @@ from __future__ import annotations
 import sys
 import time
 
-from sim import slip
 from sim.scenario import Scenario
-from sim.simulation import Simulation
+from sim.simulation import wheel_slip
+from sim.simulation.simulation import Simulation
 from worlds import catalogue
 
 SECONDS = 10.0
@@ -39,7 +39,7 @@ def main() -> None:
         print("world     difficulty  error  driven  frames tipped")
         for name in sorted(catalogue.WORLDS):
             for difficulty in (0.0, 0.5, 1.0):
-                found = slip.measure(Simulation(Scenario(world=name, difficulty=difficulty, people=0)), 60.0)
+                found = wheel_slip.measure(Simulation(Scenario(world=name, difficulty=difficulty, people=0)), 60.0)
                 print(f"{name:9s} {difficulty:10.1f} {100 * found.error:5.1f} %  {found.driven:5.1f} m  {found.tipped:6d}")
 
 

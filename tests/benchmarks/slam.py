@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.course import PlanarParameters, follow, state
-from tracker.planar import BOUND, MARK, ROBOT, SCAN, STEP, Course, Rule
+from tracker.planar_slam.event_schedule import PlanarParameters, run_filter, state
+from tracker.planar_slam.filter import BOUND, MARK, ROBOT, SCAN, STEP, EventSchedule, FilterSettings
 
 Array = NDArray[np.float64]
 
@@ -30,8 +30,8 @@ class Drive:
 
     truth: Array
     landmarks: Array
-    measured: Course
-    exact: Course
+    measured: EventSchedule
+    exact: EventSchedule
 
 
 def drive(level: str, offset: bool, seed: int) -> Drive:
@@ -65,9 +65,9 @@ def drive(level: str, offset: bool, seed: int) -> Drive:
     time = np.concatenate([[0, 0], np.repeat(np.arange(1, steps + 1) * PERIOD, 3)])
     still = np.zeros_like(kind)
 
-    def course(moves: Array) -> Course:
+    def course(moves: Array) -> EventSchedule:
         seen = (np.array(start), np.concatenate(subject), rows, np.tile(sigma, (len(rows), 1)))
-        return Course(kind, still, item, moves, noise, *seen, time, steps + 1)
+        return EventSchedule(kind, still, item, moves, noise, *seen, time, steps + 1)
 
     return Drive(truth, landmarks, course(noisy), course(motion))
 
@@ -80,8 +80,8 @@ def estimate(run: Drive, parameters: PlanarParameters | None, correction: bool) 
     begin = np.zeros((1, ROBOT))
     begin[0, :3] = run.truth[0]
     s = state(begin, covariance, LANDMARKS)
-    rule = Rule(BOUND, 1, np.inf, 0.0, 1 << 40, (0.0, 0.0), run.landmarks) if parameters is None else parameters.rule()
-    path, spread = follow(s, rule, run.exact if parameters is None else run.measured)
+    rule = FilterSettings(BOUND, 1, np.inf, 0.0, 1 << 40, (0.0, 0.0), run.landmarks) if parameters is None else parameters.rule()
+    path, spread = run_filter(s, rule, run.exact if parameters is None else run.measured)
     error = path[:, 0] - run.truth
     error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
     return error[SETTLED:], spread[SETTLED:, 0]

@@ -15,14 +15,14 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from tests.benchmarks.slam import HEAD, Row, show
-from tracker.cameras import Panorama
-from tracker.cramer_rao import Frame, variances
-from tracker.gaussian import nees
+from tracker.ekf.gaussian import nees
 from tracker.geometry import Pose, deflected, exp_so3, rotation_z
-from tracker.ground import Flat
-from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
-from tracker.slam import Slam
-from tracker.slam_parameters import SlamParameters
+from tracker.geometry.cameras import Panorama
+from tracker.geometry.ground import Flat
+from tracker.metrics.cramer_rao import BoundFrame, variances
+from tracker.slam.filter import Slam
+from tracker.slam.parameters import SlamParameters
+from tracker.types import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
 
 Array = NDArray[np.float64]
 
@@ -99,11 +99,11 @@ def _sightings(level: str, camera: Pose, landmarks: Array, rng: np.random.Genera
 def bound(run: Drive, correction: tuple[float, float, float] | None) -> float:
     """Mean variance of position, m². All sightings count, from the first one on, and of landmarks nothing was known before."""
     names = list(run.setup.starts)
-    frames = [Frame(dict(zip(names, run.truth[0], strict=True)), {}, {})]
+    frames = [BoundFrame(dict(zip(names, run.truth[0], strict=True)), {}, {})]
     for tick, poses in zip(run.ticks, run.truth[1:], strict=True):
         moved = {name: view.odometry for name, view in zip(names, tick.views, strict=True) if view.odometry is not None}
         seen = {view.camera: (view.sightings.subject, view.sightings.covariance) for view in tick.views if view.sightings is not None}
-        frames.append(Frame(dict(zip(names, poses, strict=True)), moved, seen))
+        frames.append(BoundFrame(dict(zip(names, poses, strict=True)), moved, seen))
     return float(variances(run.setup, frames, dict(enumerate(run.landmarks)), correction)[1 + SETTLED :].mean())
 
 

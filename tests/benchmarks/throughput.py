@@ -12,14 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.cameras import Panorama
-from tracker.features import Extraction, extract
+from tracker.ekf.odometry_biases import BiasModel
 from tracker.geometry import Pose, deflected
-from tracker.ground import Flat
-from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
-from tracker.persistence import Persistence
+from tracker.geometry.cameras import Panorama
+from tracker.geometry.ground import Flat
 from tracker.pipeline import Parameters
-from tracker.slam import Slam
+from tracker.slam.features import Extraction, extract
+from tracker.slam.filter import Slam
+from tracker.types import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ ROBOTS = (1, 2, 4, 8)
 SEEN, LOOK, FRAMES = 30, 128, 5
 SIGMA, PLACED = 0.002, 0.03
 """rad of a bearing; m of a landmark."""
-LASTING = Persistence()
+LASTING = BiasModel()
 STEP = Pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
 NOISE = np.diag([0.01, 0.005, 0.005, 0.002, 0.002, 0.004]) ** 2
 CAMERA = Panorama(1024, 512)

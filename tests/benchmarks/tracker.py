@@ -1,6 +1,7 @@
 """The tracker of people: milliseconds a frame against people, views, K_H and i_bls^max; and how far its cliques are from the best.
 
-Seeded crowds among fixed panoramas (tracker/crowds.py), misses 0.1, 0.05 false boxes a view and frame; processor time of one core. Told a number
+Seeded crowds among fixed panoramas (tracker/datasets/synthetic_crowd.py),
+misses 0.1, 0.05 false boxes a view and frame; processor time of one core. Told a number
 (`python -m tests.benchmarks.tracker 10`) it takes so many frames of each, for a short look.
 """
 
@@ -18,14 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from tests.conftest import DATA
-from tracker import crowds
-from tracker.clique import Graph
-from tracker.exact_clique import exact
+from tracker.clique.branch_and_bound import exact
+from tracker.clique.local_search import Graph
+from tracker.datasets import synthetic_crowd
+from tracker.datasets.opening import open_source
 from tracker.formats.dimacs import read_graph
-from tracker.measurements import Setup, Tick
+from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
-from tracker.selection import MultipleParameters
-from tracker.sources import open_source
+from tracker.types import Setup, Tick
 
 FRAMES = 24
 PEOPLE = (10, 25, 50, 74, 100)
@@ -41,8 +42,8 @@ ASKED = 8
 def per_frame(people: int, views: int, parameters: Parameters, frames: int) -> float:
     """Milliseconds of processor time."""
     rng = np.random.default_rng([people, views])
-    setup, walked = crowds.setup(views), crowds.paths(people, frames, rng)
-    return spent(setup, crowds.ticks(setup, walked, rng), parameters)
+    setup, walked = synthetic_crowd.setup(views), synthetic_crowd.paths(people, frames, rng)
+    return spent(setup, synthetic_crowd.ticks(setup, walked, rng), parameters)
 
 
 def spent(setup: Setup, ticks: Iterable[Tick], parameters: Parameters) -> float:
@@ -52,12 +53,12 @@ def spent(setup: Setup, ticks: Iterable[Tick], parameters: Parameters) -> float:
     return 1000 * (time.process_time() - began) / frames
 
 
-def gaps(people: int, frames: int, parameters: MultipleParameters) -> Iterator[tuple[float, float, float]]:
+def gaps(people: int, frames: int, parameters: MhtParameters) -> Iterator[tuple[float, float, float]]:
     """For graphs of a run: share of the best weight that is missing, seconds of our proof, seconds of CP-SAT; NaN without a proof."""
     rng = np.random.default_rng(0)
-    setup, walked = crowds.setup(), crowds.paths(people, frames, rng)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(people, frames, rng)
     with tempfile.TemporaryDirectory() as folder:
-        list(track(setup, crowds.ticks(setup, walked, rng, clutter=1.0), Parameters(multiple=replace(parameters, graphs=Path(folder)))))
+        list(track(setup, synthetic_crowd.ticks(setup, walked, rng, clutter=1.0), Parameters(multiple=replace(parameters, graphs=Path(folder)))))
         paths = sorted(Path(folder).glob("*.clq"))
         for k in np.unique(np.linspace(0, len(paths) - 1, min(ASKED, len(paths))).round().astype(int)).tolist():
             graph = read_graph(paths[k])
@@ -102,7 +103,7 @@ def by_cpsat(graph: Graph) -> tuple[float, float]:
 def main() -> None:
     """Print the tables."""
     frames = int(sys.argv[1]) if sys.argv[1:] and sys.argv[1].isdecimal() else FRAMES
-    single, many, small = Parameters(), Parameters(multiple=MultipleParameters(k_h=30)), Parameters(multiple=MultipleParameters(small_graphs=True))
+    single, many, small = Parameters(), Parameters(multiple=MhtParameters(k_h=30)), Parameters(multiple=MhtParameters(small_graphs=True))
     for warm in (single, many, small):
         per_frame(3, 1, warm, 5)
     print(f"tracker, ms a frame, {frames} frames, one core: one hypothesis / track trees")
@@ -121,10 +122,10 @@ def main() -> None:
         print(f"{k:>8}" + "".join(f"{cell:>12}" for cell in cells), flush=True)
     print(f"\nthe graphs beside their proved optimum (3 views, 1 false box a view and frame, {PATIENCE:g} s for a proof)")
     for people, name, parameters in (
-        (20, "one graph", MultipleParameters()),
-        (43, "one graph", MultipleParameters()),
-        (74, "one graph", MultipleParameters()),
-        (20, "small graphs, K_H 5", MultipleParameters(small_graphs=True, k_h=5)),
+        (20, "one graph", MhtParameters()),
+        (43, "one graph", MhtParameters()),
+        (74, "one graph", MhtParameters()),
+        (20, "small graphs, K_H 5", MhtParameters(small_graphs=True, k_h=5)),
     ):
         print(f"{people} people, {name}: {told(np.array(list(gaps(people, frames, parameters))).reshape(-1, 3))}", flush=True)
 

@@ -18,12 +18,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tests.conftest import DATA
-from tracker.course import Outing, PlanarParameters, outing
-from tracker.expedition import explore
 from tracker.formats.utias import Team, read_team
-from tracker.paths import Paths, score_paths
-from tracker.planar import MARK, SCAN, STEP
-from tracker.unicycle import Sensors
+from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, filter_input
+from tracker.planar_slam.filter import MARK, SCAN, STEP
+from tracker.planar_slam.motion_model import Sensors
+from tracker.planar_slam.trajectories import Paths, score_paths
+from tracker.planar_slam.utias_run import track_utias
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def moved(since: Array, doubt: Array, motion: Array, noise: Array) -> tuple[Arra
     return there, F @ doubt @ F.T + (G * noise[:3]) @ G.T
 
 
-def problem(out: Outing) -> Problem:
+def problem(out: FilterInput) -> Problem:
     """From the filter's own events."""
     course, robots = out.course, len(out.robots)
     chains = [Chain([float(out.times[0])]) for _ in range(robots)]
@@ -103,7 +103,7 @@ def problem(out: Outing) -> Problem:
     return Problem(chains, sightings, last, since)
 
 
-def solved(out: Outing, start: Paths, known_map: bool, threshold: float) -> Paths:
+def solved(out: FilterInput, start: Paths, known_map: bool, threshold: float) -> Paths:
     """The batch's paths and map."""
     import gtsam
 
@@ -179,10 +179,10 @@ def compared(team: Team, source: Path, known_map: bool) -> list[tuple[str, dict[
     with tempfile.TemporaryDirectory() as folder:
         for name, parameters in (("filter (default)", PlanarParameters()), ("filter without correction factor", PlanarParameters(correction=False))):
             began = time.process_time()
-            paths = explore(source, Path(folder) / name, known_map, parameters)
+            paths = track_utias(source, Path(folder) / name, known_map, parameters)
             rows.append((name, score_paths(team, paths), time.process_time() - began))
     began = time.process_time()
-    batch = solved(outing(team, Sensors(), known_map, False), paths, known_map, parameters.robust)
+    batch = solved(filter_input(team, Sensors(), known_map, False), paths, known_map, parameters.robust)
     return [*rows, ("batch (GTSAM)", score_paths(team, batch), time.process_time() - began)]
 
 

@@ -10,11 +10,11 @@ from multiprocessing.pool import Pool
 
 import numpy as np
 
-from sim.panorama import PanoramaRenderer
+from sim.parallel.pool import ONE_THREAD
+from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
-from sim.simulation import Simulation
-from sim.workforce import ONE_THREAD
-from tracker.cameras import Panorama
+from sim.simulation.simulation import Simulation
+from tracker.geometry.cameras import Panorama
 
 ROUNDS = 20
 

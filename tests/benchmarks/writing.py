@@ -8,14 +8,15 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import sim.record
-from sim.generation import Plan, generate
-from sim.lookouts import lookouts
-from sim.presets import PRESETS
-from sim.record import Stage, open_renderer, run, setup_of
-from sim.simulation import Simulation
-from tracker.ground import Grid
-from tracker.recording import Form, Layers, SequenceWriter
+from sim.datasets.fixed_cameras import place_cameras
+from sim.datasets.generation import Plan, generate
+from sim.datasets.presets import PRESETS
+from sim.recording import record as recording
+from sim.recording.record import Stage, open_renderer, run
+from sim.recording.tracker_setup import setup_of
+from sim.simulation.simulation import Simulation
+from tracker.geometry.ground import Grid
+from tracker.sequence.writer import ImageForm, Layers, SequenceWriter
 
 FRAMES, SCALING = 30, 40
 
@@ -23,11 +24,11 @@ FRAMES, SCALING = 30, 40
 def writing(folder: Path) -> None:
     """Process CPU seconds and seconds by the clock of the same frames, drawn only, and drawn and written."""
     scenario = replace(PRESETS["pilsun"].scenario, frames=FRAMES)
-    for form in (Form(), Form(range=True, classes=True), Form(png=True)):
+    for form in (ImageForm(), ImageForm(range=True, classes=True), ImageForm(png=True)):
         clock, cpu = {}, {}
         for written in (False, True):
             simulation = Simulation(scenario)
-            fixed = lookouts(simulation.world, 4, 768)
+            fixed = place_cameras(simulation.world, 4, 768)
             stage = Stage(scenario, simulation, fixed, {}, form)
             setup = setup_of(scenario, simulation, fixed)
             assert isinstance(setup.occluders, Grid)
@@ -39,7 +40,7 @@ def writing(folder: Path) -> None:
                     with SequenceWriter(folder / "s", setup, setup.occluders, stage.form) as writer:
                         for m in moments:
                             writer.add(m.tick, m.truth, Layers(m.instances, m.range, m.classes), m.views)
-                        writer.finish({}, sim.record.versions())
+                        writer.finish({}, recording.versions())
                     shutil.rmtree(folder / "s")
                 else:
                     for _ in moments:

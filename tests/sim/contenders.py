@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tracker.measurements import Estimate, Setup, Tick
 from tracker.pipeline import track
+from tracker.types import Estimate, Setup, Tick
 
 
 def good(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim import pedestrian, soles
-from sim.simulation import Simulation
+from sim.pedestrian import foot_contact, skeleton
+from sim.simulation.simulation import Simulation
 from tracker.geometry import Array
 
 _HIPS, _KNEES, _ANKLES = slice(11, 13), slice(13, 15), slice(15, 17)
@@ -18,7 +18,7 @@ class Footfalls:
 
     def __init__(self, simulation: Simulation, frames: int) -> None:
         self._simulation = simulation
-        self._size = pedestrian.trunk_size(simulation.stature)
+        self._size = skeleton.trunk_size(simulation.stature)
         names = [[f"person_{p}/{side}_shoe" for side in ("left", "right")] for p in simulation.everybody]
         self._shoes = np.array([[simulation.model.body(name).id for name in pair] for pair in names])
         gaps, slides, flexion, hips = [], [], [], []
@@ -41,8 +41,8 @@ class Footfalls:
 
     def _soles(self) -> Array:
         """(m, 2, 12, 3) m: points of all soles."""
-        along, aside = np.meshgrid(np.linspace(-soles.HEEL, soles.PIVOT, 6), [-soles.HALF_SOLE, soles.HALF_SOLE])
-        points = np.stack([along.ravel(), aside.ravel(), np.full(12, -soles.ANKLE)], axis=1)
+        along, aside = np.meshgrid(np.linspace(-foot_contact.HEEL, foot_contact.PIVOT, 6), [-foot_contact.HALF_SOLE, foot_contact.HALF_SOLE])
+        points = np.stack([along.ravel(), aside.ravel(), np.full(12, -foot_contact.ANKLE)], axis=1)
         data = self._simulation.data
         R = data.xmat[self._shoes].reshape(*self._shoes.shape, 3, 3)
         return data.xpos[self._shoes][:, :, None] + np.einsum("mfij,kj->mfki", R, points) * self._size[:, None, None, None]

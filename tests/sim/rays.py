@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.panorama import Shot
-from tracker.cameras import Camera, Tsai
+from sim.rendering.panorama import Shot
 from tracker.geometry import Pose
+from tracker.geometry.cameras import Camera, Tsai
 
 GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
 

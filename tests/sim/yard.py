@@ -5,8 +5,8 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from worlds.heightfield import Heightfield
-from worlds.walkable import Limits, free_space
+from worlds.terrain.free_space import Limits, free_space
+from worlds.terrain.heightfield import Heightfield
 from worlds.world import World
 
 HALF = 6.0

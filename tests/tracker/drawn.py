@@ -6,10 +6,10 @@ import itertools
 
 import numpy as np
 
-from tracker.clearmot import Frame
+from tracker.metrics.matching import MatchingFrame
 
 
-def table(truth: dict[str, str], estimates: dict[str, str], counts: dict[str, str] | None = None) -> list[Frame]:
+def table(truth: dict[str, str], estimates: dict[str, str], counts: dict[str, str] | None = None) -> list[MatchingFrame]:
     """A drawn sequence: a row a person or an estimate, a letter a frame, places 10 m apart; `.` is absent, `0` in counts is ignored.
 
     A capital letter is a place (A at x = 0 m, B at 10 m, …), a small one lies 0.4 m beside it.
@@ -23,7 +23,7 @@ def table(truth: dict[str, str], estimates: dict[str, str], counts: dict[str, st
         t = [(i, row[k], (counts or {}).get(name, "1" * 99)[k]) for i, (name, row) in enumerate(truth.items()) if row[k] != "."]
         e = [(i, row[k]) for i, row in enumerate(estimates.values()) if row[k] != "."]
         frames.append(
-            Frame(
+            MatchingFrame(
                 np.array([i for i, _, _ in t], dtype=int),
                 np.array([place(c) for _, c, _ in t]).reshape(-1, 2),
                 np.array([i for i, _ in e], dtype=int),
@@ -34,7 +34,7 @@ def table(truth: dict[str, str], estimates: dict[str, str], counts: dict[str, st
     return frames
 
 
-def random_frames(rng: np.random.Generator, *, apart: float = 0.0, gaps: bool = True, length: int = 14) -> list[Frame]:
+def random_frames(rng: np.random.Generator, *, apart: float = 0.0, gaps: bool = True, length: int = 14) -> list[MatchingFrame]:
     """People on random walks with births, deaths and gaps; estimates with noise, misses, clutter and exchanged ids.
 
     With `apart` > 0 people stand on a grid that wide, and noise and clutter leave every match unambiguous.
@@ -60,5 +60,5 @@ def random_frames(rng: np.random.Generator, *, apart: float = 0.0, gaps: bool = 
         ids = np.array([names[i] for i in np.flatnonzero(seen)] + [next(fresh) for _ in range(wrong)], dtype=int)
         order = rng.permutation(len(ids))
         estimate = np.concatenate([(place + noise)[seen], where])
-        frames.append(Frame(np.flatnonzero(here) + 1, place[here], ids[order], estimate[order]))
+        frames.append(MatchingFrame(np.flatnonzero(here) + 1, place[here], ids[order], estimate[order]))
     return frames

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tracker.gaussian import solve_positive, subtract, whitened
+from tracker.ekf.gaussian import solve_positive, subtract, whitened
 from tracker.geometry import Array
 
 

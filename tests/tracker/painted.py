@@ -6,13 +6,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.annotations import HIDDEN, VISIBLE, Boxes, Keypoints, ViewTruth
-from tracker.cameras import Camera, Panorama, pinhole
 from tracker.geometry import Array, Pose
-from tracker.ground import Grid
-from tracker.layout import KEYPOINT_NAMES
-from tracker.measurements import Companions, Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
-from tracker.recording import Form, Layers, SequenceWriter
+from tracker.geometry.cameras import Camera, Panorama, pinhole
+from tracker.geometry.ground import Grid
+from tracker.sequence.writer import ImageForm, Layers, SequenceWriter
+from tracker.types import (
+    HIDDEN,
+    KEYPOINT_NAMES,
+    VISIBLE,
+    Boxes,
+    Detections,
+    Keypoints,
+    Mount,
+    Odometry,
+    RobotDetections,
+    Setup,
+    Start,
+    Tick,
+    Truth,
+    View,
+    ViewTruth,
+)
 
 FRAMES = 3
 CAMERAS: dict[str, Camera] = {"robot_0_camera": Panorama(128, 64), "View_001": pinhole(96, 72, 1.3)}
@@ -73,13 +87,13 @@ def view_truth(k: int, name: str, image: NDArray[np.uint16]) -> ViewTruth:
     return ViewTruth(T, 0.0, np.array([0.0, 0.0, 1.0]), Boxes(ids, edges, edges, np.ones(len(shown)), far), Keypoints(ids, pixels, visibility))
 
 
-def companions(poses: dict[str, Pose]) -> Companions:
+def companions(poses: dict[str, Pose]) -> RobotDetections:
     """The robot sees the fixed camera; poses of cameras."""
     sight = poses["robot_0_camera"].inverse().apply(poses["View_001"].translation)
-    return Companions(sight[None] / np.linalg.norm(sight), ("View_001",), 1e-5 * np.eye(2)[None])
+    return RobotDetections(sight[None] / np.linalg.norm(sight), ("View_001",), 1e-5 * np.eye(2)[None])
 
 
-def write(folder: Path, form: Form | None = None) -> None:
+def write(folder: Path, form: ImageForm | None = None) -> None:
     """Write the sequence into `folder`."""
     rng = np.random.default_rng(3)
     tops = setup().ground

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.cameras import Panorama, Tsai, pinhole
 from tracker.geometry import Pose, rotation_z
+from tracker.geometry.cameras import Panorama, Tsai, pinhole
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.annotations import Boxes, Keypoints, ViewTruth
-from tracker.cameras import Panorama
 from tracker.geometry import Pose
-from tracker.ground import Grid
-from tracker.measurements import Companions, Detections, Mount, Odometry, Setup, Start, Tick, Truth, View
-from tracker.recording import Layers, SequenceWriter
+from tracker.geometry.cameras import Panorama
+from tracker.geometry.ground import Grid
+from tracker.sequence.writer import Layers, SequenceWriter
+from tracker.types import Boxes, Detections, Keypoints, Mount, Odometry, RobotDetections, Setup, Start, Tick, Truth, View, ViewTruth
 
 FRAMES = 3
 CAMERA = Panorama(64, 32)
@@ -22,14 +21,14 @@ def setup() -> Setup:
     return Setup(mounts, Grid(heights, np.array([-5.0, -5.0]), 0.5), starts, 1 / 6)
 
 
-def companions(k: int, camera: str) -> Companions:
+def companions(k: int, camera: str) -> RobotDetections:
     """Each sees the other where it is, but for the first frame of the second."""
     if camera == "robot_1_camera" and k == 0:
-        return Companions.none()
+        return RobotDetections.none()
     poses, mount = truth(k).T_world_robot, setup().mounts[camera]
     other = next(robot for robot in poses if robot != mount.robot)
     sight = (poses[mount.robot] @ mount.T_body_camera).inverse().apply((poses[other] @ mount.T_body_camera).translation)
-    return Companions(sight[None] / np.linalg.norm(sight), (other,), np.array([[[2e-6, 1e-7], [1e-7, 3e-6]]]))
+    return RobotDetections(sight[None] / np.linalg.norm(sight), (other,), np.array([[[2e-6, 1e-7], [1e-7, 3e-6]]]))
 
 
 def tick(k: int, rng: np.random.Generator) -> Tick:

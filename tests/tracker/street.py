@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.boxes import detections_from_boxes
-from tracker.cameras import pinhole
+from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import Array, Pose
-from tracker.ground import Flat
-from tracker.measurements import Detections, Mount, Setup, Start, Tick, View
+from tracker.geometry.cameras import pinhole
+from tracker.geometry.ground import Flat
+from tracker.types import Detections, Mount, Setup, Start, Tick, View
 
 CAMERA, EYE = pinhole(768, 576, 0.8), Pose.planar(-22.0, 0.0, 0.0, 4.0)
 POST = (-12.0, 0.0, 0.06, 0.0, 4.0)

@@ -6,25 +6,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.tracker import crowds
-from tracker.clearmot import TargetScore, score
-from tracker.comparison import Frame
+from tracker.datasets import synthetic_crowd
 from tracker.geometry import Array
-from tracker.measurements import Detections, Estimate, Setup, Tick, View
+from tracker.metrics.clear_mot import TargetScore, score
+from tracker.metrics.matching import MatchingFrame
 from tracker.pipeline import Parameters, Tracker, track
+from tracker.types import Detections, Estimate, Setup, Tick, View
 
 
 def scored(setup: Setup, walked: Array, ticks: list[Tick]) -> TargetScore:
     estimates = list(track(setup, ticks))
     people = np.arange(walked.shape[1])
-    return score([Frame(people, places, e.target_id, e.position) for places, e in zip(walked, estimates, strict=True)])
+    return score([MatchingFrame(people, places, e.target_id, e.position) for places, e in zip(walked, estimates, strict=True)])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_people_are_followed_on_hills(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    setup, walked = crowds.setup(ground=crowds.hills()), crowds.paths(8, 60, rng)
-    result = scored(setup, walked, crowds.ticks(setup, walked, rng))
+    setup, walked = synthetic_crowd.setup(ground=synthetic_crowd.hills()), synthetic_crowd.paths(8, 60, rng)
+    result = scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng))
     assert result.mota > 0.9
     assert result.motp_m < 0.15
     assert result.switches <= 2
@@ -32,14 +32,14 @@ def test_people_are_followed_on_hills(seed: int) -> None:
 
 def test_one_view_is_enough_where_nobody_is_hidden() -> None:
     rng = np.random.default_rng(5)
-    setup, walked = crowds.setup(views=1), crowds.paths(4, 60, rng)
-    assert scored(setup, walked, crowds.ticks(setup, walked, rng, misses=0.05)).mota > 0.85
+    setup, walked = synthetic_crowd.setup(views=1), synthetic_crowd.paths(4, 60, rng)
+    assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng, misses=0.05)).mota > 0.85
 
 
 def test_state_depends_on_the_past_alone() -> None:
     rng = np.random.default_rng(1)
-    setup, walked = crowds.setup(), crowds.paths(5, 30, rng)
-    ticks = crowds.ticks(setup, walked, rng)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(5, 30, rng)
+    ticks = synthetic_crowd.ticks(setup, walked, rng)
     whole, part = list(track(setup, ticks)), list(track(setup, ticks[:20]))
     for a, b in zip(whole, part, strict=False):
         same(a, b)
@@ -52,8 +52,8 @@ def same(a: Estimate, b: Estimate) -> None:
 
 def test_order_of_detections_does_not_matter() -> None:
     rng = np.random.default_rng(2)
-    setup, walked = crowds.setup(), crowds.paths(5, 25, rng)
-    ticks = crowds.ticks(setup, walked, rng)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(5, 25, rng)
+    ticks = synthetic_crowd.ticks(setup, walked, rng)
 
     def shuffled(tick: Tick) -> Tick:
         views = []
@@ -70,8 +70,8 @@ def test_order_of_detections_does_not_matter() -> None:
 
 def test_a_gap_is_bridged_and_keeps_the_id() -> None:
     rng = np.random.default_rng(3)
-    setup, walked = crowds.setup(), crowds.paths(1, 50, rng)
-    ticks = crowds.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: 20 <= frame < 25)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(1, 50, rng)
+    ticks = synthetic_crowd.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: 20 <= frame < 25)
     estimates = list(track(setup, ticks))
     assert {int(i) for e in estimates for i in e.target_id} == {1}
     assert all(len(e.target_id) == 1 for e in estimates[20:25])
@@ -80,8 +80,10 @@ def test_a_gap_is_bridged_and_keeps_the_id() -> None:
 @pytest.mark.parametrize(("gone", "same"), [(30, True), (70, False)])
 def test_who_is_gone_is_dropped_and_found_again_within_seconds_and_an_id_is_never_used_for_another(gone: int, same: bool) -> None:
     rng, back = np.random.default_rng(4), 20 + gone
-    setup, walked = crowds.setup(), crowds.paths(1, back + 20, rng)
-    estimates = list(track(setup, crowds.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < back)))
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(1, back + 20, rng)
+    estimates = list(
+        track(setup, synthetic_crowd.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < back))
+    )
     assert len(estimates[45].target_id) == 0
     assert {int(i) for e in estimates[:20] for i in e.target_id} == {1}
     assert {int(i) for e in estimates[back:] for i in e.target_id} == ({1} if same else {2})
@@ -91,8 +93,8 @@ def test_who_leaves_the_area_and_returns_has_a_new_id() -> None:
     rng = np.random.default_rng(6)
     x = np.concatenate([np.linspace(0, 4, 30), np.linspace(4, 0, 30)])
     walked = np.stack([x, np.zeros(60)], axis=1)[:, None, :]
-    setup = crowds.setup(area=np.array([[-10.0, -10.0], [2.5, 10.0]]))
-    estimates = list(track(setup, crowds.ticks(setup, walked, rng, misses=0, clutter=0)))
+    setup = synthetic_crowd.setup(area=np.array([[-10.0, -10.0], [2.5, 10.0]]))
+    estimates = list(track(setup, synthetic_crowd.ticks(setup, walked, rng, misses=0, clutter=0)))
     assert {int(i) for e in estimates[:19] for i in e.target_id} == {1}
     assert all(len(e.target_id) == 0 for e in estimates[22:38])
     assert {int(i) for e in estimates[42:] for i in e.target_id} == {2}
@@ -102,35 +104,37 @@ def test_who_leaves_the_area_and_returns_has_a_new_id() -> None:
 def test_who_is_just_outside_the_area_for_a_moment_keeps_the_id(wait: int, same: bool) -> None:
     rng = np.random.default_rng(6)
     x = np.concatenate([np.linspace(0, 2.8, 20), np.full(wait, 2.8), np.linspace(2.8, 0, 20)])
-    setup = crowds.setup(area=np.array([[-10.0, -10.0], [2.3, 10.0]]))
-    estimates = list(track(setup, crowds.ticks(setup, np.stack([x, 0 * x], axis=1)[:, None, :], rng, misses=0, clutter=0)))
+    setup = synthetic_crowd.setup(area=np.array([[-10.0, -10.0], [2.3, 10.0]]))
+    estimates = list(track(setup, synthetic_crowd.ticks(setup, np.stack([x, 0 * x], axis=1)[:, None, :], rng, misses=0, clutter=0)))
     assert len(estimates[20].target_id) == 0
     assert {int(i) for e in estimates for i in e.target_id} == ({1} if same else {1, 2})
 
 
 def test_false_boxes_alone_make_nobody() -> None:
     rng = np.random.default_rng(7)
-    setup = crowds.setup()
-    ticks = crowds.ticks(setup, np.zeros((80, 0, 2)), rng, clutter=0.3)
+    setup = synthetic_crowd.setup()
+    ticks = synthetic_crowd.ticks(setup, np.zeros((80, 0, 2)), rng, clutter=0.3)
     assert sum(len(e.target_id) for e in track(setup, ticks)) <= 3
 
 
 @pytest.mark.parametrize("boxes", [0, 500])
 def test_empty_and_crowded_frames_pass(boxes: int) -> None:
     rng = np.random.default_rng(8)
-    setup = crowds.setup()
+    setup = synthetic_crowd.setup()
     found = Detections.none()
     if boxes:
-        middle, extent = crowds.boxes(setup.starts["robot_0"].T_world_robot, np.column_stack([rng.uniform(-4, 4, (boxes, 2)), np.zeros(boxes)]))  # type: ignore[union-attr]
+        middle, extent = synthetic_crowd.boxes(
+            setup.starts["robot_0"].T_world_robot, np.column_stack([rng.uniform(-4, 4, (boxes, 2)), np.zeros(boxes)])
+        )  # type: ignore[union-attr]
         found = Detections(middle, extent, np.ones(boxes), np.tile(1e-5 * np.eye(2), (boxes, 1, 1)), np.zeros((boxes, 0)))
     for estimate in track(setup, [Tick(k, k / 6, tuple(View(name, found) for name in setup.mounts)) for k in range(3)]):
         assert np.isfinite(estimate.position).all()
 
 
 def test_all_detections_equal() -> None:
-    setup = crowds.setup(views=1)
+    setup = synthetic_crowd.setup(views=1)
     pose = setup.starts["robot_0"].T_world_robot  # type: ignore[union-attr]
-    middle, extent = crowds.boxes(pose, np.zeros((6, 3)))
+    middle, extent = synthetic_crowd.boxes(pose, np.zeros((6, 3)))
     found = Detections(middle, extent, np.ones(6), np.tile(1e-5 * np.eye(2), (6, 1, 1)), np.zeros((6, 0)))
     last = list(track(setup, [Tick(k, k / 6, (View("camera_0", found),)) for k in range(8)]))[-1]
     assert 1 <= len(last.target_id) <= 6
@@ -138,14 +142,14 @@ def test_all_detections_equal() -> None:
 
 def test_a_view_that_vanishes_does_no_harm() -> None:
     rng = np.random.default_rng(9)
-    setup, walked = crowds.setup(), crowds.paths(4, 80, rng)
-    ticks = crowds.ticks(setup, walked, rng)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
+    ticks = synthetic_crowd.ticks(setup, walked, rng)
     thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in ticks]
     assert scored(setup, walked, thinned).mota > 0.85
 
 
 def test_wrong_ticks_are_refused() -> None:
-    setup = crowds.setup()
+    setup = synthetic_crowd.setup()
     tracker = Tracker(setup, Parameters())
     tracker.step(Tick(3, 0.5, ()))
     with pytest.raises(ValueError, match="tick 3 comes after tick 3"):
@@ -157,10 +161,10 @@ def test_wrong_ticks_are_refused() -> None:
 @pytest.mark.slow
 def test_much_clutter_is_bounded_in_memory_and_time() -> None:
     rng = np.random.default_rng(10)
-    setup = crowds.setup()
+    setup = synthetic_crowd.setup()
     tracker = Tracker(setup, Parameters())
     spent, held = [], []
-    for tick in crowds.ticks(setup, np.zeros((200, 0, 2)), rng, clutter=300):
+    for tick in synthetic_crowd.ticks(setup, np.zeros((200, 0, 2)), rng, clutter=300):
         began = time.process_time()
         tracker.step(tick)
         spent.append(time.process_time() - began)

@@ -5,38 +5,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.tracker import crowds
-from tracker.clearmot import TargetScore, score
-from tracker.comparison import Frame
+from tracker.datasets import synthetic_crowd
 from tracker.geometry import Array
-from tracker.measurements import Detections, Estimate, Setup, Tick, View
+from tracker.metrics.clear_mot import TargetScore, score
+from tracker.metrics.matching import MatchingFrame
+from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, Tracker, track
-from tracker.selection import MultipleParameters
+from tracker.types import Detections, Estimate, Setup, Tick, View
 
 BOTH = pytest.mark.parametrize(
     "parameters",
-    [Parameters(), Parameters(multiple=MultipleParameters()), Parameters(multiple=MultipleParameters(small_graphs=True, k_h=3, i_bls_max=300))],
+    [Parameters(), Parameters(multiple=MhtParameters()), Parameters(multiple=MhtParameters(small_graphs=True, k_h=3, i_bls_max=300))],
     ids=["single", "multiple", "small graphs"],
 )
 
 
 def scored(walked: Array, estimates: list[Estimate], shift: int = 0) -> TargetScore:
     people = np.arange(walked.shape[1]) + shift
-    return score([Frame(people, places, e.target_id + shift, e.position) for places, e in zip(walked, estimates, strict=True)])
+    return score([MatchingFrame(people, places, e.target_id + shift, e.position) for places, e in zip(walked, estimates, strict=True)])
 
 
 def standing(setup: Setup, places: Array) -> Detections:
     """Boxes of people at places (n, 2), seen from the first camera without error."""
     start, n = setup.starts["robot_0"], len(places)
     assert start is not None
-    middle, extent = crowds.boxes(start.T_world_robot, np.column_stack([places, np.zeros(n)]))
+    middle, extent = synthetic_crowd.boxes(start.T_world_robot, np.column_stack([places, np.zeros(n)]))
     return Detections(middle, extent, np.ones(n), np.tile(1e-5 * np.eye(2), (n, 1, 1)), np.zeros((n, 0)))
 
 
 @BOTH
 @pytest.mark.parametrize("boxes", [0, 500])
 def test_empty_and_crowded_ticks_pass(parameters: Parameters, boxes: int) -> None:
-    setup = crowds.setup()
+    setup = synthetic_crowd.setup()
     found = standing(setup, np.random.default_rng(8).uniform(-4, 4, (boxes, 2))) if boxes else Detections.none()
     for estimate in track(setup, [Tick(k, k / 6, tuple(View(name, found) for name in setup.mounts)) for k in range(3)], parameters):
         assert np.isfinite(estimate.position).all()
@@ -46,8 +46,8 @@ def test_empty_and_crowded_ticks_pass(parameters: Parameters, boxes: int) -> Non
 @BOTH
 def test_an_empty_tick_and_one_without_views_lose_nobody(parameters: Parameters) -> None:
     rng = np.random.default_rng(2)
-    setup, walked = crowds.setup(), crowds.paths(3, 30, rng)
-    ticks = crowds.ticks(setup, walked, rng, misses=0.0, clutter=0.0)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(3, 30, rng)
+    ticks = synthetic_crowd.ticks(setup, walked, rng, misses=0.0, clutter=0.0)
     ticks[15] = replace(ticks[15], views=tuple(replace(v, detections=Detections.none()) for v in ticks[15].views))
     ticks[20] = replace(ticks[20], views=())
     estimates = list(track(setup, ticks, parameters))
@@ -58,7 +58,7 @@ def test_an_empty_tick_and_one_without_views_lose_nobody(parameters: Parameters)
 
 @BOTH
 def test_equal_boxes_stay_in_their_place(parameters: Parameters) -> None:
-    setup = crowds.setup()
+    setup = synthetic_crowd.setup()
     found = standing(setup, np.zeros((6, 2)))
     last = list(track(setup, [Tick(k, k / 6, (View("camera_0", found),)) for k in range(8)], parameters))[-1]
     assert 1 <= len(last.target_id) <= 6
@@ -68,8 +68,8 @@ def test_equal_boxes_stay_in_their_place(parameters: Parameters) -> None:
 @BOTH
 def test_a_view_that_is_one_tick_late_does_little_harm(parameters: Parameters) -> None:
     rng = np.random.default_rng(11)
-    setup, walked = crowds.setup(), crowds.paths(4, 50, rng)
-    ticks = crowds.ticks(setup, walked, rng)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 50, rng)
+    ticks = synthetic_crowd.ticks(setup, walked, rng)
     late = [replace(t, views=(ticks[max(k - 1, 0)].views[0], *t.views[1:])) for k, t in enumerate(ticks)]
     assert scored(walked, list(track(setup, late, parameters))).mota > 0.8
 
@@ -77,16 +77,16 @@ def test_a_view_that_is_one_tick_late_does_little_harm(parameters: Parameters) -
 @BOTH
 def test_a_view_that_vanishes_for_50_ticks_does_no_harm(parameters: Parameters) -> None:
     rng = np.random.default_rng(9)
-    setup, walked = crowds.setup(), crowds.paths(4, 80, rng)
-    thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in crowds.ticks(setup, walked, rng)]
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
+    thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in synthetic_crowd.ticks(setup, walked, rng)]
     assert scored(walked, list(track(setup, thinned, parameters))).mota > 0.85
 
 
 @BOTH
 def test_numbers_of_trees_beyond_32_bits_change_nothing(parameters: Parameters) -> None:
     rng = np.random.default_rng(12)
-    setup, walked = crowds.setup(), crowds.paths(4, 25, rng)
-    ticks = crowds.ticks(setup, walked, rng)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 25, rng)
+    ticks = synthetic_crowd.ticks(setup, walked, rng)
     plain, far = Tracker(setup, parameters), Tracker(setup, parameters)
     far._people.hypotheses._next_tree = 2**40  # type: ignore[attr-defined]
     a, b = ([e for t in ticks if (e := tracker.step(t))] for tracker in (plain, far))
@@ -99,7 +99,7 @@ def test_numbers_of_trees_beyond_32_bits_change_nothing(parameters: Parameters) 
 @BOTH
 @pytest.mark.parametrize("index", [3, 2])
 def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters, index: int) -> None:
-    tracker = Tracker(crowds.setup(), parameters)
+    tracker = Tracker(synthetic_crowd.setup(), parameters)
     tracker.step(Tick(3, 0.5, ()))
     with pytest.raises(ValueError, match=f"tick {index} comes after tick 3"):
         tracker.step(Tick(index, 0.5, ()))
@@ -111,7 +111,7 @@ def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters
 @pytest.mark.parametrize(("speed", "followed"), [(2.0, True), (6.0, False)])
 def test_what_is_faster_than_people_is_not_followed(parameters: Parameters, speed: float, followed: bool) -> None:
     """A box that goes straight on: a runner is somebody, what goes as fast as a car is not."""
-    setup = crowds.setup()
+    setup = synthetic_crowd.setup()
     ticks = []
     for k in range(8):
         place = np.array([[speed * (k * setup.period - 0.6), 1.0]])

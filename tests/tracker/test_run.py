@@ -11,9 +11,10 @@ import pytest
 
 from tests.tracker import sequences
 from tracker.pipeline import Parameters
-from tracker.results import read_results
 from tracker.run import tracked, views_of
-from tracker.sequence import Sequence, read_sequence
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import read_results
+from tracker.types import Sequence
 
 RUN = {"source": "s", "views": []}
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tracker.cameras import Panorama
 from tracker.geometry import Pose, exp_so3, rotation_z, tangent_basis
-from tracker.ground import Flat
-from tracker.measurements import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
+from tracker.geometry.cameras import Panorama
+from tracker.geometry.ground import Flat
+from tracker.types import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
 
 SIZE = np.array([14.0, 11.0, 2.5])
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from worlds import catalogue
-from worlds.heightfield import Heightfield
-from worlds.walkable import FEET, free_space
+from worlds.terrain.free_space import FEET, free_space
+from worlds.terrain.heightfield import Heightfield
 from worlds.world import World
 
 

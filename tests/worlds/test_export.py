@@ -12,7 +12,7 @@ import trimesh
 
 from worlds import catalogue
 from worlds.export import export
-from worlds.scenery import scenery
+from worlds.triangles import scenery
 from worlds.world import World
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.worlds.inspection import can_be_walked, rays_hit_the_ground
 from worlds import catalogue
-from worlds.measures import measure
+from worlds.difficulty import measure
 from worlds.semantics import class_of
 from worlds.world import World
 

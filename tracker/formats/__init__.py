@@ -1,0 +1,3 @@
+"""Foreign file formats, one a file, with reader and writer side by side.
+
+Read `motchallenge.py` first."""

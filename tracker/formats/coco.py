@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.atomic import write_text
-from tracker.geometry import Array
-from tracker.layout import KEYPOINT_NAMES
-from tracker.manifests import read_json
-from tracker.measurements import Ints
+from tracker.geometry import Array, Ints
+from tracker.io.atomic import write_text
+from tracker.io.json_files import read_json
+from tracker.types import KEYPOINT_NAMES
 
 SKELETON = (
     (16, 14), (14, 12), (17, 15), (15, 13), (12, 13), (6, 12), (7, 13), (6, 7), (6, 8), (7, 9), (8, 10), (9, 11), (2, 3), (1, 2), (1, 3), (2, 4),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.atomic import write_text
-from tracker.clique import Graph
+from tracker.clique.local_search import Graph
+from tracker.io.atomic import write_text
 
 MOST_VERTICES = 20_000
 """Who excludes whom is kept as a matrix: as much as 400 MB."""

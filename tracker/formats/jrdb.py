@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from tracker.atomic import write_text
 from tracker.geometry import Array, frozen, wrap
-from tracker.manifests import read_json
+from tracker.io.atomic import write_text
+from tracker.io.json_files import read_json
 
 OCCLUSION = ((0.95, "Fully_visible"), (0.5, "Mostly_visible"), (0.0, "Severely_occluded"))
 """Visible fraction above which an occlusion has this name; nothing seen is Fully_occluded."""

@@ -2,28 +2,42 @@
 
 The cameras' files are in mm and radians, ours in metres: R = Rz Ry Rx, optical = R · world + t. The annotations count frames from 0, the
 detections from 1. Both give boxes in pixels whose centres lie at whole numbers.
+
+Truth in the image of one camera as PETS 2009 and CAVIAR have it (CVML, XML): frames from 0, boxes by their centres.
+
+Pixels are those of the camera's calibration: their centres lie at whole numbers.
+
+What PETS 2009 leaves to its readers: frame rate, tracking area, ground and what stands before the cameras. site.json beside the annotations says
+it where it is not PETS's own.
+
+Fields: rate [1/s]; area [[x, y], [x, y]] m, the lowest and the highest corner; terrain: the name of a file of heights, or null for z = 0;
+pillars, which may be left out: [[x, y, radius, low, high], ...] m, upright round things that hide people.
 """
 
 from __future__ import annotations
 
+import json
 import os
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from tracker.cameras import OPTICAL_FROM_CAMERA, Camera, Tsai
-from tracker.formats.cvml import Annotations, read_annotations, write_annotations
-from tracker.formats.markup import parse
-from tracker.formats.motchallenge import Ints, number, read_mot15
-from tracker.geometry import Array, Pose
-from tracker.ground import Ground
-
-__all__ = ["Annotations", "ground_truth", "read_annotations", "read_camera", "read_detections", "write_annotations", "write_camera"]
+from tracker.formats.motchallenge import number, read_mot15
+from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Tsai
+from tracker.geometry.ground import Flat, Ground
+from tracker.io.atomic import write_text
+from tracker.io.terrain_file import read_terrain
+from tracker.io.xml_files import Element, parse
 
 MM = 1e-3
+
 # A sight line that runs longer than this over the site has missed the ground.
 LONGEST_SIGHT = 500.0
+
 # Of the image may lie beyond the fold of the distortion; in View_007 it is 0.5 %, in the left corners.
 FOLDED_SHARE = 0.01
 
@@ -129,3 +143,116 @@ def ground_truth(annotations: Annotations, camera: Camera, T_world_camera: Pose,
             raise ValueError(f"frame {frame}: the feet of id {ids[np.argmin(hit)]} are not on the ground, need to be below the horizon")
         out[frame] = ids, feet
     return out
+
+
+Annotations = dict[int, tuple[Ints, Array]]
+
+
+def read_annotations(path: str | os.PathLike[str]) -> Annotations:
+    """A CVML file → frame (from 0) → ids (m,) and boxes (m, 4) left, top, width, height px; frames without people are there, empty.
+
+    The box's centre is spelled xc, yc or, as the older CAVIAR files have it, x, y. Raises ValueError naming file, line and field: not
+    XML, a frame twice, an id twice in a frame, a size that is not above 0, a number that is none.
+    """
+    out: Annotations = {}
+    for frame in parse(path, "dataset").every("frame"):
+        number = frame.whole("number")
+        if number < 0 or number in out:
+            fault = "comes twice" if number in out else "is below 0"
+            raise ValueError(f"{path}:line {frame.line}: field frame.number {number} {fault}")
+        objects = [o for group in frame.every("objectlist") for o in group.every("object")]
+        ids: list[int] = []
+        for item in objects:
+            ids.append(item.whole("id"))
+            if ids[-1] in ids[:-1]:
+                raise ValueError(f"{path}:line {item.line}: field object.id {ids[-1]} comes twice in frame {number}")
+        boxes = np.array([_box(item.find("box")) for item in objects]).reshape(-1, 4)
+        out[number] = np.array(ids, dtype=np.int64), boxes
+    return dict(sorted(out.items()))
+
+
+def _box(box: Element) -> list[float]:
+    w, h = box.number("w"), box.number("h")
+    for name, size in (("w", w), ("h", h)):
+        if not size > 0:
+            raise ValueError(f"{box.where}:line {box.line}: field box.{name} is {size}, needs more than 0")
+    return [box.number("xc", "x") - w / 2, box.number("yc", "y") - h / 2, w, h]
+
+
+def write_annotations(path: Path, name: str, annotations: Annotations) -> None:
+    """The file that read_annotations reads, of a dataset of that name. Raises ValueError naming frame and id for a size that is not above 0."""
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<dataset name={quoteattr(name)}>"]
+    for frame, (ids, boxes) in sorted(annotations.items()):
+        lines += [f'  <frame number="{frame}">', "    <objectlist>"]
+        for person, (left, top, w, h) in zip(ids.tolist(), np.asarray(boxes).tolist(), strict=True):
+            if not (w > 0 and h > 0):
+                raise ValueError(f"frame {frame}: the box of id {person} is {w} x {h} px, needs more than 0")
+            size, centre = f'h="{number(h)}" w="{number(w)}"', f'xc="{number(left + w / 2)}" yc="{number(top + h / 2)}"'
+            lines.append(f'      <object id="{person}"><box {size} {centre}/></object>')
+        lines += ["    </objectlist>", "  </frame>"]
+    write_text(path, "\n".join([*lines, "</dataset>", ""]))
+
+
+FILE, TERRAIN = "site.json", "terrain.npz"
+
+AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
+"""m: of the cropped annotations of PETS 2009 (Milan's truth)."""
+
+PILLARS = ((-13.708, -10.623, 0.07, 0.0, 2.4), (-13.708, -10.623, 0.24, 2.4, 3.03))
+"""m: the lamp post of PETS 2009 and the sign on it, which hides people of View_001 for seconds; measured in its first frame by its calibration."""
+
+RATE = 7.0
+"""Frames a second of PETS 2009."""
+
+FASTEST = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """rate in frames/s, area (2, 2) m, the ground, and the top of what stands on it or None; pillars (p, 5) m, as in Setup."""
+
+    rate: float
+    area: Array
+    ground: Ground
+    occluders: Ground | None = None
+    pillars: Array = field(default_factory=lambda: np.zeros((0, 5)))
+
+
+def read_site(folder: Path) -> Site:
+    """That of a folder; PETS 2009's own where it says nothing. Raises ValueError with the file's name for what is none."""
+    path = folder / FILE
+    if not path.is_file():
+        return Site(RATE, np.array(AREA), Flat(), pillars=np.array(PILLARS))
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        rate, area, terrain = float(content["rate"]), np.array(content["area"], dtype=np.float64), content["terrain"]
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise ValueError(f"{path}: needs rate, area and terrain in JSON ({error})") from None
+    if not 0 < rate <= FASTEST:
+        raise ValueError(f"{path}: rate is {rate}, needs more than 0 and at most {FASTEST:g}")
+    if area.shape != (2, 2) or not np.isfinite(area).all() or not (area[0] < area[1]).all():
+        raise ValueError(f"{path}: area is {str(content['area'])[:80]}, needs two corners x, y m, the lowest first")
+    pillars = _pillars(path, content.get("pillars", []))
+    if terrain is None:
+        return Site(rate, area, Flat(), pillars=pillars)
+    if terrain != TERRAIN:
+        raise ValueError(f"{path}: terrain is {str(terrain)[:80]!r}, needs {TERRAIN!r} or null")
+    return Site(rate, area, *read_terrain(folder / TERRAIN), pillars=pillars)
+
+
+def _pillars(path: Path, rows: Any) -> Array:
+    try:
+        pillars = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    except (ValueError, TypeError):
+        pillars = np.full((1, 5), np.nan)
+    if not np.isfinite(pillars).all() or not (pillars[:, 2] > 0).all() or not (pillars[:, 3] < pillars[:, 4]).all():
+        raise ValueError(f"{path}: pillars is {str(rows)[:80]}, needs rows of x, y, radius, low and high in metres, radius over 0 and low under high")
+    return pillars
+
+
+def write_site(folder: Path, site: Site, terrain: Path | None) -> None:
+    """Write what read_site reads; terrain: the file of a sequence that holds the site's ground, or None where that is z = 0."""
+    if terrain is not None:
+        (folder / TERRAIN).write_bytes(terrain.read_bytes())
+    content = {"rate": site.rate, "area": site.area.tolist(), "terrain": TERRAIN if terrain is not None else None, "pillars": site.pillars.tolist()}
+    write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")

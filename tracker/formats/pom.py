@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.formats.wildtrack import HIDDEN, Calibrated, Region
-from tracker.geometry import Array
-from tracker.measurements import Ints
+from tracker.geometry import Array, Ints
 
 HEIGHT, RADIUS = 1.75, 0.25
 """m: of the upright cylinder that stands for a person."""

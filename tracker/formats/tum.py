@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.atomic import write_text
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.io.atomic import write_text
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 

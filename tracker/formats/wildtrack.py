@@ -15,11 +15,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.atomic import write_text
-from tracker.cameras import OPTICAL_FROM_CAMERA, Tsai
-from tracker.geometry import Array, Pose, frozen
-from tracker.manifests import read_json
-from tracker.measurements import Ints
+from tracker.geometry import Array, Ints, Pose, frozen
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Tsai
+from tracker.io.atomic import write_text
+from tracker.io.json_files import read_json
 
 CELL = 0.025
 """m, of both datasets."""
@@ -68,7 +67,7 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class WildtrackPosition:
     """Somebody in a frame: person id; position, the id of a cell; boxes (views, 4) xmin, ymin, xmax, ymax px, all −1 in views that do not show
     the person; feet (3,) m, the place itself, or None.
     """
@@ -79,7 +78,7 @@ class Placed:
     feet: Array | None = None
 
 
-def write_positions(path: Path, people: Iterable[Placed]) -> None:
+def write_positions(path: Path, people: Iterable[WildtrackPosition]) -> None:
     """The annotation of one frame. Raises ValueError for an id that other readers cannot keep."""
     out = []
     for one in people:
@@ -91,7 +90,7 @@ def write_positions(path: Path, people: Iterable[Placed]) -> None:
     write_text(path, json.dumps(out, indent=1, allow_nan=False) + "\n")
 
 
-def read_positions(path: Path) -> list[Placed]:
+def read_positions(path: Path) -> list[WildtrackPosition]:
     """Raises ValueError with the file's name where a field is missing or views are not numbered from 0 on."""
     out = []
     try:
@@ -101,7 +100,7 @@ def read_positions(path: Path) -> list[Placed]:
                 raise ValueError(f"person {entry['personID']}: views are not numbered from 0 to {len(views) - 1}")
             boxes = np.array([[view[name] for name in _EDGES] for view in views], dtype=np.int64).reshape(-1, 4)
             feet = np.array(entry["feet"], dtype=np.float64) if "feet" in entry else None
-            out.append(Placed(int(entry["personID"]), int(entry["positionID"]), boxes, feet))
+            out.append(WildtrackPosition(int(entry["personID"]), int(entry["positionID"]), boxes, feet))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: field {error} is missing or of the wrong kind") from None
     except ValueError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracker.clique import Graph
+from tracker.clique.local_search import Graph
 from tracker.formats.dimacs import read_graph, write_graph
 
 PATH = "c a path of three\np edge 3 2\nn 1 4\nn 3 0.5\ne 1 2\ne 2 3\n"
@@ -59,7 +59,7 @@ def test_bad_files_name_the_line(tmp_path: Path, text: str, message: str) -> Non
 
 def test_command(tmp_path: Path) -> None:
     (tmp_path / "path.clq").write_text(PATH)
-    command = [sys.executable, "-m", "sim.cli", "clique", str(tmp_path / "path.clq"), "--seconds", "0.1", "--json"]
+    command = [sys.executable, "-m", "sim.cli.main", "clique", str(tmp_path / "path.clq"), "--seconds", "0.1", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from tracker.formats.mot17 import Annotated, SeqInfo, read_mot17, read_seqinfo, write_mot17, write_seqinfo, write_seqmap
+from tracker.formats.motchallenge import Annotated, SeqInfo, read_mot17, read_seqinfo, write_mot17, write_seqinfo, write_seqmap
 
 number = st.floats(-1e6, 1e6)
 size = st.floats(0, 1e6)

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tracker.formats.motchallenge import read_mot15
 from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections, write_camera
 from tracker.geometry import Pose
-from tracker.ground import Flat
+from tracker.geometry.ground import Flat
 
 # The tracking area of the cropped annotations, m.
 AREA = np.array([[-14.0696, -14.2740], [4.9813, 1.7335]])

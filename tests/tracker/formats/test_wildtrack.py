@@ -12,12 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.cameras import pinhole
 from tracker.formats.pets2009 import read_camera
 from tracker.formats.wildtrack import (
     Calibrated,
-    Placed,
     Region,
+    WildtrackPosition,
     read_calibration,
     read_positions,
     read_region,
@@ -26,15 +25,16 @@ from tracker.formats.wildtrack import (
     write_positions,
 )
 from tracker.geometry import Pose
+from tracker.geometry.cameras import pinhole
 
 boxes = st.lists(st.tuples(*[st.integers(-1, 4000)] * 4), max_size=7).map(lambda b: np.array(b, dtype=np.int64).reshape(-1, 4))
 feet = st.one_of(st.none(), st.tuples(*[st.floats(-100, 100)] * 3).map(np.array))
-placed = st.builds(Placed, st.one_of(st.integers(0, 9), st.integers(2**31, 2**53 - 1)), st.integers(0, 10**9), boxes, feet)
+placed = st.builds(WildtrackPosition, st.one_of(st.integers(0, 9), st.integers(2**31, 2**53 - 1)), st.integers(0, 10**9), boxes, feet)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(placed, max_size=4))
-def test_annotations_come_back(people: list[Placed]) -> None:
+def test_annotations_come_back(people: list[WildtrackPosition]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_positions(Path(folder) / "0.json", people)
         again = read_positions(Path(folder) / "0.json")
@@ -115,7 +115,7 @@ def test_a_wrong_annotation_is_named(tmp_path: Path, text: str, message: str) ->
 
 def test_wrong_files_and_ids_are_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="personID is 9007199254740992"):
-        write_positions(tmp_path / "0.json", [Placed(2**53, 0, np.zeros((0, 4), dtype=np.int64))])
+        write_positions(tmp_path / "0.json", [WildtrackPosition(2**53, 0, np.zeros((0, 4), dtype=np.int64))])
     with pytest.raises(ValueError, match=r"intr_Camera1\.xml: no such file"):
         read_calibration(tmp_path, "Camera1")
     calibrated, _ = Calibrated.of(pinhole(320, 240, 1.1), Pose.identity())

@@ -1,0 +1,137 @@
+"""The whole way once: make a Sequence, track it, score it, and leave scores and pictures in a folder.
+
+The whole way once.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from sim.cli.options import Out
+from sim.recording.record import record
+from sim.scenario import Scenario
+from tracker.io.atomic import unfinished, write_text
+from tracker.io.json_files import read_json
+from tracker.io.resume import check_same, holds, json_value
+from tracker.metrics.evaluation import evaluate, table
+from tracker.pipeline import Parameters
+from tracker.run import tracked
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import Results, read_results
+from tracker.types import Sequence
+
+STATEMENT = "sequence/scenario.json"
+
+PICTURES = ("contact_sheet.png", "plan.png", "video.mp4")
+
+
+def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
+    """Returns the scores. What is in `out` of the same scenario is used again, each part by itself.
+
+    Raises ValueError where `out` holds another run.
+    """
+    check_folder(scenario, out)
+    folder = out / "sequence"
+    if not folder.exists():
+        record(scenario, folder, partial(tqdm, desc="panoramas", unit="frame"))
+    sequence = read_sequence(folder)
+    if (out / "track").exists() and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
+        print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
+        for name in PICTURES:
+            (out / name).unlink(missing_ok=True)
+        shutil.rmtree(out / "track")
+    results = tracked(sequence, out / "track", {"source": "sequence", "views": []})
+    scores = evaluate(sequence, results)
+    write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")
+    draw(sequence, results, scores, out)
+    print(table(scores))
+    for name, what in (
+        ("scores.json", "all scores"),
+        ("contact_sheet.png", "panoramas with estimated boxes"),
+        ("plan.png", "true and estimated paths"),
+        ("video.mp4", "both, moving"),
+        ("sequence/", "panoramas, instances, truth, odometry, calibration (README.md in it)"),
+        ("track/", "estimated tracks and poses"),
+    ):
+        print(f"{out / name}: {what}")
+    return scores
+
+
+def check_folder(scenario: Scenario, out: Path) -> None:
+    """Refuse a folder that holds anything but this scenario's run."""
+    if holds(out, STATEMENT, (unfinished(out / "sequence").name,)):
+        there = read_json(out / STATEMENT)
+        if not isinstance(there, dict):
+            raise ValueError(f"{out / STATEMENT}: no scenario")
+        check_same(out, there, json.loads(scenario.to_json()))
+
+
+def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:
+    """Contact sheet, plan and video; pictures that are there stay."""
+    # Matplotlib takes a second to import: only who draws shall wait for it.
+    from sim.visualization.overlays import annotated, contact_sheet, save_png
+    from sim.visualization.plan_and_video import plan, video_frames, write_video
+
+    people, robots = scores["targets"], scores["robots"]
+    title = f"MOTA {people['mota'] or 0:.3f}, IDF1 {people['idf1'] or 0:.3f}; robots {robots['ate_m']:.3f} m off"
+    title += f" (dead reckoning {scores['dead_reckoning']['ate_m']:.3f} m)"
+    if not (out / "contact_sheet.png").exists():
+        chosen = 2 * len(sequence.ticks) // 3
+        tick = next(islice(iter(sequence.ticks), chosen, None))
+        save_png(out / "contact_sheet.png", contact_sheet(annotated(sequence, results, tick), f"frame {tick.index}: estimated boxes and ids"))
+    if not (out / "plan.png").exists():
+        plan(sequence, results, title, out / "plan.png")
+    if not (out / "video.mp4").exists():
+        ticks = tqdm(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
+        write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Simulate people and robots, track them, score and draw the result.
+
+    The command runs the whole pipeline once, at 6 frames a second.
+
+    Examples: pilsim demo
+              pilsim demo --frames 333 --seed 7 --out runs/seven
+    """
+
+    frames: int = 60
+    """Number of frames, at 6 a second; the paper's set has 333."""
+    seed: int = 0
+    """Seed of all random numbers; the same seed gives the same bytes."""
+    robots: int = 4
+    """Number of rovers, each with a panoramic camera."""
+    people: int = 10
+    """Number of people."""
+    world: str = "pilsun"
+    """Name of the world, as `pilsim worlds` lists it. pilsun is an indoor laboratory with ramps, a step, a platform and furniture."""
+    difficulty: float = 0.5
+    """Difficulty of the terrain, from 0 (gentle) to 1."""
+    width: int = 1024
+    """Width of a panorama, pixels; it is half as high."""
+    out: Out = Path("runs/demo")
+    """Folder of all results. The same scenario again reuses what is there."""
+
+    def run(self) -> None:
+
+        from sim.scenario import Scenario
+
+        scenario = Scenario(
+            world=self.world,
+            difficulty=self.difficulty,
+            seed=self.seed,
+            robots=self.robots,
+            people=self.people,
+            frames=self.frames,
+            width=self.width,
+        )
+        run_demo(scenario, self.out)

@@ -1,0 +1,112 @@
+"""What this computer has, and how fast it draws: the content of `pilsim doctor`.
+
+What this computer has.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import platform
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from sim.rendering.gl_context import GLUnavailable, choose_gl
+
+PACKAGES = {"pilsim": "pilsim", "mujoco": "mujoco", "numpy": "numpy", "opencv": "opencv-python-headless", "numba": "numba"}
+
+
+def examine(seconds: float = 3.0) -> dict[str, Any]:
+    """Versions, platform, OpenGL, and panoramas drawn a second, measured for about `seconds` s. Only numbers and strings, as JSON has them.
+
+    Where there is no OpenGL, "gl" and "speed" are None and "fault" is the one line that says what to install. Raises ValueError for a
+    time that is not above 0.
+    """
+    if not seconds > 0:
+        raise ValueError(f"seconds is {seconds}, needs more than 0")
+    report: dict[str, Any] = {
+        "versions": {"python": platform.python_version()} | {name: _version(package) for name, package in PACKAGES.items()},
+        "platform": platform.platform(),
+        "cores": len(os.sched_getaffinity(0)) if platform.system() == "Linux" else os.cpu_count(),
+        "backend": None,
+        "gl": None,
+        "speed": None,
+        "fault": None,
+    }
+    try:
+        report["backend"] = choose_gl()
+        report |= _drawing(seconds)
+    except GLUnavailable as error:
+        report["fault"] = str(error)
+    return report
+
+
+def describe(report: dict[str, Any]) -> str:
+    """The report in a few lines of text."""
+    lines = [f"{name:10} {version}" for name, version in report["versions"].items()]
+    lines += [f"{'platform':10} {report['platform']}", f"{'cores':10} {report['cores']}"]
+    gl, speed = report["gl"], report["speed"]
+    if gl is None or speed is None:
+        return "\n".join([*lines, f"{'OpenGL':10} {report['fault']}"])
+    lines += [
+        f"{'OpenGL':10} {gl['version']}, by {report['backend']}",
+        f"{'renderer':10} {gl['renderer']} ({gl['vendor']}): {'a GPU' if gl['gpu'] else 'the CPU'}",
+        f"{'speed':10} {speed['panoramas']:.1f} panoramas a second, {speed['width']} x {speed['height']}, colour + instances + range,"
+        f" {speed['scene']}, {speed['robots']} robots, {speed['people']} people",
+    ]
+    return "\n".join(lines)
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _drawing(seconds: float) -> dict[str, Any]:
+    """Who draws, and how many panoramas a second of the default scenario."""
+    import numpy as np
+
+    from sim.rendering.panorama import PanoramaRenderer
+    from sim.scenario import Scenario
+    from sim.simulation.simulation import Simulation
+    from tracker.geometry.cameras import Panorama
+
+    scenario = Scenario()
+    simulation = Simulation(scenario)
+    poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    camera = Panorama(scenario.width, scenario.height)
+    with PanoramaRenderer(simulation.model, camera, simulation.person_of_geom.astype(np.uint16)) as renderer:
+        information = renderer.information
+        # The first panorama waits for the driver's and numba's compilers.
+        renderer.render(simulation.data, poses)
+        started, drawn = time.perf_counter(), 0
+        while not drawn or time.perf_counter() - started < seconds:
+            drawn += len(renderer.render(simulation.data, poses))
+        rate = drawn / (time.perf_counter() - started)
+    size = {"width": camera.width, "height": camera.height}
+    content = {"scene": scenario.world, "robots": scenario.robots, "people": scenario.people}
+    gl = {"vendor": information.vendor, "renderer": information.renderer, "version": information.version, "gpu": information.is_gpu}
+    return {"gl": gl, "speed": {"panoramas": rate} | size | content}
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Report what this computer has: versions, OpenGL, rendering speed.
+
+    The report names the OpenGL renderer, says whether it is a GPU, and measures the
+    panoramas that it renders per second.
+
+    Example: pilsim doctor --json
+    """
+
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+
+        report = examine()
+        print(json.dumps(report, indent=1) if self.json else describe(report))

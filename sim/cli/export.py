@@ -1,0 +1,58 @@
+"""Sequences for other people's tools."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from sim.cli.options import Out
+
+Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum"]
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write sequences in a format that other tools read.
+
+    README.md in the result explains every column. The formats are:
+      pets       PETS 2009: CVML truth, Tsai cameras (fixed pinhole cameras alone)
+      mot15      MOTChallenge 2015, one sequence a view
+      mot17      MOTChallenge 2017, one sequence a view
+      wildtrack  WILDTRACK and MultiviewX (fixed pinhole cameras alone)
+      coco       COCO with masks, key points and tracks
+      jrdb       JRDB: panoramas
+      tum        TUM: trajectories of robots
+
+    Examples: pilsim export runs/pilsun --format mot17 --out runs/mot17
+              pilsim export runs/pilsun/pilsun-00000 --format coco --out runs/coco
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="DIR")]
+    """A sequence, or a folder of sequences."""
+    format: Format
+    """The format to write."""
+    out: Out
+    """Folder of the result; it must not exist yet."""
+    rectangles: bool = False
+    """wildtrack: write rectangles.pom too, a line for every camera and cell (millions of lines)."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from tqdm import tqdm
+
+        from tracker.export.exporting import export
+
+        def progress(frames: Iterable[int], name: str) -> Iterable[int]:
+            return tqdm(frames, desc=name, unit="frame", disable=self.json or None)
+
+        found = export(self.source, self.format, self.out, progress, self.rectangles)
+        if self.json:
+            print(json.dumps({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))
+        else:
+            print(f"{self.out}: {len(found)} sequence{'s' * (len(found) != 1)} as {self.format}; README.md in it explains every column")

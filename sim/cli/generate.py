@@ -1,0 +1,162 @@
+"""From a scenario to sequences."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from sim.cli.options import Out, numbers, unset
+from sim.cli.scenario_options import DetectorSettings, Number, ScenarioSettings, Whole, Word, given
+
+if TYPE_CHECKING:
+    from sim.datasets.presets import Preset
+
+_COMMON = ("world", "difficulty", "seed", "robots", "people", "frames", "width")
+"""Options of a scenario that most people need."""
+
+
+@dataclass(frozen=True)
+class ImageFiles:
+    """Files of images beside JPEG."""
+
+    png: bool = False
+    """Write images without loss, as PNG in place of JPEG; three times as large."""
+    range: bool = False
+    """Write the range of every pixel, too, as 16-bit PNG in 1/256 m."""
+    classes: bool = False
+    """Write the semantic class of every pixel, too, as 8-bit PNG."""
+    video: bool = False
+    """Write an MP4 of every camera, too."""
+    mesh: bool = True
+    """Write the terrain as glTF, some MB a sequence."""
+
+
+@dataclass(frozen=True)
+class TwinFiles:
+    """What a twin is made from."""
+
+    annotations: Annotated[Path | None, unset("FILE", "needed for a twin")] = None
+    """The paths of the people: the CVML file of a PETS 2009 sequence, boxes in View_001."""
+    calibration: Annotated[Path | None, unset("DIR", "needed for a twin")] = None
+    """The folder of View_001.xml and so on (Tsai)."""
+
+
+@dataclass(frozen=True)
+class Generate:
+    """Generate a dataset: sequences of images with the full truth.
+
+    The same command continues a dataset that was interrupted. The presets are:
+      pilsun            as the paper's set: 333 frames, 4 robots, 10 people, indoors
+      s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
+      twin              the people of a PETS 2009 annotation on their real paths,
+                        seen by the real cameras and by rovers
+
+    Examples: pilsim generate pilsun --out D
+              pilsim generate pilsun --world forest --count 20 --workers 2 --out D
+              pilsim generate s2l2 --frames 100 --range --video --out D
+              pilsim generate pilsun --config mine.toml --cluster tcp://10.0.0.1:8786 --count 500 --out /shared/D
+              pilsim generate twin --annotations S2.L1/annotations/PETS2009-S2L1.xml --calibration calibration --views 1,5,7 --out runs/twin
+    """
+
+    preset: Positional[Literal["pilsun", "s2l1", "s2l2", "s2l3", "twin"]]
+    """The kind of sequences."""
+    out: Out
+    """Folder of the dataset; complete sequences in it are kept. The folder of a twin must not exist yet."""
+    count: int = 1
+    """Number of sequences; sequence n has the seed + n, and so another world, other people and other paths."""
+    seed: Whole = None
+    """Seed of all random numbers."""
+    frames: Whole = None
+    """Number of frames of a sequence."""
+    world: Word = None
+    """Name of the world, as `pilsim worlds` lists it."""
+    difficulty: Number = None
+    """Difficulty of the terrain, from 0 (gentle) to 1."""
+    robots: Whole = None
+    """Number of rovers, each with a panoramic camera."""
+    people: Whole = None
+    """Number of people, in all."""
+    width: Whole = None
+    """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
+    views: Annotated[str | None, unset("STR", "the preset's; 1 of a twin")] = None
+    """Number of fixed cameras; for a twin the numbers of the PETS cameras, as in 1,5,7."""
+    workers: int = 1
+    """Number of processes on this machine; the bytes are the same with any number."""
+    files: Annotated[OmitArgPrefixes[ImageFiles], arg(name="file")] = ImageFiles()
+    """These options choose what is written beside JPEG images and tables."""
+    twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
+    """The preset twin needs both files; no other preset takes them."""
+    scenario: Annotated[OmitArgPrefixes[ScenarioSettings], arg(name="expert scenario")] = ScenarioSettings()
+    """These options change people, cameras and physics of the preset."""
+    detector: Annotated[OmitArgPrefixes[DetectorSettings], arg(name="expert detector")] = DetectorSettings()
+    """These options change the errors of the simulated detector of people."""
+    config: Annotated[Path | None, unset("FILE", "none")] = None
+    """A .toml or .json file of options, as frames = 100 or at_once = 8; the command line overrides it."""
+    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
+    """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path."""
+
+    def run(self) -> None:
+        if self.preset == "twin":
+            self._twin()
+            return
+        from sim.datasets.generation import Plan, generate
+        from tracker.sequence.writer import ImageForm
+
+        if self.twin.annotations or self.twin.calibration:
+            raise ValueError("--annotations and --calibration are for a twin: pilsim generate twin …")
+        form = ImageForm(**vars(self.files))
+        plan = Plan(self.preset, self._preset(), self.out, self.count, form, self.workers, self.cluster)
+        made = generate(plan)
+        counted = f"{plan.count} sequence{'s' * (plan.count != 1)}, {made} new"
+        print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
+
+    def _given(self) -> dict[str, Any]:
+        """Name → value of the options of a scenario that are on the command line."""
+        return given(self, _COMMON) | given(self.scenario) | given(self.detector)
+
+    def _preset(self) -> Preset:
+        """The preset with the settings of the file, and over them those of the command line."""
+        from sim.datasets.presets import preset_of, read_settings
+
+        changes = self._given()
+        if self.views is not None:
+            if not self.views.isdecimal():
+                raise ValueError(f"--views is {self.views!r}, needs a number of cameras")
+            changes["views"] = int(self.views)
+        if self.config is None:
+            return preset_of(self.preset, changes)
+        settings = read_settings(self.config)
+        try:
+            preset_of(self.preset, settings)
+        except ValueError as error:
+            raise ValueError(f"{self.config}: {error}") from None
+        return preset_of(self.preset, settings | changes)
+
+    def _twin(self) -> None:
+        from functools import partial
+
+        from tqdm import tqdm
+
+        from sim.datasets.pets_twin import Twin, generate, likeness
+        from sim.datasets.pets_twin_picture import side_by_side
+
+        if self.twin.annotations is None or self.twin.calibration is None:
+            raise ValueError("a twin needs --annotations FILE and --calibration DIR")
+        own = {"frames", "robots", "width", "seed"}
+        changes = self._given()
+        ours = self.count == self.workers == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
+        if set(changes) - own or not ours:
+            raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}, the rest is of its annotation")
+        views = tuple(numbers(self.views or "1"))
+        twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
+        generate(twin, self.out, progress=partial(tqdm, desc="frames", unit="frame"))
+        print(f"{self.out}: a sequence (README.md in it); `pilsim track {self.out}` tracks it")
+        if 1 in views:
+            side_by_side(twin, self.out)
+            alike = sorted(likeness(twin, self.out).tolist())
+            median = alike[len(alike) // 2]
+            print(f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {median:.3f} (twin.png shows a frame)")

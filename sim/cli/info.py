@@ -1,0 +1,32 @@
+"""What is in a dataset."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+
+@dataclass(frozen=True)
+class Info:
+    """Summarize a dataset: frames, cameras, people, boxes, density, sizes.
+
+    DIR is a dataset or one sequence. `pilsim check` verifies it.
+
+    Examples: pilsim info D
+              pilsim info D/pilsun-00000 --json
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="DIR")]
+    """The dataset or the sequence."""
+    json: bool = False
+    """Print JSON alone; sizes are in MB."""
+
+    def run(self) -> None:
+        from tracker.datasets.summary import described, inventory
+
+        found = inventory(self.source)
+        print(json.dumps(found, indent=1) if self.json else described(found))

@@ -1,0 +1,216 @@
+"""The command line of pilsim. Read `main` first; each command is a class of its own in the folder beside this file."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib.metadata
+import io
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator
+from typing import Annotated, Any, get_type_hints
+
+import tyro
+from tyro.conf import Positional, subcommand
+
+from sim.cli.check import Check
+from sim.cli.clique import Clique
+from sim.cli.compare import Compare
+from sim.cli.demo import Demo
+from sim.cli.doctor import Doctor
+from sim.cli.export import Export
+from sim.cli.generate import Generate
+from sim.cli.info import Info
+from sim.cli.place import Place
+from sim.cli.report import Report
+from sim.cli.score import Score
+from sim.cli.stress import Stress
+from sim.cli.study import Study
+from sim.cli.track import Track
+from sim.cli.view import View
+from sim.cli.worlds import Worlds
+from sim.rendering.gl_context import GLUnavailable
+
+Command = (
+    Annotated[Demo, subcommand("demo")]
+    | Annotated[Doctor, subcommand("doctor")]
+    | Annotated[Generate, subcommand("generate")]
+    | Annotated[Worlds, subcommand("worlds")]
+    | Annotated[Check, subcommand("check")]
+    | Annotated[Info, subcommand("info")]
+    | Annotated[Export, subcommand("export")]
+    | Annotated[View, subcommand("view")]
+    | Annotated[Track, subcommand("track")]
+    | Annotated[Score, subcommand("score")]
+    | Annotated[Clique, subcommand("clique")]
+    | Annotated[Stress, subcommand("stress")]
+    | Annotated[Report, subcommand("report")]
+    | Annotated[Compare, subcommand("compare")]
+    | Annotated[Place, subcommand("place")]
+    | Annotated[Study, subcommand("study")]
+)
+GROUPS: dict[str, tuple[type, ...]] = {
+    "Start": (Demo, Doctor),
+    "Data": (Generate, Worlds, Check, Info, Export, View),
+    "Tracking": (Track, Score, Clique),
+    "Experiments": (Stress, Report, Compare, Place, Study),
+}
+"""The commands as the overview shows them."""
+COMMANDS = {command.__name__.lower(): command for group in GROUPS.values() for command in group}
+WIDEST = 120
+"""Columns of a command's help at most."""
+NEAR = 0.7
+"""Least similarity, from 0 to 1 (difflib), of a word to the name that an error message suggests for it."""
+
+
+def main() -> None:
+    """Entry point; exits with 0, with 2 and one line where the input is at fault, with 130 when interrupted."""
+    try:
+        words = sys.argv[1:]
+        if words == ["--version"]:
+            print(f"pilsim {importlib.metadata.version('pilsim')}")
+        elif words[:1] in (["--help"], ["-h"]):
+            print(overview())
+        else:
+            _parse(words).run()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader has gone (`pilsim … | head`), so that no message would reach anyone.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("interrupted: complete results are kept, the same command continues from there", file=sys.stderr)
+        sys.exit(130)
+    except (ValueError, OSError, GLUnavailable) as error:
+        print(f"error: {_message(error)}", file=sys.stderr)
+        sys.exit(2)
+
+
+def overview() -> str:
+    """The help of `pilsim` itself: a line for each command, in groups, at most 80 columns wide."""
+    lines = ["usage: pilsim COMMAND [OPTIONS]", "", "Simulate people and panoramic robots in irregular worlds, track them, score.", ""]
+    for title, commands in GROUPS.items():
+        lines.append(f"{title}:")
+        lines += [f"  {command.__name__.lower():9} {(command.__doc__ or '').splitlines()[0]}" for command in commands]
+        lines.append("")
+    return "\n".join([*lines, "`pilsim COMMAND --help` shows options and examples; see also `pilsim --version`."])
+
+
+def _message(error: Exception) -> str:
+    """The error in one line; of a file: its name, and what the system says of it."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return " ".join(f"{error.filename}: {error.strerror}".split())
+    return " ".join(str(error).split())
+
+
+def _parse(words: list[str]) -> Command:
+    """The command of the command line. Raises ValueError, in one line, for an unknown or wrong word; SystemExit after a command's help."""
+    _check_names(words)
+    errors, output = io.StringIO(), _Output()
+    try:
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output), _at_most(WIDEST):
+            return tyro.cli(Command, prog="pilsim", args=words)
+    except SystemExit as exit_:
+        if exit_.code == 2:
+            raise ValueError(f"{_first_part(errors.getvalue())}; see pilsim {words[0]} --help") from None
+        print("\n".join(_wrapped(output.getvalue())))
+        raise
+
+
+@contextlib.contextmanager
+def _at_most(columns: int) -> Iterator[None]:
+    """Makes the terminal look at most so wide: in a wider one tyro sets groups side by side, with expert options beside the common ones."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = str(min(columns, shutil.get_terminal_size().columns))
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before
+
+
+class _Output(io.StringIO):
+    """Holds the text of a help; tyro colors it where the real output is a terminal, and draws boxes where the encoding has them."""
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return sys.__stdout__.encoding.lower() if sys.__stdout__ is not None else "utf-8"
+
+    def isatty(self) -> bool:
+        return sys.__stdout__ is not None and sys.__stdout__.isatty()
+
+
+def _wrapped(text: str) -> Iterator[str]:
+    """The lines of a command's help; its sentences, which tyro joins to one line a paragraph, are wrapped to the terminal."""
+    width = max(40, min(WIDEST, shutil.get_terminal_size().columns))
+    for line in text.rstrip("\n").split("\n"):
+        # Boxes are as wide as the terminal already; examples are indented, and stay whole for copying.
+        prose = line and not line.startswith((" ", "│", "╭", "╰", "Example"))
+        yield from textwrap.wrap(line, width, break_long_words=False, break_on_hyphens=False) if prose else [line]
+
+
+def _check_names(words: list[str]) -> None:
+    """Raises ValueError where the command or an option is unknown, and suggests the nearest name."""
+    if not words:
+        raise ValueError(f"a command is missing, needs one of {', '.join(COMMANDS)}; see pilsim --help")
+    if words[0].startswith("-"):
+        raise ValueError(f"{words[0]} stands before the command; see pilsim --help")
+    if words[0] not in COMMANDS:
+        near = _near(words[0], list(COMMANDS))
+        raise ValueError(f'pilsim has no command "{words[0]}"{f"; did you mean {near}?" if near else ";"} see pilsim --help')
+    if {"-h", "--help"} & set(words):
+        return
+    known = _flags(COMMANDS[words[0]])
+    given = [word.partition("=")[0] for word in words[1:] if word.startswith("--") and len(word) > 2]
+    unknown = list(dict.fromkeys(flag for flag in given if flag.replace("_", "-") not in known))
+    if unknown:
+        faults = ", ".join(_unknown(flag, known) for flag in unknown)
+        raise ValueError(f"{words[0]} has no option {faults}; see pilsim {words[0]} --help")
+
+
+def _unknown(flag: str, known: list[str]) -> str:
+    """An option that a command does not have, with the nearest of its own, or with the commands that do have it."""
+    owners = ", ".join(name for name, other in COMMANDS.items() if flag in _flags(other))
+    # Without the dashes, which every option has in common.
+    near = _near(flag.lstrip("-").replace("_", "-"), [name.lstrip("-") for name in known])
+    if near:
+        return f'"{flag}" (did you mean --{near}?)'
+    return f'"{flag}" (which is an option of {owners})' if owners else f'"{flag}"'
+
+
+def _near(word: str, names: list[str]) -> str:
+    """The name that is nearest to a word, or "" where none is near."""
+    return next(iter(difflib.get_close_matches(word.lower(), names, 1, NEAR)), "")
+
+
+def _flags(command: Any) -> list[str]:
+    """The options of a command, and of its groups, as they are written on the command line."""
+    flags: list[str] = []
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        metadata = getattr(hint, "__metadata__", ())
+        if Positional[int].__metadata__[0] in metadata:  # type: ignore[attr-defined]
+            continue
+        kind = getattr(hint, "__origin__", hint) if metadata else hint
+        if hasattr(kind, "__dataclass_fields__"):
+            flags += _flags(kind)
+            continue
+        name = next((named for part in metadata if (named := getattr(part, "name", None))), name).replace("_", "-")
+        flags += [f"--{name}", f"--no-{name}"] if kind is bool else [f"--{name}"]
+    return flags
+
+
+def _first_part(box: str) -> str:
+    """The first part of the box of many lines that tyro draws around an error, as one line."""
+    # tyro draws with dashes and bars where the output is not in UTF-8.
+    lines = [line.strip("│| ") for line in box.splitlines() if line.startswith(("│", "|"))]
+    rules = [k for k, line in enumerate(lines) if line and set(line) <= set("─-")]
+    return " ".join(lines[: rules[0] if rules else None]).rstrip(".")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,144 @@
+"""Where should robots stand? Policies side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import OmitArgPrefixes, arg
+
+from sim.cli.options import unset
+
+if TYPE_CHECKING:
+    from sim.policies.rollouts import Outcome
+
+
+@dataclass(frozen=True)
+class EpisodeOptions:
+    """What an episode takes place in."""
+
+    difficulty: float = 0.5
+    """Difficulty of the terrain, from 0 (gentle) to 1."""
+    drive: str = "kinematic"
+    """Motion of the robots: kinematic, or physics (wheels on MuJoCo's terrain)."""
+    observation: str = "state"
+    """What a policy observes: state gives visible people their true ids; tracks runs SLAM and tracker, and gives MOTA, too."""
+    density: Annotated[str | None, unset("STR", "none")] = None
+    """A preset, pilsun, s2l1, s2l2 or s2l3: its world, robots and people replace --world, --robots and --people."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """Training of a policy by PPO."""
+
+    train: Annotated[int | None, unset("INT", "no training")] = None
+    """Train PPO for this number of decisions, in place of a comparison; needs the extra `rl`."""
+    out: Path = Path("runs/ppo")
+    """Folder of ppo.zip, curve.csv and curve.png."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Compare, or train, policies that place robots so as to see people.
+
+    All policies play the same episodes: the same maps, people and starts. The table
+    gives means over seeds with 95 % intervals. Its columns are the shares of people
+    that one and two robots see, the relative GOSPA, collisions, and frightened people
+    per decision. A second table gives paired differences from the first policy. A
+    difference is significant where its interval excludes 0.
+
+    The policies are:
+      random    goes to random places, one after another
+      static    stays on the best ring
+      lloyd     covers the places where people walk
+      greedy    takes the most informative next move
+      ppo:FILE  is a policy that --train wrote
+
+    Examples: pilsim place --policy random lloyd greedy --episodes 20 --workers 2
+              pilsim place --policy greedy --world campus --people 35 --json
+              pilsim place --policy static greedy --observation tracks --episodes 5 --picture mota.png
+              pilsim place --train 300000 --out runs/ppo && pilsim place --policy ppo:runs/ppo/ppo.zip
+    """
+
+    policy: tuple[str, ...] = ("random", "static", "lloyd", "greedy")
+    """Policies to compare, one or more of random, static, lloyd, greedy, ppo:FILE."""
+    episodes: int = 20
+    """Episodes of each policy, with seeds from --seed on; ten seeds in a row share a map."""
+    seed: int = 0
+    """The first seed."""
+    world: str = "ruins"
+    """Name of the world, as `pilsim worlds` lists it."""
+    robots: int = 4
+    """Number of rovers, each with a panoramic camera."""
+    people: int = 10
+    """Number of people."""
+    steps: int = 240
+    """Decisions of an episode, two a second."""
+    workers: int = 1
+    """Number of processes; the figures are the same with any number."""
+    picture: Annotated[Path | None, unset("FILE.png", "none is drawn")] = None
+    """A picture of the means with their intervals."""
+    json: bool = False
+    """Print JSON alone: means, intervals and every episode."""
+    scene: Annotated[OmitArgPrefixes[EpisodeOptions], arg(name="episode")] = EpisodeOptions()
+    """These options change what happens in an episode."""
+    training: Annotated[OmitArgPrefixes[Training], arg(name="training")] = Training()
+    """These options train a policy with PPO."""
+
+    def run(self) -> None:
+        import sim  # noqa: F401
+        from sim.policies.comparison import differences, draw, text
+        from sim.policies.rollouts import policy_of, table
+
+        for name, value in (("episodes", self.episodes), ("steps", self.steps), ("train", self.training.train), ("workers", self.workers)):
+            if value is not None and value < 1:
+                raise ValueError(f"{name} is {value}, needs at least 1")
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}, needs at least 0")
+        if self.picture is not None and self.picture.suffix.lower() != ".png":
+            raise ValueError(f"--picture is {self.picture}, needs a name that ends in .png")
+        if self.training.train is not None:
+            from sim.policies.training import train
+
+            print(train(self._options(), self.training.train, self.training.out, self.seed))
+            return
+        if not self.policy:
+            raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, ppo:FILE")
+        for name in self.policy:
+            policy_of(name)
+        outcomes = self._outcomes()
+        found, less = table(outcomes), differences(outcomes)
+        if self.json:
+            print(json.dumps({"means": _plain(found), "differences": _plain(less), "episodes": [dataclasses.asdict(o) for o in outcomes]}, indent=1))
+        else:
+            what = f"{self.scene.density or self.world}, {self.steps} decisions each"
+            print(text(found, less), f"means over {self.episodes} seeds from {self.seed} with 95 % intervals; {what}", sep="\n\n")
+        if self.picture is not None:
+            draw(found, f"{self.scene.density or self.world}, {self.episodes} episodes", self.picture)
+
+    def _outcomes(self) -> list[Outcome]:
+        """In the order of policies and seeds."""
+        from tqdm import tqdm
+
+        from sim.policies.comparison import contest
+
+        seeds = range(self.seed, self.seed + self.episodes)
+        out: list[Outcome] = []
+        with tqdm(total=len(set(self.policy)) * len(seeds), unit=" episodes", leave=False, disable=None) as bar:
+            for some in contest(self.policy, seeds, self._options(), self.steps, self.workers):
+                out += some
+                bar.update(len(some))
+        return out
+
+    def _options(self) -> dict[str, Any]:
+        options: dict[str, Any] = {"difficulty": self.scene.difficulty, "drive": self.scene.drive, "observation": self.scene.observation}
+        if self.scene.density is not None:
+            return options | {"density": self.scene.density}
+        return options | {"world": self.world, "robots": self.robots, "people": self.people}
+
+
+def _plain(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    return {name: {measure: dataclasses.asdict(value) for measure, value in row.items()} for name, row in rows.items()}

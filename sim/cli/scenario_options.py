@@ -1,0 +1,54 @@
+"""The expert options of `pilsim generate`: fields of a scenario, None where the value of the preset stays."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from sim.cli.options import unset
+
+_OWN = "the preset's"
+Word = Annotated[str | None, unset("STR", _OWN)]
+Whole = Annotated[int | None, unset("INT", _OWN)]
+Number = Annotated[float | None, unset("FLOAT", _OWN)]
+
+
+@dataclass(frozen=True)
+class ScenarioSettings:
+    """People, cameras and physics."""
+
+    at_once: Whole = None
+    """Number of people who are present at the same time; 0 keeps all people present."""
+    children: Number = None
+    """Share of the people who are children, from 0 to 1."""
+    rate: Number = None
+    """Frame rate, frames per second."""
+    camera_height: Number = None
+    """Height of the panoramic cameras above the ground, m."""
+    timestep: Number = None
+    """Time step of the physics, s."""
+    exposure: Number = None
+    """Standard deviation of a slow exposure drift, stops."""
+    image_noise: Number = None
+    """Standard deviation of the pixel noise, counts of 255."""
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """The simulated detector of people."""
+
+    misses: Number = None
+    """Probability that a visible person is missed, from 0 to 1."""
+    clutter: Number = None
+    """Mean number of false detections per view and frame."""
+    bearing_noise: Number = None
+    """Standard deviation of an edge of a detection, rad."""
+    min_visible: Number = None
+    """Visible fraction of a body, from 0 to 1, below which it is never detected."""
+
+
+def given(options: Any, names: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Name → value of the options that are not None; all fields where no names are told."""
+    values = {name: getattr(options, name) for name in names or [field.name for field in dataclasses.fields(options)]}
+    return {name: value for name, value in values.items() if value is not None}

@@ -1,0 +1,70 @@
+"""Tracks against the truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from sim.cli.options import unset
+
+
+@dataclass(frozen=True)
+class Files:
+    """Two files to score against each other."""
+
+    truth: Annotated[Path | None, unset("FILE", "two folders")] = None
+    """A MOT15 file with the truth."""
+    result: Annotated[Path | None, unset("FILE", "two folders")] = None
+    """A MOT15 file with a tracker's output."""
+    iou: Annotated[float | None, unset("FLOAT", "places on the ground within 1 m")] = None
+    """Match boxes by at least this intersection over union, from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score tracks against the truth: MOTA, IDF1, HOTA, ATE and others.
+
+    The command scores the results of `track` against their sequence. It also scores
+    any MOT15 file against another.
+
+    Examples: pilsim score PETS2009/S2.L1 runs/pets --json
+              pilsim score --truth gt.txt --result mine.txt --iou 0.5
+    """
+
+    source: Positional[Annotated[Path | None, unset("[SOURCE]", "two files")]] = None
+    """The folder that `track` read."""
+    results: Positional[Annotated[Path | None, unset("[RESULTS]", "two files")]] = None
+    """The folder that `track` wrote."""
+    json: bool = False
+    """Print JSON alone."""
+    files: Annotated[OmitArgPrefixes[Files], arg(name="two-file")] = Files()
+    """These options score one MOT15 file against another, in place of two folders."""
+
+    def run(self) -> None:
+        from tracker.datasets.opening import open_source
+        from tracker.datasets.pets2009 import Choice
+        from tracker.formats.utias import is_utias
+        from tracker.metrics.evaluation import efficiency, evaluate, evaluate_files, table
+        from tracker.planar_slam import trajectories, utias_run
+        from tracker.run import views_of
+        from tracker.sequence.results import read_results
+
+        if self.source and is_utias(self.source) and self.results and not (self.files.truth or self.files.result or self.files.iou):
+            scores = utias_run.evaluate_paths(self.source, self.results)
+            print(json.dumps(scores, indent=1) if self.json else trajectories.table(scores))
+            return
+        if self.source and self.results and not (self.files.truth or self.files.result) and self.files.iou is None:
+            results = read_results(self.results)
+            sequence = open_source(self.source, views_of(results.run), Choice.of_run(results.run))
+            scores = evaluate(sequence, results)
+            if scores["robots"]:
+                scores["robots"] |= efficiency(sequence, results)
+        elif self.files.truth and self.files.result and not (self.source or self.results):
+            scores = evaluate_files(self.files.truth, self.files.result, self.files.iou)
+        else:
+            raise ValueError("score takes either SOURCE and RESULTS, or --truth and --result with or without --iou")
+        print(json.dumps(scores, indent=1) if self.json else table(scores))

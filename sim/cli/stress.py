@@ -1,0 +1,188 @@
+"""Where the tracker breaks."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import OmitArgPrefixes, arg
+
+from sim.cli.options import options_of, unset
+
+if TYPE_CHECKING:
+    from sim.stress.sweeps import Case
+    from sim.stress.tracker_under_test import TrackerUnderTest
+    from sim.stress.trial import Trial
+
+
+@dataclass(frozen=True)
+class TrackerOptions:
+    """The tracker under test."""
+
+    tracker: Annotated[str, unset("MODULE:FUNCTION", "pilsim's own")] = ""
+    """A tracker of your own: a function of (setup, ticks) that gives an Estimate a tick, as tracker.pipeline.track does."""
+    results: Annotated[Path | None, unset("DIR", "none")] = None
+    """Tracks made elsewhere, in place of a tracker: DIR/ID/SEED.txt, as density/3/4.txt; MOT15 with x, y, z."""
+    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej")] = None
+    """Filter of the robots' poses, as for `pilsim track`; a sweep of this parameter overrides it."""
+    iterations: Annotated[int | None, unset("INT", "2")] = None
+    """Number of linearizations of an update; ekf has one."""
+    correction: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on")] = None
+    """Whether the filter estimates each robot's odometry correction factor."""
+    hypotheses: Annotated[Literal["single", "multiple"] | None, unset("{single,multiple}", "single")] = None
+    """Tracker of people: one best hypothesis, or multiple hypotheses."""
+
+
+@dataclass(frozen=True)
+class MachineOptions:
+    """Where and how long runs are made."""
+
+    cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
+    """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path."""
+    limit: float = 1800.0
+    """Time limit of a run, s."""
+
+
+@dataclass(frozen=True)
+class Stress:
+    """Test a tracker on sweeps of one parameter each; find where it fails.
+
+    A sweep is for instance more people, rougher terrain, lost views or slipping
+    wheels. DIR/results.jsonl has a line a run: scores, bounds, causes of errors, and
+    pictures of the worst moments. The same command continues an interrupted test.
+    `--list` shows the sweeps; all of them start from the run robots/2. Two trackers
+    that you want to compare need a folder each.
+
+    Examples: pilsim stress --sweep density --seeds 5 --no-render --workers 2 --out runs/density
+              pilsim stress --sweep placement --seeds 5 --no-render --out runs/placement
+              pilsim stress --sweep density filter --ladder --workers 2 --out runs/two
+              pilsim stress --sweep robots/2 --slam ekf --correction off --seeds 20 --no-render --out runs/ekf
+              pilsim stress --pets data/pets2009/S2.L1 --out runs/pets
+              pilsim stress --sweep misses --tracker mine:track --out runs/mine
+    """
+
+    out: Annotated[Path | None, unset("DIR", "needed, but for --list")] = None
+    """Folder of the results."""
+    sweep: Annotated[tuple[str, ...], arg(help_behavior_hint="(default: all)")] = ()
+    """Names of sweeps, or of single cases as density/3."""
+    show: Annotated[bool, arg(name="list")] = False
+    """Show the sweeps and do nothing else."""
+    json: bool = False
+    """With --list: print each case as a line of JSON, with its scenario. Otherwise: print the rows when all runs are done."""
+    seeds: int = 1
+    """Number of seeds of each case."""
+    first_seed: int = 0
+    """The first seed."""
+    frames: int = 60
+    """Number of frames of a run; the sweep of the frame rate counts them at 6 frames per second."""
+    width: int = 512
+    """Width of a panorama, pixels."""
+    world: str = "pilsun"
+    """Name of the world, unless the sweep sets it."""
+    render: bool = True
+    """Render panoramas and detect features in them. --no-render makes boxes and landmarks by ray casting, many times faster."""
+    ladder: bool = False
+    """Ablation: run each case with stages replaced by the truth, in all 16 combinations, and attribute the loss to the stages."""
+    pets: Annotated[Path | None, unset("DIR", "none")] = None
+    """A PETS 2009 sequence (as for `pilsim track`) to run with its twin, or alone where no sweep is named."""
+    subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
+    """These options choose the tracker under test, for every run."""
+    workers: int = 1
+    """Number of processes on this machine."""
+    machine: Annotated[OmitArgPrefixes[MachineOptions], arg(name="expert run")] = MachineOptions()
+    """These options set where runs take place, and how long each may take."""
+
+    def run(self) -> None:
+        from functools import partial
+
+        from tqdm import tqdm
+
+        from sim.stress.runner import Force, sweep
+        from worlds.catalogue import WORLDS
+
+        if self.show:
+            self._show()
+            return
+        if self.out is None:
+            raise ValueError("--out is missing, needs a folder for the results")
+        for name, least in (("seeds", 1), ("first_seed", 0), ("frames", 2)):
+            if getattr(self, name) < least:
+                raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
+        if self.world not in WORLDS:
+            raise ValueError(f"--world is {self.world!r}, needs one of {', '.join(sorted(WORLDS))}")
+        force, trials = Force(self.workers, self.machine.cluster, self.machine.limit), self._trials()
+        rows = sweep(trials, self.out, force, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
+        if self.json:
+            for row in rows:
+                print(json.dumps(row))
+            return
+        failed = [row for row in rows if row["error"]]
+        print(f"{self.out}: {len(rows)} runs in results.jsonl; `pilsim report {self.out}` makes a page of them")
+        for row in failed[:10]:
+            print(f"failed: {row['id']} seed {row['seed']}: {row['error']}")
+        if len(failed) > 10:
+            print(f"and {len(failed) - 10} more")
+
+    def _cases(self) -> list[Case]:
+        from sim.stress.sweeps import cases, pets_cases, standard
+
+        if self.pets is not None and not self.pets.is_dir():
+            raise ValueError(f"{self.pets}: no such folder")
+        start = replace(standard(self.frames, self.width), world=self.world)
+        alone = self.pets is not None and not self.sweep
+        chosen = [] if alone else cases(self.sweep, start)
+        return chosen + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))
+
+    def _contender(self) -> TrackerUnderTest:
+        from sim.stress.tracker_under_test import TrackerUnderTest, load
+
+        names = ("slam", "iterations", "correction", "hypotheses")
+        options = {name: value for name in names if (value := getattr(self.subject, name)) is not None}
+        if self.subject.results is not None and not self.subject.results.is_dir():
+            raise ValueError(f"{self.subject.results}: no such folder")
+        if self.subject.tracker:
+            load(self.subject.tracker)
+        return TrackerUnderTest(self.subject.tracker, options, "" if self.subject.results is None else str(self.subject.results.resolve()))
+
+    def _trials(self) -> list[Trial]:
+        """Seed by seed, so that an interrupted sweep has whole curves."""
+        from sim.stress.trial import Trial
+
+        assert self.out is not None
+        contender, out, made = self._contender(), self.out.resolve(), []
+        for seed in range(self.first_seed, self.first_seed + self.seeds):
+            for case in self._cases():
+                # What is real is the same for every seed.
+                if case.source != "pets" or seed == self.first_seed:
+                    command = self._command(replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1))
+                    made.append(Trial(case.of_seed(seed), contender, out, self.render, self.ladder, command))
+        return made
+
+    def _show(self) -> None:
+        from sim.stress.sweeps import SWEEPS
+
+        if self.json:
+            for case in self._cases():
+                print(case.to_json())
+            return
+        for sweep in SWEEPS.values():
+            values = ", ".join(map(str, sweep.values)) if not isinstance(sweep.values[0], str) else "; ".join(map(str, sweep.values))
+            print(f"{sweep.name:12} {sweep.about}\n{'':12} {sweep.parameter}{f' ({sweep.unit})' if sweep.unit else ''}: {values}")
+
+    def _command(self, other: Stress | None = None) -> str:
+        """The command line that asks for this."""
+        now, words = other or self, ["pilsim", "stress"]
+        for name, value, default in options_of(now):
+            if value == default or name in ("show", "json"):
+                continue
+            flag = f"--{name.replace('_', '-')}"
+            if name == "sweep":
+                words += [flag, *value]
+            elif isinstance(value, bool):
+                words.append(flag if value else f"--no-{name}")
+            else:
+                words += [flag, str(value)]
+        return shlex.join(words)

@@ -1,0 +1,107 @@
+"""Studies of the tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional
+
+from sim.cli.options import Out, unset
+
+if TYPE_CHECKING:
+    from sim.studies.hypothesis_count import Material
+
+
+@dataclass(frozen=True)
+class Study:
+    """Repeat a study of the paper on synthetic people and on PETS 2009.
+
+    fig4: K_H = 1 to 30 and i_bls^max = 500 to 2000, on PETS 2009 as it is and with
+    false boxes. It writes cells.csv (a run a row), fig4.png (processing time, MOTA
+    and its spread over repetitions) and fig4.txt (the table and its summary).
+
+    graphs: a small graph for each hypothesis beside one graph of all tracks. Searches
+    start from the surviving tracks, or without them. It writes runs.csv, graphs.txt
+    and graphs.png (time, weight beside the proved optimum, MOTA).
+
+    images: tracklets of corners with the paper's L_c, δ_min and ω and with others,
+    beside none, on rendered people and on videos of PETS 2009. It writes cells.csv,
+    images.png (MOTA, IDF1, time), images.txt and the recordings.
+
+    The same command continues a study that was interrupted.
+
+    Examples: pilsim study fig4 --out runs/fig4 --pets PETS2009/S2.L1
+              pilsim study graphs --out runs/graphs --repetitions 3 --frames 60
+              pilsim study images --out runs/images --repetitions 3 --pets PETS2009/S2.L1
+    """
+
+    name: Positional[Literal["fig4", "graphs", "images"]]
+    """The study."""
+    out: Out
+    """Folder of the results."""
+    pets: Annotated[Path | None, unset("DIR", "synthetic people alone")] = None
+    """A PETS 2009 folder; its views 1, 5 and 7 are used (images: view 1 alone, too)."""
+    repetitions: int = 20
+    """Runs of each setting, each with another seed."""
+    frames: int = 200
+    """Frames of each run."""
+
+    def run(self) -> None:
+        from sim.studies import hypothesis_count, image_tracklets
+
+        for name in ("repetitions", "frames"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"--{name} is {getattr(self, name)}, needs at least 1")
+        if self.pets is not None:
+            # What is wrong with the folder is said before anything is begun.
+            hypothesis_count.check(self.pets, self.name == "images")
+        self.out.mkdir(parents=True, exist_ok=True)
+        people = image_tracklets.CROWD.people if self.name == "images" else hypothesis_count.PEOPLE
+        asked, note = f"frames {self.frames}, searches as they are, {people} people\n", self.out / "frames.txt"
+        if note.is_file() and note.read_text() != asked:
+            raise ValueError(f"{self.out}: holds another study ({note.read_text().strip()} there, {asked.strip()} asked for)")
+        note.write_text(asked)
+        text = {"fig4": self._fig4, "graphs": self._graphs, "images": self._images}[self.name]()
+        (self.out / f"{self.name}.txt").write_text(text + "\n")
+        print(text)
+
+    def _materials(self, degrade: tuple[str, ...]) -> list[Material]:
+        from sim.studies import hypothesis_count
+
+        real = [] if self.pets is None else [hypothesis_count.pets(self.pets, self.frames, worse) for worse in degrade]
+        return [hypothesis_count.synthetic(self.frames), *real]
+
+    def _fig4(self) -> str:
+        from tqdm import tqdm
+
+        from sim.studies import hypothesis_count
+
+        materials = self._materials(("", hypothesis_count.WORSE))
+        total = len(materials) * self.repetitions * len(hypothesis_count.K_H) * len(hypothesis_count.I_BLS_MAX)
+        cells = list(tqdm(hypothesis_count.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
+        hypothesis_count.draw(cells, self.out / "fig4.png")
+        return hypothesis_count.summary(cells)
+
+    def _graphs(self) -> str:
+        from tqdm import tqdm
+
+        from sim.studies import clique_graphs
+
+        materials = self._materials(("",))
+        total = len(materials) * self.repetitions * len(clique_graphs.FORMS) * len(clique_graphs.STARTS)
+        runs = list(tqdm(clique_graphs.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
+        clique_graphs.draw(runs, self.out / "graphs.png")
+        return clique_graphs.summary(runs)
+
+    def _images(self) -> str:
+        from tqdm import tqdm
+
+        from sim.studies import image_tracklets
+
+        materials = image_tracklets.materials(self.out, self.pets)
+        total = image_tracklets.runs(materials, self.repetitions)
+        cells = list(tqdm(image_tracklets.study(self.out, materials, self.frames, self.repetitions), total=total, unit="run"))[-1]
+        image_tracklets.draw(cells, self.out / "images.png")
+        return image_tracklets.summary(cells)

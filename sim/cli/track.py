@@ -1,0 +1,170 @@
+"""From views to tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from sim.cli.options import Out, numbers, options_of, unset
+
+
+@dataclass(frozen=True)
+class PetsOptions:
+    """Detections of a PETS folder."""
+
+    detections: tyro.conf.UseAppendAction[
+        Annotated[tuple[str, ...], arg(metavar="VIEW=FILE", help_behavior_hint="(default: those of the folder; repeatable)")]
+    ] = ()
+    """Other detections (MOT15) for one PETS camera; repeat it for several cameras."""
+    degrade: Annotated[str, unset("drop=P,clutter=N,noise=PX", "as they are")] = ""
+    """Degradation of PETS detections: probability of a loss, false boxes per view and frame, noise of the boxes in pixels."""
+    seed: int = 0
+    """Seed of --degrade."""
+
+
+@dataclass(frozen=True)
+class TrackletOptions:
+    """Tracklets of corners in the images."""
+
+    l_c: Annotated[int | None, unset("INT", "4")] = None
+    """L_c: number of frames that corners are followed back."""
+    delta_min: Annotated[float | None, unset("FLOAT", "0.05")] = None
+    """δ_min: a corner that moves less is static, px of the image at half its size."""
+    omega: Annotated[float | None, unset("FLOAT", "0.3")] = None
+    """ω: corners of one body differ in motion by at most this share of the box width."""
+
+
+@dataclass(frozen=True)
+class PeopleOptions:
+    """Parameters of the tracker of people."""
+
+    theta_s: Annotated[float | None, unset("FLOAT", "1.0")] = None
+    """θ_s: two tracks within this distance, m, that no view can tell apart are merged."""
+    v_max: Annotated[float | None, unset("FLOAT", "3.0")] = None
+    """v_max: maximum speed of a person, m/s; a faster track is deleted."""
+    delta_a: Annotated[float | None, unset("FLOAT", "1.29")] = None
+    """Δ_a: longest time that a track coasts without a detection, s."""
+    n_conf: Annotated[int | None, unset("INT", "2")] = None
+    """N_conf: number of frames before a track may be confirmed."""
+
+
+@dataclass(frozen=True)
+class HypothesisOptions:
+    """Parameters of multiple hypothesis tracking."""
+
+    k_h: Annotated[int | None, unset("INT", "one graph of all tracks")] = None
+    """K_H: number of global hypotheses kept; with it the child hypotheses of each form a graph of their own."""
+    i_bls_max: Annotated[int | None, unset("INT", "2000")] = None
+    """i_bls^max: maximum number of moves of the clique search."""
+    n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
+    """N-scan pruning: age after which a decision is final, s."""
+    seed_search: int = 0
+    """Seed of the clique search."""
+    dump_graphs: Annotated[Path | None, unset("DIR", "nowhere")] = None
+    """Folder for every weighted graph that is solved (DIMACS), with the clique that was chosen."""
+
+
+@dataclass(frozen=True)
+class SlamOptions:
+    """The filter that estimates the poses of the robots."""
+
+    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej; UTIAS: invariant")] = None
+    """Filter of the robots' poses: extended, iterated, with first-estimates Jacobians, or with the right-invariant error."""
+    iterations: Annotated[int | None, unset("INT", "2")] = None
+    """Number of linearizations of an update; ekf has one."""
+    correction: Literal["on", "off"] = "on"
+    """Whether the filter estimates each robot's odometry correction factor."""
+    persistence: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on with fej")] = None
+    """Whether the filter estimates odometry biases, as of wheel slip; for fej or iekf."""
+    unknown_start: Annotated[str, unset("ROBOT,...", "none")] = ""
+    """Robots with an unknown start, as robot_1,robot_2. Each maps alone until its map matches the others' map."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Track people and localize the robots in a sequence.
+
+    SOURCE is one of:
+      a sequence that pilsim wrote
+      a PETS 2009 folder with annotations/*-cropped.xml and
+        detections/View_00N.txt (MOT15), and calibration/ in it or beside it
+      a UTIAS set (MRCLAM); it has robots alone
+
+    Examples: pilsim track runs/demo/sequence --out runs/tracks
+              pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
+              pilsim track MRCLAM_Dataset1 --map unknown --out runs/utias
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    """The folder to track."""
+    out: Out
+    """Folder of tracks.txt (MOT15, meters) and robots.csv."""
+    views: Annotated[str, unset("N,...", "all")] = ""
+    """Numbers of the PETS cameras, as in 1,5,7."""
+    delay: int = 0
+    """Number of frames by which the output lags; later frames smooth the positions of people."""
+    hypotheses: Literal["single", "multiple"] = "single"
+    """Tracker of people: one best hypothesis, or multiple hypotheses by track trees and maximum-weight cliques."""
+    images: bool = False
+    """Use the images, too: silhouettes, and appearance (multiple) or tracklets (single). A PETS folder needs video/View_00N.mp4 of any view."""
+    map: Literal["known", "unknown"] = "unknown"
+    """UTIAS: whether the filter knows the landmarks."""
+    pets: Annotated[OmitArgPrefixes[PetsOptions], arg(name="PETS detection")] = PetsOptions()
+    """These options replace or degrade the detections of a PETS folder."""
+    robots: Annotated[OmitArgPrefixes[SlamOptions], arg(name="expert SLAM")] = SlamOptions()
+    """These options choose the filter that estimates the poses of the robots."""
+    people: Annotated[OmitArgPrefixes[PeopleOptions], arg(name="expert tracking")] = PeopleOptions()
+    """These are the paper's parameters of both trackers of people."""
+    multiple: Annotated[OmitArgPrefixes[HypothesisOptions], arg(name="expert hypothesis")] = HypothesisOptions()
+    """These are the paper's parameters of --hypotheses multiple."""
+    tracklets: Annotated[OmitArgPrefixes[TrackletOptions], arg(name="expert tracklet")] = TrackletOptions()
+    """The paper's parameters of tracklets need --images and --hypotheses single."""
+
+    def run(self) -> None:
+        from tracker.datasets.opening import open_source
+        from tracker.datasets.pets2009 import Choice
+        from tracker.datasets.pets2009_videos import with_videos
+        from tracker.formats.utias import is_utias
+        from tracker.options import OPTIONS, parameters_from
+        from tracker.run import tracked
+        from tracker.types import without_starts
+
+        views = numbers(self.views)
+        if is_utias(self.source):
+            if views:
+                raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
+            if self.robots.unknown_start:
+                raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
+            if self.robots.persistence == "on":
+                raise ValueError(f"{self.source}: --persistence is for sequences; biases of a UTIAS set are in the correction factor")
+            self._explore()
+            return
+        if self.map != "unknown":
+            raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
+        choice = Choice.parse(self.pets.detections, self.pets.degrade, self.pets.seed)
+        sequence = open_source(self.source, views, choice)
+        lost = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
+        sequence = without_starts(sequence, lost)
+        if self.images:
+            sequence = with_videos(sequence, self.source)
+        run = {"source": self.source.name, "views": views} | choice.to_run() | ({"unknown_start": lost} if lost else {})
+        parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
+        results = tracked(sequence, self.out, run, parameters)
+        people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
+        print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
+
+    def _explore(self) -> None:
+        from tracker.planar_slam.event_schedule import PlanarParameters
+        from tracker.planar_slam.utias_run import track_utias
+
+        asked = {"mode": self.robots.slam, "iterations": self.robots.iterations, "correction": self.robots.correction == "on"}
+        parameters = PlanarParameters(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
+        paths = track_utias(self.source, self.out, self.map == "known", parameters)
+        counted = ", ".join(f"{count} {reason}" for reason, count in paths.run["counters"].items() if count)
+        for mended in paths.run["mended"]:
+            print(mended)
+        print(f"{self.out}: {len(paths.poses)} robots at {len(paths.times)} times ({counted}); `pilsim score {self.source} {self.out}` scores it")

@@ -1,0 +1,43 @@
+"""The places that there are."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from sim.cli.options import unset
+
+
+@dataclass(frozen=True)
+class Worlds:
+    """List the worlds with their measures, draw them, or export one.
+
+    Examples: pilsim worlds
+              pilsim worlds --preview runs/worlds --difficulty 1
+              pilsim worlds quarry --seed 3 --export quarry.glb
+    """
+
+    name: Positional[Annotated[str | None, unset("[WORLD]", "all of them")]] = None
+    """Name of one world."""
+    difficulty: float = 0.5
+    """Difficulty of relief, steps, clutter and occlusion, from 0 (gentle) to 1 (some rovers fail)."""
+    seed: int = 0
+    """Seed of the world; another seed gives another place of the same kind."""
+    preview: Annotated[Path | None, unset("DIR", "none is drawn")] = None
+    """Draw NAME.png into this folder: a rover's view, a view from above, and the plan."""
+    export: Annotated[Path | None, unset("FILE", "none is written")] = None
+    """Write the scene of the named world as .glb, .obj, .ply, .xml (MJCF and its files) or .mjz (MuJoCo's archive)."""
+    slip: Annotated[float, arg(metavar="SECONDS", help_behavior_hint="(default: not measured)")] = 0.0
+    """Drive four rovers for this time, s, and measure the error of wheel odometry per meter."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from sim.visualization.world_survey import Wanted, describe, survey
+
+        rows = survey(self.name, self.difficulty, self.seed, Wanted(self.preview, self.export, self.slip))
+        print(json.dumps(rows, indent=1) if self.json else describe(rows))

@@ -1,0 +1,3 @@
+"""Many people: goals, behaviour, social force, steering, and replayed paths.
+
+Read `crowd.py` first."""

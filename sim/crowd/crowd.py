@@ -1,0 +1,172 @@
+"""Where people go: through a place to their goals, alone or in company, around each other, walls and robots; waiting, arriving, leaving.
+
+No MuJoCo in it. The forces are in social_force.py, steps in strides.py, plans in itinerary.py and what becomes of them in decisions.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.crowd.behavior import BehaviorState, Now, decide
+from sim.crowd.goals import GoalPlans
+from sim.crowd.social_force import GOAL, HEADING, PAUSE, PRESENT, STUCK, VISIT, VX, X, encounters
+from sim.crowd.steering import SteeringGrid, advance, wishes
+from sim.pedestrian.gait import Terrain
+from tracker.geometry import Array, frozen
+from worlds.terrain.free_space import FreeSpace
+
+COLUMNS = GOAL + 1
+
+
+@dataclass(frozen=True, eq=False)
+class CrowdState:
+    """m people: body (m, 10) in the columns of social_force.py; time s; entered, how many of them have come so far, in their order."""
+
+    body: Array
+    time: float
+    entered: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body", frozen(self.body, (None, COLUMNS), "body"))
+
+    @property
+    def position(self) -> Array:
+        """(m, 2) m."""
+        return self.body[:, X : X + 2]
+
+    @property
+    def velocity(self) -> Array:
+        """(m, 2) m/s."""
+        return self.body[:, VX : VX + 2]
+
+    @property
+    def heading(self) -> Array:
+        """(m,) rad."""
+        return self.body[:, HEADING]
+
+    @property
+    def pause(self) -> Array:
+        """(m,) s still to stand."""
+        return self.body[:, PAUSE]
+
+    @property
+    def stuck(self) -> Array:
+        """(m,) s without getting on."""
+        return self.body[:, STUCK]
+
+    @property
+    def visit(self) -> NDArray[np.int64]:
+        """(m,): how many goals are behind them."""
+        return self.body[:, VISIT].astype(np.int64)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """(m,) bool: who is there now; the others have not come yet or have gone for good."""
+        return self.body[:, PRESENT] > 0
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """What people walk around: position (k, 2) m, velocity (k, 2) m/s, radius (k,) m; asks (k, 2) m/s, how each would move if those before it
+    gave way, 0 where it does not ask them to, None where none of them asks."""
+
+    position: Array
+    velocity: Array
+    radius: Array
+    asks: Array | None = None
+
+    @staticmethod
+    def none() -> Obstacles:
+        return Obstacles(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+
+    @cached_property
+    def packed(self) -> Array:
+        """(k, 7): x, y, vx, vy, radius, and the velocity asked for."""
+        asks = np.zeros_like(self.velocity) if self.asks is None else self.asks
+        return np.column_stack([self.position, self.velocity, self.radius, asks]).astype(np.float64)
+
+
+class Walkers(Protocol):
+    """People who move: a crowd that goes where it wants, or the replay of given paths."""
+
+    def step(self, state: CrowdState, obstacles: Obstacles, dt: float) -> CrowdState: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Crowd:
+    """The people of one place. It holds what does not change; `step` gives the next state."""
+
+    feet: FreeSpace
+    ground: Terrain
+    plans: GoalPlans
+    _known: set[int] = field(default_factory=set, init=False, repr=False)
+
+    def start(self, position: Array, heading: Array) -> CrowdState:
+        """Everybody at position (m, 2) m, about to go; of those who come and go, the first plans.at_once are there."""
+        m = len(position)
+        body = np.zeros((m, COLUMNS))
+        entered = self.plans.at_once or m
+        body[:, X : X + 2] = position
+        body[entered:, X : X + 2] = self.plans.entry[entered:]
+        body[:, HEADING] = heading
+        body[:entered, PRESENT] = 1.0
+        body[:, GOAL] = self.plans.itinerary[:, 0] if m else 0.0
+        return CrowdState(body, 0.0, entered)
+
+    def goal(self, state: CrowdState) -> NDArray[np.int64]:
+        """(m,): the goal that each walks to or stands at."""
+        return state.body[:, GOAL].astype(np.int64)
+
+    def step(self, state: CrowdState, obstacles: Obstacles, dt: float) -> CrowdState:
+        """The state `dt` s later."""
+        if not len(state.body):
+            return state
+        place, packed = self._place, obstacles.packed
+        wish, strange = wishes(state.body, place, self._company)
+        if strange:
+            self._learn(state.body[state.present, GOAL])
+            wish, strange = wishes(state.body, place, self._company)
+        met, close = encounters(state.body, wish, packed)
+        body = advance(state.body, wish, (met, close), packed, place, dt)
+        entered = decide(body, (wish, met, packed), place.goals, self._wants, Now(state.time, dt, state.entered, self.plans.at_once))
+        return CrowdState(body, state.time + dt, entered)
+
+    def _learn(self, goals: Array) -> None:
+        for number in map(int, np.unique(goals)):
+            if number not in self._known:
+                way = self.feet.direction_at(self.feet.distance_to(self.plans.goals[number]), self._nodes)
+                self._place.ways[number] = way.reshape(*self.feet.free.shape, 2)
+                self._place.known[number] = True
+                self._known.add(number)
+
+    @property
+    def _nodes(self) -> Array:
+        """(rows · columns, 2) m: the grid points of free space."""
+        i, j = np.indices(self.feet.free.shape).reshape(2, -1)
+        return self.feet.origin + self.feet.spacing * np.stack([j, i], axis=1)
+
+    @cached_property
+    def _place(self) -> SteeringGrid:
+        nodes, shape = self._nodes, self.feet.free.shape
+        maps = np.column_stack([self.feet.clearance_at(nodes), self.feet.away_at(nodes), self.ground.height_at(nodes)])
+        count = len(self.plans.goals)
+        # Ways are filled in when they are needed; until then these are only addresses.
+        ways, known = np.zeros((count, *shape, 2), dtype=np.float32), np.zeros(count, dtype=np.bool_)
+        frame = np.array([*self.feet.origin, self.feet.spacing])
+        return SteeringGrid(maps.reshape(*shape, 4).astype(np.float32), ways, known, np.ascontiguousarray(self.plans.goals, dtype=np.float64), frame)
+
+    @cached_property
+    def _wants(self) -> BehaviorState:
+        p = self.plans
+        itinerary, group, leaving = (np.ascontiguousarray(a, dtype=np.int64) for a in (p.itinerary, p.group, p.exit))
+        speed, pauses, entry, leave = (np.ascontiguousarray(a, dtype=np.float64) for a in (p.speed, p.pauses, p.entry, p.leave))
+        return BehaviorState(itinerary, group, leaving, speed, pauses, entry, leave)
+
+    @cached_property
+    def _company(self) -> tuple[NDArray[np.int64], Array]:
+        return self._wants.group, self._wants.speed

@@ -1,0 +1,274 @@
+"""How people walk: where each would go next without the others, and where all come to with them. Compiled, one thread, in a fixed order.
+
+numba keeps what it has compiled by file: no compiled function calls one of another file, so that a change is never missed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim.crowd.social_force import (  # fmt: skip
+    ASKED,
+    BODY_RADIUS,
+    EAST,
+    FREE,
+    GATE,
+    GOAL,
+    HEADING,
+    NARROW,
+    NORTH,
+    PAUSE,
+    PRESENT,
+    PUSH_X,
+    PUSH_Y,
+    ROOM,
+    SPEED,
+    STUCK,
+    VISIT,
+    VX,
+    VY,
+    YIELD,
+    Number,
+    Numbers,
+    Pairs,
+    X,
+    Y,
+)
+from tracker.geometry import Array
+
+RELAXATION = 0.54
+"""s in which a walker takes up the speed that he wants (Moussaïd et al.)."""
+TURN_RATE = 2.5
+"""rad/s: how fast a body turns to where it goes."""
+GATE_AHEAD, HALF_GATE = 0.7, 0.4
+"""m ahead at which a narrow place is seen; a place is narrow where this far to both sides is not free."""
+APART_IN_COMPANY = 0.8
+"""m from the middle of the others of a group beyond which one waits for them or hurries."""
+_WALL_PUSH, _WALL_RANGE = 3.0, 0.1
+_CLEAR = 0.02
+_FASTEST = 2.5
+
+
+class SteeringGrid(NamedTuple):
+    """Where one walks, on the grid of free space: maps (rows, columns, 4) clearance m, unit direction away from walls, height m; ways (g, rows,
+    columns, 2) to each goal, as far as they are known (g,); goals (g, 2) m; frame: origin x, y and spacing m."""
+
+    maps: NDArray[np.float32]
+    ways: NDArray[np.float32]
+    known: NDArray[np.bool_]
+    goals: Array
+    frame: Array
+
+
+@njit(cache=True)
+def advance(body: Array, wish: Array, met: tuple[Array, Pairs], obstacle: Array, place: SteeringGrid, dt: float) -> Array:
+    """Bodies (m, 10) `dt` s later, with their wishes (m, 6) and what they met: the others' effect (m, 5) and close pairs (p, 2)."""
+    out = body.copy()
+    here = np.flatnonzero(body[:, PRESENT] > 0)
+    for i in here:
+        _walk(out, i, (wish[i], met[0][i]), place, dt)
+    for _ in range(4):
+        _keep_apart(out, met[1], obstacle)
+        for i in here:
+            # Nobody moves half a metre in a step.
+            if wish[i, ROOM] < 0.5 + _CLEAR:
+                _keep_free(out, i, body, place)
+    for i in here:
+        _settle(out, i, body, dt)
+    return out
+
+
+@njit(cache=True)
+def _cell(place: SteeringGrid, x: float, y: float) -> tuple[int, int, float, float]:
+    """Row and column of the cell at (x, y) m, and how far into it, in [0, 1]; the nearest inside outside."""
+    rows, columns = place.maps.shape[0], place.maps.shape[1]
+    u = min(max((x - place.frame[0]) / place.frame[2], 0.0), columns - 1.0)
+    v = min(max((y - place.frame[1]) / place.frame[2], 0.0), rows - 1.0)
+    j, i = min(int(u), columns - 2), min(int(v), rows - 2)
+    return i, j, u - j, v - i
+
+
+@njit(cache=True)
+def _at(place: SteeringGrid, x: float, y: float, k: int) -> float:
+    """The k-th of place.maps at (x, y) m."""
+    i, j, u, v = _cell(place, x, y)
+    m = place.maps
+    return (1 - v) * ((1 - u) * m[i, j, k] + u * m[i, j + 1, k]) + v * ((1 - u) * m[i + 1, j, k] + u * m[i + 1, j + 1, k])
+
+
+@njit(cache=True)
+def _way(place: SteeringGrid, goal: int, x: float, y: float) -> tuple[float, float]:
+    """The unit direction at (x, y) m to that goal; straight for the last half metre."""
+    ex, ey = place.goals[goal, 0] - x, place.goals[goal, 1] - y
+    if ex * ex + ey * ey > 0.25:
+        i, j, u, v = _cell(place, x, y)
+        w = place.ways[goal]
+        ex = (1 - v) * ((1 - u) * w[i, j, 0] + u * w[i, j + 1, 0]) + v * ((1 - u) * w[i + 1, j, 0] + u * w[i + 1, j + 1, 0])
+        ey = (1 - v) * ((1 - u) * w[i, j, 1] + u * w[i, j + 1, 1]) + v * ((1 - u) * w[i + 1, j, 1] + u * w[i + 1, j + 1, 1])
+    length = max(math.hypot(ex, ey), 1e-9)
+    return ex / length, ey / length
+
+
+@njit(cache=True)
+def wishes(body: Array, place: SteeringGrid, company: tuple[Numbers, Array]) -> tuple[Array, bool]:
+    """(m, 6): how everybody would walk without the others, and whether somebody's way is not known; company: group (m,), speed (m,) m/s.
+
+    Who stands wants no direction.
+    """
+    group, speed = company
+    wish = np.zeros((len(body), 6))
+    for i in np.flatnonzero(body[:, PRESENT] > 0):
+        if not place.known[int(body[i, GOAL])]:
+            return wish, True
+        x, y = body[i, X], body[i, Y]
+        wish[i, ROOM] = _at(place, x, y, 0)
+        if body[i, PAUSE] > 0:
+            continue
+        ex, ey = _way(place, int(body[i, GOAL]), x, y)
+        ex, ey, pace = _in_company(body, i, group, (ex, ey))
+        # Tobler (1993): walking speed goes with exp(−3.5 |slope + 0.05|), here of the slope of the next stride, and one on the level.
+        rise = _at(place, x + 0.5 * ex, y + 0.5 * ey, 3) - _at(place, x - 0.2 * ex, y - 0.2 * ey, 3)
+        slope = max(math.exp(-3.5 * (abs(rise / 0.7 + 0.05) - 0.05)), 0.3)
+        wish[i, EAST], wish[i, NORTH], wish[i, SPEED] = ex, ey, speed[i] * slope * pace
+        if wish[i, ROOM] > GATE_AHEAD + HALF_GATE:
+            continue
+        if _narrow(place, x, y, (ex, ey)):
+            wish[i, NARROW] = 1.0
+        elif _narrow(place, x + GATE_AHEAD * ex, y + GATE_AHEAD * ey, (ex, ey)):
+            wish[i, GATE] = 1.0
+    return wish, False
+
+
+@njit(cache=True)
+def _narrow(place: SteeringGrid, x: float, y: float, way: tuple[float, float]) -> bool:
+    """Whether two cannot pass each other at (x, y) m on their way."""
+    aside_x, aside_y = -HALF_GATE * way[1], HALF_GATE * way[0]
+    return _at(place, x + aside_x, y + aside_y, 0) <= 0 and _at(place, x - aside_x, y - aside_y, 0) <= 0
+
+
+@njit(cache=True)
+def _in_company(body: Array, i: Number, group: Numbers, way: tuple[float, float]) -> tuple[float, float, float]:
+    """The direction and the share of the speed at which i stays with the group: nearer to its middle, slower ahead of it, faster behind it."""
+    ex, ey = way
+    x = y = 0.0
+    others = 0
+    first = group[i]
+    for j in range(first, len(body)):
+        if group[j] != first:
+            break
+        if j != i and body[j, PRESENT] > 0 and body[j, GOAL] == body[i, GOAL]:
+            x, y, others = x + body[j, X], y + body[j, Y], others + 1
+    if not others:
+        return ex, ey, 1.0
+    dx, dy = x / others - body[i, X], y / others - body[i, Y]
+    distance = math.hypot(dx, dy)
+    # Who has lost the others walks alone to where they will be.
+    if distance < APART_IN_COMPANY or distance > 8.0:
+        return ex, ey, 1.0
+    ahead = dx * ex + dy * ey
+    if distance < 3.0:
+        pull = 0.5 * min(distance - APART_IN_COMPANY, 1.0) / distance
+        ex, ey = ex + pull * (dx - ahead * ex), ey + pull * (dy - ahead * ey)
+        length = max(math.hypot(ex, ey), 1e-9)
+        ex, ey = ex / length, ey / length
+    if ahead > APART_IN_COMPANY:
+        return ex, ey, 1.15
+    return ex, ey, min(max(1.0 + 0.35 * (ahead + APART_IN_COMPANY), 0.35), 1.0)
+
+
+@njit(cache=True)
+def _walk(out: Array, i: Number, mind: tuple[Array, Array], place: SteeringGrid, dt: float) -> None:
+    """Body i on, with its wish and what others do to it."""
+    wish, met = mind
+    ex, ey, speed = wish[EAST], wish[NORTH], min(wish[SPEED], met[FREE])
+    if met[YIELD] > 0:
+        # One steps to the right to let others through.
+        ex, ey, speed = ey, -ex, 0.4 * (_at(place, out[i, X] + 0.3 * ey, out[i, Y] - 0.3 * ex, 0) > 0.1)
+    if met[ASKED] > 0:
+        speed = 0.0
+    ax = (ex * speed - out[i, VX]) / RELAXATION + met[PUSH_X]
+    ay = (ey * speed - out[i, VY]) / RELAXATION + met[PUSH_Y]
+    # Ten ranges off, nothing is left of a wall's push.
+    if wish[ROOM] < 10 * _WALL_RANGE:
+        wall = _WALL_PUSH * math.exp(-max(wish[ROOM], 0.0) / _WALL_RANGE)
+        ax += wall * _at(place, out[i, X], out[i, Y], 1)
+        ay += wall * _at(place, out[i, X], out[i, Y], 2)
+    vx, vy = out[i, VX] + ax * dt, out[i, VY] + ay * dt
+    pace = math.hypot(vx, vy)
+    along = (vx * math.cos(out[i, HEADING]) + vy * math.sin(out[i, HEADING])) / max(pace, 1e-9)
+    # People turn first: sideways and backwards is slow. In a queue nobody is pushed faster than it goes.
+    top = 1.3 * max(min(wish[SPEED], met[FREE]), 0.3) * min(max(0.3 + 0.7 * along, 0.3), 1.0)
+    if out[i, PAUSE] > 0:
+        top = 0.5
+        # Who stands is not pushed about by people that only pass.
+        if pace < 0.12 and met[ASKED] <= 0:
+            top = 0.0
+    share = min(1.0, top / max(pace, 1e-9))
+    out[i, X] += vx * share * dt
+    out[i, Y] += vy * share * dt
+
+
+@njit(cache=True)
+def _keep_free(out: Array, i: Number, body: Array, place: SteeringGrid) -> None:
+    """Body i brought back to free space where it has left it; to where it was where that fails."""
+    short = _CLEAR - _at(place, out[i, X], out[i, Y], 0)
+    tries = 0
+    while short > 0 and tries < 3:
+        x, y = out[i, X], out[i, Y]
+        out[i, X] += (short + 0.01) * _at(place, x, y, 1)
+        out[i, Y] += (short + 0.01) * _at(place, x, y, 2)
+        short = _CLEAR - _at(place, out[i, X], out[i, Y], 0)
+        tries += 1
+    if short >= _CLEAR:
+        out[i, X], out[i, Y] = body[i, X], body[i, Y]
+
+
+@njit(cache=True)
+def _settle(out: Array, i: Number, body: Array, dt: float) -> None:
+    """Velocity, heading and pause of body i after it has moved."""
+    vx, vy = (out[i, X] - body[i, X]) / dt, (out[i, Y] - body[i, Y]) / dt
+    pace = math.hypot(vx, vy)
+    share = min(1.0, _FASTEST / max(pace, 1e-9))
+    out[i, VX], out[i, VY] = vx * share, vy * share
+    if pace > 0.15:
+        turn = math.atan2(vy, vx) - out[i, HEADING]
+        turn = math.pi - (math.pi - turn) % (2 * math.pi)
+        heading = out[i, HEADING] + min(max(turn, -TURN_RATE * dt), TURN_RATE * dt)
+        out[i, HEADING] = math.pi - (math.pi - heading) % (2 * math.pi)
+    if body[i, PAUSE] > 0:
+        out[i, PAUSE] = max(body[i, PAUSE] - dt, 0.0)
+        if out[i, PAUSE] <= 0:
+            out[i, VISIT] += 1
+        out[i, STUCK] = 0.0
+    else:
+        out[i, STUCK] += dt
+
+
+@njit(cache=True)
+def _keep_apart(body: Array, pairs: Pairs, obstacle: Array) -> None:
+    """Move bodies that overlap apart, half of the way each; from an obstacle (k, 7) x, y, vx, vy, radius, …, all of it. `pairs`: who may touch."""
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        dx, dy = body[j, X] - body[i, X], body[j, Y] - body[i, Y]
+        square = dx * dx + dy * dy
+        if square < 4 * BODY_RADIUS * BODY_RADIUS:
+            distance = max(math.sqrt(square), 1e-6)
+            share = 0.5 * (2 * BODY_RADIUS - distance) / distance
+            body[i, X] -= share * dx
+            body[i, Y] -= share * dy
+            body[j, X] += share * dx
+            body[j, Y] += share * dy
+    for o in range(len(obstacle)):
+        touch = BODY_RADIUS + obstacle[o, 4]
+        for i in range(len(body)):
+            dx, dy = body[i, X] - obstacle[o, 0], body[i, Y] - obstacle[o, 1]
+            square = dx * dx + dy * dy
+            if square < touch * touch and body[i, PRESENT] > 0:
+                distance = max(math.sqrt(square), 1e-6)
+                body[i, X] += (touch / distance - 1.0) * dx
+                body[i, Y] += (touch / distance - 1.0) * dy

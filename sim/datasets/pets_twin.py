@@ -1,0 +1,201 @@
+"""The twin of a PETS 2009 sequence: the people of an annotation walk their real paths through `campus`, before the real cameras and before rovers.
+
+Paths are the annotated feet, cast to z = 0 by View_001, in which the annotations were made; statures are the heights at which the boxes end
+over these feet. So the twin has the same people at the same places at the same times, and its truth is exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from sim.crowd.replay import Paths
+from sim.pedestrian.skeleton import ADULTS
+from sim.recording.record import Stage, check_free, record_stage
+from sim.recording.tracker_setup import Fixed
+from sim.scenario import Scenario
+from sim.simulation.simulation import Simulation
+from tracker.datasets.pets2009 import PETS_RATE
+from tracker.formats.pets2009 import Annotations, ground_truth, read_annotations, read_camera
+from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.cameras import Camera
+from tracker.geometry.ground import Flat
+from tracker.metrics.matching import overlap
+from tracker.sequence.truth_tables import read_boxes
+from tracker.types import Boxes
+from worlds import catalogue
+from worlds.terrain.free_space import FreeSpace
+from worlds.world import World
+
+WORLD = "campus"
+ANNOTATED = 1
+"""The view in whose image the annotations are."""
+STATURES = ADULTS
+"""m: what a box says beyond these is the box's error."""
+BESIDE = 4.0
+"""m: rovers stay within this of the area that the paths cross."""
+LARGEST_ID = (1 << 16) - 1
+
+
+@dataclass(frozen=True)
+class Twin:
+    """What is made a twin of: annotations, a CVML file; calibration, the folder of View_00N.xml; views, the numbers of its cameras that look on.
+
+    frames: how many of the annotated frames, all where None. robots: rovers beside the cameras, with panoramas of `width` px; seed of all
+    that is random.
+    """
+
+    annotations: Path
+    calibration: Path
+    views: tuple[int, ...] = (1,)
+    frames: int | None = None
+    robots: int = 2
+    width: int = 1024
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class AnnotatedWalkers:
+    """The people of an annotation: id (m,), position (m, frames, 2) m, NaN where they are not there, stature (m,) m."""
+
+    id: Ints
+    position: Array
+    stature: Array
+
+
+def generate(twin: Twin, folder: Path, world: World | None = None, progress: Any = None) -> None:
+    """Write the twin as a Sequence into `folder`, which must not be there yet; the cameras are robots that never move.
+
+    world: in place of `campus` at difficulty 0. Raises ValueError, in one line, for files that are not there or not what they should be, for
+    an unknown view, and for a path that leads out of the world or into a wall.
+    """
+    check_free(folder)
+    record_stage(stage_of(twin, world), folder, progress)
+
+
+def stage_of(twin: Twin, world: World | None = None) -> Stage:
+    """The twin at its first frame. Raises ValueError as `generate` does."""
+    fixed = {f"View_{number:03d}": _fixed(twin.calibration, number) for number in twin.views}
+    annotated = _fixed(twin.calibration, ANNOTATED)
+    annotations = annotated_frames(twin)
+    walkers = walkers_of(annotations, annotated.camera, annotated.T_world_camera)
+    scenario = Scenario(
+        world=WORLD,
+        difficulty=0.0,
+        seed=twin.seed,
+        robots=twin.robots,
+        people=len(walkers.id),
+        frames=walkers.position.shape[1],
+        rate=PETS_RATE,
+        width=twin.width,
+    )
+    place = catalogue.build(WORLD, scenario.stream("world"), 0.0) if world is None else world
+    paths = Paths(walkers.id, scenario.period * np.arange(scenario.frames, dtype=np.float64), walkers.position, walkers.stature)
+    simulation = Simulation(scenario, world=near(place, walkers.position), paths=paths)
+    return Stage(scenario, simulation, fixed, _provenance(twin, scenario))
+
+
+def _fixed(calibration: Path, number: int) -> Fixed:
+    path = calibration / f"View_{number:03d}.xml"
+    if not path.is_file():
+        there = ", ".join(p.name for p in sorted(calibration.glob("View_*.xml"))) or "none"
+        raise ValueError(f"{path}: no such file; there are {there}")
+    _, camera, pose = read_camera(path)
+    return Fixed(camera, pose)
+
+
+def annotated_frames(twin: Twin) -> Annotations:
+    """The annotated frames that are wanted; frame numbers that the file leaves out are empty."""
+    if not twin.annotations.is_file():
+        raise ValueError(f"{twin.annotations}: no such file")
+    annotations = read_annotations(twin.annotations)
+    count = max(annotations, default=-1) + 1
+    if twin.frames is not None and not 1 <= twin.frames <= count:
+        raise ValueError(f"frames is {twin.frames}, needs 1 to {count}, the frames of {twin.annotations}")
+    nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 4))
+    wanted = {k: annotations.get(k, nobody) for k in range(twin.frames or count)}
+    if not any(len(ids) for ids, _ in wanted.values()):
+        raise ValueError(f"{twin.annotations}: nobody is annotated in {len(wanted)} frames, needs somebody")
+    return wanted
+
+
+def walkers_of(annotations: Annotations, camera: Camera, T_world_camera: Pose) -> AnnotatedWalkers:
+    """Paths and statures of the annotated people; frames are 0 to the last. Raises ValueError for an id that cannot be an instance."""
+    places = ground_truth(annotations, camera, T_world_camera, Flat())
+    ids = np.unique(np.concatenate([ids for ids, _ in annotations.values()]))
+    if ids[0] < 1 or ids[-1] > LARGEST_ID:
+        raise ValueError(f"object id is {ids[0] if ids[0] < 1 else ids[-1]}, needs 1 to {LARGEST_ID}")
+    position = np.full((len(ids), max(annotations) + 1, 2), np.nan)
+    height = np.full(position.shape[:2], np.nan)
+    for frame, (present, feet) in places.items():
+        rows = np.searchsorted(ids, present)
+        position[rows, frame] = feet[:, :2]
+        height[rows, frame] = heights(annotations[frame][1], feet, camera, T_world_camera)
+    return AnnotatedWalkers(ids, position, np.clip(np.nanmedian(height, axis=1), *STATURES))
+
+
+def heights(boxes: Array, feet: Array, camera: Camera, T_world_camera: Pose) -> Array:
+    """(n,) m over the feet (n, 3) m at which the sight of the middle of a box's upper edge passes the vertical nearest to it.
+
+    boxes (n, 4) left, top, width, height px. Two lines P + h z and C + s d are nearest to each other at h = ((z·d)(w·d) − z·w) / (1 − (z·d)²)
+    with w = P − C, for unit d.
+    """
+    top = np.stack([boxes[:, 0] + boxes[:, 2] / 2, boxes[:, 1]], axis=1)
+    d = camera.bearings_from_pixels(top) @ T_world_camera.rotation.T
+    w = feet - T_world_camera.translation
+    return np.asarray((d[:, 2] * np.einsum("ni,ni->n", d, w) - w[:, 2]) / (1 - d[:, 2] ** 2))
+
+
+def near(world: World, position: Array) -> World:
+    """The world with its rovers kept to where the people walk."""
+    wheels, there = world.wheels, position[np.isfinite(position).all(axis=-1)]
+    rows, columns = wheels.free.shape
+    x, y = (wheels.origin[k] + wheels.spacing * np.arange(n) for k, n in ((0, columns), (1, rows)))
+    low, high = there.min(axis=0) - BESIDE, there.max(axis=0) + BESIDE
+    free = wheels.free & ((y >= low[1]) & (y <= high[1]))[:, None] & ((x >= low[0]) & (x <= high[0]))
+    regions, count = ndimage.label(free)
+    if not count:
+        raise ValueError(f"no ground within {BESIDE} m of the paths is free for wheels in {world.name}")
+    largest = regions == 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
+    return dataclasses.replace(world, wheels=FreeSpace(largest, wheels.origin, wheels.spacing))
+
+
+def _provenance(twin: Twin, scenario: Scenario) -> dict[str, Any]:
+    files = [twin.annotations, *(twin.calibration / f"View_{number:03d}.xml" for number in sorted({ANNOTATED, *twin.views}))]
+    sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return json.loads(scenario.to_json()) | {"twin": {"views": list(twin.views), "files": sums}}
+
+
+def likeness(twin: Twin, folder: Path) -> Array:
+    """(n,) intersection over union of every annotated box with the box of the same person's whole body in the twin's View_001.
+
+    Of both, what lies in the image counts; annotated people whom the twin does not show count 0. Raises ValueError where the twin in
+    `folder` has no View_001.
+    """
+    name = f"View_{ANNOTATED:03d}"
+    if ANNOTATED not in twin.views:
+        raise ValueError(f"views are {twin.views}, need {ANNOTATED}: the annotations are of {name}")
+    camera = _fixed(twin.calibration, ANNOTATED).camera
+    true: Mapping[tuple[int, str], Boxes] = read_boxes(folder)
+    out = []
+    for frame, (ids, boxes) in annotated_frames(twin).items():
+        shown = true.get((frame, name), Boxes.none())
+        corner = boxes[:, :2] + (0.5 - camera.pixel_centre)
+        edges = np.column_stack([corner, corner + boxes[:, 2:]])
+        edges = np.clip(edges, 0.0, [camera.width, camera.height, camera.width, camera.height])
+        same = ids[:, None] == shown.person[None, :]
+        out.append((overlap(_sized(edges), _sized(shown.full)) * same).max(axis=1, initial=0.0))
+    return np.concatenate(out)
+
+
+def _sized(edges: Array) -> Array:
+    """Left, top, right, bottom → left, top, width, height."""
+    return np.column_stack([edges[:, :2], edges[:, 2:] - edges[:, :2]])

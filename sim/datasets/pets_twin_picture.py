@@ -1,0 +1,82 @@
+"""The twin beside what it is a twin of: one moment in the twin's View_001 and in the real one, the annotation's boxes on both."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sim.datasets.pets_twin import ANNOTATED, Twin, annotated_frames
+from sim.visualization.overlays import colour_of, save_png
+from tracker.geometry import Array, Image
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.truth_tables import read_boxes
+
+NAME = f"View_{ANNOTATED:03d}"
+DARK = 24
+
+
+def side_by_side(twin: Twin, folder: Path, video: Path | None = None) -> Path | None:
+    """Write `twin.png` into the twin's folder and return its path; None where the twin has no View_001, in which the annotations are.
+
+    Left the twin's picture, with the boxes of its own people's whole bodies thick and the annotated ones thin, in the colour of each person; right
+    the same frame of `video`, the real View_001, with the annotated boxes. video: View_001.mp4 beside the annotations where None, as
+    S2.L1/video/View_001.mp4 is to S2.L1/annotations/*.xml; without a film the twin stands alone. The moment is the one with the most people.
+    """
+    if ANNOTATED not in twin.views:
+        return None
+    annotations = annotated_frames(twin)
+    frame = max(annotations, key=lambda k: (len(annotations[k][0]), -k))
+    ids, boxes = annotations[frame]
+    tick = next(islice(read_sequence(folder).ticks, frame, None))
+    image = next(view.image for view in tick.views if view.camera == NAME)
+    assert image is not None
+    shown = read_boxes(folder).get((frame, NAME))
+    left = image.copy()
+    if shown is not None:
+        for person, (x0, y0, x1, y1) in zip(shown.person.tolist(), shown.full.tolist(), strict=True):
+            _box(left, (x0, y0, x1, y1), person, 2)
+    pictures = [_titled(_annotated(left, ids.tolist(), boxes), f"twin, frame {frame}: own boxes thick, annotated boxes thin")]
+    film = twin.annotations.parent.parent / "video" / f"{NAME}.mp4" if video is None else video
+    real = _frame_of(film, frame)
+    if real is not None:
+        pictures.append(_titled(_annotated(real, ids.tolist(), boxes), f"PETS 2009 {NAME}, the same frame: annotated boxes"))
+    height = max(len(picture) for picture in pictures)
+    pictures = [cv2.copyMakeBorder(p, 0, height - len(p), 0, 6, cv2.BORDER_CONSTANT, value=(DARK,) * 3).astype(np.uint8) for p in pictures]
+    path = folder / "twin.png"
+    save_png(path, np.hstack(pictures))
+    return path
+
+
+def _annotated(image: Image, ids: list[int], boxes: Array) -> Image:
+    """Copy with boxes (n, 4) left, top, width, height px; pixel centres lie at whole numbers."""
+    out = image.copy()
+    for person, (left, top, width, height) in zip(ids, boxes.tolist(), strict=True):
+        _box(out, (left + 0.5, top + 0.5, left + width + 0.5, top + height + 0.5), person, 1)
+    return out
+
+
+def _box(image: Image, edges: tuple[float, float, float, float], person: int, thick: int) -> None:
+    left, top, right, bottom = (round(edge) for edge in edges)
+    cv2.rectangle(image, (left, top), (right - 1, bottom - 1), colour_of(person), thick)
+
+
+def _titled(image: Image, title: str) -> Image:
+    out = cv2.copyMakeBorder(image, 30, 0, 0, 0, cv2.BORDER_CONSTANT, value=(DARK,) * 3)
+    cv2.putText(out, title, (8, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (235, 235, 235), 1, cv2.LINE_AA)
+    return np.asarray(out, dtype=np.uint8)
+
+
+def _frame_of(film: Path, number: int) -> Image | None:
+    """RGB; None where there is no such film or frame."""
+    if not film.is_file():
+        return None
+    reader = cv2.VideoCapture(str(film))
+    try:
+        reader.set(cv2.CAP_PROP_POS_FRAMES, number)
+        found, picture = reader.read()
+    finally:
+        reader.release()
+    return np.ascontiguousarray(picture[:, :, ::-1], dtype=np.uint8) if found else None

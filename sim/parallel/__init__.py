@@ -1,0 +1,3 @@
+"""Calls on several processes or a Dask cluster, and a file lock that ends with its process.
+
+Read `pool.py` first."""

@@ -1,0 +1,3 @@
+"""One person: proportions, gait, feet on uneven ground, gaze, and the meshes of body and clothes.
+
+Read `skeleton.py` first."""

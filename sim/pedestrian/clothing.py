@@ -1,0 +1,101 @@
+"""What people look like: the meshes of one person's limbs, and clothes of their own.
+
+Every limb is one geom `person_7/head` of the mesh of that name, with coarser meshes of it in the model as `person_7/head@1` and
+`person_7/head@2`. MuJoCo puts every mesh into the frame of its own inertia. The three of a limb share that frame exactly, because all of them carry
+the corners of one box, which belong to no face, and inertia is taken of the convex hull: to change the level of detail is to change
+mjvGeom.dataid, nothing else.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from sim.pedestrian import body_mesh, clothing_textures
+from sim.pedestrian.body_mesh import Outfit
+from sim.pedestrian.loft import LEVELS, Part, Skin
+from sim.pedestrian.skeleton import LIMBS, RADIUS, head_size, trunk_size
+from tracker.geometry import Array
+
+_GIRTH = (0.92, 1.12)
+
+
+def add_person(spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Generator) -> None:
+    """Add the limbs (mocap bodies `name/limb`) to the world body of `spec`, which has the fabrics already (fabrics.add_fabrics)."""
+    shapes = body_mesh.parts(draw(rng))
+    size = {limb: float(trunk_size(np.array(stature))) for limb in LIMBS} | {"head": float(head_size(np.array(stature)))}
+    for limb in LIMBS:
+        _add_meshes(spec, f"{name}/{limb}", shapes[limb], size[limb])
+        mocap = spec.worldbody.add_body(name=f"{name}/{limb}", mocap=True)
+        looks = {"material": clothing_textures.NAME, "contype": 0, "conaffinity": 0, "group": 2}
+        mocap.add_geom(name=f"{name}/{limb}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}/{limb}", **looks)
+
+
+def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
+    """Add the upright capsule that robots collide with (mocap body `name/collider`, its origin on the ground) to the world body of `spec`."""
+    collider = spec.worldbody.add_body(name=f"{name}/collider", mocap=True)
+    half = stature / 2 - RADIUS
+    collider.add_geom(
+        name=f"{name}/collider", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(RADIUS, half, 0), pos=(0, 0, stature / 2), group=4, rgba=(0, 0, 0, 0),
+        contype=2, conaffinity=0, solref=(0.06, 1.0),
+    )  # fmt: skip
+
+
+def draw(rng: np.random.Generator) -> Outfit:
+    """Clothes, hair and luggage by chance."""
+
+    def one(options: dict[str, float]) -> str:
+        return str(rng.choice(list(options), p=list(options.values())))
+
+    head = int(rng.choice(clothing_textures.HEADS))
+    hair = one({"short": 0.44, "long": 0.26, "bun": 0.10, "cap": 0.12, "beanie": 0.08})
+    if head % clothing_textures.BALD == 0 and hair in ("short", "long", "bun"):
+        hair = "none"
+    return Outfit(
+        head=head,
+        top=int(rng.choice(clothing_textures.TOPS)),
+        bottom=int(rng.choice(clothing_textures.BOTTOMS)),
+        shoes=int(rng.choice(clothing_textures.SHOES)),
+        bag=int(rng.choice(clothing_textures.BAGS[1:])),
+        girth=float(rng.uniform(*_GIRTH)),
+        sleeves=one({"long": 0.6, "short": 0.4}),
+        legs=one({"long": 0.58, "short": 0.14, "skirt": 0.12, "coat": 0.16}),
+        tucked=bool(rng.random() < 0.3),
+        hair=hair,
+        luggage=one({"none": 0.55, "backpack": 0.27, "shoulder": 0.18}),
+        side=1 if rng.random() < 0.5 else -1,
+    )
+
+
+def skins(parts: list[Part], size: float) -> list[Skin]:
+    """A limb of `size` m of stature at all levels of detail, m."""
+    out = []
+    for level in range(LEVELS):
+        skin = Skin.joined([s for part in parts if (s := part.skin(level)) is not None])
+        out.append(Skin(skin.vertices * size, skin.normals, skin.texcoord, skin.faces))
+    return out
+
+
+def _add_meshes(spec: mujoco.MjSpec, name: str, parts: list[Part], size: float) -> None:
+    levels = skins(parts, size)
+    corners = _box(np.concatenate([skin.vertices for skin in levels]))
+    for level, skin in enumerate(levels):
+        mesh = spec.add_mesh(
+            name=f"{name}@{level}" if level else name,
+            uservert=np.concatenate([skin.vertices, corners]).ravel(),
+            usernormal=np.concatenate([skin.normals, np.tile([0.0, 0.0, 1.0], (8, 1))]).ravel(),
+            usertexcoord=np.concatenate([skin.texcoord, np.zeros((8, 2))]).ravel(),
+            userface=skin.faces.ravel(),
+        )
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+
+
+def _box(points: Array) -> Array:
+    """Corners (8, 3) of a box about the points (n, 3), no two of its edges nearly alike: its axes of inertia are its own."""
+    low, high = points.min(axis=0) - 1e-3, points.max(axis=0) + 1e-3
+    order = np.argsort(high - low)
+    for before, after in pairwise(order):
+        high[after] = max(high[after], low[after] + 1.05 * (high[before] - low[before]))
+    return np.stack(np.meshgrid(*np.stack([low, high], axis=1), indexing="ij"), axis=-1).reshape(8, 3)

@@ -1,0 +1,139 @@
+"""What can be set of a placement: as one value, checked at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim.placement.visibility import Eyesight
+from worlds import catalogue
+
+DRIVES = ("kinematic", "physics")
+
+OBSERVATIONS = ("state", "tracks", "pixels")
+
+ACTIONS = ("velocity", "waypoint")
+
+DECISIONS = 2.0
+"""Decisions a second."""
+
+FRAMES = 3
+"""Frames of sensors in a decision: 6 a second, as in recorded sequences."""
+
+STEPS = 3
+"""Steps of people and kinematic rovers in a frame."""
+
+DENSITIES: dict[str, dict[str, Any]] = {
+    "pilsun": {"world": "pilsun", "people": 10, "robots": 4},
+    "s2l1": {"world": "campus", "people": 8, "robots": 4},
+    "s2l2": {"world": "campus", "people": 35, "robots": 4},
+    "s2l3": {"world": "campus", "people": 43, "robots": 4},
+}
+"""Presets: how many people are there at once in pilsun and in the sequences of PETS 2009 (campus has their ground)."""
+
+BOUNDS: dict[str, tuple[float, float]] = {
+    "difficulty": (0.0, 1.0),
+    "robots": (1, 16),
+    "people": (0, 200),
+    "reach": (1.0, 100.0),
+    "smallest": (1.0, 60.0),
+    "width": (72, 2048),
+    "camera_height": (0.5, 3.0),
+    "cells": (4, 64),
+    "cell": (0.25, 5.0),
+    "misses": (0.0, 1.0),
+    "clutter": (0.0, 100.0),
+}
+
+SEEDS_A_MAP = 10
+"""Episodes of ten seeds in a row share a map where no map is asked for."""
+
+
+@dataclass(frozen=True)
+class PlacementConfig:
+    """world: a name of worlds.catalogue; difficulty in [0, 1]; robots; people; map_seed: the map of all episodes, or None: seed // 10 of each.
+
+    drive: kinematic (rovers are unicycles on the ground) or physics (wheels on MuJoCo's terrain). observation: state, tracks (SLAM and tracker in
+    the loop) or pixels (state and panoramas). action: velocity (ahead and turn) or waypoint (a place on the map).
+    reach m and smallest °, the least apparent height: who is farther or looks smaller is not seen. camera_height m.
+    cells, cell m: the local map of a robot is cells × cells of that size. width px of the panoramas of "pixels".
+    misses, clutter: the detector of "tracks", as in Scenario. panorama: the number of the robot whose panorama `render` shows, None for the plan.
+    Raises ValueError with name, value and bound.
+    """
+
+    world: str = "ruins"
+    robots: int = 4
+    people: int = 10
+    difficulty: float = 0.5
+    map_seed: int | None = None
+    drive: str = "kinematic"
+    observation: str = "state"
+    action: str = "velocity"
+    reach: float = 12.0
+    smallest: float = 7.0
+    camera_height: float = 1.5
+    cells: int = 16
+    cell: float = 1.0
+    width: int = 128
+    misses: float = 0.1
+    clutter: float = 0.05
+    panorama: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, choices in (("world", tuple(sorted(catalogue.WORLDS))), ("drive", DRIVES), ("observation", OBSERVATIONS), ("action", ACTIONS)):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} is {getattr(self, name)!r}, needs one of {', '.join(choices)}")
+        for field in dataclasses.fields(self):
+            if field.name in BOUNDS:
+                _check(field.name, getattr(self, field.name), BOUNDS[field.name], whole=field.type == "int")
+        if self.width % 2:
+            raise ValueError(f"width is {self.width} px, needs an even number")
+        if self.map_seed is not None:
+            _check("map_seed", self.map_seed, (0, 2**31), whole=True)
+        if self.panorama is not None:
+            _check("panorama", self.panorama, (0, self.robots - 1), whole=True)
+
+    @staticmethod
+    def of(options: dict[str, Any], density: str | None = None) -> PlacementConfig:
+        """The configuration of these options over those of a density. Raises ValueError for an option or a density that there is not."""
+        if density is not None and density not in DENSITIES:
+            raise ValueError(f"density is {density!r}, needs one of {', '.join(DENSITIES)}")
+        names = [field.name for field in dataclasses.fields(PlacementConfig)]
+        unknown = sorted(set(options) - set(names))
+        if unknown:
+            raise ValueError(f"placement has no options {', '.join(unknown)}, knows {', '.join((*names, 'density', 'reward', 'render_mode'))}")
+        return PlacementConfig(**((DENSITIES[density] if density else {}) | options))
+
+    @property
+    def eyesight(self) -> Eyesight:
+        return Eyesight(self.reach, math.radians(self.smallest), 0.25)
+
+    @property
+    def period(self) -> float:
+        """s between decisions."""
+        return 1.0 / DECISIONS
+
+    @property
+    def frame(self) -> float:
+        """s between frames of sensors."""
+        return self.period / FRAMES
+
+    @property
+    def tracks(self) -> int:
+        """How many people can be believed in at once."""
+        return self.people if self.observation != "tracks" else 2 * self.people + 4
+
+
+def _check(name: str, value: Any, bound: tuple[float, float], whole: bool) -> None:
+    low, high = bound
+    fits = isinstance(value, (int, np.integer)) if whole else isinstance(value, (int, float, np.integer, np.floating))
+    if not fits or isinstance(value, bool) or not low <= value <= high:
+        raise ValueError(f"{name} is {value!r}, needs {'a whole number' if whole else 'a number'} in [{low:g}, {high:g}]")
+
+
+X, Y, YAW, SPEED, YAW_RATE, TRAVELLED, TURNED = range(7)
+"""Columns of a rover: place m, heading rad, speed m/s ahead, rad/s, and m and rad that it has gone in all."""

@@ -1,0 +1,3 @@
+"""Policies that place robots, their training and their comparison.
+
+Read `policy.py` first."""

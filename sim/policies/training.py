@@ -1,0 +1,166 @@
+"""Training of a learned policy by stable-baselines3, with its curve; where it is interrupted, the same call goes on. Needs the extra `rl`."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.policies.ppo import needed
+from sim.policies.waypoints import CHOICES, HOLD, PARTS
+from tracker.io.atomic import finish_folder, new_file, unfinished, write_text
+from tracker.io.json_files import read_json
+from tracker.io.resume import check_same
+
+TEAMS, ROUND = 16, 20
+"""Teams that learn side by side, and choices of each between two improvements of the policy."""
+BESIDE = ("random", "static", "lloyd", "greedy")
+"""Policies whose reward is drawn beside the curve."""
+RATE = 1e-3
+"""Of learning, at first; it falls to nothing."""
+MODEL, ORDER, CURVE = "ppo.zip", "order.json", "curve.csv"
+
+
+@dataclass(eq=False)
+class Curve:
+    """How learning goes: rows of decisions, mean reward of one over the episodes that ended since the last row, and its standard error."""
+
+    steps: int
+    rows: list[tuple[int, float, float]] = field(default_factory=list)
+
+    def add(self, decisions: int, rewards: list[float]) -> None:
+        error = float(np.std(rewards, ddof=1) / np.sqrt(len(rewards))) if len(rewards) > 1 else 0.0
+        self.rows.append((decisions, float(np.mean(rewards)), error))
+
+    def write(self, file: Path) -> None:
+        with new_file(file) as part, part.open("w", newline="", encoding="utf-8") as out:
+            csv.writer(out).writerows([("decisions", "reward", "standard_error"), *self.rows])
+
+    @staticmethod
+    def read(file: Path, steps: int) -> Curve:
+        rows = list(csv.reader(file.open(encoding="utf-8", newline="")))[1:]
+        return Curve(steps, [(int(a), float(b), float(c)) for a, b, c in rows])
+
+
+def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> Path:
+    """Train for so many decisions; leaves ppo.zip, curve.csv (the rows of Curve) and curve.png in `folder`, which must not be there.
+
+    The same seed gives the same policy. Until it is done, all is in a hidden folder beside; after an interruption the same call goes on from what
+    was saved last, on new episodes. Raises ValueError where stable-baselines3 is missing, or the folder is there or belongs to another training.
+    """
+    needed()
+    import torch
+
+    from sim.policies.vector_env import TeamVecEnv
+
+    if folder.exists():
+        raise ValueError(f"{folder}: is there already")
+    part, order = unfinished(folder), {"options": options, "steps": steps, "seed": seed}
+    if (part / ORDER).exists():
+        check_same(part, read_json(part / ORDER), order, "another training, which was interrupted")
+    torch.set_num_threads(1)
+    envs = TeamVecEnv(options, TEAMS)
+    model, curve = _begun(envs, part, steps, seed)
+    part.mkdir(parents=True, exist_ok=True)
+    write_text(part / ORDER, json.dumps(order))
+    _learn(model, envs, curve, part)
+    envs.close()
+    _save(model, curve, part)
+    draw(curve, _beside(options), part / "curve.png")
+    finish_folder(folder)
+    return folder / MODEL
+
+
+def _begun(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any, Curve]:
+    """A new model and curve, or those that an interrupted training has left."""
+    ppo = needed()
+    from sim.policies.network import ChoicePolicy
+
+    if (folder / MODEL).exists():
+        return ppo.load(folder / MODEL, env=envs, device="cpu"), Curve.read(folder / CURVE, steps)
+    rates: dict[str, Any] = {"learning_rate": _rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
+    shape = {"choices": CHOICES, "parts": PARTS}
+    batch = ROUND * envs.num_envs // 4
+    model = ppo(ChoicePolicy, envs, n_steps=ROUND, batch_size=batch, policy_kwargs=shape, seed=seed, device="cpu", **rates)
+    return model, Curve(steps)
+
+
+def _rate(left: float) -> float:
+    return RATE * left
+
+
+def _save(model: Any, curve: Curve, folder: Path) -> None:
+    curve.write(folder / CURVE)
+    with new_file(folder / MODEL) as part:
+        model.save(part)
+
+
+def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.0) -> None:
+    """Learn with a bar of progress; a row of the curve whenever every team has ended an episode; saved every `pause` s."""
+    from stable_baselines3.common.callbacks import BaseCallback
+    from tqdm import tqdm
+
+    class Progress(BaseCallback):
+        def _on_training_start(self) -> None:
+            self.bar = tqdm(total=curve.steps, unit=" decisions")
+            self.saved = time.monotonic()
+
+        def _on_step(self) -> bool:
+            decisions = self.num_timesteps * HOLD // envs.robots
+            self.bar.update(min(decisions, curve.steps) - self.bar.n)
+            if len(envs.finished) >= len(envs.teams):
+                curve.add(decisions, envs.finished)
+                self.bar.set_postfix(reward=f"{curve.rows[-1][1]:.3f}")
+                envs.finished = []
+                if time.monotonic() - self.saved > pause:
+                    _save(self.model, curve, folder)
+                    self.saved = time.monotonic()
+            return True
+
+        def _on_training_end(self) -> None:
+            self.bar.close()
+
+    left = curve.steps * envs.robots // HOLD - model.num_timesteps
+    if left > 0:
+        model.learn(left, callback=Progress(), reset_num_timesteps=model.num_timesteps == 0)
+
+
+def _beside(options: dict[str, Any]) -> dict[str, float]:
+    """The mean reward a decision of policies that need no training, on the maps on which it was trained."""
+    from sim.policies.rollouts import try_out
+    from sim.policies.vector_env import LENGTH, MAPS, TRAINING_SEED
+
+    seeds = [TRAINING_SEED + 10 * number for number in range(MAPS)]
+    return {name: float(np.mean([o.values["reward"] for o in try_out(name, seeds, options, LENGTH)])) for name in BESIDE}
+
+
+def draw(curve: Curve, others: dict[str, float], file: Path) -> None:
+    """The learning curve as a PNG, with a band of two standard errors; others: rewards of other policies by name, as lines."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.5, 4.2), dpi=120, layout="constrained")
+    axes = figure.subplots()
+    end = curve.rows[-1][0] if curve.rows else 1
+    if curve.rows:
+        decisions, reward, error = np.array(curve.rows).T
+        axes.fill_between(decisions, reward - 2 * error, reward + 2 * error, color="#1e69d6", alpha=0.18, linewidth=0)
+        axes.plot(decisions, reward, color="#1e69d6", linewidth=1.8)
+    for value in others.values():
+        axes.axhline(value, color="#666666", linewidth=1.0, linestyle=(0, (5, 3)))
+    gap, below = 0.045 * (axes.get_ylim()[1] - axes.get_ylim()[0]), -np.inf
+    for name, value in sorted(others.items(), key=lambda item: item[1]):
+        # Names of lines that nearly meet are kept apart.
+        below = max(value, below + gap)
+        axes.annotate(name, (end * 1.015, below), va="center", fontsize=8.5, color="#444444", annotation_clip=False)
+    axes.set_xlim(0, end)
+    axes.set_xlabel("decisions")
+    axes.set_ylabel("reward a decision")
+    axes.set_title("PPO on pilsim/Placement-v0: mean over 16 maps ± 2 standard errors", loc="left", fontsize=10)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(file)

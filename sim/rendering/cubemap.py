@@ -1,0 +1,223 @@
+"""From faces to the picture of any camera: tables made once, by which colour, range and what is seen are sampled.
+
+A face is a perspective view. A camera whose field is narrow enough needs one; else the faces of a cube are taken, each cut to what the
+camera sees through it, and those left out through which it sees nothing. The faces lie one above the other in an atlas, whose rows run
+upwards in each face, as OpenGL hands them over. Every face is a little larger than what is needed, so that no interpolation reaches over its edge.
+
+Past the fold of a lens (Tsai with κ1 < 0) a pixel has the direction of another one, nearer to the middle: a real lens shows something else there,
+which the calibration does not say. Such pixels are blind: black, of no instance and class, at range inf.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.rendering.face_atlas import Atlas, Sampled, codes_and_ranges
+from tracker.geometry import Array, Mask, frozen
+from tracker.geometry.cameras import Camera, Tsai
+
+BORDER = 2
+"""Texels of a face on each side beyond what is needed."""
+DENSITY = 1.0
+"""Texels along a pixel, where a face is coarsest: below 1 pixels would go unseen, above 1 what is sampled is smoother."""
+NARROW = 1.2
+"""The greatest tangent off the middle of a field that one face takes; a wider one is cheaper by the faces of a cube."""
+MOST_BLIND = 0.5
+"""Of an image: a lens that leaves more of it without a direction was not calibrated for it."""
+BLIND_ROWS = 2
+"""Rows of an atlas that hold nothing, for pixels that see nothing: two, for what is interpolated there."""
+STRIP = 1 << 16
+"""Pixels that are worked on at once, so that a large picture's table takes little memory to make."""
+
+CUBE = np.array(
+    [
+        [[1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        [[0, 1, 0], [1, 0, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[0, -1, 0], [-1, 0, 0], [0, 0, 1]],
+        [[0, 0, 1], [0, -1, 0], [-1, 0, 0]],
+        [[0, 0, -1], [0, -1, 0], [1, 0, 0]],
+    ],
+    dtype=np.float64,
+)
+"""(6, 3, 3): of every face of a cube (ahead, left, behind, right, up, down) the directions forward, right and up in the camera's frame."""
+CUBE.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A perspective view, its place in the atlas from row `row` on.
+
+    axes (3, 3): forward, right, up in the camera's frame; low, high (2,): tangents right and up of its edges; width, height: texels.
+    """
+
+    axes: Array
+    low: Array
+    high: Array
+    width: int
+    height: int
+    row: int
+
+    def __post_init__(self) -> None:
+        for name, shape in (("axes", (3, 3)), ("low", (2,)), ("high", (2,))):
+            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+
+    @property
+    def fineness(self) -> float:
+        """Texels a radian in the middle."""
+        return float((np.array([self.width, self.height]) / (self.high - self.low)).max())
+
+    @property
+    def planes(self) -> Array:
+        """Inward unit normals (5, 3), camera frame, of the planes through the camera that bound what is seen: four, and behind.
+
+        Behind adds nothing for points; what is large and lies behind may yet be before each of the four.
+        """
+        forward, right, up = self.axes
+        sides = [right - self.low[0] * forward, self.high[0] * forward - right, up - self.low[1] * forward, self.high[1] * forward - up]
+        return np.stack([*(side / np.linalg.norm(side) for side in sides), forward])
+
+
+@dataclass(frozen=True, eq=False)
+class FaceTable:
+    """Where every pixel of a camera lies in the atlas of its faces. Every array is (H, W), read-only.
+
+    Blind pixels lie in the last rows of the atlas, beyond the faces, which stay empty; there are such rows only where there are such pixels.
+
+    first: the flat index of the texel below and to the left, whose centre, as every texel's, is at whole numbers; part (H, W, 2): how far on
+    the pixel is, across and up, in 65536ths of a texel; nearest: the flat index of the nearest texel; stretch: range along the ray over
+    planar depth. width, height: texels of the atlas. colour_maps: the same places in OpenCV's fixed point.
+    """
+
+    faces: tuple[Face, ...]
+    width: int
+    height: int
+    first: NDArray[np.uint32]
+    part: NDArray[np.uint16]
+    nearest: NDArray[np.int32]
+    stretch: NDArray[np.float32]
+    colour_maps: tuple[Any, Any]
+
+    @staticmethod
+    def make(camera: Camera, density: float = DENSITY) -> FaceTable:
+        """The table of a camera; density: texels along a pixel, where they are fewest.
+
+        Raises ValueError for a density that is not in [0.25, 16], and for a lens past whose fold more than MOST_BLIND of the image lies.
+        """
+        if not 0.25 <= density <= 16:
+            raise ValueError(f"density is {density}, needs 0.25 to 16 texels a pixel")
+        faces = _faces(camera, density)
+        width, drawn = max(face.width for face in faces), sum(face.height for face in faces)
+        height = drawn + BLIND_ROWS * any(blind.any() for _, _, blind in _strips(camera))
+        axes = np.stack([face.axes for face in faces])
+        scale = np.array([[face.width, face.height] / (face.high - face.low) for face in faces])
+        offset = np.array([[0, face.row] - scale[k] * face.low - 0.5 for k, face in enumerate(faces)])
+        shape = (camera.height, camera.width)
+        first, part, nearest = np.empty(shape, np.uint32), np.empty((*shape, 2), np.uint16), np.empty(shape, np.int32)
+        stretch = np.empty(shape, np.float32)
+        for rows, bearings, blind in _strips(camera):
+            number = np.argmax(bearings @ axes[:, 0].T, axis=1)
+            forward, right, up = (np.einsum("ni,ni->n", bearings, axes[number, k]) for k in range(3))
+            at = scale[number] * np.stack([right, up], axis=1) / forward[:, None] + offset[number]
+            at[blind] = 0, drawn
+            fixed = np.floor(65536 * at + 0.5).astype(np.int64).reshape(-1, camera.width, 2)
+            first[rows] = (fixed >> 16) @ [1, width]
+            nearest[rows] = ((fixed + 32768) >> 16) @ [1, width]
+            part[rows] = fixed & 65535
+            stretch[rows] = (1 / forward).reshape(-1, camera.width)
+        x, y = (whole + part[..., k] / np.float32(65536) for k, whole in enumerate((first % width, first // width)))
+        maps = cv2.convertMaps(x.astype(np.float32), y.astype(np.float32), cv2.CV_16SC2)
+        for array in (first, part, nearest, stretch, *maps):
+            array.flags.writeable = False
+        return FaceTable(faces, width, height, first, part, nearest, stretch, maps)
+
+    def places(self) -> Array:
+        """(H, W, 2) texels across and up in the atlas, a texel's centre at whole numbers."""
+        return np.stack([self.first % self.width, self.first // self.width], axis=-1) + self.part / 65536
+
+    def sample(self, atlas: Atlas, limits: tuple[float, float], lookups: Sequence[NDArray[Any]]) -> Sampled:
+        """Atlas → colour, bilinear; range, inf where the code is 0; and of every lookup (codes,) the value of the nearest texel's code.
+
+        A code is one geom. Depth is OpenGL's, reversed: 1 at limits[0], 0 at limits[1] m, linear in the inverse of the planar depth, hence
+        interpolated as it is, which is exact on planes, where the four neighbours are of one geom; the nearest elsewhere.
+        """
+        seen, distance = codes_and_ranges(atlas, (self.first, self.part, self.stretch), limits)
+        colour = cv2.cvtColor(cv2.remap(atlas.colour, *self.colour_maps, interpolation=cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB)
+        return Sampled(np.asarray(colour, dtype=np.uint8), distance, tuple(lookup.take(seen) for lookup in lookups))
+
+
+def _strips(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator[tuple[slice, Array, Mask]]:
+    """Strips of rows, the bearings of their pixels' centres, shifted by a part of a pixel, and which pixels are blind."""
+    rows = max(1, STRIP // camera.width)
+    # Tsai's pixels have their centres at whole numbers.
+    half = 0.0 if isinstance(camera, Tsai) else 0.5
+    for first in range(0, camera.height, rows):
+        last = min(first + rows, camera.height)
+        u, v = np.meshgrid(np.arange(camera.width) + half, np.arange(first, last) + half)
+        pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+        blind = camera.folded(pixels) if isinstance(camera, Tsai) else np.zeros(len(pixels), dtype=bool)
+        yield slice(first, last), camera.bearings_from_pixels(pixels + shift), blind
+
+
+def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
+    """One face, or those of the cube through which the camera sees, one above the other."""
+    count = camera.width * camera.height
+    unseen = sum(int(blind.sum()) for _, _, blind in _strips(camera)) / count
+    if unseen > MOST_BLIND:
+        raise ValueError(f"{unseen:.0%} of the pixels of {camera} lie past the fold of its lens, needs {MOST_BLIND:.0%} at most")
+    mean = np.sum([bearings[~blind].sum(axis=0) for _, bearings, blind in _strips(camera)], axis=0) / ((1 - unseen) * count)
+    for axes in [*([_around(mean)[None]] if np.linalg.norm(mean) > 0.3 else []), CUBE]:
+        low, high, pitch = _bounds(camera, axes)
+        if len(axes) > 1 or max(-low.min(), high.max()) < NARROW:
+            break
+    faces: list[Face] = []
+    for k in np.flatnonzero(np.isfinite(pitch[:, 0])):
+        bounds = np.array([low[k], high[k]])
+        if len(axes) > 1:
+            # A face of the cube that is needed almost whole is taken whole: then its texels lie in it as in the others.
+            bounds = np.where(np.abs(np.abs(bounds) - 1) < 0.05, np.sign(bounds), bounds)
+        scale = density / pitch[k]
+        middle, half = (bounds[0] + bounds[1]) / 2, np.ceil(np.round((bounds[1] - bounds[0]) * scale / 2, 6)) + BORDER
+        row = faces[-1].row + faces[-1].height if faces else 0
+        faces.append(Face(axes[k], middle - half / scale, middle + half / scale, int(2 * half[0]), int(2 * half[1]), row))
+    return tuple(faces)
+
+
+def _around(mean: Array) -> Array:
+    """Axes (3, 3) of a face that looks along `mean`, upright as the camera is."""
+    forward = mean / np.linalg.norm(mean)
+    right = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.99 else [1.0, 0.0, 0.0])
+    right = right / np.linalg.norm(right)
+    return np.stack([forward, right, np.cross(right, forward)])
+
+
+def _bounds(camera: Camera, axes: Array) -> tuple[Array, Array, Array]:
+    """Per face the least and greatest tangents (n, 2) of pixels' corners in it, and the finest pixel (n, 2) as tangents; inf where no pixel is.
+
+    Texels are square, or, where one face is enough, as wide for their height as the camera's pixels are. The finest pixel is the one whose larger
+    side is smallest: near the pole of a panorama pixels are narrow for nothing.
+    """
+    aspect = np.array([camera.dpx / camera.sx, camera.dpy]) / camera.dpy if len(axes) == 1 and isinstance(camera, Tsai) else np.ones(2)
+    low, high, pitch = np.full((len(axes), 2), np.inf), np.full((len(axes), 2), -np.inf), np.full((len(axes), 2), np.inf)
+    shifted = [_strips(camera, shift) for shift in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5))]
+    for (_, bearings, blind), (_, beside, _), (_, below, _) in zip(*shifted, strict=True):
+        number = np.where(blind, -1, np.argmax(bearings @ axes[:, 0].T, axis=1))
+        for k in np.unique(number[~blind]):
+            mine = number == k
+            at, across, along = (_tangents(ways[mine], axes[k]) for ways in (bearings, beside, below))
+            step = np.stack([np.linalg.norm(across - at, axis=1), np.linalg.norm(along - at, axis=1)], axis=1)
+            reach = np.abs(across - at) + np.abs(along - at)
+            low[k], high[k] = np.minimum(low[k], (at - reach).min(axis=0)), np.maximum(high[k], (at + reach).max(axis=0))
+            pitch[k] = np.minimum(pitch[k], 2 * aspect * (step / aspect).max(axis=1).min())
+    return low, high, pitch
+
+
+def _tangents(bearings: Array, axes: Array) -> Array:
+    ways = bearings @ axes.T
+    return np.asarray(ways[:, 1:] / np.maximum(ways[:, :1], 1e-3))

@@ -1,0 +1,201 @@
+"""What there is to draw: every geom of a model as records for the drawing, and which of them, how finely, matter to which face.
+
+A record is a geom, or a tile of a height field. Its transform changes with the moment, the rest does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.rendering.geometry import DRAWN, G, Solids
+from tracker.geometry import Array, Pose
+
+Indices = NDArray[np.int64]
+
+GROUPS = (0, 1, 2, 3)
+"""Geom groups that are drawn: ground, props, people, robots; 4 holds invisible collision shapes."""
+ABSENT = 5
+"""The group of what is not drawn now and may be later: a geom may go from here to GROUPS and back from one moment to the next."""
+EXACTNESS = 5.0
+"""Triangles of a round shape per pixel of its radius: a ball of n triangles is off by 3.6 r / n, so by 0.7 pixel at most."""
+SLACK = 1e-3
+"""m: what is so near to a face's edge is drawn, for rounding."""
+OPAQUE = 0.995
+PLAIN, PICTURE, CUBE, FACETS, PICTURE_FACETS = range(5)
+"""Kinds of surface: without a texture, with a flat one, with one on a cube about the shape; and the first two where triangles are lit flat."""
+
+RECORD = np.dtype(
+    [("rows", "f4", (3, 4)), ("scale", "f4", 4), ("rgba", "f4", 4), ("shine", "f4", 4), ("mapping", "f4", 4), ("code", "u4"), ("slot", "u4")]
+)
+"""rows: from the shape's frame to the world; scale: x, y, z and half the distance of a capsule's halves; shine: emission, specular, shininess,
+0; mapping: texture coordinates per unit along x, y, z, and 1 where they come from the place instead of the mesh; code: geom + 1."""
+COMMAND = np.dtype([("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base", "i4"), ("record", "u4")])
+"""OpenGL's DrawElementsIndirectCommand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Commands `first` to `last` of a list that share kind and texture (−1 for none); blended where they are seen through."""
+
+    kind: int
+    texture: int
+    blended: bool
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """What is drawn through one face, near things first: commands, and in which batches."""
+
+    commands: NDArray[np.void]
+    batches: tuple[Batch, ...]
+
+
+class DrawList:
+    """The records of a model. `update` takes in a moment; `seen_from` chooses for a camera."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        if model.nflex or model.nskin:
+            raise ValueError(f"the model has {model.nflex} flexes and {model.nskin} skins, which are not drawn: needs 0")
+        self.solids = Solids.of(model)
+        shown = np.isin(model.geom_group, (*GROUPS, ABSENT)) & np.isin(model.geom_type, [int(kind) for kind in DRAWN])
+        colour = _colours(model)
+        shown &= colour[:, 3] > 0
+        shapes = [_shapes(model, self.solids, k) if shown[k] else [] for k in range(model.ngeom)]
+        self._groups = model.geom_group
+        self.geom = np.repeat(np.arange(model.ngeom), [len(of) for of in shapes])
+        self._shape = np.array([shape for of in shapes for shape in of], dtype=np.int64)
+        self.records = np.zeros(len(self.geom), RECORD)
+        self.records["rgba"] = colour[self.geom]
+        self.records["code"] = self.geom + 1
+        self.kind, self.texture = _surfaces(model, self.geom, self.records, colour)
+        self.blended = colour[self.geom, 3] < OPAQUE
+        self.casting = model.geom_castshadow[self.geom].astype(bool) & ~self.blended
+        self._family = self.solids.family[self._shape]
+        self._triangles = self.solids.count[self._family] // 3
+        self._boxes = np.where(np.isnan(self.solids.boxes[self._shape]), model.geom_aabb[self.geom], self.solids.boxes[self._shape])
+        flat = model.geom_type[self.geom] == G.mjGEOM_PLANE
+        # MuJoCo's box of a plane is all that lies below it, and 0 stands for a plane without an edge.
+        edges = np.where(model.geom_size[self.geom, :2] > 0, model.geom_size[self.geom, :2], 2 * model.vis.map.zfar * model.stat.extent)
+        self._boxes[flat] = np.concatenate([np.zeros((flat.sum(), 3)), edges[flat], np.zeros((flat.sum(), 1))], axis=1)
+        self.endless = flat & (model.geom_size[self.geom, :2] <= 0).any(axis=1)
+        self.records["scale"] = _scales(model, self.geom)
+        self.records["scale"][flat, :2] = edges[flat]
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Take in where everything is, and what is there at all: `present` (m,)."""
+        self.present = np.isin(self._groups[self.geom], GROUPS)
+        rotation, self._place = data.geom_xmat[self.geom].reshape(-1, 3, 3), data.geom_xpos[self.geom]
+        self.records["rows"][:, :, :3], self.records["rows"][:, :, 3] = rotation, self._place
+        # The oriented box about every record: centre (m, 3), half edges as columns (m, 3, 3), m, world.
+        self.centres = self._place + np.einsum("nij,nj->ni", rotation, self._boxes[:, :3])
+        self.halves = rotation * self._boxes[:, None, 3:]
+        self.radius = np.linalg.norm(self._boxes[:, 3:], axis=1)
+
+    def seen_from(self, pose: Pose, planes: Array, fineness: float, among: Indices | None = None) -> list[Strokes]:
+        """What each face, of planes (n, 5, 3), of a camera at `pose` (T_world_camera) sees, near things first.
+
+        fineness: pixels a radian. among: the records to choose from, all where None.
+        """
+        records = np.flatnonzero(self.present) if among is None else among[self.present[among]]
+        normals = planes.reshape(-1, 3) @ pose.rotation.T
+        away = self.centres[records] - pose.translation
+        spans = np.abs(self.halves[records].transpose(0, 2, 1).reshape(-1, 3) @ normals.T).reshape(len(records), 3, len(normals))
+        reach = away @ normals.T + spans.sum(axis=1)
+        seen = (reach.reshape(len(records), len(planes), 5) > -SLACK).all(axis=2)
+        distance = np.maximum(np.linalg.norm(away, axis=1) - self.radius[records], 1e-3)
+        commands = self.commands(records, fineness * self.radius[records] / distance)
+        order = _ordered(self.kind[records], self.texture[records], self.blended[records], distance)
+        return [self._strokes(commands[chosen], records[chosen]) for chosen in (order[face[order]] for face in seen.T)]
+
+    def commands(self, records: Indices, pixels: Array) -> NDArray[np.void]:
+        """How the records are drawn whose radius takes so many pixels each: in the coarsest form that is exact enough."""
+        needed = EXACTNESS * np.minimum(pixels, 1e6)
+        enough = (self._triangles[records] >= needed[:, None]).sum(axis=1)
+        shape = self._family[records, np.maximum(enough - 1, 0)]
+        commands = np.zeros(len(records), COMMAND)
+        commands["count"], commands["first"], commands["base"] = self.solids.count[shape], self.solids.first[shape], self.solids.base[shape]
+        commands["instances"], commands["record"] = 1, records
+        return commands
+
+    def _strokes(self, commands: NDArray[np.void], records: Indices) -> Strokes:
+        key = np.stack([self.kind[records], self.texture[records], self.blended[records]], axis=1)
+        cuts = np.flatnonzero((key[1:] != key[:-1]).any(axis=1)) + 1
+        bounds = [0, *cuts, len(records)] if len(records) else [0]
+        batches = [Batch(int(key[a, 0]), int(key[a, 1]), bool(key[a, 2]), int(a), int(b)) for a, b in pairwise(bounds)]
+        return Strokes(commands, tuple(batches))
+
+
+def _ordered(kind: Indices, texture: Indices, blended: NDArray[np.bool_], distance: Array) -> Indices:
+    """An order in which what shares its surface is together, surfaces and things in them go from near to far, and what is seen through is last."""
+    group = (texture + 1) * 5 + kind
+    nearest = np.full(group.max(initial=0) + 1, np.inf)
+    np.minimum.at(nearest, group[~blended], distance[~blended])
+    order = np.lexsort((distance, group, nearest[group], blended))
+    last = np.flatnonzero(blended)
+    # Far to near, whatever the surface: each is laid over what is behind it.
+    return np.concatenate([order[: len(order) - len(last)], last[np.argsort(-distance[last], kind="stable")]])
+
+
+def _colours(model: mujoco.MjModel) -> NDArray[np.float32]:
+    """(ngeom, 4) rgba: the geom's own, or, where it has the default, its material's."""
+    material = model.geom_matid
+    default = (model.geom_rgba == np.array([0.5, 0.5, 0.5, 1.0], np.float32)).all(axis=1)
+    inherited = (material >= 0) & default
+    colours = model.geom_rgba.copy()
+    colours[inherited] = model.mat_rgba[material[inherited]]
+    return colours
+
+
+def _shapes(model: mujoco.MjModel, solids: Solids, geom: int) -> list[int]:
+    kind, number = int(model.geom_type[geom]), int(model.geom_dataid[geom])
+    if kind == G.mjGEOM_HFIELD:
+        return solids.hfield[number]
+    return [int(solids.mesh[number])] if kind == G.mjGEOM_MESH else [solids.plain[kind]]
+
+
+def _scales(model: mujoco.MjModel, geom: Indices) -> Array:
+    """(m, 4): half sizes along x, y, z, and half the distance of a capsule's halves."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    scale = np.ones((len(geom), 4))
+    scale[:, 3] = 0
+    for drawn, columns in ((G.mjGEOM_SPHERE, (0, 0, 0)), (G.mjGEOM_CAPSULE, (0, 0, 0)), (G.mjGEOM_CYLINDER, (0, 0, 1)),
+                           (G.mjGEOM_ELLIPSOID, (0, 1, 2)), (G.mjGEOM_BOX, (0, 1, 2))):  # fmt: skip
+        scale[kind == drawn, :3] = size[kind == drawn][:, columns]
+    scale[kind == G.mjGEOM_CAPSULE, 3] = size[kind == G.mjGEOM_CAPSULE, 1]
+    return scale
+
+
+def _surfaces(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], colour: NDArray[np.float32]) -> tuple[Indices, Indices]:
+    """Kind and texture (m,) of every record; fills in shine and mapping as MuJoCo has them."""
+    material, kind = model.geom_matid[geom], model.geom_type[geom]
+    has = material >= 0
+    records["shine"] = np.array([0.0, 0.5, 64.0, 0.0])
+    records["shine"][has, 0] = model.mat_emission[material[has]]
+    records["shine"][has, 1] = model.mat_specular[material[has]]
+    records["shine"][has, 2] = 128 * model.mat_shininess[material[has]]
+    texture = np.where(has, model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] if model.nmat else -1, -1)
+    cubic = (texture >= 0) & (model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D if model.ntex else False)
+    repeat = np.where(has[:, None], model.mat_texrepeat[material] if model.nmat else 1, 1)
+    uniform = (has & (model.mat_texuniform[material].astype(bool) if model.nmat else False))[:, None]
+    field, size = kind == G.mjGEOM_HFIELD, model.geom_size[geom].copy()
+    size[field] = model.hfield_size[model.geom_dataid[geom[field]], :3]
+    size[size <= 0] = 1
+    # Shapes that are scaled from a unit are mapped before they are scaled; meshes, height fields and planes lie in metres.
+    metric = np.isin(kind, [int(G.mjGEOM_MESH), int(G.mjGEOM_HFIELD)])[:, None]
+    flat = repeat / np.where(metric, size[:, :2], 1) * np.where(uniform, size[:, :2], 1)
+    records["mapping"][:, :2] = flat * [0.5, -0.5]
+    own = kind == G.mjGEOM_MESH
+    own[own] = model.mesh_texcoordadr[model.geom_dataid[geom[own]]] >= 0
+    records["mapping"][:, 3] = ~own
+    records["mapping"][cubic, :3] = np.where(uniform, size, 1)[cubic]
+    surface = np.where(texture < 0, PLAIN, np.where(cubic & ~own, CUBE, PICTURE))
+    faceted = field & (surface != CUBE)
+    surface[faceted] = np.where(texture[faceted] < 0, FACETS, PICTURE_FACETS)
+    return surface, texture

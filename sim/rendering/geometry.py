@@ -1,0 +1,290 @@
+"""Terrain in tiles: the triangles of MuJoCo's height fields, as it draws them, in pieces that can be left out where they are not seen.
+
+Triangles are lit flat, by the normal of their last corner, so that most corners serve several of them.
+
+The shapes of a model as triangles: unit spheres, capsules, cylinders, boxes and planes, meshes, and height fields in tiles.
+
+Shapes that come in several finenesses form a family, finest first; a mesh's coarser forms are the model's meshes `name@1`, `name@2`, …
+A capsule's halves are spheres that the drawing moves apart by its length: the fourth coordinate of a vertex says which way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array
+
+CELLS = 8
+"""Cells along the edge of a tile: smaller tiles are culled better, larger ones cost fewer calls."""
+
+Points = NDArray[np.float32]
+
+Numbers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """A piece of a height field in the frame of its geom: points and normals (n, 3), triangles (t, 3), box (6,) centre and half edges, m.
+
+    A triangle's own normal is that of its last corner.
+    """
+
+    points: Points
+    normals: Points
+    triangles: Numbers
+    box: Array
+
+
+def tiles_of(model: mujoco.MjModel, hfield: int) -> list[Tile]:
+    """The height field of that number, without the bottom of its solid."""
+    rows, columns, start = model.hfield_nrow[hfield], model.hfield_ncol[hfield], model.hfield_adr[hfield]
+    width, depth, height, base = model.hfield_size[hfield].astype(np.float32)
+    heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * height
+    half = np.array([columns - 1, rows - 1], np.float32) / 2
+    x = width * (np.arange(columns, dtype=np.float32) / half[0] - 1)
+    y = depth * (np.arange(rows, dtype=np.float32) / half[1] - 1)
+    nodes = np.stack([*np.meshgrid(x, y), heights], axis=-1).astype(np.float32)
+    tiles: list[Tile] = []
+    for i in range(0, rows - 1, CELLS):
+        for j in range(0, columns - 1, CELLS):
+            patch = nodes[i : i + CELLS + 1, j : j + CELLS + 1]
+            rims = [(i == 0, patch[0]), (j + CELLS >= columns - 1, patch[:, -1]), (i + CELLS >= rows - 1, patch[-1, ::-1]), (j == 0, patch[::-1, 0])]
+            parts = [_surface(patch), *(_skirt(rim, base) for outer, rim in rims if outer)]
+            tiles.append(_tile(parts))
+    return tiles
+
+
+def _surface(patch: Points) -> tuple[Points, Numbers]:
+    """Nodes (r, c, 3) → points, each node twice, and two triangles a cell, anticlockwise from above, split along (i, j) → (i+1, j+1)."""
+    rows, columns = patch.shape[:2]
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
+    # A node is the last corner of two triangles at most: as itself, and as its double.
+    triangles = np.stack([np.stack([a, c, d], axis=2), np.stack([c, a, b + rows * columns], axis=2)], axis=2)
+    return np.concatenate([patch.reshape(-1, 3)] * 2), triangles.reshape(-1, 3)
+
+
+def _skirt(rim: Points, base: np.float32) -> tuple[Points, Numbers]:
+    """The wall from a rim (n, 3), which goes anticlockwise around the field, down to the solid's bottom."""
+    foot = rim.copy()
+    foot[:, 2] = -base
+    k, n = np.arange(len(rim) - 1), len(rim)
+    triangles = np.concatenate([np.stack([n + k + 1, k, k + 1], axis=1), np.stack([k, n + k + 1, n + k], axis=1)])
+    return np.concatenate([foot, rim]), triangles[:, [0, 1, 2]]
+
+
+def _tile(parts: list[tuple[Points, Numbers]]) -> Tile:
+    """The parts as one; every triangle's normal goes to its last corner."""
+    starts = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
+    points = np.concatenate([points for points, _ in parts])
+    triangles = np.concatenate([triangles + start for (_, triangles), start in zip(parts, starts, strict=True)])
+    corners = points[triangles]
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(facing, axis=1, keepdims=True)
+    normals = np.zeros_like(points)
+    normals[:, 2] = 1.0
+    normals[triangles[:, 2]] = facing / np.where(length > 0, length, 1)
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    return Tile(points, normals, triangles, np.concatenate([(low + high) / 2, (high - low) / 2]))
+
+
+G = mujoco.mjtGeom
+
+SLICES = ((48, 28), (32, 18), (20, 12), (14, 8), (10, 6))
+"""Around and from pole to pole, of round shapes."""
+
+DRAWN = (G.mjGEOM_PLANE, G.mjGEOM_HFIELD, G.mjGEOM_SPHERE, G.mjGEOM_CAPSULE, G.mjGEOM_ELLIPSOID, G.mjGEOM_CYLINDER, G.mjGEOM_BOX, G.mjGEOM_MESH)
+
+Floats = NDArray[np.float32]
+
+Indices = NDArray[np.uint32]
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One shape: vertices (n, 9) x, y, z, away (0 or ±1), normal, texture u, v; triangles (t, 3), anticlockwise from outside."""
+
+    vertices: Floats
+    triangles: Indices
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """All shapes of a model one after the other.
+
+    vertices (n, 9), indices (m,): as Solid has them. first, count, base (s,): of every shape its first index, their number, its first vertex.
+    family (s,): of every shape the numbers (s, k) of its forms, finest first, the last repeated. mesh, hfield: the model's number → shape or
+    shapes. boxes (s, 6): centre and half edges of a tile, m; else NaN. plain: by geom type its shape's finest form.
+    """
+
+    vertices: Floats
+    indices: Indices
+    first: NDArray[np.int64]
+    count: NDArray[np.int64]
+    base: NDArray[np.int64]
+    family: NDArray[np.int64]
+    boxes: Array
+    plain: dict[int, int]
+    mesh: NDArray[np.int64]
+    hfield: list[list[int]]
+
+    @staticmethod
+    def of(model: mujoco.MjModel) -> Solids:
+        solids: list[Solid] = []
+        families: dict[int, list[int]] = {}
+        boxes: dict[int, Array] = {}
+        plain = {}
+        for kind, make in ((G.mjGEOM_SPHERE, sphere), (G.mjGEOM_CAPSULE, capsule), (G.mjGEOM_CYLINDER, cylinder)):
+            plain[int(kind)] = len(solids)
+            families[len(solids)] = list(range(len(solids), len(solids) + len(SLICES)))
+            solids += [make(*fineness) for fineness in SLICES]
+        plain[int(G.mjGEOM_ELLIPSOID)] = plain[int(G.mjGEOM_SPHERE)]
+        for kind, solid in ((G.mjGEOM_BOX, box()), (G.mjGEOM_PLANE, plane())):
+            plain[int(kind)] = len(solids)
+            solids.append(solid)
+        meshes = np.arange(len(solids), len(solids) + model.nmesh)
+        solids += [mesh(model, k) for k in range(model.nmesh)]
+        for fine, forms in _forms(model).items():
+            families[int(meshes[fine])] = [int(meshes[k]) for k in forms]
+        fields = []
+        for k in range(model.nhfield):
+            fields.append(list(range(len(solids), len(solids) + len(tiles := tiles_of(model, k)))))
+            for tile in tiles:
+                boxes[len(solids)] = tile.box
+                solids.append(_sharing(tile))
+        return _joined(solids, _Kinds(plain, meshes, fields, families, boxes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Kinds:
+    """Where in a list of solids what is: by geom type, mesh, and height field's tile; forms of families; boxes of tiles."""
+
+    plain: dict[int, int]
+    mesh: NDArray[np.int64]
+    hfield: list[list[int]]
+    families: dict[int, list[int]]
+    boxes: dict[int, Array]
+
+
+def _joined(solids: list[Solid], kinds: _Kinds) -> Solids:
+    count = np.array([3 * len(solid.triangles) for solid in solids])
+    sizes = np.array([len(solid.vertices) for solid in solids])
+    forms = max([1, *(len(family) for family in kinds.families.values())])
+    family = np.tile(np.arange(len(solids))[:, None], (1, forms))
+    for solid, members in kinds.families.items():
+        family[solid] = [*members, *[members[-1]] * (forms - len(members))]
+    extents = np.full((len(solids), 6), np.nan)
+    for solid, extent in kinds.boxes.items():
+        extents[solid] = extent
+    vertices = np.concatenate([solid.vertices for solid in solids]).astype(np.float32)
+    indices = np.concatenate([solid.triangles.ravel() for solid in solids]).astype(np.uint32)
+    first, base = np.cumsum(count) - count, np.cumsum(sizes) - sizes
+    return Solids(vertices, indices, first, count, base, family, extents, kinds.plain, kinds.mesh, kinds.hfield)
+
+
+def _forms(model: mujoco.MjModel) -> dict[int, list[int]]:
+    """Meshes that have coarser forms, and the numbers of all their forms, finest first."""
+    number = {model.mesh(k).name: k for k in range(model.nmesh)}
+    forms = {}
+    for name, fine in number.items():
+        coarser = [number[other] for level in range(1, 10) if (other := f"{name}@{level}") in number]
+        if coarser:
+            forms[fine] = [fine, *coarser]
+    return forms
+
+
+def sphere(around: int, along: int) -> Solid:
+    """The unit sphere."""
+    return _turned(np.linspace(np.pi / 2, -np.pi / 2, along + 1), np.zeros(along + 1), around)
+
+
+def capsule(around: int, along: int) -> Solid:
+    """Two unit half spheres, to be moved apart, and what is between them."""
+    half = np.linspace(0, np.pi / 2, along // 2 + 1)
+    return _turned(np.concatenate([half[::-1], -half]), np.concatenate([np.ones(len(half)), -np.ones(len(half))]), around)
+
+
+def _turned(elevation: Array, away: Array, around: int) -> Solid:
+    """Rings of a unit sphere at these elevations, from the top on."""
+    turn = np.arange(around) * 2 * np.pi / around
+    ring = np.stack([np.cos(turn), np.sin(turn), np.ones(around)], axis=1)
+    at = np.stack([np.cos(elevation), np.cos(elevation), np.sin(elevation)], axis=1)[:, None] * ring
+    vertices = np.zeros((len(elevation), around, 9), np.float32)
+    vertices[..., :3], vertices[..., 3], vertices[..., 4:7] = at, away[:, None], at
+    rows, columns = len(elevation), np.arange(around)
+    quads = [_quad(k * around + columns, (k + 1) * around + columns, (k + 1) * around + (columns + 1) % around, k * around + (columns + 1) % around)
+             for k in range(rows - 1)]  # fmt: skip
+    triangles = np.concatenate(quads)
+    corners = vertices.reshape(-1, 9)[triangles][:, :, :4]
+    area = np.linalg.norm(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]), axis=1)
+    # At the poles half of every quadrilateral is nothing; the ring between a capsule's halves is not, once it is drawn.
+    return Solid(vertices.reshape(-1, 9), triangles[(area > 1e-9) | (np.ptp(corners[:, :, 3], axis=1) > 0)].astype(np.uint32))
+
+
+def _quad(a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], d: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Corners (n,) of quadrilaterals, anticlockwise → triangles (2 n, 3)."""
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def cylinder(around: int, along: int) -> Solid:
+    """Radius 1, from z = −1 to 1; `along` is of no matter."""
+    turn = np.arange(around) * 2 * np.pi / around
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    vertices = np.zeros((4, around, 9), np.float32)
+    vertices[..., :2], vertices[:2, :, 2], vertices[2:, :, 2] = ring, 1.0, -1.0
+    vertices[0, :, 6], vertices[3, :, 6], vertices[1:3, :, 4:6] = 1.0, -1.0, ring
+    k = np.arange(around)
+    nxt, fan = (k + 1) % around, np.arange(1, around - 1)
+    top = np.stack([np.zeros_like(fan), fan, fan + 1], axis=1)
+    side = _quad(around + k, 2 * around + k, 2 * around + nxt, around + nxt)
+    return Solid(vertices.reshape(-1, 9), np.concatenate([top, side, 3 * around + top[:, ::-1]]).astype(np.uint32))
+
+
+def box() -> Solid:
+    """From −1 to 1 along every axis."""
+    corners, normals = [], []
+    for axis in range(3):
+        for side in (1.0, -1.0):
+            normal, a, b = np.zeros(3), np.zeros(3), np.zeros(3)
+            normal[axis], a[(axis + 1) % 3], b[(axis + 2) % 3] = side, 1.0, side
+            corners += [[normal - a - b, normal + a - b, normal + a + b], [normal - a - b, normal + a + b, normal - a + b]]
+            normals += [[normal] * 3] * 2
+    return _loose(np.array(corners), np.array(normals))
+
+
+def plane() -> Solid:
+    """From −1 to 1 along x and y, seen from above."""
+    corners = np.array([[[-1, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1, -1, 0], [1, 1, 0], [-1, 1, 0]]], np.float32)
+    return _loose(corners, np.broadcast_to(np.array([0.0, 0.0, 1.0]), corners.shape))
+
+
+def _loose(corners: Array | Floats, normals: Array | Floats) -> Solid:
+    """Corners and normals (t, 3, 3) of triangles that share no vertex, but where all of it is the same."""
+    vertices = np.zeros((3 * len(corners), 9), np.float32)
+    vertices[:, :3], vertices[:, 4:7] = corners.reshape(-1, 3), normals.reshape(-1, 3)
+    return Solid(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
+
+
+def _sharing(tile: Tile) -> Solid:
+    vertices = np.zeros((len(tile.points), 9), np.float32)
+    vertices[:, :3], vertices[:, 4:7] = tile.points, tile.normals
+    return Solid(vertices, tile.triangles.astype(np.uint32))
+
+
+def mesh(model: mujoco.MjModel, number: int) -> Solid:
+    """A mesh of the model, in the frame of its geoms; vertices that differ in normal or texture are apart."""
+    faces = slice(model.mesh_faceadr[number], model.mesh_faceadr[number] + model.mesh_facenum[number])
+    points = model.mesh_vert[model.mesh_vertadr[number] :][: model.mesh_vertnum[number]]
+    normals = model.mesh_normal[model.mesh_normaladr[number] :][: model.mesh_normalnum[number]]
+    textured = model.mesh_texcoordadr[number] >= 0
+    places = model.mesh_texcoord[model.mesh_texcoordadr[number] :][: model.mesh_texcoordnum[number]] if textured else np.zeros((1, 2))
+    by_texture = model.mesh_facetexcoord[faces] if textured else np.zeros_like(model.mesh_face[faces])
+    corners = np.stack([model.mesh_face[faces], model.mesh_facenormal[faces], by_texture], axis=-1).reshape(-1, 3)
+    unique, inverse = np.unique(corners, axis=0, return_inverse=True)
+    vertices = np.zeros((len(unique), 9), np.float32)
+    vertices[:, :3], vertices[:, 4:7], vertices[:, 7:] = points[unique[:, 0]], normals[unique[:, 1]], places[unique[:, 2]]
+    return Solid(vertices, inverse.reshape(-1, 3).astype(np.uint32))

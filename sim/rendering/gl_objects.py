@@ -1,0 +1,114 @@
+"""Objects of OpenGL, made by the functions of the module that is handed in: programs, textures, framebuffers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.rendering.gl_context import GLUnavailable
+
+NEEDED = ("GL_ARB_multi_draw_indirect", "GL_ARB_clip_control", "GL_ARB_base_instance", "GL_ARB_shading_language_420pack")
+
+
+def check(GL: Any) -> None:
+    """Raises GLUnavailable where the current context's OpenGL is too old."""
+    version = (GL.glGetString(GL.GL_VERSION) or b"").decode()
+    has = {GL.glGetStringi(GL.GL_EXTENSIONS, k).decode() for k in range(GL.glGetIntegerv(GL.GL_NUM_EXTENSIONS))}
+    missing = [name for name in NEEDED if name not in has]
+    if missing:
+        raise GLUnavailable(f"OpenGL {version} lacks {', '.join(missing)}: needs OpenGL 4.5, as Mesa has it since 2020")
+
+
+def program(GL: Any, vertex: str, pixel: str) -> int:
+    """A program of these texts. Raises GLUnavailable with the driver's words where it does not take them."""
+    made = GL.glCreateProgram()
+    for kind, text in ((GL.GL_VERTEX_SHADER, vertex), (GL.GL_FRAGMENT_SHADER, pixel)):
+        shader = GL.glCreateShader(kind)
+        GL.glShaderSource(shader, text)
+        GL.glCompileShader(shader)
+        if not GL.glGetShaderiv(shader, GL.GL_COMPILE_STATUS):
+            raise GLUnavailable(f"the driver does not take a shader: {_line(GL.glGetShaderInfoLog(shader))}")
+        GL.glAttachShader(made, shader)
+    GL.glLinkProgram(made)
+    if not GL.glGetProgramiv(made, GL.GL_LINK_STATUS):
+        raise GLUnavailable(f"the driver does not link a program: {_line(GL.glGetProgramInfoLog(made))}")
+    return int(made)
+
+
+def framebuffer(GL: Any, size: tuple[int, int], colours: Sequence[int], depth: int | None) -> int:
+    """A framebuffer of renderbuffers of these formats, all of them drawn into."""
+    frame = int(GL.glGenFramebuffers(1))
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+    places = [GL.GL_COLOR_ATTACHMENT0 + k for k in range(len(colours))]
+    for place, kind in [*zip(places, colours, strict=True), *([(GL.GL_DEPTH_ATTACHMENT, depth)] if depth is not None else [])]:
+        buffer = GL.glGenRenderbuffers(1)
+        GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
+        GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *size)
+        GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, buffer)
+    GL.glDrawBuffers(len(places), places)
+    if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
+        raise GLUnavailable(f"the driver does not give a buffer of {size[0]} x {size[1]} px")
+    return frame
+
+
+def shadow_map(GL: Any, unit: int, side: int) -> int:
+    """A framebuffer of depth alone, side x side, that programs may look up, softly, on that texture unit."""
+    GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+    texture = GL.glGenTextures(1)
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glTexStorage2D(GL.GL_TEXTURE_2D, 1, GL.GL_DEPTH_COMPONENT32F, side, side)
+    # Beyond the map nothing throws a shadow.
+    for name, value in (
+        (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_BORDER),
+        (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_BORDER),
+        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
+        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+        (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
+        (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
+    ):
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, name, value)
+    GL.glTexParameterfv(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_BORDER_COLOR, np.ones(4, np.float32))
+    frame = int(GL.glGenFramebuffers(1))
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+    GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, texture, 0)
+    GL.glDrawBuffer(GL.GL_NONE)
+    return frame
+
+
+def texture_of(GL: Any, model: mujoco.MjModel, number: int) -> int:
+    """A texture of the model; pictures repeat themselves, and are smoothed far away."""
+    height, width, channels = (int(of[number]) for of in (model.tex_height, model.tex_width, model.tex_nchannel))
+    start = int(model.tex_adr[number])
+    pixels = model.tex_data[start : start + height * width * channels].reshape(height, width, channels)
+    flat = model.tex_type[number] == mujoco.mjtTexture.mjTEXTURE_2D
+    target = GL.GL_TEXTURE_2D if flat else GL.GL_TEXTURE_CUBE_MAP
+    GL.glActiveTexture(GL.GL_TEXTURE0)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    texture, kind = int(GL.glGenTextures(1)), {1: GL.GL_RED, 3: GL.GL_RGB, 4: GL.GL_RGBA}[channels]
+    GL.glBindTexture(target, texture)
+    for side, part in _sides(GL, bool(flat), pixels):
+        GL.glTexImage2D(side, 0, GL.GL_RGBA8, part.shape[1], part.shape[0], 0, kind, GL.GL_UNSIGNED_BYTE, np.ascontiguousarray(part))
+    GL.glGenerateMipmap(target)
+    wrap = GL.GL_REPEAT if flat else GL.GL_CLAMP_TO_EDGE
+    # The sky is always as far away as it is.
+    sky = model.tex_type[number] == mujoco.mjtTexture.mjTEXTURE_SKYBOX
+    smoothing = GL.GL_LINEAR if sky else GL.GL_LINEAR_MIPMAP_LINEAR
+    for name, value in ((GL.GL_TEXTURE_WRAP_S, wrap), (GL.GL_TEXTURE_WRAP_T, wrap), (GL.GL_TEXTURE_MIN_FILTER, smoothing)):
+        GL.glTexParameteri(target, name, value)
+    return texture
+
+
+def _sides(GL: Any, flat: bool, pixels: NDArray[np.uint8]) -> Iterable[tuple[int, NDArray[np.uint8]]]:
+    """Of a flat texture itself, of a cube's its six sides; one that is a single square serves for all."""
+    if flat:
+        return [(GL.GL_TEXTURE_2D, pixels)]
+    side = pixels.shape[1]
+    return [(GL.GL_TEXTURE_CUBE_MAP_POSITIVE_X + k, pixels[k * side : (k + 1) * side] if len(pixels) == 6 * side else pixels) for k in range(6)]
+
+
+def _line(words: bytes | str) -> str:
+    return " ".join((words.decode() if isinstance(words, bytes) else words).split())[:200]

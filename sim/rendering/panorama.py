@@ -1,0 +1,181 @@
+"""What cameras see of a MuJoCo scene without a screen: colour, instances, semantic classes and range, all of the same data.
+
+    with PanoramaRenderer(model, [Panorama(1024, 512), Tsai(...)], instance_of_geom) as renderer:
+        shots = renderer.render(data, [T_world_robot_camera, T_world_fixed_camera], which=[0, 1])
+
+Any Camera of tracker.geometry.cameras will do, and several of different kinds share one renderer; a panorama is what most of them are. Each is
+sampled from perspective faces (sim.rendering.cubemap), which are drawn into one buffer in one pass and read back at once. `alone` draws bodies into
+the same faces, pixel for pixel, to learn what they would cover if nothing hid them.
+"""
+
+from __future__ import annotations
+
+import atexit
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.rendering.coverage import BITS, Alone, covered
+from sim.rendering.cubemap import DENSITY, Face, FaceTable
+from sim.rendering.draw_list import DrawList
+from sim.rendering.gl_context import GLInformation, gl_information, open_context, watched
+from sim.rendering.opengl_renderer import OpenGLRenderer
+from sim.rendering.shaders import projection
+from tracker.geometry import Array, Pose
+from tracker.geometry.cameras import Camera, Panorama
+
+NEAR = 0.02
+"""m: nothing nearer to the camera is drawn. The depth buffer is floating point and reversed, so that this costs no precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One picture: colour (H, W, 3) RGB; instances (H, W) with 0 for the background; range (H, W) m along the ray, inf where nothing is;
+    classes (H, W) of worlds.semantics, 0 where nothing is, or None where the renderer was not told them."""
+
+    colour: NDArray[np.uint8]
+    instances: NDArray[np.uint16]
+    range: NDArray[np.float32]
+    classes: NDArray[np.uint8] | None = None
+
+
+class PanoramaRenderer:
+    """Draws what cameras at given poses see of a scene. A context manager; `close` frees what the driver holds.
+
+    model: compiled; it is left as it was. cameras: one or several. instance_of_geom (ngeom,) uint16: 0 is the background. class_of_geom
+    (ngeom,) uint8 or None. density: texels of a face along a pixel of the camera, where they are fewest. Geom groups 0 to 3 are drawn,
+    sites and other decoration are not. Raises ValueError for what does not fit, GLUnavailable where there is no OpenGL.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cameras: Camera | Sequence[Camera],
+        instance_of_geom: NDArray[np.uint16],
+        class_of_geom: NDArray[np.uint8] | None = None,
+        *,
+        density: float = DENSITY,
+    ) -> None:
+        self._instance_of_code = _by_code(model, "instance_of_geom", instance_of_geom, np.uint16)
+        self._class_of_code = None if class_of_geom is None else _by_code(model, "class_of_geom", class_of_geom, np.uint8)
+        self.cameras: tuple[Camera, ...] = tuple(cameras) if isinstance(cameras, Sequence) else (cameras,)
+        if not self.cameras:
+            raise ValueError("there are 0 cameras, needs at least 1")
+        self._tables = [FaceTable.make(camera, density) for camera in self.cameras]
+        self._planes = [np.stack([face.planes for face in table.faces]) for table in self._tables]
+        self._fineness = [max(face.fineness for face in table.faces) for table in self._tables]
+        self._list = DrawList(model)
+        self._far = float(model.vis.map.zfar * model.stat.extent)
+        self._gl = open_context()
+        # Bound to neither self nor its methods, or the renderer would never be collected. It must also run before the backend's own
+        # exit handler, which was registered when the first context was made: hence a handler of ours, registered now.
+        self._finalizer = weakref.finalize(self, self._gl.free)
+        self._finalizer.atexit = False
+        atexit.register(self._finalizer)
+        size = max(table.width for table in self._tables), max(table.height for table in self._tables)
+        try:
+            with watched("preparing to draw"):
+                self._painter = OpenGLRenderer(self._gl, model, self._list, size)
+        except Exception:
+            self.close()
+            raise
+
+    def __enter__(self) -> PanoramaRenderer:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the context and its buffers; a second call does nothing."""
+        self._finalizer()
+        atexit.unregister(self._finalizer)
+
+    @property
+    def information(self) -> GLInformation:
+        """Who draws."""
+        self._enter()
+        return gl_information(self._gl)
+
+    def render(self, data: mujoco.MjData, poses: Sequence[Pose], which: Sequence[int] | None = None) -> list[Shot]:
+        """What cameras at `poses` (T_world_camera) see of `data`, which has been brought up to date (mj_forward, mj_step or mj_kinematics).
+
+        which: per pose the number of its camera in `cameras`; the first for all where None.
+        """
+        numbers = self._numbers(poses, which)
+        self._enter()
+        self._list.update(data)
+        with watched("drawing"):
+            self._painter.take(data)
+        return [self._shot(pose, number) for pose, number in zip(poses, numbers, strict=True)]
+
+    def alone(self, data: mujoco.MjData, poses: Sequence[Pose], instances: Sequence[int], which: Sequence[int] | None = None) -> list[list[Alone]]:
+        """Per pose and per instance, what the instance would cover if nothing else were there; which: as in `render`.
+
+        The faces are drawn as in `render`, by the same numbers: a pixel where `render` shows the instance is always among them.
+        """
+        for instance in instances:
+            if not 0 < instance < 1 << 16:
+                raise ValueError(f"instance is {instance}, needs 1 to {(1 << 16) - 1}")
+        numbers = self._numbers(poses, which)
+        self._enter()
+        self._list.update(data)
+        groups = [list(instances[k : k + BITS]) for k in range(0, len(instances), BITS)]
+        return [[body for group in groups for body in self._alone(pose, group, number)] for pose, number in zip(poses, numbers, strict=True)]
+
+    def _numbers(self, poses: Sequence[Pose], which: Sequence[int] | None) -> Sequence[int]:
+        numbers = [0] * len(poses) if which is None else which
+        if len(numbers) != len(poses) or any(not 0 <= number < len(self.cameras) for number in numbers):
+            raise ValueError(f"which is {list(numbers)}, needs {len(poses)} numbers of cameras, 0 to {len(self.cameras) - 1}")
+        return numbers
+
+    def _enter(self) -> None:
+        if not self._finalizer.alive:
+            raise ValueError("renderer is closed, needs to be open")
+        self._gl.make_current()
+
+    def _shot(self, pose: Pose, number: int) -> Shot:
+        table, painter = self._tables[number], self._painter
+        strokes = self._list.seen_from(pose, self._planes[number], self._fineness[number])
+        with watched("drawing"):
+            painter.begin(pose.translation)
+            for face, listed in zip(table.faces, strokes, strict=True):
+                edges = np.concatenate([face.low, face.high])
+                painter.draw(_place(face), self._projection(pose, face), listed)
+                painter.sky(_place(face), (face.axes @ pose.rotation.T).T, edges)
+            atlas = painter.read(table.width, table.height)
+        known = [self._instance_of_code] if self._class_of_code is None else [self._instance_of_code, self._class_of_code]
+        sampled = table.sample(atlas, (NEAR, self._far), known)
+        return Shot(sampled.colour, sampled.values[0], sampled.range, None if self._class_of_code is None else sampled.values[1])
+
+    def _alone(self, pose: Pose, instances: Sequence[int], number: int) -> list[Alone]:
+        table, camera = self._tables[number], self.cameras[number]
+        owner = self._instance_of_code[self._list.records["code"]]
+        slots = np.zeros(len(owner), np.uint32)
+        for k, instance in enumerate(instances):
+            slots[owner == instance] = 1 << k
+        strokes = self._list.seen_from(pose, self._planes[number], self._fineness[number], np.flatnonzero(slots))
+        faces = [(_place(face), self._projection(pose, face), of) for face, of in zip(table.faces, strokes, strict=True) if len(of.commands)]
+        with watched("drawing"):
+            bits = self._painter.mark(slots, faces, (table.width, table.height))
+        return covered(bits, table.nearest, len(instances), isinstance(camera, Panorama))
+
+    def _projection(self, pose: Pose, face: Face) -> Array:
+        return projection(pose, face.axes, np.concatenate([face.low, face.high]), (NEAR, self._far))
+
+
+def _place(face: Face) -> tuple[int, int, int, int]:
+    return 0, face.row, face.width, face.height
+
+
+def _by_code(model: mujoco.MjModel, name: str, of_geom: NDArray[Any], kind: type) -> NDArray[Any]:
+    """What every code stands for: 0 for none, then the geoms in their order."""
+    values = np.asarray(of_geom)
+    if values.shape != (model.ngeom,) or values.dtype != kind:
+        raise ValueError(f"{name} is {values.dtype} of shape {values.shape}, needs {np.dtype(kind)} of shape ({model.ngeom},)")
+    return np.concatenate([np.zeros(1, kind), values])

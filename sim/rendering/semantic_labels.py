@@ -1,0 +1,27 @@
+"""What every geom of a simulation's model is: its semantic class."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.rendering.draw_list import ABSENT, GROUPS
+from worlds.semantics import CLASSES, class_of
+
+
+def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
+    """(ngeom,) class of every geom, by its name, or by its body's: of people, of robots, or of a world; 0 for what is not drawn.
+
+    Raises ValueError for a drawn geom of a kind that worlds.semantics does not know.
+    """
+    out = np.zeros(model.ngeom, np.uint8)
+    for k in np.flatnonzero(np.isin(model.geom_group, (*GROUPS, ABSENT)) & (model.geom_rgba[:, 3] > 0)):
+        name, body = model.geom(int(k)).name, model.body(int(model.geom_bodyid[k])).name
+        if body.startswith("person_"):
+            out[k] = CLASSES.index("person")
+        elif body.startswith("robot_"):
+            out[k] = CLASSES.index("robot")
+        else:
+            out[k] = class_of(name)
+    return out

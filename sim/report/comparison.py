@@ -1,0 +1,203 @@
+"""Paired comparison of trackers on the same runs: differences of scores between runs of the same setting and seed.
+
+Paired runs share their people and their paths, so the difficulty of a scenario cancels in the difference. Settings of one seed share
+their crowd, so only seeds are independent: over all settings, the differences of one seed are averaged first. Intervals are Student's t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.confidence_intervals import Interval, student_interval
+from sim.report.rows import Row, Rows, read_rows
+
+Key = tuple[str, int]
+EVERY = "all settings"
+"""The id of a difference over all settings."""
+
+
+@dataclass(frozen=True)
+class ComparedMeasure:
+    """A score that is compared: its name in the rows, its label, whether more is better, and the digits that are shown."""
+
+    name: str
+    label: str
+    more_is_better: bool = True
+    digits: int = 3
+
+
+MEASURES = (
+    ComparedMeasure("mota", "MOTA"),
+    ComparedMeasure("idf1", "IDF1"),
+    ComparedMeasure("ate_m", "ATE [m]", more_is_better=False, digits=4),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedTracker:
+    """A tracker that ran: its name, and its rows by setting and seed."""
+
+    name: str
+    rows: dict[Key, Row]
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreDifference:
+    """The difference of one measure at one setting, or over EVERY setting.
+
+    reference, compared: means of the two trackers over the pairs. interval: compared less reference; its count is the number of seeds.
+    pairs: number of pairs of runs.
+    """
+
+    id: str
+    measure: ComparedMeasure
+    reference: float
+    compared: float
+    interval: Interval
+    pairs: int
+
+    @property
+    def verdict(self) -> str:
+        """One of better, worse, no difference seen, identical, and one seed (which has no interval)."""
+        verdict = self.interval.verdict
+        if verdict in ("higher", "lower"):
+            return "better" if (verdict == "higher") == self.measure.more_is_better else "worse"
+        return verdict
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedPair:
+    """A tracker compared with the reference.
+
+    unpaired: number of rows that only the reference has, and number that only the tracker has. failed: pairs in which a run failed.
+    """
+
+    tracker: ComparedTracker
+    unpaired: tuple[int, int]
+    failed: int
+    differences: tuple[ScoreDifference, ...] = field(default=())
+
+
+@dataclass(frozen=True, eq=False)
+class PairedComparison:
+    """Every other tracker compared with the reference, which is the first."""
+
+    reference: ComparedTracker
+    pairs: tuple[ComparedPair, ...]
+
+
+def compare_paired(folders: Sequence[Path]) -> PairedComparison:
+    """Compare the trackers of several result folders, or of one. The first tracker is the reference.
+
+    Raises ValueError where there is only one tracker, where no runs can be paired, or where a setting of the same id and seed is another scenario.
+    """
+    trackers = _compared([read_rows(folder) for folder in folders])
+    if len(trackers) < 2:
+        raise ValueError(f"{folders[0] if folders else 'nothing'}: holds one tracker ({trackers[0].name}), needs another folder or tracker beside it")
+    reference, *others = trackers
+    return PairedComparison(reference, tuple(_compare(reference, other) for other in others))
+
+
+def _compared(read: list[Rows]) -> list[ComparedTracker]:
+    names = [rows.folder.resolve().name for rows in read]
+    if len(set(names)) < len(names):
+        names = [str(rows.folder) for rows in read]
+    if len(set(names)) < len(names):
+        raise ValueError(f"{names[0]}: the same folder is given twice")
+    out = []
+    for name, rows in zip(names, read, strict=True):
+        for tracker in rows.trackers:
+            own = {(row.id, row.seed): row for row in rows.rows if row.tracker == tracker}
+            out.append(ComparedTracker(tracker if len(read) == 1 else f"{name}:{tracker}" if len(rows.trackers) > 1 else name, own))
+    return out
+
+
+def _compare(reference: ComparedTracker, other: ComparedTracker) -> ComparedPair:
+    both = [key for key in reference.rows if key in other.rows]
+    if not both:
+        first, second = (", ".join(f"{id} of seed {seed}" for id, seed in sorted(one.rows)[:2]) for one in (reference, other))
+        raise ValueError(f"{reference.name} and {other.name} share no setting and seed: {first} …, but {second} …")
+    for key in both:
+        _check_same(reference.rows[key], other.rows[key])
+    whole = [key for key in both if reference.rows[key].error is None and other.rows[key].error is None]
+    unpaired = len(reference.rows) - len(both), len(other.rows) - len(both)
+    ids = list(dict.fromkeys(id for id, _ in whole))
+    groups = [*([EVERY] if len(ids) > 1 else []), *ids]
+    found = [_difference(group, measure, reference, other, whole) for group in groups for measure in MEASURES]
+    return ComparedPair(other, unpaired, len(both) - len(whole), tuple(one for one in found if one))
+
+
+def _check_same(first: Row, second: Row) -> None:
+    """Raises ValueError where two rows of one id and seed are not the same run."""
+    where = f"{second.where} beside {first.where}: {first.id}, seed {first.seed}"
+    for name in ("parameter", "value", "rendered"):
+        if getattr(first, name) != getattr(second, name):
+            raise ValueError(f"{where} is another scenario: {name} is {getattr(first, name)} and {getattr(second, name)}")
+    for name in sorted({*first.scenario, *second.scenario}):
+        if first.scenario.get(name) != second.scenario.get(name):
+            raise ValueError(f"{where} is another scenario: {name} is {first.scenario.get(name)} and {second.scenario.get(name)}")
+
+
+def _difference(group: str, measure: ComparedMeasure, reference: ComparedTracker, other: ComparedTracker, keys: list[Key]) -> ScoreDifference | None:
+    rows = [(key[1], reference.rows[key].scores, other.rows[key].scores) for key in keys if group in (EVERY, key[0])]
+    known = [(seed, a[measure.name], b[measure.name]) for seed, a, b in rows if measure.name in a and measure.name in b]
+    if not known:
+        return None
+    by_seed: dict[int, list[float]] = {}
+    for seed, a, b in known:
+        by_seed.setdefault(seed, []).append(b - a)
+    interval = student_interval([float(np.mean(values)) for values in by_seed.values()])
+    before, after = (float(np.mean([row[k] for row in known])) for k in (1, 2))
+    return ScoreDifference(group, measure, before, after, interval, len(known))
+
+
+def described(found: PairedComparison) -> str:
+    """The comparison as a text of several lines."""
+    lines = []
+    for pair in found.pairs:
+        lines += ["", f"{pair.tracker.name}, compared with {found.reference.name}{_unpaired(found, pair)}"]
+        wide = max(len(one.id) for one in pair.differences) if pair.differences else 0
+        for one in pair.differences:
+            digits = one.measure.digits
+            numbers = f"{one.reference:8.{digits}f} → {one.compared:7.{digits}f}   {one.interval.text(digits, signed=True):31s}"
+            seeds = f"{one.interval.count} seed{'s' * (one.interval.count != 1)}"
+            lines.append(f"  {one.id:{wide}s}  {one.measure.label:7s} {numbers} {one.verdict} ({seeds})")
+        if not pair.differences:
+            lines.append("  no pair of runs in which both have scores")
+    note = "Differences from the reference: mean and 95 % interval (Student's t over seeds). More MOTA and IDF1 are better; less ATE is better."
+    return "\n".join([*lines[1:], "", note, _by_chance(found)])
+
+
+def _unpaired(found: PairedComparison, pair: ComparedPair) -> str:
+    names = found.reference.name, pair.tracker.name
+    parts = [f"{n} run{'s' * (n != 1)} of {name} without a partner" for n, name in zip(pair.unpaired, names, strict=True) if n]
+    parts += [f"{pair.failed} pair{'s' * (pair.failed != 1)} with a failed run left out"] if pair.failed else []
+    return f" ({'; '.join(parts)})" if parts else ""
+
+
+def _by_chance(found: PairedComparison) -> str:
+    """How many of the intervals exclude 0, and how many would by chance alone."""
+    every = [one for pair in found.pairs for one in pair.differences]
+    judged = sum(one.interval.low is not None and one.verdict != "identical" for one in every)
+    excluding = sum(one.verdict in ("better", "worse") for one in every)
+    return f"{excluding} of {judged} intervals exclude 0; by chance alone about {judged / 20:.1f} would."
+
+
+def to_json(found: PairedComparison) -> dict[str, Any]:
+    """The comparison as JSON values. An entrant is a compared tracker, and alone counts rows without a partner."""
+
+    def plain(one: ScoreDifference) -> dict[str, Any]:
+        means = {"id": one.id, "measure": one.measure.name, "reference": one.reference, "entrant": one.compared, "pairs": one.pairs}
+        interval = one.interval
+        return means | {"difference": interval.mean, "low": interval.low, "high": interval.high, "seeds": interval.count, "verdict": one.verdict}
+
+    entrants = [
+        {"name": pair.tracker.name, "alone": list(pair.unpaired), "failed": pair.failed, "differences": [plain(one) for one in pair.differences]}
+        for pair in found.pairs
+    ]
+    return {"reference": found.reference.name, "interval": "Student's t over seeds, 95 %", "entrants": entrants}

@@ -1,0 +1,217 @@
+"""Findings of a stress test in sentences: how far each sweep lowers the scores, for which causes, and how certain that is.
+
+A difference is reported only where the 95 % interval of the paired differences over seeds excludes 0. Where the best and the worst of
+n settings are compared, the interval is corrected for all n (n − 1) / 2 pairs (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.confidence_intervals import Interval, bounds_of, mean_interval, paired, student_interval
+from sim.report.glossary import BROKEN, CAUSES
+from sim.report.rows import KINDS, STAGES, Row, Rows, Setting, SweepRows
+from sim.stress.sweeps import SWEEPS
+
+REAL = "pets"
+"""The sweep that compares a real sequence, PETS 2009 S2.L1, with its simulated twin."""
+CAREFUL = 5
+"""The page warns of wide intervals where there are fewer seeds than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """The effect of a sweep on the MOTA of one tracker.
+
+    best, worst: the settings with the highest and the lowest mean. high, low: their means. difference: worst less best, paired over seeds, or None
+    where they share no seed. broken: the settings whose mean is below BROKEN.
+    """
+
+    sweep: SweepRows
+    tracker: str
+    best: Setting
+    worst: Setting
+    high: Interval
+    low: Interval
+    difference: Interval | None
+    broken: tuple[Setting, ...]
+
+    @property
+    def fall(self) -> float:
+        """The fall of the score, at least 0. It is 0 where the interval of the difference does not exclude 0."""
+        return -self.difference.mean if self.difference and self.difference.verdict == "lower" else 0.0
+
+
+def finding(sweep: SweepRows, tracker: str) -> Finding | None:
+    """The finding of a sweep for one tracker. None where no setting has a score."""
+    scored = [(s, mean_interval(list(known.values()), bounds=bounds_of("mota"))) for s in sweep.ordered() if (known := s.scores(tracker, "mota"))]
+    if not scored:
+        return None
+    (best, high), (worst, low) = max(scored, key=lambda pair: pair[1].mean), min(scored, key=lambda pair: pair[1].mean)
+    pairs = max(len(scored) * (len(scored) - 1) // 2, 1)
+    difference = paired(best.scores(tracker, "mota"), worst.scores(tracker, "mota"), 1 - 0.05 / pairs) if best is not worst else None
+    broken = tuple(s for s, interval in scored if interval.mean < BROKEN)
+    return Finding(sweep, tracker, best, worst, high, low, difference, broken)
+
+
+def findings(rows: Rows, tracker: str) -> list[Finding]:
+    """The findings of all sweeps except REAL: the largest significant fall first, then the others by the difference of their means."""
+    found = [f for sweep in rows.sweeps() if sweep.name != REAL and (f := finding(sweep, tracker))]
+    return sorted(found, key=lambda f: (-f.fall, f.low.mean - f.high.mean))
+
+
+def at(setting: Setting) -> str:
+    """A setting in words, for instance "100 people", or "people = 100" where the sweep or the kind of its value is unknown."""
+    return at_row(setting.rows[0])
+
+
+def at_row(row: Row) -> str:
+    """The setting of one run in words, as `at` gives it."""
+    value, known = row.value, SWEEPS.get(row.sweep)
+    if known and isinstance(value, str) == isinstance(known.values[0], str):
+        return known.said.format(value)
+    return f"{row.parameter} = {f'{value:g}' if isinstance(value, float) else value}"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names as a list in words, for instance "a, b and c"."""
+    *most, last = list(names) or ["nothing"]
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def plural(count: int, name: str) -> str:
+    """A count with its noun, for instance "1 run" or "3 runs"."""
+    return f"{count} {name}" if count == 1 else f"{count} {name}s"
+
+
+def spread(sweep: SweepRows) -> str:
+    """The values of a sweep in words, for instance "people from 5 to 150" or "terrain exact, coarse or flat"."""
+    if sweep.name == REAL:
+        return "a real sequence, PETS 2009 S2.L1, compared with its simulated twin"
+    values = [f"{v:g}" if isinstance(v := s.value, float) else str(v) for s in sweep.ordered()]
+    if len(values) == 1:
+        return at(sweep.settings[0])
+    if sweep.numeric:
+        return f"{sweep.parameter} from {values[0]} to {values[-1]}"
+    return f"{sweep.parameter} {', '.join(values[:-1])} or {values[-1]}"
+
+
+def change(found: Finding, name: str = "MOTA") -> str:
+    """A sentence on how MOTA changes over the sweep."""
+    if found.difference is None:
+        only = found.best is found.worst
+        return f"{name} is {found.high.text()} at {at(found.best)}" + (", the only setting with a score." if only else "; no seeds to compare.")
+    ends = f"{found.high.text()} at {at(found.best)} and {found.low.text()} at {at(found.worst)}"
+    if found.difference.verdict == "lower":
+        return f"{name} falls from {found.high.text()} at {at(found.best)} to {found.low.text()} at {at(found.worst)}."
+    if found.difference.verdict == "one seed":
+        return f"{name} is {ends}. One seed alone cannot show whether the difference is due to chance."
+    if found.difference.verdict == "identical":
+        return f"{name} is the same at all settings, {found.high.text()}."
+    return f"No significant difference is seen: {name} is {ends}."
+
+
+def breaking(found: Finding) -> str:
+    """A sentence on the settings at which MOTA is below BROKEN."""
+    if not found.broken:
+        return f"It stays above {BROKEN:g} at every setting."
+    scored = [s for s in found.sweep.ordered() if s.scores(found.tracker, "mota")]
+    if len(found.broken) == len(scored):
+        return f"It is below {BROKEN:g} at every setting, so the tracker is broken before the sweep begins."
+    places = [scored.index(s) for s in found.broken]
+    if found.sweep.numeric and len(places) > 1 and places in (list(range(places[0], len(scored))), list(range(places[-1] + 1))):
+        edge, way = (found.broken[0], "up") if places[0] else (found.broken[-1], "down")
+        return f"It is below {BROKEN:g} from {at(edge)} {way}."
+    return f"It is below {BROKEN:g} at {listed(at(s) for s in found.broken)}."
+
+
+def causes_of(rows: Sequence[Row]) -> dict[str, Counter[str]]:
+    """Kind of error → cause → count, summed over rows."""
+    out: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
+    for row in rows:
+        for kind, counts in row.causes.items():
+            out.setdefault(kind, Counter()).update({cause: int(n) for cause, n in counts.items() if n})
+    return {kind: counts for kind, counts in out.items() if counts}
+
+
+def chief(rows: Sequence[Row]) -> tuple[str, str, float] | None:
+    """The most frequent pair of a kind of error and its cause, with its share of all errors. None where no error was counted."""
+    causes = causes_of(rows)
+    pairs = {(kind, cause): n for kind, counts in causes.items() for cause, n in counts.items()}
+    if not pairs:
+        return None
+    (kind, cause), count = max(pairs.items(), key=lambda pair: pair[1])
+    return kind, cause, count / sum(pairs.values())
+
+
+def reasons(rows: Sequence[Row], where: str) -> str:
+    """Sentences on the shares of the kinds of errors, and on the most frequent cause. Empty where no error was counted."""
+    causes, most = causes_of(rows), chief(rows)
+    if most is None:
+        return ""
+    numbers = {kind: sum(counts.values()) for kind, counts in causes.items()}
+    total = sum(numbers.values())
+    parts = listed(f"{100 * numbers[kind] / total:.0f} % {kind}" for kind in sorted(numbers, key=lambda kind: -numbers[kind]))
+    said = f"Of {plural(total, 'error')} at {where}, {parts}. The most frequent cause is {most[1]} ({most[0]}), {100 * most[2]:.0f} % of all errors"
+    return f"{said}: {CAUSES[most[1]]}" if most[1] in CAUSES else f"{said}."
+
+
+def stages(rows: Sequence[Row], measure: str = "mota") -> dict[str, Interval]:
+    """Stage, or "total" → what perfect input to it would recover of a measure: the mean over the runs that have an ablation."""
+    ablations = [row.ablation[measure] for row in rows if measure in row.ablation]
+    known = [stage for stage in (*STAGES, "total") if any(stage in one for one in ablations)]
+    return {stage: student_interval([one[stage] for one in ablations if stage in one]) for stage in known}
+
+
+def owner(rows: Sequence[Row], where: str) -> str:
+    """Sentences on the stages that cause most of the loss of MOTA. Empty where there is no ablation."""
+    shares = stages(rows)
+    total = shares.pop("total", None)
+    if total is None or len(shares) < 2:
+        return ""
+    first, second = sorted(shares, key=lambda stage: -shares[stage].mean)[:2]
+    low, high = ({row.seed: row.ablation["mota"][stage] for row in rows if stage in row.ablation.get("mota", {})} for stage in (second, first))
+    separated = paired(low, high)
+    lost = 1 - float(np.mean([row.scores["mota"] for row in rows if "mota" in row.ablation and "mota" in row.scores] or [0.0]))
+    said = f"The loss of MOTA at {where} is {lost:.2f}. Perfect input to {listed(shares)} together would recover {total.text()}"
+    if total.mean < 0.01 or shares[first].mean <= 0:
+        return f"{said}: next to nothing, so other stages cause the loss."
+    said += f". The largest shares are {first} with {shares[first].text()} and {second} with {shares[second].text()}"
+    return said + ("." if separated and separated.verdict == "higher" else "; the difference between these two is not significant.")
+
+
+def robots(found: Finding) -> str:
+    """Sentences on the robots' ATE at the best and the worst setting, with dead reckoning and the bound. Empty where no ATE is known."""
+    scored = [(s, list(s.scores(found.tracker, "ate_m").values())) for s in found.sweep.ordered()]
+    known = [(s, mean_interval(values, bounds=bounds_of("ate_m"))) for s, values in scored if values]
+    if not known:
+        return ""
+    (least, low), (most, high) = min(known, key=lambda pair: pair[1].mean), max(known, key=lambda pair: pair[1].mean)
+    pairs = max(len(known) * (len(known) - 1) // 2, 1)
+    difference = paired(least.scores(found.tracker, "ate_m"), most.scores(found.tracker, "ate_m"), 1 - 0.05 / pairs) if least is not most else None
+    if difference and difference.verdict == "higher":
+        said = f"The ATE of the robots is {low.text(3)} m at {at(least)} and {high.text(3)} m at {at(most)}"
+    else:
+        said = f"The ATE of the robots is {high.text(3)} m at {at(most)}" + ("; no other setting is significantly better" if len(known) > 1 else "")
+    odometry, bound = "it is {} m by dead reckoning alone", "no filter can be better than {} m (the Cramér-Rao bound)"
+    for name, words in (("dead_reckoning_m", odometry), ("ate_bound_m", bound)):
+        if values := most.scores(found.tracker, name):
+            said += "; " + words.format(f"{float(np.mean(list(values.values()))):.3f}")
+    return said + "."
+
+
+def predicted(sweep: SweepRows, tracker: str) -> str:
+    """Sentences on how well the simulated twin of a real sequence predicts its scores. Empty where one of the two is missing."""
+    by_value = {str(s.value): s for s in sweep.settings}
+    said = []
+    for name, label in (("mota", "MOTA"), ("idf1", "IDF1")):
+        means = [float(np.mean(list(v.values()))) for v in (by_value[k].scores(tracker, name) for k in ("real", "twin") if k in by_value) if v]
+        if len(means) == 2:
+            said.append(f"{label} is {means[0]:.3f} on the real sequence and {means[1]:.3f} on its simulated twin ({means[1] - means[0]:+.3f})")
+    if not said:
+        return ""
+    return f"{'; '.join(said)}. One sequence cannot show how well simulation predicts other sequences.".replace("(-", "(−")

@@ -1,0 +1,258 @@
+"""The report page: its texts, tables and figures, put into the template that lies beside this file.
+
+The page is HTML that is well-formed XML as well. It is one file, runs no scripts and loads nothing from a network.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup, escape
+
+from sim.confidence_intervals import bounds_of, mean_interval
+from sim.report.findings import (
+    REAL,
+    at,
+    at_row,
+    breaking,
+    causes_of,
+    change,
+    finding,
+    findings,
+    owner,
+    plural,
+    predicted,
+    reasons,
+    robots,
+    spread,
+    stages,
+)
+from sim.report.glossary import CAUSES, GLOSSARY
+from sim.report.pictures import Album, Entry, Picture
+from sim.report.plots import Plot, shortened
+from sim.report.rows import STAGES, Row, Rows, Setting, SweepRows
+from sim.report.series import name_of
+from sim.report.style import STYLE
+from sim.report.summary import headline, summary
+from sim.stress.sweeps import SWEEPS
+
+TEMPLATE = Path(__file__).with_suffix(".html.j2")
+MOST_FAILED = 30
+"""The greatest number of failed runs that are listed."""
+KIND_NAMES = {"miss": "a missed person", "false positive": "a false person", "switch": "an identity switch"}
+"""Kinds of errors as the page names them."""
+ABOUT_MOMENTS = (
+    "The longest errors, each at its middle frame, on a plan ten metres wide. Rings are the true positions of people, with the paths behind them."
+    " Coloured dots are the tracks. The red ring is the error. Arrows are robots: grey at the true pose, red at the estimated pose."
+    " Lines lead from robots to people whom they see: blue where the detector reported a box, grey where it did not."
+)
+COLUMNS = (
+    ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
+    ("switches", "switches", 0), ("ate_m", "ATE [m]", 3),
+)  # fmt: skip
+HEADINGS = {
+    "moments": "Worst moments",
+    "failed": "Runs that failed",
+    "figures": "All figures",
+    "words": "Glossary",
+    "again": "How to reproduce it",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PageContent:
+    """What the page is made from: rows, plots by name with their SVG, and pictures of the worst moments."""
+
+    rows: Rows
+    plots: dict[str, tuple[Plot, str]]
+    album: Album
+
+    def figures(self, prefix: str) -> list[PageFigure]:
+        """The plots whose names begin with `prefix`."""
+        return [PageFigure.of(name, plot, svg) for name, (plot, svg) in self.plots.items() if name.startswith(prefix)]
+
+
+@dataclass(frozen=True, eq=False)
+class PageFigure:
+    """A plot on the page: its anchor, the SVG element, and the caption."""
+
+    anchor: str
+    svg: Markup
+    caption: str
+
+    @staticmethod
+    def of(name: str, plot: Plot, svg: str) -> PageFigure:
+        # A screen reader reads the label, and then does not spell out the letters within the picture.
+        labelled = svg.replace("<svg", f'<svg role="img" aria-label="{escape(plot.in_words())}"', 1)
+        return PageFigure(f"plot-{name}", Markup(labelled), f"{plot.note} File: {name}.")
+
+
+@dataclass(frozen=True, eq=False)
+class PageTable:
+    """A table of strings; the first cell of each row of the body names the row."""
+
+    caption: str
+    head: tuple[str, ...]
+    body: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PageMoment:
+    """A worst moment: its heading, what happened, pictures with their alternative texts, and names of pictures that are missing."""
+
+    heading: str
+    sentence: str
+    pictures: tuple[Picture, ...]
+    alternatives: tuple[str, ...]
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PageSweep:
+    """The section of one sweep: its anchor, sentences and figures."""
+
+    anchor: str
+    sentences: list[str]
+    figures: list[PageFigure]
+
+
+def page(content: PageContent) -> str:
+    """Render the whole document."""
+    # The page is written without a server, so an undefined name must fail here and not leave a hole in the text.
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    return template.render(page=_names(content)).lstrip()
+
+
+def _names(content: PageContent) -> dict[str, Any]:
+    """The names that the template uses, and what they hold."""
+    rows = content.rows
+    worst = findings(rows, rows.trackers[0])[:1]
+    told = {cause for counts in causes_of(rows.rows).values() for cause in counts}
+    return {
+        "title": f"Stress test: {rows.folder.resolve().name}",
+        "style": Markup(STYLE),
+        "headline": headline(rows),
+        "headings": _headings(content),
+        "summary": summary(rows),
+        "worst_figures": [figure for f in worst for figure in content.figures(f"first-{name_of(f.sweep.name)}")],
+        "overview_figures": content.figures("overview"),
+        "sweeps": [_sweep(content, sweep) for sweep in rows.sweeps()],
+        "about_moments": ABOUT_MOMENTS,
+        "moments": [_moment(k, entry) for k, entry in enumerate(content.album.entries, 1)],
+        "failed": _failed(rows.failed),
+        "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
+        "tables": [found for sweep in rows.sweeps() for tracker in rows.trackers if (found := _tables(sweep, tracker))],
+        "glossary": GLOSSARY,
+        "causes": [(cause, meaning) for cause, meaning in CAUSES.items() if cause in told],
+        "commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]),
+        "provenance": _provenance(rows),
+        "runs": plural(len(rows.rows), "run"),
+    }
+
+
+def _headings(content: PageContent) -> dict[str, str]:
+    """Anchor → heading of each section, in the order of the page."""
+    left_out = {"moments"} if not content.album.entries else set()
+    left_out |= {"failed"} if not content.rows.failed else set()
+    sweeps = {_anchor(sweep): _title(sweep) for sweep in content.rows.sweeps()}
+    rest = {anchor: heading for anchor, heading in HEADINGS.items() if anchor not in left_out}
+    return {"short": "In short", "contents": "On this page", **sweeps, **rest}
+
+
+def _anchor(sweep: SweepRows) -> str:
+    return f"sweep-{name_of(sweep.name)}"
+
+
+def _title(sweep: SweepRows) -> str:
+    name = "Real" if sweep.name == REAL else sweep.name.replace("_", " ").capitalize()
+    words = spread(sweep)
+    return f"{name}: {words}" if len(words) < 70 else name
+
+
+def _sweep(content: PageContent, sweep: SweepRows) -> PageSweep:
+    said = [f"The sweep: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
+    for tracker in content.rows.trackers:
+        found = finding(sweep, tracker)
+        if found is None:
+            said.append(f"No run of {tracker} has a score.")
+            continue
+        worst = found.worst.of(tracker)
+        name = f"MOTA of {tracker}" if len(content.rows.trackers) > 1 else "MOTA"
+        if sweep.name == REAL:
+            said += [part for part in (predicted(sweep, tracker),) if part]
+            continue
+        where = at(found.worst)
+        said += [part for part in (f"{change(found, name)} {breaking(found)}", reasons(worst, where), owner(worst, where), robots(found)) if part]
+    return PageSweep(_anchor(sweep), said, content.figures(name_of(sweep.name) + "-"))
+
+
+def _moment(k: int, entry: Entry) -> PageMoment:
+    row, moment = entry.row, entry.moment
+    said = str(moment.get("kind"))
+    heading = f"{KIND_NAMES.get(said, said)}: {moment.get('cause', 'cause unknown')}"
+    where = f"{at_row(row)}, seed {row.seed}, frame {moment.get('frame')}, tracker {row.tracker}"
+    if moment.get("person") is not None:
+        where += f"; person {moment['person']}"
+    if isinstance(place := moment.get("position"), Sequence) and not isinstance(place, str):
+        where += f" at ({', '.join(f'{round(float(v), 1) + 0.0:.1f}' for v in place)}) m"
+    meaning = CAUSES.get(str(moment.get("cause")), "")
+    sentence = f"{_capital(meaning)} {_capital(where)} ({row.id}).".strip()
+    count = len(entry.pictures)
+    alternatives = tuple(f"Moment {k}, picture {number} of {count}: {heading}; {where}" for number in range(1, count + 1))
+    return PageMoment(_capital(heading), sentence, entry.pictures, alternatives, entry.missing)
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _tables(sweep: SweepRows, tracker: str) -> tuple[str, list[PageTable]] | None:
+    """A heading with the tables of one sweep and tracker; None where the tracker did not run."""
+    settings = [s for s in sweep.ordered() if any(row.tracker == tracker for row in s.rows)]
+    if not settings:
+        return None
+    head = (sweep.parameter, "runs", *(label for _, label, _ in COLUMNS))
+    caption = f"Means over seeds, with 95 % intervals: {sweep.name}, {tracker}"
+    tables = [PageTable(caption, head, tuple(_figures_of(s, tracker) for s in settings))]
+    shares = {s.id: stages(s.of(tracker)) for s in settings}
+    if any(shares.values()):
+        names = (*STAGES, "total")
+        body = tuple((shortened(s.value), *(shares[s.id][name].text(3) if name in shares[s.id] else "–" for name in names)) for s in settings)
+        tables.append(PageTable(f"MOTA that perfect input would recover: {sweep.name}, {tracker}", (sweep.parameter, *names), body))
+    return f"{sweep.name}, tracker {tracker}", tables
+
+
+def _figures_of(setting: Setting, tracker: str) -> tuple[str, ...]:
+    failed = sum(row.tracker == tracker and row.error is not None for row in setting.rows)
+    cells = [shortened(setting.value), str(len(setting.of(tracker))) + (f" (+ {failed} failed)" if failed else "")]
+    for name, _, digits in COLUMNS:
+        values = list(setting.scores(tracker, name).values())
+        interval = mean_interval(values, bounds=bounds_of(name)) if values else None
+        cells.append("–" if interval is None else interval.text(digits) if digits else f"{interval.mean:.1f}")
+    return tuple(cells)
+
+
+def _failed(failed: Sequence[Row]) -> PageTable | None:
+    """The first runs that failed; None where none did."""
+    body = tuple((row.id, shortened(row.value), str(row.seed), row.tracker, str(row.error)) for row in failed[:MOST_FAILED])
+    caption = "Runs without scores, with their errors"
+    return PageTable(caption, ("setting", "value", "seed", "tracker", "error"), body) if body else None
+
+
+def _provenance(rows: Rows) -> list[PageTable]:
+    """Versions of the parts, and options of the trackers, where the rows name them."""
+    versions: dict[str, dict[str, None]] = {}
+    for row in rows.rows:
+        for name, version in row.versions.items():
+            versions.setdefault(name, {})[version if isinstance(version, str) else json.dumps(version)] = None
+    options = {row.tracker: row.options for row in rows.rows if row.options}
+    parts = tuple((name, " and ".join(seen)) for name, seen in versions.items())
+    trackers = tuple((name, ", ".join(f"{key} = {value}" for key, value in chosen.items())) for name, chosen in options.items())
+    tables = (PageTable("Versions", ("part", "version"), parts), PageTable("Trackers", ("name", "options"), trackers))
+    return [table for table in tables if table.body]

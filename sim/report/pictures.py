@@ -1,0 +1,97 @@
+"""Pictures of the worst moments for the page: small JPEG files as data URIs."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from sim.report.rows import Row
+
+WIDTH = 1000
+"""The greatest width in px."""
+BUDGET = 1_600_000
+"""Bytes of all pictures together, before base64. The page then stays below 3 MB."""
+QUALITIES = (80, 65, 50, 35, 20)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A JPEG and its size in px."""
+
+    data: bytes
+    width: int
+    height: int
+
+    @property
+    def uri(self) -> str:
+        """The picture as a data URI."""
+        return "data:image/jpeg;base64," + base64.b64encode(self.data).decode("ascii")
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A moment of a run with its pictures, and the names of pictures that are missing."""
+
+    row: Row
+    moment: dict[str, Any]
+    pictures: tuple[Picture, ...]
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Album:
+    """The worst moments with their pictures, the worst first."""
+
+    entries: tuple[Entry, ...]
+
+    @staticmethod
+    def of(folder: Path, moments: Sequence[tuple[Row, dict[str, Any]]]) -> Album:
+        """Read the pictures and shrink them, all at the best JPEG quality with which they fit into BUDGET.
+
+        Raises ValueError for a picture outside the folder, and for a file that is no image.
+        """
+        read = [(row, moment, _images(folder, row, moment)) for row, moment in moments]
+        images = [image for _, _, (found, _) in read for image in found]
+        for quality in QUALITIES:
+            encoded = [_jpeg(image, quality) for image in images]
+            if sum(len(picture.data) for picture in encoded) <= BUDGET:
+                break
+        left = iter(encoded if images else ())
+        return Album(tuple(Entry(row, moment, tuple(next(left) for _ in found), tuple(missing)) for row, moment, (found, missing) in read))
+
+
+def _images(folder: Path, row: Row, moment: dict[str, Any]) -> tuple[list[Any], list[str]]:
+    found, missing = [], []
+    names = moment.get("pictures") or []
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"{row.where}: pictures of a moment is no list of names")
+    for name in names:
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise ValueError(f"{row.where}: picture {name[:80]!r} lies outside the folder")
+        path = folder / name
+        if not path.is_file():
+            missing.append(name)
+            continue
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+        if image is None:
+            raise ValueError(f"{path}: not an image, or torn")
+        found.append(image)
+    return found, missing
+
+
+def _jpeg(image: Any, quality: int) -> Picture:
+    height, width = image.shape[:2]
+    if width > WIDTH:
+        height, width = round(height * WIDTH / width), WIDTH
+        image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    ok, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1])
+    if not ok:
+        raise ValueError(f"an image of {width} × {height} px cannot be written as JPEG")
+    return Picture(data.tobytes(), width, height)

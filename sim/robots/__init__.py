@@ -1,0 +1,3 @@
+"""The rover: body, driver and dead reckoning.
+
+Read `rover.py` first."""

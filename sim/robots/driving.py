@@ -1,0 +1,291 @@
+"""How a rover drives by itself: from goal to goal on shortest ways, giving way to people and to other robots.
+
+Following a way: pure pursuit (Coulter 1992, Implementation of the Pure Pursuit Path Tracking Algorithm).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from sim.robots.rover import FOOTPRINT_RADIUS
+from tracker.geometry import Array, frozen, wrap
+from worlds.terrain.free_space import FreeSpace
+
+TOP_SPEED, TOP_YAW_RATE = 0.7, 0.8
+"""m/s and rad/s."""
+ACCELERATION, YAW_ACCELERATION = 0.6, 1.6
+"""m/s² and rad/s²: gentle enough for the mast."""
+LOOKAHEAD = 0.6
+"""m along the way to the point that is aimed at."""
+ARRIVED = 0.5
+STOP = 0.1
+"""m that it leaves to others, beside what its footprint leaves already."""
+_CLEAR = 0.5
+"""m that a lane must be clear ahead for a rover to take it."""
+TURNING_ROOM = 0.2
+"""m between the half width for which wheels are free and the circle that a rover turns in."""
+HALF_LANE = 0.37
+"""m: half the width of what the rover sweeps ahead, with some room."""
+PATIENCE, RETREAT = 1.2, 1.4
+"""s without getting on before it backs up, s of backing up."""
+ASKING = 0.5
+"""s without getting on after which it asks those before it to give way."""
+NEAR = 4.0
+"""m within which it plans its way round others."""
+ON_THE_SPOT = 0.7
+"""rad/s of a rover that looks too far off its way to drive."""
+_DETOURS = np.array([0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5, -1.5])
+"""rad off the wanted heading, in the order in which they are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How a rover moves now: position (2,) m, yaw rad, speed m/s ahead, yaw_rate rad/s."""
+
+    position: Array
+    yaw: float
+    speed: float
+    yaw_rate: float
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """Who else is about: position (k, 2) m, radius (k,) m."""
+
+    position: Array
+    radius: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A way: points (k, 2) m and marks (k,) m, how far along it each lies."""
+
+    points: Array
+    marks: Array
+
+    @staticmethod
+    def through(points: Array) -> Route:
+        """The way from point to point (k, 2) m."""
+        marks = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+        return Route(frozen(points, (None, 2), "route"), frozen(marks, (len(points),), "marks"))
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The plan of one rover: route, passed m of it; visit, how many goals are behind it; the command speed m/s and yaw_rate rad/s that it follows;
+    stuck s, retreat s still to back up, swing the way round that it turns then (1 to the left, −1). course: whether it drives forwards, 1, or
+    backwards, −1, as it can both; asks (2,) m/s: how it would go if those before it gave way, 0 as long as it has not waited for them;
+    tries, how often it has been stuck since it last got on."""
+
+    route: Route
+    passed: float
+    visit: int
+    speed: float
+    yaw_rate: float
+    stuck: float
+    retreat: float
+    swing: float = 1.0
+    course: float = 1.0
+    asks: tuple[float, float] = (0.0, 0.0)
+    tries: int = 0
+
+
+class Pilot(Protocol):
+    """Whoever drives a rover: a Driver on its tour, or somebody who is told where to go."""
+
+    def start(self, position: Array) -> Drive:
+        """The plan of a rover at rest at position (2,) m."""
+        ...
+
+    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+        """The plan dt s later."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Driver:
+    """Where one rover may go, wheels, and wants to, goals (g, 2) m, one after the other and again."""
+
+    wheels: FreeSpace
+    goals: Array
+
+    def start(self, position: Array) -> Drive:
+        return Drive(self._route(position, 0), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
+
+    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+        """The plan `dt` s later; its speed and yaw_rate are what the wheels are to do now."""
+        if math.dist(drive.route.points[-1], motion.position) < ARRIVED:
+            drive = self._next(drive, motion)
+        if drive.retreat > 0:
+            return self._retreat(drive, motion, traffic, dt)
+        passed, x, y = _progress(drive.route.points, drive.route.marks, drive.passed, motion.position)
+        drive = replace(drive, passed=passed)
+        aim = np.array([x, y])
+        distance = max(math.dist(aim, motion.position), 0.2)
+        straight = math.atan2(*(aim - motion.position)[::-1])
+        wanted = self._way_round(motion, straight, traffic)
+        course = _course(drive, motion, wanted)
+        error = float(wrap(wanted - motion.yaw + (math.pi if course < 0 else 0.0)))
+        speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
+        free = min(speed, _free_speed(motion, traffic, course))
+        # Who cannot drive on as it stands turns to where it can.
+        turns = not speed or (free < 0.1 and abs(error) > 0.15)
+        turn = math.copysign(ON_THE_SPOT, error) if turns else 2 * free * math.sin(error) / distance
+        drive = _towards(replace(drive, course=course), course * free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
+        waits = abs(motion.yaw_rate) < 0.1 if turns else min(free, abs(motion.speed)) < 0.25 * speed
+        drive = replace(drive, stuck=drive.stuck + dt if waits else max(drive.stuck - dt, 0.0))
+        ways = np.array([straight, wanted, motion.yaw if course > 0 else motion.yaw + math.pi])
+        blocked = _gap(motion.position, ways, traffic.position, traffic.radius).min() < _CLEAR + 0.2
+        asking = blocked and drive.stuck > ASKING
+        drive = replace(drive, asks=(TOP_SPEED * math.cos(straight), TOP_SPEED * math.sin(straight)) if asking else (0.0, 0.0))
+        if drive.stuck <= PATIENCE:
+            return replace(drive, tries=0) if abs(motion.speed) > 0.5 * TOP_SPEED else drive
+        # By turns: two who both only look for a way round each other, or only back off, would stay in each other's way.
+        around = self._around(drive, motion, traffic) if blocked and drive.tries % 2 == 0 else None
+        if around is not None:
+            return around
+        return replace(drive, stuck=0.0, tries=drive.tries + 1, retreat=RETREAT, swing=self._wider_side(motion))
+
+    def _way_round(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
+        """The heading nearest to the wanted one that is clear of others for a while and stays in the room; the wanted one where none is."""
+        if _gap(motion.position, np.array([wanted]), traffic.position, traffic.radius)[0] > _CLEAR:
+            return wanted
+        headings = wanted + _DETOURS
+        ahead = np.column_stack([np.cos(headings), np.sin(headings)])
+        clear = _gap(motion.position, headings, traffic.position, traffic.radius) > _CLEAR
+        for reach in (0.5, 1.0):
+            clear &= self.wheels.free_at(motion.position + reach * ahead)
+        return float(headings[int(np.argmax(clear))]) if clear.any() else wanted
+
+    def _around(self, drive: Drive, motion: Motion, traffic: Traffic) -> Drive | None:
+        """On to the goal, or else to the first of the next ones, that can be reached past all who are near, as if they stayed where they are;
+        None where none can."""
+        i, j = np.indices(self.wheels.free.shape)
+        nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=-1)
+        free = self.wheels.free.copy()
+        for place, radius in zip(traffic.position, traffic.radius, strict=True):
+            if math.dist(place, motion.position) < NEAR:
+                free &= np.hypot(*np.moveaxis(nodes - place, -1, 0)) > radius + HALF_LANE
+        start = self._inside(motion.position)
+        free |= self.wheels.free & (np.hypot(*np.moveaxis(nodes - start, -1, 0)) < 0.25)
+        labels = ndimage.label(free)[0]
+        j, i = np.rint((start - self.wheels.origin) / self.wheels.spacing).astype(np.int64)
+        room = FreeSpace(labels == labels[i, j], self.wheels.origin, self.wheels.spacing)
+        for visit in range(drive.visit, drive.visit + len(self.goals)):
+            goal = self.goals[visit % len(self.goals)]
+            if room.free_at(goal[None])[0] and math.dist(goal, start) > ARRIVED:
+                way = Route.through(room.route(start, goal))
+                return replace(drive, route=way, passed=0.0, visit=visit, stuck=0.0, tries=drive.tries + 1)
+        return None
+
+    def _wider_side(self, motion: Motion) -> float:
+        """1 where there is more room to the left of the rover than to the right, else −1."""
+        left = np.array([-math.sin(motion.yaw), math.cos(motion.yaw)])
+        room = self.wheels.clearance_at(motion.position + np.array([[0.5], [-0.5]]) * left)
+        return 1.0 if room[0] > room[1] else -1.0
+
+    def _retreat(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+        """Back up with a turn, as far as there is room, then go elsewhere."""
+        behind = motion.position - 0.4 * drive.course * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
+        room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
+        speed = -drive.course * min(0.3, _free_speed(motion, traffic, -drive.course)) if room else 0.0
+        drive = _towards(drive, speed, 0.6 * drive.swing, dt)
+        left = drive.retreat - dt
+        return self._next(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
+
+    def _next(self, drive: Drive, motion: Motion) -> Drive:
+        return replace(drive, route=self._route(motion.position, drive.visit + 1), passed=0.0, visit=drive.visit + 1)
+
+    def _route(self, position: Array, visit: int) -> Route:
+        return Route.through(self.wheels.route(self._inside(position), self.goals[visit % len(self.goals)]))
+
+    def _inside(self, position: Array) -> Array:
+        """position (2,) m, or the nearest free place."""
+        if self.wheels.free_at(position[None])[0]:
+            return position
+        i, j = np.nonzero(self.wheels.free)
+        nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=1)
+        return nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
+
+
+def make_driver(room: FreeSpace, rng: np.random.Generator) -> Driver:
+    """A driver with eight goals of its own in this room. Raises ValueError where nothing is free."""
+    return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]))
+
+
+def room_to_turn(wheels: FreeSpace) -> FreeSpace:
+    """The part of free space, in one piece, in which a rover can turn on the spot: up to TURNING_ROOM m off its border.
+
+    Where that would cost more than half of the area, as in a world of narrow passages, the room is taken less wide.
+    """
+    for margin in (TURNING_ROOM, 0.5 * TURNING_ROOM):
+        labels, count = ndimage.label(wheels.clearance > margin)
+        if count:
+            largest = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+            if largest.sum() > 0.5 * wheels.free.sum():
+                return FreeSpace(largest, wheels.origin, wheels.spacing)
+    return wheels
+
+
+def _course(drive: Drive, motion: Motion, wanted: float) -> float:
+    """1 to drive forwards, −1 to drive backwards, towards a heading: what needs less of a turn; what it does it goes on with up to 110°."""
+    ahead = abs(float(wrap(wanted - motion.yaw - (math.pi if drive.course < 0 else 0.0))))
+    return drive.course if ahead < 1.9 else -drive.course
+
+
+def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
+    """The command moved towards this one as far as the accelerations allow; braking may be twice as hard."""
+    brake = 2.0 if abs(speed) < abs(drive.speed) else 1.0
+    dv, dw = brake * ACCELERATION * dt, YAW_ACCELERATION * dt
+    return replace(
+        drive,
+        speed=drive.speed + float(np.clip(speed - drive.speed, -dv, dv)),
+        yaw_rate=drive.yaw_rate + float(np.clip(yaw_rate - drive.yaw_rate, -dw, dw)),
+    )
+
+
+def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
+    """m/s that leaves time to stop before whoever is in the lane, ahead (direction 1) or behind (−1)."""
+    yaw = motion.yaw if direction > 0 else motion.yaw + math.pi
+    gap = _gap(motion.position, np.array([yaw]), traffic.position, traffic.radius)[0]
+    return min(max(0.8 * (float(gap) - STOP), 0.0), TOP_SPEED)
+
+
+@njit(cache=True)
+def _gap(position: Array, headings: Array, others: Array, radius: Array) -> Array:
+    """(k,) m before a rover at position (2,) m reaches one of others (m, 2) m, of radius (m,) m, when it goes towards headings (k,) rad; inf where
+    nobody is in the lane."""
+    out = np.full(len(headings), np.inf)
+    for k in range(len(headings)):
+        c, s = math.cos(headings[k]), math.sin(headings[k])
+        for j in range(len(others)):
+            x, y = others[j, 0] - position[0], others[j, 1] - position[1]
+            ahead, aside = c * x + s * y, abs(c * y - s * x)
+            if ahead > 0 and aside < HALF_LANE + radius[j]:
+                out[k] = min(out[k], ahead - radius[j] - FOOTPRINT_RADIUS)
+    return out
+
+
+@njit(cache=True)
+def _progress(points: Array, marks: Array, passed: float, position: Array) -> tuple[float, float, float]:
+    """m of a route passed, the nearest place within the next metre and a half and never backwards; and x, y m of the place LOOKAHEAD after that."""
+    best, found = np.inf, passed
+    for k in range(len(points) - 1):
+        low, high = max(marks[k], passed), min(marks[k + 1], passed + 1.5)
+        length = marks[k + 1] - marks[k]
+        if low > high or length <= 0:
+            continue
+        dx, dy = (points[k + 1, 0] - points[k, 0]) / length, (points[k + 1, 1] - points[k, 1]) / length
+        along = marks[k] + (position[0] - points[k, 0]) * dx + (position[1] - points[k, 1]) * dy
+        along = min(max(along, low), high)
+        x, y = points[k, 0] + (along - marks[k]) * dx - position[0], points[k, 1] + (along - marks[k]) * dy - position[1]
+        if x * x + y * y < best - 1e-12:
+            best, found = x * x + y * y, along
+    aim = min(found + LOOKAHEAD, marks[-1])
+    return found, np.interp(aim, marks, points[:, 0]), np.interp(aim, marks, points[:, 1])

@@ -1,0 +1,70 @@
+"""Where the joints of people are in an image, and whether they can be seen there.
+
+A joint is visible where nothing is before it but the surface of its own limb: joints lie inside the body, so that this surface is nearer by up
+to the thickness of the limb, and a limb on the far side of the trunk is farther behind what is seen than that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.geometry.cameras import Camera, Panorama
+from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Keypoints
+
+DEPTH = {"nose": 0.05, "eye": 0.06, "ear": 0.07, "shoulder": 0.12, "elbow": 0.08, "wrist": 0.07, "hip": 0.17, "knee": 0.10, "ankle": 0.10}
+"""m: how far behind the body's surface a joint that faces the camera may lie, clothes included."""
+BEHIND = 0.05
+"""m: how far behind a joint the surface may be that a pixel beside it shows."""
+_DEPTHS = np.array([DEPTH[name.split("_")[-1]] for name in KEYPOINT_NAMES])
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What one camera shows at one moment: instances (H, W), 0 for nobody, and range (H, W) m along the ray, from T_world_camera."""
+
+    camera: Camera
+    T_world_camera: Pose
+    instances: NDArray[np.uint16]
+    range: NDArray[np.float32]
+
+
+def image_points(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array, Mask]:
+    """Points (n, 3) m, world → (n, 2) pixels from the image's corner, and whether each is in the image. Out of it they may be NaN."""
+    pixels, _ = camera.pixels_from_bearings(T_world_camera.inverse().apply(points))
+    pixels = pixels + (0.5 - camera.pixel_centre)
+    with np.errstate(invalid="ignore"):
+        inside = np.asarray((pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1))
+    return pixels, inside
+
+
+def true_keypoints(sight: Sight, persons: Ints, joints: Array) -> Keypoints:
+    """Key points of people (m,) with joints (m, 17, 3) m, world."""
+    m, k = joints.shape[:2]
+    points = joints.reshape(-1, 3)
+    pixels, inside = image_points(sight.camera, sight.T_world_camera, points)
+    pixels[~inside] = 0.0
+    distance = np.linalg.norm(points - sight.T_world_camera.translation, axis=1)
+    depth = np.broadcast_to(_DEPTHS, (m, k)).ravel()
+    shown = _shown(sight, pixels, np.repeat(persons, k), distance, depth)
+    visibility = np.where(inside, np.where(shown, VISIBLE, HIDDEN), 0)
+    return Keypoints(persons, pixels.reshape(m, k, 2), visibility.reshape(m, k))
+
+
+def _shown(sight: Sight, pixels: Array, owner: Ints, distance: Array, depth: Array) -> Mask:
+    """(n,) whether nothing is before each joint, and its owner is there at its distance or, where the joint lies on the silhouette, beside it."""
+    height, width = sight.instances.shape
+    column, row = np.floor(pixels).astype(np.int64).T
+    beside = np.zeros(len(pixels), dtype=bool)
+    for across in (-1, 0, 1):
+        for down in (-1, 0, 1):
+            u = column + across
+            u = u % width if isinstance(sight.camera, Panorama) else np.clip(u, 0, width - 1)
+            v = np.clip(row + down, 0, height - 1)
+            surface = sight.range[v, u]
+            beside |= (sight.instances[v, u] == owner) & (surface > distance - depth) & (surface < distance + depth + BEHIND)
+    clear = sight.range[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] > distance - depth
+    return np.asarray(clear & beside)

@@ -1,0 +1,218 @@
+"""What cameras see without being rendered: people and landmarks by exact rays through the scene.
+
+A person's box is that of the limbs' own meshes; how much of the person shows is the share of points on the skin that nothing is before. So the
+same ViewTruth comes out as from a rendered view, and the same Detector makes the same kind of boxes of it. Landmarks are points on what stands
+still, seen where no ray is stopped before them, with a bearing's noise and a look of their own, as features of an image have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sim.pedestrian.skeleton import LIMBS
+from sim.sensors.person_detector import People
+from sim.sensors.raycasting import Raycaster
+from sim.simulation.simulation import Simulation
+from tracker.geometry import Array, Ints, Mask, Pose, deflected
+from tracker.geometry.cameras import Camera, Panorama
+from tracker.types import Boxes, Keypoints, Sightings, ViewTruth
+
+STILL = np.array([1, 1, 0, 0, 0, 0], np.uint8)
+"""Geom groups of what stands still: ground and props."""
+
+SKIN = 48
+"""Points on a person's skin that are looked for, uniform over its area."""
+
+FARTHEST = 200.0
+
+HIPS = (11, 12)
+
+_DIRECTIONS = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 3)
+
+_DIRECTIONS = np.delete(_DIRECTIONS, 13, axis=0)
+
+_ALONG_AXES = np.abs(_DIRECTIONS).sum(axis=1) == 1
+
+
+@dataclass(frozen=True)
+class LandmarkSensor:
+    """Landmarks of a world and how they are seen. count of them; noise rad an axis of a bearing; missed: the share of visible ones that are not
+    found in a frame; wrong: the share found up to `stray` rad off; reach m; look: length of a descriptor, blur: how far (of its length) it
+    strays; named: sightings tell which landmark it is.
+    """
+
+    count: int = 300
+    noise: float = np.radians(0.12)
+    missed: float = 0.3
+    wrong: float = 0.02
+    stray: float = 0.03
+    reach: float = 25.0
+    look: int = 32
+    blur: float = 0.2
+    named: bool = False
+
+
+class RaycastCamera:
+    """Rays through the scene of a simulation, at whatever moment it is.
+
+    landmarks: (n, 3) m, world, on the ground and on what stands on it; fixed by the scenario's stream "landmarks".
+    """
+
+    def __init__(self, simulation: Simulation, landmarking: LandmarkSensor | None = None) -> None:
+        self.simulation, self.landmarking = simulation, landmarking or LandmarkSensor()
+        rng = simulation.scenario.stream("landmarks")
+        self.landmarks = _on_surfaces(simulation, self.landmarking.count, rng)
+        looks = rng.normal(size=(len(self.landmarks), self.landmarking.look))
+        self._looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
+        self.rays = Raycaster(simulation)
+        self._skins = {int(person): _Skin.of(simulation.model, f"person_{person}") for person in simulation.everybody}
+
+    def view(self, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
+        """As sensing.true_view; boxes are not rounded to pixels, and key points are left out."""
+        eye = T_world_camera.translation
+        skins = [self._skins[int(person)].placed(self.simulation.data) for person in people.person]
+        clear = self._clear(eye, [points for points, _ in skins], people.person)
+        kept, seen, full, visible = [], [], [], []
+        for k, (points, corners) in enumerate(skins):
+            outline, inside = _outline(camera, T_world_camera, corners)
+            _, shown = _pixels(camera, T_world_camera, points)
+            if outline is None or not shown.any():
+                continue
+            share = float(clear[k][shown].mean())
+            box = outline
+            if 0 < share < 1:
+                rims = np.flatnonzero(inside & self._skins[int(people.person[k])].rim)
+                rims = rims[self._clear(eye, [corners[rims]], people.person[k : k + 1])[0]]
+                partial, _ = _outline(camera, T_world_camera, np.concatenate([corners[rims], points[shown & clear[k]]]))
+                box = outline if partial is None else partial
+            kept.append(k)
+            full.append(outline)
+            seen.append(box if share > 0 else np.zeros(4))
+            visible.append(share)
+        below = eye[None]
+        terrain = self.simulation.world.terrain
+        ground, normal = float(terrain.height_at(below)[0]), terrain.normal_at(below)[0]
+        if not kept:
+            return ViewTruth(T_world_camera, ground, normal, Boxes.none(), Keypoints.none())
+        middle = people.joints[kept][:, HIPS].mean(axis=1)
+        boxes = Boxes(people.person[kept], np.array(seen), np.array(full), np.array(visible), np.linalg.norm(middle - eye, axis=1))
+        return ViewTruth(T_world_camera, ground, normal, boxes, Keypoints.none())
+
+    def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
+        """The landmarks that a panorama at T_world_camera shows now, in no telling order; draws of one do not depend on the others."""
+        rule, n = self.landmarking, len(self.landmarks)
+        found, order = rng.random(n) >= rule.missed, rng.permutation(n)
+        sigma = np.where(rng.random(n) < rule.wrong, rule.stray, rule.noise)[:, None]
+        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self._looks.shape) * rule.blur / np.sqrt(rule.look)
+        away = self.landmarks - T_world_camera.translation
+        distance = np.linalg.norm(away, axis=1)
+        found &= (distance < rule.reach) & (distance > 0.3)
+        found[found] = self.rays.stopped(T_world_camera.translation, self.landmarks[found])[1]
+        rows = order[found[order]]
+        sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
+        bearing = deflected(sight, error[rows])
+        subject = rows if rule.named else np.full(len(rows), -1)
+        look = (self._looks[rows] + blur[rows]).astype(np.float32)
+        return Sightings(bearing, np.full(len(rows), np.nan), subject, look, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))
+
+    def _clear(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
+        """Of each person's points (n, 3) m: whether nothing but the person is before them."""
+        if not points:
+            return []
+        ends = np.cumsum([len(p) for p in points])[:-1]
+        owner = np.repeat(persons, [len(p) for p in points])
+        geom, free = self.rays.stopped(eye, np.concatenate(points))
+        own = (geom >= 0) & (self.simulation.person_of_geom[geom] == owner)
+        return np.split(free | own, ends)
+
+
+@dataclass(frozen=True, eq=False)
+class _Skin:
+    """A person's meshes: points, places spread over the skin, and corners, the vertices that stick out; (n, 3) m, each in the frame of the geom
+    on_point, on_corner (n,). rim (n,): the corners that bound a limb along its own axes.
+    """
+
+    points: Array
+    on_point: Ints
+    corners: Array
+    on_corner: Ints
+    rim: Mask
+
+    @staticmethod
+    def of(model: mujoco.MjModel, name: str) -> _Skin:
+        rng = np.random.default_rng(0)
+        triangles, owner, corners, on_corner, rim = [], [], [], [], []
+        for geom in (model.geom(f"{name}/{limb}").id for limb in LIMBS):
+            mesh = model.mesh(int(model.geom_dataid[geom]))
+            first, faces = int(mesh.vertadr[0]), model.mesh_face[mesh.faceadr[0] : mesh.faceadr[0] + mesh.facenum[0]]
+            shape = model.mesh_vert[first : first + mesh.vertnum[0]].astype(np.float64)[faces]
+            vertices = shape.reshape(-1, 3)
+            farthest = np.argmax(vertices @ _DIRECTIONS.T, axis=0)
+            extreme = np.unique(farthest)
+            rim.append(np.isin(extreme, farthest[_ALONG_AXES]))
+            triangles.append(shape)
+            owner.append(np.full(len(shape), geom))
+            corners.append(vertices[extreme])
+            on_corner.append(np.full(len(extreme), geom))
+        shape, on = np.concatenate(triangles), np.concatenate(owner)
+        area = np.linalg.norm(np.cross(shape[:, 1] - shape[:, 0], shape[:, 2] - shape[:, 0]), axis=1)
+        # Evenly along the cumulated area, so that every limb has its share.
+        chosen = np.searchsorted(np.cumsum(area), (np.arange(SKIN) + 0.5) / SKIN * area.sum())
+        weight = rng.dirichlet(np.ones(3), SKIN)
+        points = np.einsum("nk,nki->ni", weight, shape[chosen])
+        return _Skin(points, on[chosen], np.concatenate(corners), np.concatenate(on_corner), np.concatenate(rim))
+
+    def placed(self, data: mujoco.MjData) -> tuple[Array, Array]:
+        """Points and corners in the world, m."""
+        return _placed(data, self.points, self.on_point), _placed(data, self.corners, self.on_corner)
+
+
+def _placed(data: mujoco.MjData, points: Array, geom: Ints) -> Array:
+    out: Array = data.geom_xpos[geom] + np.einsum("nij,nj->ni", data.geom_xmat[geom].reshape(-1, 3, 3), points)
+    return out
+
+
+def _on_surfaces(simulation: Simulation, count: int, rng: np.random.Generator) -> Array:
+    """(count, 3) m: where rays from places that rovers can reach, at their cameras' height, meet what stands still; at most FARTHEST m away."""
+    world, data = simulation.world, simulation.data
+    free = np.argwhere(world.wheels.free)
+    out: list[Array] = []
+    for _ in range(20 * count):
+        if len(out) == count:
+            break
+        row, column = free[rng.integers(len(free))]
+        place = world.wheels.origin + world.wheels.spacing * np.array([column, row])
+        eye = np.array([*place, float(world.terrain.height_at(place[None])[0]) + simulation.scenario.camera_height])
+        azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(-45.0, 35.0))
+        sight = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        distance = mujoco.mj_ray(simulation.model, data, eye, sight, STILL, 1, -1, np.zeros(1, np.int32), None)
+        if 0.5 < distance < FARTHEST:
+            out.append(eye + distance * sight)
+    return np.array(out).reshape(-1, 3)
+
+
+def _pixels(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array, Mask]:
+    """(n, 2) px from the image's corner, and whether they are in the image."""
+    bearings = T_world_camera.inverse().apply(points)
+    pixels, inside = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
+    return pixels + (0.5 - camera.pixel_centre), inside
+
+
+def _outline(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array | None, Mask]:
+    """Left, top, right, bottom px about the points that are in the image, None where none is; in a panorama left in [0, W), right beyond W over
+    the seam.
+    """
+    if not len(points):
+        return None, np.zeros(0, dtype=bool)
+    pixels, inside = _pixels(camera, T_world_camera, points)
+    if not inside.any():
+        return None, inside
+    u, v = pixels[inside].T
+    if isinstance(camera, Panorama):
+        u = u[0] + np.mod(u - u[0] + camera.width / 2, camera.width) - camera.width / 2
+        shift = -np.floor(u.min() / camera.width) * camera.width
+        u = u + shift
+    return np.array([u.min(), v.min(), u.max(), v.max()]), inside

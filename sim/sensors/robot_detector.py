@@ -1,0 +1,50 @@
+"""Rovers in the panoramas of other rovers: the simulator's detector of robots, which knows them apart.
+
+As the detector of people it misses some of those that are to be seen (Scenario.misses) and errs by Scenario.bearing_noise, anew in every frame.
+A rover is to be seen where nothing is on the straight line between the two cameras.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.scenario import Scenario
+from sim.sensors.raycasting import Raycaster
+from sim.simulation.simulation import Simulation
+from tracker.geometry import deflected
+from tracker.geometry.cameras import Panorama
+from tracker.types import Mount, RobotDetections, Setup
+
+LEAST_VARIANCE = 1e-8
+"""rad², of a detector without errors: a covariance is positive."""
+
+
+def on_rover(simulation: Simulation, mount: Mount) -> bool:
+    """Whether a camera is the panorama of a robot that drives."""
+    return mount.robot in simulation.robots and isinstance(mount.camera, Panorama)
+
+
+class RobotDetector:
+    """Finds rovers in the views of a simulation at whatever moment it is; draws of a camera come from its stream "companions/CAMERA"."""
+
+    def __init__(self, scenario: Scenario, setup: Setup, simulation: Simulation, rays: Raycaster | None = None) -> None:
+        self._misses, self._noise = scenario.misses, scenario.bearing_noise
+        self._simulation, self._rays = simulation, rays or Raycaster(simulation)
+        self._mounts = {name: mount for name, mount in setup.mounts.items() if on_rover(simulation, mount)}
+        self._streams = {name: scenario.stream(f"companions/{name}") for name in self._mounts}
+
+    def spot(self, camera: str) -> RobotDetections | None:
+        """The other rovers that a camera shows now; None for a camera that is none of a rover. Draws of one do not depend on the others."""
+        if camera not in self._mounts:
+            return None
+        mount, rng, simulation = self._mounts[camera], self._streams[camera], self._simulation
+        others = [other.robot for other in self._mounts.values() if other.robot != mount.robot]
+        error, found = rng.normal(0.0, self._noise, (len(others), 2)), rng.random(len(others)) >= self._misses
+        pose = simulation.T_world_robot(mount.robot) @ mount.T_body_camera
+        goals = np.array([(simulation.T_world_robot(robot) @ simulation.T_body_camera).translation for robot in others]).reshape(-1, 3)
+        found[found] = self._rays.stopped(pose.translation, goals[found])[1]
+        sight = pose.inverse().apply(goals[found])
+        sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+        bearing = deflected(sight, error[found])
+        covariance = np.tile(np.eye(2) * max(self._noise**2, LEAST_VARIANCE), (len(bearing), 1, 1))
+        return RobotDetections(bearing, tuple(np.array(others)[found].tolist()), covariance)

@@ -1,0 +1,367 @@
+"""Simulation: a world, its rovers and its people, moved on together. The only mj_step in the project."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sim.crowd.crowd import CrowdState, Obstacles, Walkers
+from sim.crowd.replay import Paths, Replay
+from sim.pedestrian import clothing, clothing_textures, gait, gaze, skeleton
+from sim.robots import driving, odometry, rover
+from sim.robots.driving import Drive, Motion, Pilot, Traffic
+from sim.scenario import Scenario
+from sim.simulation.initial_states import InitialStates, away_from, draw_places, draw_robots, resting, walkers
+from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
+from tracker.types import Odometry
+from worlds import catalogue
+from worlds.world import World
+
+CROWD_STEP = 0.05
+"""s: people and commands move on at the step nearest to this that divides a frame."""
+SETTLING = 1.0
+"""s that the rovers are given to come to rest before frame 0."""
+TIPPED = math.cos(math.pi / 4)
+"""The least z of a rover's up axis."""
+
+ABSENT, PARKED = 5, 100.0
+"""The group of the geoms of people who are not there, which is never drawn; and m below the ground where they are kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A moment of a simulation: frame; the data of the scene and of what moves in it; people: crowd, footing, gaze, joints; robots: drives,
+    commands, odometry; and the states of the random streams of their sensors."""
+
+    frame: int
+    data: mujoco.MjData
+    moving: mujoco.MjData
+    people: tuple[CrowdState, gait.Footing, Array, Array]
+    robots: tuple[tuple[Drive, ...], Array, dict[str, Odometry]]
+    streams: tuple[Any, ...]
+
+
+class Simulation:
+    """The state of a scenario, frame by frame. model and data are at any time exactly the moment of the frame.
+
+    Limbs are posed when somebody asks for data or joints: who only wants to know how things move does not pay for looks.
+    They collide with nothing: between frames the rovers move in a model without them, which starts from data and ends in it.
+
+    paths: what the people walk in place of their own plans; their ids are then those of the people. start: where all are at first and who moves
+    them, in place of what the scenario draws.
+    Raises ValueError for an unknown world, where robots and people do not fit in, for paths out of the world or into a wall, and for a start of
+    other robots or people.
+    """
+
+    def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None, start: InitialStates | None = None) -> None:
+        self.scenario = scenario
+        self.world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty) if world is None else world
+        self.robots = tuple(f"robot_{i}" for i in range(scenario.robots))
+        if paths is not None and len(paths.ids) != scenario.people:
+            raise ValueError(f"people is {scenario.people}, needs {len(paths.ids)}, as many as there are paths")
+        if start is not None:
+            if paths is not None:
+                raise ValueError("paths and start are both given, needs one of them")
+            start.check(scenario)
+        self._paths, self._start = paths, start
+        self.everybody: Ints = np.arange(1, scenario.people + 1) if paths is None else paths.ids
+        self.T_body_camera = rover.camera_mount(scenario.camera_height)
+        self.frame = 0
+        people = [scenario.stream(f"person_{i}") for i in self.everybody]
+        drawn = np.array([skeleton.statures(rng, 1, scenario.children)[0] for rng in people])
+        self.stature = drawn if paths is None or paths.stature is None else paths.stature
+        # Before anything is built: who does not fit in shall hear of it at once.
+        self._places = draw_places(scenario, self.world.feet) if paths is None and start is None else np.zeros((0, 2))
+        self.model = self._compile(people)
+        self._data, self._posed = mujoco.MjData(self.model), False
+        self._physics = self._rovers_and_colliders().compile()
+        self._moving = mujoco.MjData(self._physics)
+        self._index()
+        self._place_rovers()
+        self._place_people(people)
+        self._settle()
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """Everything as it is at this frame."""
+        self._pose_people()
+        return self._data
+
+    @property
+    def time(self) -> float:
+        """s since frame 0."""
+        return self.frame * self.scenario.period
+
+    def step(self) -> None:
+        """Advance by one frame period."""
+        before = self._data.qpos[self._wheel_qpos].copy()
+        velocity = self._data.qvel[self._velocities].copy()
+        rates = []
+        self._copy_state(self._data, self._moving)
+        for _ in range(self._crowd_steps):
+            self._move_people()
+            rates.append(self._drive())
+        self._copy_state(self._moving, self._data)
+        self.frame += 1
+        self._look_about()
+        self._posed = False
+        self._reckon(np.concatenate(rates), before, velocity)
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Where each rover's driver is in its plan."""
+        return tuple(self._drives)
+
+    def hand_over(self, drivers: Sequence[Pilot], drives: Sequence[Drive]) -> None:
+        """From now on these drivers drive the rovers, one each, from these points of their plans on."""
+        self._drivers, self._drives = list(drivers), list(drives)
+
+    def motions(self) -> Array:
+        """(r, 5): x, y m, yaw rad, m/s ahead and rad/s about the vertical of the rovers, now."""
+        heading, rates = self._heading(), self._moving.qvel[self._velocities[:, 5]]
+        return np.column_stack([self._moving.qpos[self._poses[:, :2]], np.arctan2(heading[:, 1], heading[:, 0]), heading[:, 2], rates])
+
+    @property
+    def crowd_state(self) -> CrowdState:
+        """Of everybody, those who are absent included."""
+        return self._crowd_state
+
+    def T_world_robot(self, name: str) -> Pose:
+        """The pose of a rover's body. Raises ValueError for a name that is not in `robots`."""
+        if name not in self.robots:
+            raise ValueError(f"robot is {name!r}, needs one of {self.robots}")
+        qpos = self._data.qpos[self._poses[self.robots.index(name)]]
+        return Pose(rotation_from_quaternion(qpos[3:]), qpos[:3])
+
+    @property
+    def persons(self) -> Ints:
+        """(m,): the ids of the people who are present now; no id is used again once its person has gone."""
+        return self.everybody[self._crowd_state.present]
+
+    def feet(self) -> Array:
+        """(m, 3) m: the ground under the middle of each body, in the order of `persons`."""
+        return self._everybodys_feet()[self._crowd_state.present]
+
+    def joints(self) -> Array:
+        """(m, 17, 3) m: key points in the order of pedestrian.COCO, world frame, in the order of `persons`."""
+        self._pose_people()
+        return self._joints[self._crowd_state.present]
+
+    def odometry(self) -> dict[str, Odometry]:
+        """Each rover's motion since the frame before; empty at frame 0."""
+        return dict(self._odometry)
+
+    def tipped(self) -> dict[str, bool]:
+        """Whether each rover leans by more than 45 degrees."""
+        return {name: bool(self.T_world_robot(name).rotation[2, 2] < TIPPED) for name in self.robots}
+
+    def save(self) -> Snapshot:
+        """All that changes from frame to frame, to be restored to this simulation or to another one of the same scenario, world and paths."""
+        data = copy.copy(self.data)
+        streams = tuple(rng.bit_generator.state for rng in self._noise)
+        people = (self._crowd_state, self._footing, self._gaze, self._joints)
+        robots = (tuple(self._drives), self._ctrl.copy(), dict(self._odometry))
+        return Snapshot(self.frame, data, copy.copy(self._moving), people, robots, streams)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a state that `save` gave; what follows is the same, bit by bit. Raises ValueError where it is of another model."""
+        if (snapshot.data.qpos.shape, snapshot.data.mocap_pos.shape) != (self._data.qpos.shape, self._data.mocap_pos.shape):
+            raise ValueError(f"snapshot has {len(snapshot.data.mocap_pos)} moved bodies, needs {len(self._data.mocap_pos)}, as this simulation has")
+        self.frame = snapshot.frame
+        mujoco.mj_copyData(self._data, self.model, snapshot.data)
+        self._posed = True
+        mujoco.mj_copyData(self._moving, self._physics, snapshot.moving)
+        self._crowd_state, self._footing, self._gaze, self._joints = snapshot.people
+        drives, ctrl, odometry_now = snapshot.robots
+        self._drives, self._ctrl, self._odometry = list(drives), ctrl.copy(), dict(odometry_now)
+        for rng, state in zip(self._noise, snapshot.streams, strict=True):
+            rng.bit_generator.state = state
+        self._show_present()
+
+    def _compile(self, people: list[np.random.Generator]) -> mujoco.MjModel:
+        """The whole scene."""
+        spec = self._rovers_and_colliders()
+        clothing_textures.add_fabrics(spec, self.scenario.stream("fabrics"))
+        for person, stature, rng in zip(self.everybody, self.stature, people, strict=True):
+            clothing.add_person(spec, f"person_{person}", float(stature), rng)
+        return spec.compile()
+
+    def _rovers_and_colliders(self) -> mujoco.MjSpec:
+        """The world with rovers and with what they can run into of people."""
+        spec = self.world.spec.copy()
+        for i, name in enumerate(self.robots):
+            rover.add_rover(spec, name, i, self.scenario.camera_height)
+        for person, stature in zip(self.everybody, self.stature, strict=True):
+            clothing.add_collider(spec, f"person_{person}", float(stature))
+        self._crowd_steps = max(1, round(self.scenario.period / CROWD_STEP))
+        self._dt = self.scenario.period / self._crowd_steps
+        self._substeps = max(1, round(self._dt / self.scenario.timestep))
+        spec.option.timestep = self._dt / self._substeps
+        # A round friction cone: wheels that skid are held back along their skid, not along the axes of a pyramid.
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        # Wheels on rough ground need no more; a twentieth of a step's time.
+        spec.option.tolerance = 1e-6
+        return spec
+
+    def _index(self) -> None:
+        """Where rovers and people are in the arrays of MuJoCo."""
+        m = self.model
+        joint = [[m.joint(name).id for name in (robot, *(f"{robot}/{wheel}" for wheel in rover.WHEELS))] for robot in self.robots]
+        joints = np.array(joint)
+        self._poses = m.jnt_qposadr[joints[:, 0]][:, None] + np.arange(7)
+        self._velocities = m.jnt_dofadr[joints[:, 0]][:, None] + np.arange(6)
+        self._wheel_qpos = m.jnt_qposadr[joints[:, 1:]]
+        self._motors = np.array([[m.actuator(f"{robot}/{wheel}").id for wheel in rover.WHEELS] for robot in self.robots])
+        limbs = [[m.body(f"person_{p}/{limb}").mocapid[0] for limb in (*skeleton.LIMBS, "collider")] for p in self.everybody]
+        mocap = np.array(limbs, dtype=np.int64).reshape(-1, len(skeleton.LIMBS) + 1)
+        self._limbs, self._colliders = mocap[:, :-1], mocap[:, -1]
+        bodies = [self._physics.body(f"person_{p}/collider").mocapid[0] for p in self.everybody]
+        self._moving_colliders = np.array(bodies, dtype=np.int64)
+        owners = {f"person_{p}": (int(p), 0) for p in self.everybody} | {robot: (0, i + 1) for i, robot in enumerate(self.robots)}
+        names = [m.body(int(body)).name.split("/")[0] for body in m.geom_bodyid]
+        owner = np.array([owners.get(name, (0, 0)) for name in names], dtype=np.int64).reshape(-1, 2)
+        self.person_of_geom, self.robot_of_geom = owner[:, 0].copy(), owner[:, 1].copy()
+        self._groups = m.geom_group.copy()
+
+    def _place_rovers(self) -> None:
+        """On the ground, as it slopes, each with a driver."""
+        if self._start is None:
+            room = driving.room_to_turn(self.world.wheels)
+            robots = draw_robots(self.scenario, room)
+            drivers: Sequence[Pilot] = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
+        else:
+            robots, drivers = self._start.robots, self._start.drivers
+        for index, row in zip(self._poses, robots, strict=True):
+            self._data.qpos[index] = resting(self.world.terrain, row[:2], float(row[2]))
+        self.hand_over(drivers, [driver.start(row[:2]) for driver, row in zip(drivers, robots, strict=True)])
+        self._ctrl = np.zeros(self._motors.shape)
+        self._wear = [odometry.Wear.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
+        self._noise = [self.scenario.stream(f"{name}/odometry") for name in self.robots]
+        self._odometry = {}
+
+    def _place_people(self, people: list[np.random.Generator]) -> None:
+        """They and their colliders."""
+        self._crowd, self._crowd_state = self._walkers(people)
+        state = self._crowd_state
+        self._footing, self._gaze = gait.stand(state.position, state.heading, self.stature), np.zeros(len(people))
+        self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
+
+    def _walkers(self, people: list[np.random.Generator]) -> tuple[Walkers, CrowdState]:
+        """Who moves the people, and their first state."""
+        if self._start is not None:
+            return self._start.walkers, self._start.people
+        if self._paths is not None:
+            replay = Replay(self._paths, self.world.feet)
+            return replay, replay.start()
+        return walkers(self.scenario, self.world, people, away_from(self._data.qpos[self._poses[:, :2]], self._places))
+
+    def _settle(self) -> None:
+        self._copy_state(self._data, self._moving)
+        for _ in range(round(SETTLING / self._physics.opt.timestep)):
+            mujoco.mj_step(self._physics, self._moving)
+        self._moving.qvel[:] = 0.0
+        self._moving.time = 0.0
+        self._copy_state(self._moving, self._data)
+
+    @staticmethod
+    def _copy_state(source: mujoco.MjData, target: mujoco.MjData) -> None:
+        """What a step of the rovers starts from. The solver's warm start stays: whether data was looked at must not matter."""
+        target.time = source.time
+        for name in ("qpos", "qvel", "ctrl"):
+            getattr(target, name)[:] = getattr(source, name)
+
+    def _heading(self) -> Array:
+        """(robots, 2) unit directions of the rovers' x axes in the plane, and m/s along them in the third column."""
+        poses, velocity = self._moving.qpos[self._poses], self._moving.qvel[self._velocities]
+        x = np.array([rotation_from_quaternion(q)[:, 0] for q in poses[:, 3:]])
+        return np.column_stack([x[:, :2], np.einsum("ri,ri->r", x, velocity[:, :3])])
+
+    def _move_people(self) -> None:
+        """The crowd and its colliders one crowd step on."""
+        if not len(self.everybody):
+            return
+        position, velocity = self._moving.qpos[self._poses[:, :2]], self._moving.qvel[self._velocities[:, :2]]
+        asks = np.array([drive.asks for drive in self._drives]).reshape(-1, 2)
+        obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS), asks)
+        state = self._crowd.step(self._crowd_state, obstacles, self._dt)
+        bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
+        self._footing = gait.walk(self._footing, bodies, self._dt)
+        came = state.present & ~self._crowd_state.present
+        if came.any():
+            self._footing = gait.chosen(came, gait.stand(state.position, state.heading, self.stature), self._footing)
+        self._crowd_state = state
+        self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
+
+    def _look_about(self) -> None:
+        """Heads turned as far as they get in a frame."""
+        state = self._crowd_state
+        bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
+        points = np.concatenate([state.position[state.present], self._moving.qpos[self._poses[:, :2]]])
+        self._gaze = gaze.look(self._gaze, bodies, points, self.scenario.period)
+
+    def _drive(self) -> Array:
+        """The rovers one crowd step on; (substeps, robots, 3) rad/s of their bodies."""
+        position, heading = self._moving.qpos[self._poses[:, :2]], self._heading()
+        yaw_rate = self._moving.qvel[self._velocities[:, 5]]
+        people = self._crowd_state.position[self._crowd_state.present]
+        for i, driver in enumerate(self._drivers):
+            others = np.delete(position, i, axis=0)
+            radius = np.concatenate([np.full(len(others), rover.HALF_WIDTH), np.full(len(people), skeleton.RADIUS)])
+            traffic = Traffic(np.concatenate([others, people]), radius)
+            motion = Motion(position[i], float(np.arctan2(heading[i, 1], heading[i, 0])), float(heading[i, 2]), float(yaw_rate[i]))
+            self._drives[i] = driver.step(self._drives[i], motion, traffic, self._dt)
+        goal = np.array([rover.wheel_speeds(d.speed, d.yaw_rate, w) for d, w in zip(self._drives, yaw_rate, strict=True)])
+        before, self._ctrl = self._ctrl, goal
+        ctrl, qvel = self._moving.ctrl, self._moving.qvel
+        commands, velocities = np.tile(ctrl, (self._substeps, 1)), np.empty((self._substeps, len(qvel)))
+        share = np.arange(1, self._substeps + 1)[:, None, None] / self._substeps
+        commands[:, self._motors] = before + (goal - before) * share
+        for k in range(self._substeps):
+            ctrl[:] = commands[k]
+            mujoco.mj_step(self._physics, self._moving)
+            velocities[k] = qvel
+        return velocities[:, self._velocities[:, 3:]]
+
+    def _pose_people(self) -> None:
+        """All limbs where they are now, if they are not yet."""
+        if self._posed:
+            return
+        state = self._crowd_state
+        poses = skeleton.pose(self.stature, self._footing, state.position, state.heading, self.world.terrain)
+        poses = gaze.turned(poses, self._gaze)
+        self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
+        self._data.mocap_pos[self._colliders] = self._parked(self._everybodys_feet())
+        self._show_present()
+        self._joints, self._posed = poses.joints, True
+        mujoco.mj_forward(self.model, self._data)
+
+    def _show_present(self) -> None:
+        absent = np.isin(self.person_of_geom, self.everybody[~self._crowd_state.present])
+        self.model.geom_group[:] = np.where(absent, ABSENT, self._groups)
+
+    def _everybodys_feet(self) -> Array:
+        """(everybody, 3) m, those who are absent included."""
+        position = self._crowd_state.position
+        return np.column_stack([position, self.world.terrain.height_at(position)])
+
+    def _parked(self, position: Array) -> Array:
+        """position (everybody, ..., 3) m with those who are absent far below the ground, where nothing meets them."""
+        out = position.copy()
+        out[~self._crowd_state.present, ..., 2] -= PARKED
+        return out
+
+    def _reckon(self, rates: Array, wheels: Array, velocity: Array) -> None:
+        """The odometry of the frame that has just ended."""
+        acceleration = (self._data.qvel[self._velocities[:, :3]] - velocity[:, :3]) / self.scenario.period
+        for i, name in enumerate(self.robots):
+            R = self.T_world_robot(name).rotation
+            angles = np.stack([wheels[i], self._data.qpos[self._wheel_qpos[i]]])
+            ride = odometry.Ride(rates[:, i], self.model.opt.timestep, angles, R.T @ acceleration[i], R[2])
+            self._odometry[name] = odometry.measure(ride, self._wear[i], self._noise[i])

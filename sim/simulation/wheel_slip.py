@@ -1,0 +1,68 @@
+"""How bad wheel odometry is on a world: what the encoders say against where the rover went, apart from all sensor errors.
+
+The wheels' mean turning, with the true radius, is laid along the true heading, so that only slip, bumps and scrubbing wheels are left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.robots.rover import WHEEL_RADIUS, WHEELS
+from sim.simulation.simulation import Simulation
+from tracker.geometry import Array
+
+STRETCH = 5.0
+"""m of driving over which an error is taken."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """error: m of odometry error a metre driven, the mean over stretches of about STRETCH m (as Geiger et al. 2012, KITTI, take it over longer
+    ones), NaN where no rover got as far; driven m; tipped: frames in which a rover lay tipped over, added over the rovers."""
+
+    error: float
+    driven: float
+    tipped: int
+
+
+def measure(simulation: Simulation, seconds: float) -> Slip:
+    """Drive all rovers for `seconds` from where they are. Raises ValueError where seconds is not above 0."""
+    if not seconds > 0:
+        raise ValueError(f"seconds is {seconds}, needs more than 0")
+    wheels = np.array([[simulation.model.joint(f"{robot}/{wheel}").qposadr[0] for wheel in WHEELS] for robot in simulation.robots])
+    steps, tipped = [], 0
+    before = _poses(simulation)
+    turned = simulation.data.qpos[wheels].copy()
+    for _ in range(round(seconds / simulation.scenario.period)):
+        simulation.step()
+        after, now = _poses(simulation), simulation.data.qpos[wheels].copy()
+        ahead = before[:, :, 0] + after[:, :, 0]
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+        rolled = WHEEL_RADIUS * (now - turned).mean(axis=1)
+        moved = after[:, :, 3] - before[:, :, 3]
+        steps.append(np.column_stack([rolled[:, None] * ahead - moved, np.linalg.norm(moved, axis=1)]))
+        before, turned = after, now
+        tipped += sum(simulation.tipped().values())
+    errors = [error for rover in np.array(steps).transpose(1, 0, 2) for error in _stretches(rover)]
+    driven = float(np.array(steps)[..., 3].sum())
+    return Slip(float(np.mean(errors)) if errors else float("nan"), driven, tipped)
+
+
+def _poses(simulation: Simulation) -> Array:
+    """(robots, 3, 4): rotation and translation m of the rovers."""
+    poses = [simulation.T_world_robot(name) for name in simulation.robots]
+    return np.array([np.column_stack([pose.rotation, pose.translation]) for pose in poses])
+
+
+def _stretches(steps: Array) -> list[float]:
+    """The errors a metre of one rover's stretches, from steps (n, 4): error (3) and way m of every frame."""
+    out: list[float] = []
+    error, way = np.zeros(3), 0.0
+    for step in steps:
+        error, way = error + step[:3], way + step[3]
+        if way >= STRETCH:
+            out.append(float(np.linalg.norm(error)) / way)
+            error, way = np.zeros(3), 0.0
+    return out

@@ -1,0 +1,3 @@
+"""`pilsim stress`: sweeps as data, injected faults, trials, and the analysis of each: error causes, bounds, ablation, worst moments.
+
+Read `sweeps.py` first."""

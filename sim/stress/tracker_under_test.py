@@ -1,0 +1,124 @@
+"""The tracker under trial: ours with its options, a function of somebody else's, or tracks that were made elsewhere."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.formats.motchallenge import read_mot15
+from tracker.geometry import Pose
+from tracker.options import parameters_from
+from tracker.pipeline import track
+from tracker.sequence.results import Results
+from tracker.types import Estimate, Setup, Tick
+
+Tracking = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
+
+
+@dataclass(frozen=True)
+class TrackerUnderTest:
+    """function: module:function like tracker.pipeline.track, or "" for our own tracker; options of our own, by the names of `pilsim track`;
+    results: a folder of tracks made elsewhere, ID/SEED.txt in MOT15 form with x, y, z, or "".
+    """
+
+    function: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    results: str = ""
+
+    def __post_init__(self) -> None:
+        if self.function and self.results:
+            raise ValueError("--tracker and --results exclude each other")
+        if self.options and (self.function or self.results):
+            raise ValueError(f"options {', '.join(self.options)} are of the default tracker, not of {self.name}")
+        parameters_from(self.options)
+
+    @property
+    def name(self) -> str:
+        """Under which it stands in the results."""
+        return self.function or (Path(self.results).name if self.results else "default")
+
+    def with_options(self, options: dict[str, Any]) -> TrackerUnderTest:
+        """The same with a case's own options, which go first; a tracker that is not ours has none."""
+        return self if self.function or self.results else replace(self, options=self.options | options)
+
+    @property
+    def solves_graphs(self) -> bool:
+        """Whether it takes the best set of tracks as a clique of a graph."""
+        return self.options.get("hypotheses") == "multiple"
+
+    def results_of(self, setup: Setup, ticks: list[Tick], run: tuple[str, int], graphs: Path | None = None) -> Results:
+        """What it makes of the ticks; run: id of the case and seed; graphs: where the graphs that it solves are written.
+
+        Raises whatever the tracker raises, and ValueError where what it says is not what it should be.
+        """
+        if self.results:
+            return _made_elsewhere(Path(self.results) / run[0] / f"{run[1]}.txt", len(ticks))
+        return Results.of(self.estimates(setup, ticks, graphs), {})
+
+    def estimates(self, setup: Setup, ticks: list[Tick], graphs: Path | None = None) -> list[Estimate]:
+        """As results_of, in full."""
+        if self.function:
+            return checked(self.name, load(self.function)(setup, ticks), setup, ticks)
+        parameters = parameters_from(self.options)
+        if graphs is not None and parameters.multiple is not None:
+            parameters = replace(parameters, multiple=replace(parameters.multiple, graphs=graphs))
+        return checked(self.name, track(setup, ticks, parameters), setup, ticks)
+
+
+def load(function: str) -> Tracking:
+    """The function that module:function names; modules of the working folder go first, as for `python -m`. Raises ValueError where there is none."""
+    module, _, name = function.partition(":")
+    if not module or not name:
+        raise ValueError(f"--tracker is {function!r}, needs module:function")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except ImportError as error:
+        raise ValueError(f"--tracker {function}: {error}") from None
+    if not callable(found):
+        raise ValueError(f"--tracker {function}: {module} has no function {name}")
+    tracking: Tracking = found
+    return tracking
+
+
+def checked(name: str, estimates: Iterable[Estimate], setup: Setup, ticks: list[Tick]) -> list[Estimate]:
+    """The estimates, one a tick. Raises ValueError that says what is wrong, at which frame."""
+    out: list[Estimate] = []
+    for estimate in estimates:
+        if len(out) == len(ticks):
+            raise ValueError(f"tracker {name} gave more than {len(ticks)} estimates, needs one a frame")
+        index = ticks[len(out)].index
+        if not isinstance(estimate, Estimate):
+            raise ValueError(f"tracker {name} gave a {type(estimate).__name__} for frame {index}, needs an Estimate")
+        if estimate.index != index:
+            raise ValueError(f"tracker {name} gave frame {estimate.index}, needs frame {index} next")
+        if not np.isfinite(estimate.position).all():
+            raise ValueError(f"tracker {name} gave a position that is not finite in frame {index}")
+        if len(np.unique(estimate.target_id)) != len(estimate.target_id):
+            raise ValueError(f"tracker {name} gave a target twice in frame {index}")
+        for robot in setup.starts:
+            covariance = estimate.robot_covariance.get(robot)
+            if not isinstance(estimate.T_world_robot.get(robot), Pose) or covariance is None or np.shape(covariance) != (6, 6):
+                raise ValueError(f"tracker {name} gave no pose and covariance (6, 6) of {robot} in frame {index}")
+        out.append(estimate)
+    if len(out) < len(ticks):
+        raise ValueError(f"tracker {name} gave {len(out)} estimates, needs {len(ticks)}")
+    return out
+
+
+def _made_elsewhere(path: Path, frames: int) -> Results:
+    rows = read_mot15(path)
+    if not rows.positioned.all():
+        raise ValueError(f"{path}: row {int(np.argmin(rows.positioned)) + 1} has no x, y, z")
+    if len(rows) and rows.frame.max() > frames:
+        raise ValueError(f"{path}: frame is {rows.frame.max()}, needs at most {frames}")
+    tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}
+    return Results(frames, tracks, {}, {}, run={})

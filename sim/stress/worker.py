@@ -1,0 +1,98 @@
+"""A process of its own for trials, one after the other: a tracker that hangs, or takes the process with it, costs its row and nothing else.
+
+It is handed trials as lines on its standard input and answers with rows as lines on what was its standard output; whatever a tracker prints goes to
+standard error.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+from typing import IO, Any
+
+from sim.parallel.pool import ONE_THREAD
+from sim.stress.trial import Trial, attempted, blank
+
+POLL = 1.0
+"""s between looks whether the parent is still there."""
+
+
+class Worker:
+    """A child process; started when it is needed, ended and started anew where a trial takes more than `limit` s."""
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        self._child: subprocess.Popen[bytes] | None = None
+        atexit.register(self.close)
+
+    def row(self, trial: Trial) -> dict[str, Any]:
+        """The row of a trial; where the process died or took too long, a row that says so."""
+        began = time.perf_counter()
+        child = self._child if self._child is not None and self._child.poll() is None else self._start()
+        assert child.stdin is not None
+        assert child.stdout is not None
+        try:
+            child.stdin.write(trial.to_json().encode() + b"\n")
+            child.stdin.flush()
+            answer = _line(child.stdout, began + self.limit)
+            fault = f"TimeoutError: took more than {self.limit:g} s and was ended"
+        except (BrokenPipeError, EOFError):
+            answer = None
+            fault = f"RuntimeError: the process ended with status {child.wait()} in the middle of it"
+        if answer is None:
+            self.close()
+            return blank(trial) | {"error": fault, "seconds": round(time.perf_counter() - began, 2)}
+        row: dict[str, Any] = json.loads(answer)
+        return row
+
+    def close(self) -> None:
+        """End the child, whatever it does."""
+        if self._child is not None:
+            self._child.kill()
+            self._child.wait()
+            self._child = None
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        alone = os.environ | dict.fromkeys(ONE_THREAD, "1")
+        self._child = subprocess.Popen([sys.executable, "-m", "sim.stress.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=alone)
+        return self._child
+
+
+def _line(stream: IO[bytes], until: float) -> bytes | None:
+    """The next line, None where it does not come in time. Raises EOFError where the other end is closed."""
+    out = b""
+    while not out.endswith(b"\n"):
+        left = until - time.perf_counter()
+        if left <= 0 or not select.select([stream], [], [], left)[0]:
+            return None
+        part = os.read(stream.fileno(), 1 << 20)
+        if not part:
+            raise EOFError
+        out += part
+    return out
+
+
+def _watch(parent: int) -> None:
+    """End with the parent, even in the middle of a tracker that hangs."""
+    while os.getppid() == parent:
+        time.sleep(POLL)
+    os._exit(1)
+
+
+def main() -> None:
+    """Read trials until there are no more."""
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
+    for line in sys.stdin:
+        print(json.dumps(attempted(Trial.from_json(line))), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""Which graphs the tracker by multiple hypotheses solves, and where its searches begin: two choices of the paper, each beside its opposite.
+
+The paper makes a small graph of each hypothesis of the frame before; against it stands one graph of all tracks. And it begins each search with the
+tracks that survive (warm); against it stands a start with the heaviest tracks (cold). A run is made twice: once for its time and MOTA, and once more
+with its graphs written down, some of which are then solved with proof.
+"""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.stress.bounds import gap
+from sim.studies.hypothesis_count import Material, resumed, tracked
+from tracker.geometry import Array
+from tracker.io.atomic import new_file
+from tracker.mht.parameters import MhtParameters
+from tracker.pipeline import Parameters, track
+
+FORMS = {"small graphs": True, "one graph": False}
+STARTS = {"warm": True, "cold": False}
+PROVED = 50
+"""Graphs of a run that are solved with proof, evenly spread over it: there may be forty graphs a tick, and a proof takes up to a second."""
+PANELS = ("processing time / s", "weight that is missing / %", "MOTA")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: seconds of processor time; gap, the share of the heaviest cliques' weight that the chosen ones lack, over
+    graphs whose heaviest could be proved; MOTA at 1 m."""
+
+    data: str
+    form: str
+    start: str
+    repetition: int
+    seconds: float
+    gap: float
+    mota: float
+
+    @property
+    def key(self) -> tuple[str, str, str, int]:
+        """What tells it from the others."""
+        return self.data, self.form, self.start, self.repetition
+
+
+def measured(material: Material, form: str, start: str, repetition: int) -> Run:
+    """Run one: what the search finds is taken as it is, not mended by branch and bound. Without any proof the gap is NaN."""
+    many = MhtParameters(small_graphs=FORMS[form], warm=STARTS[start], mended=False, seed=repetition)
+    seconds, mota = tracked(material, many)
+    with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as folder:
+        for _ in track(material.setup, material.ticks, Parameters(multiple=replace(many, graphs=Path(folder)))):
+            pass
+        missing = gap(Path(folder), PROVED)
+    return Run(material.name, form, start, repetition, seconds, float("nan") if missing is None else missing, mota)
+
+
+def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[list[Run]]:
+    """Run what is not in out/runs.csv yet; all runs so far after each, those that were there first."""
+    for material in materials:
+        for form in FORMS:
+            # Compiling is no part of any run.
+            list(track(material.setup, material.ticks[:3], Parameters(multiple=MhtParameters(small_graphs=FORMS[form], mended=False))))
+        choices = ((form, start, repetition) for repetition, form, start in itertools.product(range(repetitions), FORMS, STARTS))
+        yield from resumed(out / "runs.csv", Run, choices, partial(measured, material), material.name)
+
+
+def panels(runs: list[Run]) -> Array:
+    """(3, forms, starts, 3): seconds, gap and MOTA; mean, least and largest over repetitions, NaN where nothing was run."""
+    out = np.full((3, len(FORMS), len(STARTS), 3), np.nan)
+    for (a, form), (b, start) in itertools.product(enumerate(FORMS), enumerate(STARTS)):
+        here = np.array([(r.seconds, r.gap, r.mota) for r in runs if (r.form, r.start) == (form, start)])
+        if len(here):
+            for panel, column in enumerate(here.T):
+                known = column[np.isfinite(column)]
+                if len(known):
+                    out[panel, a, b] = known.mean(), known.min(), known.max()
+    return out
+
+
+def summary(runs: list[Run]) -> str:
+    """A table for each data set, and what is seen in it."""
+    lines = []
+    for name in dict.fromkeys(r.data for r in runs):
+        values = panels([r for r in runs if r.data == name])
+        lines += [name, f"{'':24}{'seconds':>10}{'weight':>12}{'MOTA':>8}{'least':>8}{'most':>8}"]
+        for (a, form), (b, start) in itertools.product(enumerate(FORMS), enumerate(STARTS)):
+            seconds, missing, mota = values[:, a, b]
+            weight = f"{1 - missing[0]:.5%}" if np.isfinite(missing[0]) else "no proof"
+            lines.append(f"  {form + ', ' + start:22}{seconds[0]:>10.2f}{weight:>12}" + "".join(f"{m:>8.4f}" for m in mota))
+        lines += [f"  {line}" for line in _seen(values)]
+    return "\n".join(lines)
+
+
+def _seen(values: Array) -> Iterator[str]:
+    """values: of panels. A difference of means is within the spread where it is not beyond that over the repetitions, or there is but one."""
+    mean, spread = values[..., 0], values[..., 2] - values[..., 1]
+    pairs = (
+        ("small graphs against one graph", (slice(None), 0, 0), (slice(None), 1, 0)),
+        ("a warm start against a cold one (small graphs)", (slice(None), 0, 0), (slice(None), 0, 1)),
+        ("a warm start against a cold one (one graph)", (slice(None), 1, 0), (slice(None), 1, 1)),
+    )
+    for words, a, b in pairs:
+        time, weight, mota = mean[a][0] / mean[b][0], mean[b][1] - mean[a][1], mean[a][2] - mean[b][2]
+        widest = max(spread[a][2], spread[b][2])
+        chance = " (within the spread)" if abs(mota) <= widest or widest == 0 else ""
+        proved = f"{100 * weight:+.4f} points of weight" if np.isfinite(weight) else "weights without proof"
+        yield f"{words}: {time:.2f} times the time, {proved}, {mota:+.4f} of MOTA{chance}"
+
+
+def draw(runs: list[Run], path: Path) -> None:
+    """Three panels a data set: processing time, weight that is missing, MOTA; bars and points are means, whiskers least to most over repetitions."""
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(r.data for r in runs))
+    figure = Figure(figsize=(12, 3.4 * len(names)), layout="constrained")
+    axes = figure.subplots(len(names), len(PANELS), squeeze=False)
+    for row, name in enumerate(names):
+        values = panels([r for r in runs if r.data == name])
+        values[1] *= 100
+        for axis, value, label in zip(axes[row], values, PANELS, strict=True):
+            for b, start in enumerate(STARTS):
+                _group(axis, value[:, b], 0.36 * (b - 0.5), (label, start))
+            axis.set(xticks=range(len(FORMS)), xticklabels=list(FORMS), xlim=(-0.6, len(FORMS) - 0.4), ylabel=label, title=name)
+            axis.grid(axis="y", alpha=0.3, zorder=0)
+            axis.margins(y=0.25)
+            if label != "MOTA":
+                axis.set_ylim(bottom=0)
+        axes[row, 0].legend(loc="upper right", ncols=2)
+    with new_file(path) as part:
+        figure.savefig(part, dpi=110)
+
+
+def _group(axis: Any, value: Array, aside: float, names: tuple[str, str]) -> None:
+    """Mean, least and most (forms, 3) of one start: bars, but points for MOTA, whose axis does not begin at 0."""
+    label, start = names
+    place, mean = np.arange(len(value)) + aside, value[:, 0]
+    whiskers = np.maximum([mean - value[:, 1], value[:, 2] - mean], 0)
+    if label == "MOTA":
+        axis.errorbar(place, mean, whiskers, fmt="o", capsize=4, zorder=2)
+    else:
+        axis.bar(place, mean, 0.34, yerr=whiskers, capsize=4, label=f"{start} start", zorder=2)
+    for x, y, top in zip(place, mean, value[:, 2], strict=True):
+        if np.isfinite(y):
+            text = f"{y:.4f}" if label == "MOTA" else f"{y:.3g}"
+            axis.annotate(text, (x, top), (0, 5), textcoords="offset points", ha="center", fontsize=8)

@@ -1,0 +1,91 @@
+"""Boxes and ids drawn on images, contact sheets, and PNG files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+
+from tracker.geometry import Array, Image, Pose
+from tracker.geometry.cameras import Panorama
+from tracker.io.atomic import new_file
+from tracker.sequence.results import Results
+from tracker.types import Mount, Sequence, Tick
+
+BODY = (0.55, 1.75)  # m, width and height of the box that is drawn for a person
+
+STANDING = 0.25  # m over the terrain from which a thing is drawn as standing on it
+
+
+def colour_of(identity: int) -> tuple[int, int, int]:
+    """An RGB colour of its own for each id, the same everywhere; neighbours in number are far apart in hue."""
+    hue = (identity * 0.61803398875) % 1.0
+    rgb = matplotlib.colors.hsv_to_rgb((hue, 0.75, 1.0))
+    return int(255 * rgb[0]), int(255 * rgb[1]), int(255 * rgb[2])
+
+
+def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterable[int], places: Array) -> Image:
+    """Copy of a panorama with a box, as a person standing there would fill it, and the id of every estimate; boxes may cross the seam."""
+    out = np.ascontiguousarray(image)
+    width, thick = camera.width, max(1, camera.width // 512)
+    for identity, place in zip(ids, places, strict=True):
+        sight = place - T_world_camera.translation
+        side = np.cross([0.0, 0.0, 1.0], sight / max(float(np.linalg.norm(sight)), 1e-6)) * BODY[0] / 2
+        corners = np.array([place + s * side + [0.0, 0.0, h] for s in (-1, 1) for h in (0.0, BODY[1])])
+        bearings = T_world_camera.inverse().apply(corners)
+        pixels, _ = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
+        u = pixels[0, 0] + np.mod(pixels[:, 0] - pixels[0, 0] + width / 2, width) - width / 2
+        low, high = np.array([u.min(), pixels[:, 1].min()]), np.array([u.max(), pixels[:, 1].max()])
+        for shift in (-width, 0, width):
+            a, b = ((corner + np.array([shift, 0.0])).round().astype(int).tolist() for corner in (low, high))
+            if b[0] >= 0 and a[0] < width:
+                cv2.rectangle(out, a, b, colour_of(identity), thick, cv2.LINE_AA)
+                _text(out, str(identity), (a[0], a[1] - 4), 0.5 * camera.width / 1024, colour_of(identity))
+    return out
+
+
+def _text(image: Any, text: str, at: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
+    # The weight of OpenCV's letters changes their width: the dark edge is the same weight, moved by a pixel.
+    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        cv2.putText(image, text, (at[0] + dx, at[1] + dy), cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+
+
+def annotated(sequence: Sequence, results: Results, tick: Tick) -> dict[str, Image]:
+    """Camera → its panorama at this tick with the estimates drawn, as the estimated poses of the robots put them there."""
+    out = {}
+    ids, places = results.tracks.get(tick.index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+    for view in tick.views:
+        mount: Mount = sequence.setup.mounts[view.camera]
+        pose = results.poses[mount.robot][tick.index]
+        if view.image is not None and pose is not None and isinstance(mount.camera, Panorama):
+            out[view.camera] = draw_boxes(view.image, mount.camera, pose @ mount.T_body_camera, ids.tolist(), places)
+    return out
+
+
+def contact_sheet(images: dict[str, Image], caption: str) -> Image:
+    """Panoramas two by two under their names, as one image."""
+    tiles = []
+    for name, image in images.items():
+        tile = cv2.copyMakeBorder(image, 34, 6, 4, 4, cv2.BORDER_CONSTANT, value=(24, 24, 28))
+        _text(tile, name.replace("_", " "), (12, 24), 0.7, (235, 235, 235))
+        tiles.append(tile)
+    if len(tiles) % 2:
+        tiles.append(np.full_like(tiles[0], 24))
+    rows = [np.hstack(tiles[k : k + 2]) for k in range(0, len(tiles), 2)]
+    sheet = cv2.copyMakeBorder(np.vstack(rows), 0, 40, 0, 0, cv2.BORDER_CONSTANT, value=(24, 24, 28))
+    _text(sheet, caption, (12, sheet.shape[0] - 14), 0.7, (235, 235, 235))
+    return np.asarray(sheet, dtype=np.uint8)
+
+
+def save_png(path: Path, image: Image) -> None:
+    """Write an RGB image; under a temporary name first."""
+    ok, data = cv2.imencode(".png", image[:, :, ::-1])
+    if not ok:
+        raise ValueError(f"{path}: this image cannot be written as PNG")
+    with new_file(path) as part:
+        part.write_bytes(data.tobytes())

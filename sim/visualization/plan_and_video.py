@@ -1,0 +1,215 @@
+"""Pictures of a tracked sequence: panoramas with estimated boxes, the plan of true and estimated paths, and both as a video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.visualization.overlays import STANDING, _text, annotated, colour_of
+from tracker.geometry import Array, Image, Pose
+from tracker.geometry.ground import Grid
+from tracker.io.atomic import new_file
+from tracker.io.video_files import check_frames
+from tracker.metrics.evaluation import dead_reckoning
+from tracker.sequence.results import Results
+from tracker.types import Sequence, Tick
+
+matplotlib.use("Agg")
+
+BAND = (28.0, -51.0)  # degrees of elevation that the video shows of a panorama
+
+STRIP = (820, 180)  # px of a panorama in the video
+
+SIDE = (460, 720)  # px of the plan beside them
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """The terrain from above as a picture: image (h, w, 3) RGB with north up; pixel of a place by `pixels`."""
+
+    image: Image
+    origin: Array
+    scale: float
+
+    @staticmethod
+    def of(sequence: Sequence, size: tuple[int, int]) -> Relief:
+        """The relief that fits into size (width, height) px: heights as colour, slopes as shade, what stands on it dark."""
+        ground, tops = sequence.setup.ground, sequence.setup.occluders
+        assert isinstance(ground, Grid)
+        extent = (np.array(ground.heights.shape[::-1]) - 1) * ground.spacing
+        scale = float(min(size / extent))
+        w, h = (round(float(s)) for s in extent * scale)
+        x, y = np.meshgrid((np.arange(w) + 0.5) / scale + ground.origin[0], (np.arange(h)[::-1] + 0.5) / scale + ground.origin[1])
+        points = np.column_stack([x.ravel(), y.ravel()])
+        heights = ground.height_at(points).reshape(h, w)
+        dy, dx = np.gradient(heights, 1 / scale)
+        shade = np.clip(0.85 - 0.9 * dx + 0.9 * dy, 0.45, 1.1)
+        span = max(float(np.ptp(heights)), 1e-6)
+        base = matplotlib.colormaps["YlGn"](0.05 + 0.4 * (heights - heights.min()) / span)[:, :, :3]
+        image = np.clip(255 * base * shade[:, :, None], 0, 255)
+        if tops is not None:
+            image[tops.height_at(points).reshape(h, w) - heights > STANDING] = (96, 92, 96)
+        return Relief(image.astype(np.uint8), ground.origin, scale)
+
+    def pixels(self, places: Array) -> NDArray[np.int64]:
+        """(n, 2 or 3) m → (n, 2) px."""
+        p = (np.atleast_2d(places)[:, :2] - self.origin) * self.scale
+        return np.column_stack([p[:, 0], self.image.shape[0] - p[:, 1]]).round().astype(np.int64)
+
+
+def _paths(results: Results, first: int, last: int) -> dict[int, Array]:
+    """Id → (n, 4) frame, x, y, z of its estimates from a frame to another."""
+    rows: dict[int, list[Array]] = {}
+    for frame in range(max(first, 0), last + 1):
+        ids, places = results.tracks.get(frame, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+        for identity, place in zip(ids.tolist(), places, strict=True):
+            rows.setdefault(identity, []).append(np.array([frame, *place]))
+    return {identity: np.array(path) for identity, path in rows.items()}
+
+
+def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
+    """The plan view as a PNG: terrain, true paths as thin black lines, estimates in the colours of their ids, robots thick."""
+    import matplotlib.pyplot as plt
+
+    relief = Relief.of(sequence, (1600, 1600))
+    h, w = relief.image.shape[:2]
+    x0, y0 = relief.origin
+    figure, axes = plt.subplots(figsize=(11, 9), layout="constrained")
+    axes.imshow(relief.image, extent=(x0, x0 + w / relief.scale, y0, y0 + h / relief.scale))
+    truth = sequence.truth or ()
+    people: dict[int, list[Array]] = {}
+    for frame in truth:
+        for person, feet in zip(frame.person_id.tolist(), frame.feet, strict=True):
+            people.setdefault(person, []).append(feet[:2])
+    for k, feet_of_one in enumerate(people.values()):
+        axes.plot(*np.array(feet_of_one).T, color="black", linewidth=1.0, label="people, true" if k == 0 else None)
+    for identity, walked in _paths(results, 0, results.frames).items():
+        colour = np.array(colour_of(identity)) / 255 * 0.85
+        axes.plot(walked[:, 1], walked[:, 2], color=colour, linewidth=2.2, alpha=0.8)
+        axes.annotate(str(identity), (walked[-1, 1], walked[-1, 2]), color=colour, weight="bold", fontsize=11)
+    for k, (robot, poses) in enumerate(results.poses.items()):
+        true = np.array([frame.T_world_robot[robot].translation for frame in truth])
+        axes.plot(*true[:, :2].T, color="royalblue", linewidth=4.5, alpha=0.6, label="robots, true" if k == 0 else None)
+        driven = np.array([pose.translation for pose in poses if pose is not None])
+        axes.plot(driven[:, 0], driven[:, 1], color="crimson", linewidth=1.4, label="robots, estimated" if k == 0 else None)
+        axes.plot(*driven[0, :2], marker="o", color="crimson", markeredgecolor="white", markersize=8)
+        name = robot.replace("robot_", "R")
+        axes.annotate(name, (driven[0, 0], driven[0, 1]), xytext=(5, 5), textcoords="offset points", color="crimson", weight="bold")
+    axes.plot([], [], color="tab:blue", linewidth=2.2, label="people, estimated (a colour an id)")
+    axes.set(xlabel="x [m]", ylabel="y [m]", title=title, aspect="equal")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)
+    with new_file(path) as part:
+        figure.savefig(part, dpi=110)
+    plt.close(figure)
+
+
+def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
+    """Frames (720, 1280, 3) RGB: up to four panoramas with boxes beside the plan so far and how far the robots are off."""
+    relief = Relief.of(sequence, (SIDE[0] - 20, SIDE[1] - 370))
+    off = {"by SLAM": _off(sequence, results.poses), "dead reckoning": _off(sequence, dead_reckoning(sequence))}
+    for tick in ticks:
+        strips = [_strip(image) for image in list(annotated(sequence, results, tick).values())[:4]]
+        while len(strips) < 4:
+            strips.append(np.full((STRIP[1], STRIP[0], 3), 24, np.uint8))
+        side = _plan_so_far(sequence, results, relief, tick)
+        _chart(side, off, tick.index, len(sequence.ticks))
+        yield np.ascontiguousarray(np.hstack([np.vstack(strips), side]))
+
+
+def _off(sequence: Sequence, poses: dict[str, list[Pose | None]]) -> Array:
+    """(frames,) m: mean over the robots of the distance to where they are."""
+    out = []
+    for k, frame in enumerate(sequence.truth or ()):
+        errors = [np.linalg.norm(p.translation - frame.T_world_robot[r].translation) for r, ps in poses.items() if (p := ps[k]) is not None]
+        out.append(np.mean(errors) if errors else np.nan)
+    return np.array(out)
+
+
+def _chart(side: Image, lines: dict[str, Array], upto: int, frames: int) -> None:
+    """Draw the lines until a frame into the lower part of the side panel, one colour each, on a common scale."""
+    if not all(len(values) for values in lines.values()):
+        return
+    left, right, top, bottom = 62, SIDE[0] - 16, SIDE[1] - 190, SIDE[1] - 36
+    high = max(0.1, *(float(np.nanmax(values)) for values in lines.values()))
+    _text(side, "robots' mean error [m]", (left - 46, top - 14), 0.5, (200, 200, 200))
+    for share in (0.0, 0.5, 1.0):
+        y = round(bottom - share * (bottom - top))
+        cv2.line(side, (left, y), (right, y), (70, 70, 76), 1)
+        _text(side, f"{share * high:.2f}", (left - 46, y + 5), 0.42, (170, 170, 170))
+    for k, ((name, values), colour) in enumerate(zip(lines.items(), ((220, 20, 60), (150, 150, 160)), strict=True)):
+        x = left + (right - left) * np.arange(upto + 1) / max(frames - 1, 1)
+        y_of = bottom - (bottom - top) * values[: upto + 1] / high
+        cv2.polylines(side, [np.column_stack([x, y_of]).round().astype(np.int32)], False, colour, 2, cv2.LINE_AA)
+        _text(side, name, (left + 150 * k, bottom + 24), 0.48, colour)
+
+
+def _strip(image: Image) -> Image:
+    height = image.shape[0]
+    top, bottom = (round(height * (90 - degrees) / 180) for degrees in BAND)
+    return cv2.resize(image[top:bottom], STRIP, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _plan_so_far(sequence: Sequence, results: Results, relief: Relief, tick: Tick) -> Image:
+    side = np.full((SIDE[1], SIDE[0], 3), 24, np.uint8)
+    canvas = relief.image.copy()
+    truth = sequence.truth[tick.index] if sequence.truth else None
+    for identity, recent in _paths(results, tick.index - 17, tick.index).items():
+        cv2.polylines(canvas, [relief.pixels(recent[:, 1:]).astype(np.int32)], False, colour_of(identity), 2, cv2.LINE_AA)
+        if len(recent) and recent[-1, 0] == tick.index:
+            at = relief.pixels(recent[-1:, 1:])[0]
+            cv2.circle(canvas, at.tolist(), 6, colour_of(identity), -1, cv2.LINE_AA)
+            _text(canvas, str(identity), (int(at[0]) + 7, int(at[1]) - 5), 0.45, colour_of(identity))
+    if truth is not None:
+        for at in relief.pixels(truth.feet) if len(truth.feet) else []:
+            cv2.circle(canvas, at.tolist(), 8, (10, 10, 10), 1, cv2.LINE_AA)
+    for robot, poses in results.poses.items():
+        pose = poses[tick.index]
+        if pose is not None:
+            nose = relief.pixels(pose.apply(np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]])))
+            cv2.arrowedLine(canvas, nose[0].tolist(), nose[1].tolist(), (220, 20, 60), 3, cv2.LINE_AA, tipLength=0.4)
+            _text(canvas, robot.replace("robot_", "R"), (int(nose[0][0]) - 8, int(nose[0][1]) + 18), 0.45, (255, 120, 140))
+    h, w = canvas.shape[:2]
+    left = (SIDE[0] - w) // 2
+    side[60 : 60 + h, left : left + w] = canvas
+    _text(side, "pilsim", (left, 38), 0.9, (240, 240, 240))
+    _text(side, f"frame {tick.index:4d}   {tick.time:6.2f} s", (left + 130, 38), 0.55, (200, 200, 200))
+    for k, line in enumerate(("rings: true people", "dots and numbers: estimates", "arrows: robots, by SLAM")):
+        _text(side, line, (left, 60 + h + 30 + 24 * k), 0.5, (200, 200, 200))
+    return side
+
+
+def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
+    """An MP4 file (VP9, which browsers play) of RGB frames (H, W, 3) at `rate` frames/s. All have one size, of an even H and an even W.
+
+    Raises ValueError where there is no frame, where a size does not fit and where OpenCV cannot encode VP9; OSError where the disk is full.
+    """
+    writer, size, count = cv2.VideoWriter(), (0, 0), 0
+    with new_file(path) as part:
+        try:
+            for count, frame in enumerate(frames, 1):
+                if count == 1:
+                    size = (frame.shape[1], frame.shape[0])
+                    _open_vp9(writer, part, path, size, rate)
+                if frame.shape != (size[1], size[0], 3):  # The writer would leave it out and not say so.
+                    raise ValueError(f"{path}: frame {count - 1} has the shape {frame.shape}, needs {(size[1], size[0], 3)}")
+                writer.write(frame[:, :, ::-1])
+        finally:
+            writer.release()
+        if count == 0:
+            raise ValueError(f"{path}: no frame to write")
+        check_frames(part, count, path)
+
+
+def _open_vp9(writer: Any, part: Path, path: Path, size: tuple[int, int], rate: float) -> None:
+    """Begin the file `part`, named `path` in messages. size: (width, height) px."""
+    if size[0] % 2 or size[1] % 2:  # The encoder would cut off the last column or row: it halves the resolution of the colours.
+        raise ValueError(f"{path}: frames are {size[0]} x {size[1]} pixels, needs an even width and height")
+    if not writer.open(str(part), cv2.VideoWriter.fourcc(*"vp09"), rate, size):
+        raise ValueError(f"{path}: this OpenCV cannot write VP9 video at {rate} frames/s here; opencv-python-headless from PyPI has an encoder")

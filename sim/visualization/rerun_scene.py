@@ -1,0 +1,210 @@
+"""What of a sequence is logged to Rerun, and where in its tree: `world` in metres, one `panoramas/CAMERA` each, `off` for the robots' errors."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+
+from sim.visualization.overlays import STANDING, colour_of, draw_boxes
+from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation
+from tracker.geometry.cameras import Panorama
+from tracker.geometry.ground import Flat, Grid
+from tracker.types import Estimate, Sequence, Tick, Truth
+
+SIGMAS = 2.0
+"""Standard deviations that an ellipsoid holds along each of its axes."""
+TRAIL = 18
+"""Frames that a person's trail is long."""
+BODY = (1.3, 0.22)
+"""m: length (between the centres of its ends) and radius of the capsule that stands for a person."""
+CHASSIS = (0.35, 0.25, 0.15)
+"""m: half sizes of the box that stands for a robot."""
+SILL = 0.7
+"""m over the ground to which things that stand on it are drawn at most."""
+FINEST = 240
+"""Points along a side of the terrain's mesh at most."""
+QUALITY = 80
+LIGHT = np.array([-0.6, 0.5, 0.62])
+"""Where the shade of the terrain has its light, a unit direction within a hundredth."""
+GREY, ROYAL = (120, 120, 120), (65, 105, 225)
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A tick and what a tracker says of it, or None."""
+
+    tick: Tick
+    estimate: Estimate | None
+
+
+class RerunScene:
+    """Logs a sequence to a recording stream of Rerun, frame by frame; keeps the trails."""
+
+    def __init__(self, module: Any, stream: Any, sequence: Sequence) -> None:
+        self.rerun, self.stream, self.sequence = module, stream, sequence
+        self._trails: dict[tuple[str, int | str], deque[Array]] = defaultdict(lambda: deque(maxlen=TRAIL))
+        self._driven: dict[tuple[str, str], list[Array]] = defaultdict(list)
+
+    def blueprint(self) -> Any:
+        """The world beside the panoramas, and the robots' errors below."""
+        views = self.rerun.blueprint
+        panoramas = [views.Spatial2DView(origin=f"panoramas/{name}", name=name) for name in self.sequence.setup.mounts]
+        right = [*panoramas[:4], views.TimeSeriesView(origin="off", name="robots' error [m]")]
+        target, eye = self._eye()
+        controls = views.EyeControls3D(position=eye, look_target=target, eye_up=[0.0, 0.0, 1.0])
+        world = views.Spatial3DView(origin="world", name="world", eye_controls=controls)
+        return views.Blueprint(views.Horizontal(world, views.Vertical(*right), column_shares=[3, 2]), collapse_panels=True)
+
+    def _eye(self) -> tuple[Array, Array]:
+        """What is looked at first, and from where, m: all robots and people of the first frame, from above."""
+        truth = self.sequence.truth[0] if self.sequence.truth else None
+        poses = [start.T_world_robot for start in self.sequence.setup.starts.values() if start]
+        places = [pose.translation for pose in (truth.T_world_robot.values() if truth else poses)]
+        points = np.array([*places, *(truth.feet if truth else ())]).reshape(-1, 3)
+        if not len(points):
+            points = np.zeros((1, 3))
+        target = (points.min(axis=0) + points.max(axis=0)) / 2
+        away = max(float(np.ptp(points[:, :2], axis=0).max()), 8.0)
+        return target, target + away * np.array([-0.35, -0.75, 1.0])
+
+    def place(self) -> None:
+        """What does not move: the frame of reference, the terrain and what stands on it."""
+        self._log("world", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        ground, tops = self.sequence.setup.ground, self.sequence.setup.occluders
+        if isinstance(ground, Grid):
+            points, triangles, heights = mesh(ground)
+            span = max(float(np.ptp(heights)), 1e-6)
+            colours = (255 * matplotlib.colormaps["YlGn"](0.1 + 0.4 * (heights - heights.min()) / span)[:, :3]).astype(np.uint8)
+            self._mesh("world/terrain", points, triangles, colours)
+            if isinstance(tops, Grid):
+                over, triangles, heights = mesh(tops)
+                stands = heights - ground.height_at(over) > STANDING
+                kept = triangles[stands[triangles].any(axis=1)]
+                if len(kept):
+                    # Cut low: one shall see over walls.
+                    over[:, 2] = np.minimum(heights, ground.height_at(over) + SILL)
+                    self._mesh("world/standing", over, kept, np.full((len(over), 3), 130, np.uint8))
+        elif isinstance(ground, Flat):
+            self._log("world/ground", self.rerun.Boxes3D(centers=[[0, 0, ground.level]], half_sizes=[[20, 20, 0]], colors=[GREY]), static=True)
+
+    def show(self, shown: Shown) -> None:
+        """One frame: truth where it is known, estimates where there are some."""
+        tick, truth = shown.tick, self.sequence.truth[shown.tick.index] if self.sequence.truth else None
+        self.stream.set_time("frame", sequence=tick.index)
+        self.stream.set_time("time", duration=tick.time)
+        if truth is not None:
+            self._people("world/truth/people", truth.person_id, truth.feet, GREY)
+            self._robots("world/truth/robots", truth.T_world_robot, ROYAL)
+        if shown.estimate is not None:
+            self._estimates(shown.estimate, truth)
+        self._images(shown, truth)
+
+    def _estimates(self, estimate: Estimate, truth: Truth | None) -> None:
+        self._people("world/tracks", estimate.target_id, estimate.position, None)
+        # Tracks that were read from files have no covariance: it is zero.
+        known = [k for k, P in enumerate(estimate.covariance) if P.any()]
+        spread = [(estimate.position[k], estimate.covariance[k]) for k in known]
+        self._ellipsoids("world/tracks/covariance", spread, [colour_of(int(estimate.target_id[k])) for k in known])
+        self._robots("world/robots", estimate.T_world_robot, (220, 20, 60))
+        turned = []
+        for robot, pose in estimate.T_world_robot.items():
+            # The tangent's translation is along the body's axes.
+            turned.append((pose.translation, pose.rotation @ estimate.robot_covariance[robot][:3, :3] @ pose.rotation.T))
+            if truth is not None and robot in truth.T_world_robot:
+                error = float(np.linalg.norm(pose.translation - truth.T_world_robot[robot].translation))
+                self._log(f"off/{robot}", self.rerun.Scalars(error))
+        self._ellipsoids("world/robots/covariance", turned, [(220, 20, 60)] * len(turned))
+
+    def _people(self, path: str, ids: Ints, feet: Array, colour: tuple[int, int, int] | None) -> None:
+        colours = [colour or colour_of(int(k)) for k in ids]
+        for identity, place in zip(ids.tolist(), feet, strict=True):
+            self._trails[path, identity].append(place)
+        length, radius = BODY
+        # Truth as wires: the track of a person who is found stands inside them.
+        fill = self.rerun.components.FillMode.MajorWireframe if colour else self.rerun.components.FillMode.Solid
+        size = {"lengths": [length] * len(ids), "radii": [radius] * len(ids)}
+        bodies = self.rerun.Capsules3D(
+            **size,
+            fill_mode=fill,
+            translations=feet + np.array([0.0, 0.0, radius]),
+            colors=colours,
+            labels=[str(k) for k in ids],
+        )
+        self._log(path, bodies)
+        trails = [np.array(self._trails[path, identity]) + np.array([0.0, 0.0, 0.03]) for identity in ids.tolist()]
+        self._log(f"{path}/trails", self.rerun.LineStrips3D(trails, colors=colours, radii=0.03))
+
+    def _robots(self, path: str, poses: dict[str, Pose], colour: tuple[int, int, int]) -> None:
+        for robot, pose in poses.items():
+            self._driven[path, robot].append(pose.translation)
+            w, x, y, z = quaternion_from_rotation(pose.rotation)
+            centre = pose.apply(np.array([[0.0, 0.0, CHASSIS[2]]]))
+            box = self.rerun.Boxes3D(half_sizes=[CHASSIS], centers=centre, quaternions=[[x, y, z, w]], colors=[colour], labels=[robot])
+            self._log(f"{path}/{robot}", box)
+            self._log(f"{path}/{robot}/trail", self.rerun.LineStrips3D([np.array(self._driven[path, robot])], colors=[colour], radii=0.03))
+
+    def _ellipsoids(self, path: str, spread: list[tuple[Array, Array]], colours: list[tuple[int, int, int]]) -> None:
+        axes = [ellipsoid(P) for _, P in spread]
+        sizes, turns = [size for size, _ in axes], [turn for _, turn in axes]
+        centres = [centre for centre, _ in spread]
+        self._log(path, self.rerun.Ellipsoids3D(half_sizes=sizes, centers=centres, quaternions=turns, colors=colours))
+
+    def _images(self, shown: Shown, truth: Truth | None) -> None:
+        estimate = shown.estimate
+        for view in shown.tick.views:
+            if view.image is None:
+                continue
+            mount, image = self.sequence.setup.mounts[view.camera], view.image
+            pose = estimate.T_world_robot.get(mount.robot) if estimate else truth.T_world_robot.get(mount.robot) if truth else None
+            if estimate is not None and pose is not None and isinstance(mount.camera, Panorama):
+                image = draw_boxes(image.copy(), mount.camera, pose @ mount.T_body_camera, estimate.target_id.tolist(), estimate.position)
+            _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+            self._log(f"panoramas/{view.camera}", self.rerun.EncodedImage(contents=data.tobytes(), media_type="image/jpeg"))
+
+    def _mesh(self, path: str, points: Array, triangles: Ints, colours: Any) -> None:
+        facing = normals(points, triangles)
+        # The shade is in the colours: a viewer's own light may leave slopes flat.
+        shaded = (colours * (0.6 + 0.4 * np.clip(facing @ LIGHT, 0, 1))[:, None]).astype(np.uint8)
+        body = self.rerun.Mesh3D(vertex_positions=points, triangle_indices=triangles, vertex_normals=facing, vertex_colors=shaded)
+        self._log(path, body, static=True)
+
+    def _log(self, path: str, what: Any, static: bool = False) -> None:
+        self.stream.log(path, what, static=static)
+
+
+def mesh(grid: Grid) -> tuple[Array, Ints, Array]:
+    """A grid as points (n, 3) m, triangles (m, 3) and heights (n,) m, every so many rows and columns that no side has more than FINEST."""
+    step = -(-max(grid.heights.shape) // FINEST)
+    z = grid.heights[::step, ::step]
+    rows, columns = z.shape
+    y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    points = np.column_stack([grid.origin[0] + grid.spacing * step * x.ravel(), grid.origin[1] + grid.spacing * step * y.ravel(), z.ravel()])
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    lower = np.column_stack([corner, corner + 1, corner + columns + 1])
+    upper = np.column_stack([corner, corner + columns + 1, corner + columns])
+    return points, np.vstack([lower, upper]), z.ravel()
+
+
+def normals(points: Array, triangles: Ints) -> Array:
+    """Unit normals (n, 3) of the points (n, 3) of a mesh: of the triangles around each, by their areas; up where there is none."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    total = np.zeros_like(points)
+    for k in range(3):
+        np.add.at(total, triangles[:, k], across)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(length > 0, total / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
+
+
+def ellipsoid(covariance: Array) -> tuple[Array, Array]:
+    """Half sizes (3,) m of SIGMAS standard deviations along the main axes of a covariance (3, 3) m², and their rotation as a quaternion xyzw."""
+    variances, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1
+    w, x, y, z = quaternion_from_rotation(axes)
+    return SIGMAS * np.sqrt(np.clip(variances, 0.0, None)), np.array([x, y, z, w])

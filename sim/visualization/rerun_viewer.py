@@ -1,0 +1,114 @@
+"""A sequence to look at in Rerun: terrain, robots and their panoramas, true people, tracks and how sure they are, on a time line.
+
+Rerun is an extra: it is imported when somebody looks, and one line says what to install where it is not there.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from sim.visualization.rerun_scene import RerunScene, Shown
+from tracker.datasets.opening import open_source
+from tracker.datasets.pets2009 import Choice
+from tracker.io.atomic import new_file
+from tracker.pipeline import track
+from tracker.run import views_of
+from tracker.sequence.results import Results, read_results
+from tracker.types import Estimate, Sequence, Tick
+
+
+def rerun() -> Any:
+    """The module. Raises ValueError that says what to install where there is none."""
+    try:
+        return importlib.import_module("rerun")
+    except ImportError:
+        raise ValueError('view needs Rerun, which is not installed: pip install "pilsim[view]" (or: pip install rerun-sdk)') from None
+
+
+def show(folder: Path, results: Path | None = None, tracked: bool = False, save: Path | None = None) -> None:
+    """Open the viewer on a sequence, or write a recording to the file `save`, under a temporary name first.
+
+    folder: a sequence, or a folder with `sequence` and `track` in it. results: a folder of tracks, or None; tracked: track now instead.
+    Raises ValueError where Rerun or a screen is missing, for a name that does not end in .rrd, and as the readers do.
+    """
+    module = rerun()
+    if save is not None and save.suffix != ".rrd":
+        raise ValueError(f"--save is {save}, needs a name that ends in .rrd")
+    if save is None and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise ValueError("there is no screen here for the viewer: give --save FILE.rrd, and open that elsewhere with `rerun FILE.rrd`")
+    source, given = _found(folder, results)
+    if tracked and results is not None:
+        raise ValueError("--results and --track exclude each other: tracks are read, or made now")
+    read = read_results(given) if given is not None and not tracked else None
+    sequence = open_source(source, views_of(read.run) if read else [], Choice.of_run(read.run) if read else Choice())
+    if read is not None and read.run.get("provenance", sequence.provenance) != sequence.provenance:
+        raise ValueError(f"{given}: these tracks were made from another source than {source}")
+    stream = module.RecordingStream("pilsim")
+    stage = RerunScene(module, stream, sequence)
+    if save is None:
+        stream.spawn(default_blueprint=stage.blueprint())
+        _play(stage, sequence, read, tracked)
+        return
+    _write(stage, sequence, save, (read, tracked))
+
+
+def _write(stage: RerunScene, sequence: Sequence, save: Path, what: tuple[Results | None, bool]) -> None:
+    save.parent.mkdir(parents=True, exist_ok=True)
+    with new_file(save) as part:
+        stage.stream.save(part, default_blueprint=stage.blueprint())
+        _play(stage, sequence, *what)
+        stage.stream.flush()
+        stage.stream.disconnect()
+    print(f"{save}: {len(sequence.ticks)} frames, {save.stat().st_size / 1e6:.1f} MB; `rerun {save}` opens it")
+
+
+def _found(folder: Path, results: Path | None) -> tuple[Path, Path | None]:
+    """The sequence and the tracks that a folder means."""
+    if (folder / "sequence").is_dir():
+        beside = folder / "track"
+        return folder / "sequence", results or (beside if beside.is_dir() else None)
+    return folder, results
+
+
+def _play(stage: RerunScene, sequence: Sequence, read: Results | None, tracked: bool) -> None:
+    stage.place()
+    said = (Shown(tick, None if read is None else read_frame(read, tick.index)) for tick in sequence.ticks)
+    for one in tqdm(_estimated(sequence) if tracked else said, total=len(sequence.ticks), desc="frames", unit="frame"):
+        stage.show(one)
+
+
+def read_frame(results: Results, k: int) -> Estimate:
+    """What the files of a run say of frame k, as an Estimate; targets have no covariance there."""
+    ids, places = results.tracks.get(k, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
+    poses = {robot: pose for robot, of_robot in results.poses.items() if (pose := of_robot[k]) is not None}
+    spread = {robot: P for robot, of_robot in results.covariances.items() if (P := of_robot[k]) is not None}
+    return replace(Estimate.of_robots(k, poses, spread, {}), target_id=ids, position=places, covariance=np.zeros((len(ids), 3, 3)))
+
+
+@dataclass
+class _Kept:
+    """Ticks on their way through the tracker."""
+
+    ticks: deque[Tick] = field(default_factory=deque)
+
+    def passing(self, ticks: Iterator[Tick]) -> Iterator[Tick]:
+        for tick in ticks:
+            self.ticks.append(tick)
+            yield tick
+
+
+def _estimated(sequence: Sequence) -> Iterator[Shown]:
+    """Ticks with what the tracker says of them, tracking as it goes."""
+    kept = _Kept()
+    for estimate in track(sequence.setup, kept.passing(iter(sequence.ticks))):
+        yield Shown(kept.ticks.popleft(), estimate)

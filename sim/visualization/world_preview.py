@@ -1,0 +1,133 @@
+"""What a world looks like, on one page: as a rover sees it with people about, from above, and as a plan with its measures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.colors
+import matplotlib.figure
+import matplotlib.patches
+import mujoco
+import numpy as np
+
+from sim.rendering.panorama import PanoramaRenderer, Shot
+from sim.scenario import Scenario
+from sim.simulation.simulation import Simulation
+from sim.visualization.overlays import save_png
+from tracker.geometry import Image, Pose, rotation_z
+from tracker.geometry.cameras import Panorama, pinhole
+from worlds.difficulty import Measures, measure
+from worlds.world import World, tops
+
+PANORAMA = Panorama(2048, 1024)
+BAND = (35.0, -50.0)
+"""Degrees of elevation that are shown of the panorama."""
+BIRD = pinhole(1200, 800, np.deg2rad(50))
+PAPER = matplotlib.colors.ListedColormap(matplotlib.colormaps["YlGn"](np.linspace(0.02, 0.5, 256)))
+"""Colours of heights, pale: what is drawn over them counts."""
+STANDING = 0.25
+"""m over the ground from which a thing is drawn on the plan."""
+
+
+def preview(scenario: Scenario, world: World, path: Path) -> Measures:
+    """Draw the world that was built for a scenario as a PNG, with the scenario's people and robots in it; its measures.
+
+    Raises ValueError for a scenario that its world cannot hold, GLUnavailable where there is no OpenGL.
+    """
+    simulation = Simulation(scenario, world)
+    for _ in range(12):
+        simulation.step()
+    eyes = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    # The robot that sees most people stands for them all; the last one's view is shown where a roof hides the place from above.
+    with PanoramaRenderer(simulation.model, [PANORAMA, BIRD], simulation.person_of_geom.astype(np.uint16)) as renderer:
+        shots = renderer.render(simulation.data, eyes)
+        best = int(np.argmax([(shot.instances > 0).sum() for shot in shots]))
+        other = _ahead(eyes[best - 1], shots[best - 1]) if _roofed(simulation) else _above(simulation.world)
+        bird = renderer.render(simulation.data, [other], which=[1])[0].colour
+    high, low = ((90 - elevation) / 180 * PANORAMA.height for elevation in BAND)
+    measures = measure(simulation.world)
+    page = _page(simulation.world, measures, (shots[best].colour[round(high) : round(low)], bird), f"difficulty {scenario.difficulty:g}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_png(path, page)
+    return measures
+
+
+def _roofed(simulation: Simulation) -> bool:
+    """Whether most places that can be walked have something over them."""
+    places = simulation.world.feet.sample(np.random.default_rng(0), 20, 0.0, 0.0)
+    heights = simulation.world.terrain.height_at(places)
+    up, geom = np.array([0.0, 0.0, 1.0]), np.zeros(1, np.int32)
+    eyes = np.column_stack([places, heights + 2.0])
+    groups = np.array([1, 1, 0, 0, 0, 0], dtype=np.uint8)
+    return sum(mujoco.mj_ray(simulation.model, simulation.data, eye, up, groups, 1, -1, geom, None) > 0 for eye in eyes) > 10
+
+
+def _ahead(eye: Pose, shot: Shot) -> Pose:
+    """The eye turned to where it sees farthest, over a twelfth of the panorama."""
+    band = np.minimum(shot.range[PANORAMA.height * 4 // 9 : PANORAMA.height * 5 // 9], 30.0).mean(axis=0)
+    wide = PANORAMA.width // 12
+    smooth = np.convolve(np.concatenate([band, band[:wide]]), np.ones(wide), "valid")[: len(band)]
+    azimuth = np.pi - 2 * np.pi * (int(np.argmax(smooth)) + wide / 2) / PANORAMA.width
+    return eye @ Pose(rotation_z(float(azimuth)), np.zeros(3))
+
+
+def _above(world: World) -> Pose:
+    """A camera over a corner of the walkable part that looks down on it."""
+    i, j = np.nonzero(world.feet.free)
+    places = world.feet.origin + world.feet.spacing * np.column_stack([j, i])
+    low, high = places.min(axis=0), places.max(axis=0)
+    middle = np.append((low + high) / 2, float(np.median(world.terrain.height_at(places))))
+    reach = float(np.hypot(*(high - low)))
+    eye = middle + reach * np.array([-0.62, -0.42, 0.62])
+    forward = (middle - eye) / np.linalg.norm(middle - eye)
+    left = np.cross([0.0, 0.0, 1.0], forward)
+    left /= np.linalg.norm(left)
+    return Pose(np.stack([forward, left, np.cross(forward, left)], axis=1), eye)
+
+
+def _page(world: World, measures: Measures, images: tuple[Image, Image], subtitle: str) -> Image:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = matplotlib.figure.Figure(figsize=(16, 10.4), layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    figure.suptitle(f"{world.name}, {subtitle}", fontsize=20)
+    grid = figure.add_gridspec(2, 2, height_ratios=(0.62, 1), width_ratios=(1.35, 1))
+    for place, image in zip((grid[0, :], grid[1, 0]), images, strict=True):
+        axes = figure.add_subplot(place)
+        axes.imshow(image)
+        axes.set_axis_off()
+    _plan(figure.add_subplot(grid[1, 1]), world, measures)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _plan(axes: Any, world: World, measures: Measures) -> None:
+    """Heights as shade and colour, what stands on them, where wheels and feet may go, where people enter."""
+    ground = world.ground
+    low, high = ground.extent
+    box = (low[0], high[0], low[1], high[1])
+    heights = world.terrain.on_grid.heights
+    shaded = matplotlib.colors.LightSource(azdeg=315, altdeg=45).shade(
+        heights, PAPER, vert_exag=2, dx=ground.spacing, dy=ground.spacing, blend_mode="soft"
+    )
+    axes.imshow(shaded, extent=box, origin="lower", interpolation="bilinear")
+    standing = np.where(tops(world).heights - heights > STANDING, 1.0, np.nan)
+    axes.imshow(standing, extent=box, origin="lower", cmap="gray", vmin=0, vmax=3, interpolation="nearest")
+    for space, colour in ((world.feet, "tab:red"), (world.wheels, "tab:blue")):
+        axes.contour(ground.x, ground.y, space.free.astype(float), [0.5], colors=colour, linewidths=1)
+    for corner, opposite in world.spawn:
+        axes.add_patch(matplotlib.patches.Rectangle(corner, *(opposite - corner), facecolor="gold", edgecolor="black"))
+    axes.set_title(_words(measures), fontsize=10)
+    axes.set_xlabel("x (m); red: feet may go, blue: wheels, yellow: people enter")
+    axes.set_ylabel("y (m)")
+
+
+def _words(m: Measures) -> str:
+    lines = (
+        f"{m.extent_x:.0f} × {m.extent_y:.0f} m, relief {m.relief:.2f} m, roughness {100 * m.roughness:.1f} cm",
+        f"highest step {100 * m.highest_step:.0f} cm, {m.occluders:.1f} occluders per 100 m²",
+        f"irregular {m.irregular_share:.0%}, steeper than 10° {m.steep_share:.0%}",
+    )
+    return "\n".join(lines)

@@ -1,0 +1,87 @@
+"""All worlds side by side: their measures, their pictures, and one of them given away."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from sim.scenario import Scenario
+from sim.simulation import wheel_slip
+from sim.simulation.simulation import Simulation
+from sim.visualization.world_preview import preview
+from worlds import catalogue
+from worlds.difficulty import measure
+from worlds.export import export
+
+PEOPLE, ROBOTS = 10, 3
+"""Who is about in a picture: a place without anybody has no size."""
+DRIVEN = 4
+"""Rovers whose slip is measured."""
+LONGEST = 3600
+"""s for which they drive, at most."""
+HEADINGS = {
+    "extent_x": "x m",
+    "extent_y": "y m",
+    "relief": "relief m",
+    "roughness": "rough m",
+    "steep_share": "> 10°",
+    "highest_step": "step m",
+    "feet_share": "feet",
+    "wheels_share": "wheels",
+    "occluders": "occluders",
+    "irregular_share": "irregular",
+    "slip": "slip m/m",
+}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Beside the measures: pictures, a folder to draw into; file, to export the one world to; seconds that rovers drive to measure slip."""
+
+    pictures: Path | None = None
+    file: Path | None = None
+    seconds: float = 0.0
+
+
+def survey(name: str | None, difficulty: float, seed: int, wanted: Wanted | None = None) -> list[dict[str, Any]]:
+    """A row of measures (worlds.difficulty) for the world of that name, or for all.
+
+    Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, a file for a
+    folder of pictures, or seconds out of bounds.
+    """
+    also = wanted or Wanted()
+    if also.file is not None and name is None:
+        raise ValueError(f"--export {also.file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
+    if not 0 <= also.seconds <= LONGEST:
+        raise ValueError(f"seconds is {also.seconds}, needs 0 to {LONGEST}")
+    if also.pictures is not None and also.pictures.exists() and not also.pictures.is_dir():
+        raise ValueError(f"{also.pictures}: is a file, needs a folder")
+    names = sorted(catalogue.WORLDS) if name is None else [name]
+    rows = []
+    for each in tqdm(names, desc="worlds", disable=len(names) == 1 or None, leave=False):
+        scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS)
+        world = catalogue.build(each, scenario.stream("world"), difficulty)
+        if also.file is not None:
+            export(world, also.file)
+        measures = asdict(measure(world) if also.pictures is None else preview(scenario, world, also.pictures / f"{each}.png"))
+        if also.seconds:
+            measures["slip"] = wheel_slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), also.seconds).error
+        rows.append({"world": each, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in measures.items()})
+    return rows
+
+
+def describe(rows: list[dict[str, Any]]) -> str:
+    """The rows as a table with a line that explains it."""
+    headings = {key: title for key, title in HEADINGS.items() if key in rows[0]}
+    lines = [f"{'world':10}" + "".join(f"{title:>11}" for title in headings.values())]
+    for row in rows:
+        cells = (f"{row[key]:.0%}" if key.endswith("share") else f"{row[key]:.3g}" for key in headings)
+        lines.append(f"{row['world']:10}" + "".join(f"{cell:>11}" for cell in cells))
+    lines.append("> 10° and irregular (> 5°, or near a step of 5 cm): shares of the ground that can be walked; feet, wheels: of the extent;")
+    lines.append(
+        "occluders: per 100 m²" + ("; slip: error of wheel odometry a metre driven (sim.simulation.wheel_slip)" if "slip" in rows[0] else "")
+    )
+    return "\n".join(lines)

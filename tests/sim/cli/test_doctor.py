@@ -1,0 +1,36 @@
+"""The report on this computer, with and without OpenGL."""
+
+import json
+
+import pytest
+
+from sim.cli import doctor
+from sim.rendering.gl_context import GLUnavailable
+
+
+def test_a_report_is_json_and_text() -> None:
+    report = doctor.examine(seconds=0.01)
+    assert json.loads(json.dumps(report)) == report
+    assert report["fault"] is None
+    assert report["speed"]["panoramas"] > 0
+    assert report["versions"]["mujoco"].startswith("4.")
+    text = doctor.describe(report)
+    assert report["gl"]["renderer"] in text
+    assert ("the CPU" in text) != ("a GPU" in text)
+    assert "panoramas a second, 1024 x 512" in text
+    assert all(line == line.rstrip() for line in text.splitlines())
+
+
+def test_without_opengl_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> str:
+        raise GLUnavailable("no OpenGL: install libegl1")
+
+    monkeypatch.setattr(doctor, "choose_gl", none)
+    report = doctor.examine()
+    assert report["gl"] is report["speed"] is None
+    assert doctor.describe(report).splitlines()[-1] == "OpenGL     no OpenGL: install libegl1"
+
+
+def test_the_time_is_checked() -> None:
+    with pytest.raises(ValueError, match="seconds is 0"):
+        doctor.examine(0)

@@ -1,0 +1,268 @@
+"""The command as a user meets it: bad input is one line and exit code 2, and nothing is left half-written."""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from sim.cli.main import COMMANDS, Command, main
+from tests.tracker import sequences
+from tests.tracker.formats.mrclam import write_set
+from tracker.metrics.trajectory import MEASURES
+
+TARGET_KEYS = """mota motp_m motp_percent false_positives misses switches fragments mostly_tracked mostly_lost truths idf1 hota moda modp"""
+PILSIM = Path(sys.executable).parent / "pilsim"
+
+
+def pilsim(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PILSIM, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, check=False, timeout=200)
+
+
+def refused(*arguments: object, cwd: Path) -> str:
+    """Run what must be refused; returns the one line that says why."""
+    before = sorted(p.as_posix() for p in cwd.rglob("*"))
+    done = pilsim(*arguments, cwd=cwd)
+    assert done.returncode == 2, done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("error: ")
+    assert sorted(p.as_posix() for p in cwd.rglob("*")) == before
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--frames", "0"], "frames is 0, needs a whole number in [1, "),
+        (["--robots", "0"], "robots is 0, needs a whole number in [1, "),
+        (["--people", "-1"], "people is -1"),
+        (["--difficulty", "1.5"], "difficulty is 1.5, needs a number in [0, 1]"),
+        (["--difficulty", "nan"], "difficulty is nan"),
+        (["--world", "atlantis"], "pilsun"),
+        (["--width", "1023"], "width is 1023"),
+        (["--people", "900"], "people"),
+        (["--robots", "60"], "robots"),
+    ],
+)
+def test_bad_scenarios(arguments: list[str], message: str, tmp_path: Path) -> None:
+    assert message in refused("demo", *arguments, "--out", "out", cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "a command is missing, needs one of demo, doctor, "),
+        (["frobnicate"], 'pilsim has no command "frobnicate"; see pilsim --help'),
+        (["demo", "--frames", "abc"], "Error parsing --frames: invalid literal for int() with base 10: 'abc'; see pilsim demo --help"),
+        (["generate", "pilsun", "--out", "x", "--frmes", "3"], 'generate has no option "--frmes" (did you mean --frames?); see pilsim generate'),
+        (["export", "x", "--format", "jpeg", "--out", "y"], "invalid choice 'jpeg' for argument '--format'"),
+        (["generate", "pilsun"], "Missing from pilsim generate: --out DIR"),
+        (["track", "x", "--out", "y", "--l-c", "4"], "no such folder"),
+        (["compare"], "compare needs folders of results, the first as the reference"),
+        (["stress", "--world", "mars", "--sweep", "robots/0", "--out", "y"], "--world is 'mars', needs one of campus, forest, "),
+        (["stress", "--pets", "nowhere", "--out", "y"], "nowhere: no such folder"),
+        (["clique", "x.clq", "--seed", "-1"], "--seed is -1, needs at least 0"),
+        (["worlds", "pilsun", "--slip", "inf"], "seconds is inf, needs 0 to 3600"),
+    ],
+)
+def test_what_no_command_knows(arguments: list[str], message: str, tmp_path: Path) -> None:
+    assert message in refused(*arguments, cwd=tmp_path)
+
+
+def called(*words: str) -> int:
+    """The exit code of the command line in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["pilsim", *words])
+        try:
+            main()
+        except SystemExit as left:
+            return int(left.code or 0)
+    return 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("trak x", 'pilsim has no command "trak"; did you mean track? see pilsim --help'),
+        ("Track x", 'pilsim has no command "Track"; did you mean track? see pilsim --help'),
+        ("--seed 3 demo", "--seed stands before the command; see pilsim --help"),
+        ("track x --hypothesis multiple", 'track has no option "--hypothesis" (did you mean --hypotheses?); see pilsim track --help'),
+        ("track x --n_skan=2", 'track has no option "--n_skan" (did you mean --n-scan?); see pilsim track --help'),
+        ("stress --no-rendr", 'stress has no option "--no-rendr" (did you mean --no-render?); see pilsim stress --help'),
+        ("track x --sweep density", 'track has no option "--sweep" (which is an option of stress); see pilsim track --help'),
+        (
+            "track x --slm ekf --hypothesis multiple --xyzzy",
+            'track has no option "--slm" (did you mean --slam?), "--hypothesis" (did you mean --hypotheses?), "--xyzzy"; see pilsim track --help',
+        ),
+        ("demo 3", "Unrecognized options: 3; see pilsim demo --help"),
+    ],
+)
+def test_misspelt_names(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert called(*words.split()) == 2
+    assert capsys.readouterr().err == f"error: {message}\n"
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_overview_fits_a_screen(columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert called("--help") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    names = [line.split()[0] for line in lines if line.startswith("  ")]
+    assert sorted(names) == sorted(hint.__metadata__[0].name for hint in get_args(Command))
+
+
+def test_help_and_version_from_a_shell(tmp_path: Path) -> None:
+    done = pilsim("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) <= 40
+    version = pilsim("--version", cwd=tmp_path)
+    assert version.returncode == 0
+    assert version.stdout.startswith("pilsim 0.")
+
+
+def test_help_needs_no_heavy_module() -> None:
+    code = "import sys, sim.cli.main; sim.cli.main.overview(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"scipy", "mujoco", "numba", "cv2", "matplotlib", "tracker", "worlds"} & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert called(name, "--help") == 0
+    said = capsys.readouterr().out
+    lines = said.splitlines()
+    assert "Example" in said
+    # A reader learns nothing from `None`.
+    assert "None" not in said
+    # Examples stay whole, so that they can be copied; all else fits.
+    assert all(len(line) <= min(columns, 120) for line in lines if "pilsim " not in line)
+    groups = [line.strip("╭╮─ ") for line in lines if line.startswith("╭")]
+    common = groups.index("options")
+    assert groups[:common] in ([], ["positional arguments"])
+    for group in groups[common + 1 :]:
+        # One sentence stands below the title, and a rule below that.
+        below = lines[next(k for k, line in enumerate(lines) if line.startswith(f"╭─ {group} ")) + 1 :]
+        sentence = " ".join(line.strip("│ ") for line in below[: next(k for k, line in enumerate(below) if "───" in line)])
+        assert sentence.endswith("."), group
+    options = re.split(r"\n│ (?=--)", said)[1:]
+    assert {option.split()[0].strip(",") for option in options} | {"--help"} >= set(re.findall(r"(?m)^│ (--[a-z-]+)", said))
+    for option in options:
+        assert re.search(r"\((default|required)", option), option
+
+
+def test_an_out_that_holds_something_else(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "diary.txt").write_text("dear diary")
+    assert "and no sequence/scenario.json; choose another --out" in refused("demo", "--out", "out", cwd=tmp_path)
+    (tmp_path / "file").write_text("")
+    assert "is a file, needs a folder" in refused("demo", "--out", "file", cwd=tmp_path)
+
+
+def test_missing_and_damaged_sources(tmp_path: Path) -> None:
+    assert "nowhere: no such folder" in refused("track", "nowhere", "--out", "out", cwd=tmp_path)
+    sequences.write(tmp_path / "s")
+    image = tmp_path / "s" / "images" / "robot_0_camera" / "000001.jpg"
+    image.write_bytes(image.read_bytes()[:200])
+    assert "000001.jpg: 200 bytes, the manifest says" in refused("track", "s", "--out", "out", cwd=tmp_path)
+    assert "--views is 'a', needs numbers" in refused("track", "s", "--views", "a", "--out", "out", cwd=tmp_path)
+
+
+def test_track_then_score_and_reuse(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
+    done = pilsim("score", "s", "r", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    scores = json.loads(done.stdout)
+    assert set(scores["targets"]) == set(TARGET_KEYS.split())
+    assert set(scores["robots"]) == {*MEASURES, "nees_low", "nees_high", "each", "bound_m", "efficiency"}
+    assert set(scores["robots"]["each"]["robot_0"]) == {*MEASURES, "nees_low", "nees_high"}
+    stamp = (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns
+    assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns == stamp
+    sequences.write(tmp_path / "t", seed=1)
+    assert "r: holds another run" in refused("track", "t", "--out", "r", cwd=tmp_path)
+
+
+def test_results_of_an_old_version_are_scored_and_not_tracked_over(tmp_path: Path) -> None:
+    """As pilsim 0.3.0 wrote run.json: its parameters are a text, here cut short."""
+    sequences.write(tmp_path / "s")
+    assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
+    scores = pilsim("score", "s", "r", "--json", cwd=tmp_path).stdout
+    provenance = json.loads((tmp_path / "r" / "run.json").read_text())["provenance"]
+    old = {
+        "frames": 3,
+        "parameters": "Parameters(slam=SlamParameters(mode='fej', iterations=2, correction=True), multiple=None, delay=0)",
+        "provenance": provenance,
+        "schema": 1,
+        "source": "s",
+        "views": [],
+    }
+    text = json.dumps(old, indent=1, sort_keys=True) + "\n"
+    (tmp_path / "r" / "run.json").write_text(text)
+    assert pilsim("score", "s", "r", "--json", cwd=tmp_path).stdout == scores
+    assert "r: was written by pilsim 0.3.0 or older" in refused("track", "s", "--out", "r", cwd=tmp_path)
+    assert (tmp_path / "r" / "run.json").read_text() == text
+
+
+@pytest.mark.slow
+def test_a_utias_set_by_command(tmp_path: Path) -> None:
+    write_set(tmp_path / "s")
+    done = pilsim("track", "s", "--map", "known", "--slam", "ekf", "--correction", "off", "--out", "r", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "r: 2 robots at" in done.stdout
+    scores = json.loads(pilsim("score", "s", "r", "--json", cwd=tmp_path).stdout)
+    assert scores["robots"]["ate_m"] < scores["dead_reckoning"]["ate_m"]
+    assert "ATE by dead reckoning" in pilsim("score", "s", "r", cwd=tmp_path).stdout
+    assert "r: holds another run" in refused("track", "s", "--map", "unknown", "--out", "r", cwd=tmp_path)
+    assert "iterations is 0, needs at least 1" in refused("track", "s", "--iterations", "0", "--out", "q", cwd=tmp_path)
+    assert "a UTIAS set has none" in refused("track", "s", "--views", "1", "--out", "q", cwd=tmp_path)
+
+
+@pytest.mark.slow
+def test_filters_by_name(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "s")
+    assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0
+    slam = json.loads((tmp_path / "r" / "run.json").read_text())["parameters"]["slam"]
+    assert (slam["mode"], slam["iterations"], slam["persistence"]) == ("iekf", 3, None)
+    needs = "--l-c, --delta-min and --omega are for --images with --hypotheses single"
+    assert needs in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
+    assert needs in refused("track", "s", "--images", "--hypotheses", "multiple", "--l-c", "4", "--out", "q", cwd=tmp_path)
+    assert "--map is for UTIAS sets" in refused("track", "s", "--map", "known", "--out", "q", cwd=tmp_path)
+    assert "'robot_9' is not told its start, needs one of" in refused("track", "s", "--unknown-start", "robot_9", "--out", "q", cwd=tmp_path)
+    assert "no robot is left that knows its start" in refused("track", "s", "--unknown-start", "robot_0,robot_1", "--out", "q", cwd=tmp_path)
+
+
+def test_score_wants_one_of_two_forms(tmp_path: Path) -> None:
+    assert "score takes either" in refused("score", cwd=tmp_path)
+    assert "score takes either" in refused("score", "--truth", "a.txt", cwd=tmp_path)
+    (tmp_path / "a.txt").write_text("1,1,0,0,5,5,1,0,0\n")
+    assert "a.txt:line 1: 9 values, needs 10" in refused("score", "--truth", "a.txt", "--result", "a.txt", cwd=tmp_path)
+    assert "b.txt" in refused("score", "--truth", "b.txt", "--result", "a.txt", cwd=tmp_path)
+    (tmp_path / "d").mkdir()
+    assert refused("score", "--truth", "d", "--result", "a.txt", cwd=tmp_path) == "error: d: Is a directory"
+
+
+def test_published_score_by_command(data: Callable[..., Path]) -> None:
+    folder = data("pets2009", "S2.L1", "mot15")
+    done = pilsim("score", "--truth", "gt.txt", "--result", "cem_result.txt", "--iou", "0.5", "--json", cwd=folder)
+    targets = json.loads(done.stdout)["targets"]
+    assert [round(targets["mota"], 3), targets["false_positives"], targets["misses"], targets["switches"]] == [0.850, 247, 420, 31]
+
+
+def test_no_gl_is_one_line(tmp_path: Path) -> None:
+    environment = {"MUJOCO_GL": "osmesa", "PATH": "/usr/bin:/bin", "PYOPENGL_PLATFORM": "nonsense"}
+    command = [str(PILSIM), "demo", "--frames", "1", "--out", "out"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "libegl1" in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,225 @@
+"""Datasets by the command: whole or not there, the same bytes however they were made, one run at a time in a folder."""
+
+import hashlib
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+
+from sim.cli.generate import Generate
+from sim.parallel.file_lock import file_lock
+from tracker.datasets.summary import described, inventory
+from tracker.datasets.validation import inspect
+from tracker.sequence.dataset import sequences
+
+PILSIM = Path(sys.executable).parent / "pilsim"
+SMALL = ["--frames", "3", "--width", "128", "--robots", "1", "--people", "2", "--views", "4", "--count", "2"]
+
+
+def pilsim(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PILSIM, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=550, **options)  # type: ignore[call-overload, no-any-return]
+
+
+def sums(folder: Path) -> dict[str, str]:
+    """Name → SHA-256 of everything in a dataset but croissant.json, which has the folder's name in it."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "croissant.json"]
+    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def last_line(done: subprocess.CompletedProcess[str]) -> str:
+    """What a command that failed says at the end, after its progress."""
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stderr.replace("\r", "\n").strip().splitlines()[-1]
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("generated") / "D"
+    done = pilsim("generate", "pilsun", *SMALL, "--workers", 2, "--range", "--classes", "--video", "--out", folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_a_dataset_is_whole_and_in_order(dataset: Path) -> None:
+    assert [path.name for path in sequences(dataset)] == ["pilsun-00000", "pilsun-00001"]
+    assert [str(fault) for fault in inspect(dataset)] == []
+    assert not [path for path in dataset.iterdir() if path.name.startswith(".")]
+    scenarios = [json.loads((path / "scenario.json").read_text()) for path in sequences(dataset)]
+    assert [scenario["seed"] for scenario in scenarios] == [0, 1]
+    assert scenarios[0]["paper"]["K_H"] == 25
+    for path in sequences(dataset):
+        names = {p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file()}
+        assert {"terrain.glb", "calibration/View_004.xml", "range/View_001/000002.png", "videos/robot_0_camera.mp4"} <= names
+
+
+def test_info_counts(dataset: Path) -> None:
+    found = inventory(dataset)
+    assert found["total"]["sequences"] == 2
+    assert found["total"]["frames"] == 6
+    assert found["total"]["images"] == 6 * 5
+    assert found["total"]["bytes"] < sum(path.stat().st_size for path in dataset.rglob("*") if path.is_file()) < found["total"]["bytes"] + 300_000
+    assert "2 sequences, 6 frames, 30 images" in described(found)
+
+
+def test_what_is_missing_is_made_again_with_the_same_bytes(dataset: Path) -> None:
+    """One worker now, where there were two; and what a killed run would have left is in the way."""
+    before, kept = sums(dataset), (dataset / "pilsun-00000" / "manifest.json").stat().st_mtime_ns
+    shutil.rmtree(dataset / "pilsun-00001")
+    (dataset / ".pilsun-00001.partial" / "images").mkdir(parents=True)
+    (dataset / ".pilsun-00001.lock").write_text("1\n")
+    done = pilsim("generate", "pilsun", *SMALL, "--range", "--classes", "--video", "--out", dataset)
+    assert done.returncode == 0, done.stderr
+    assert "2 sequences, 1 new" in done.stdout
+    assert sums(dataset) == before
+    assert (dataset / "pilsun-00000" / "manifest.json").stat().st_mtime_ns == kept
+
+
+def wish(*arguments: str, out: Path) -> None:
+    """As the command, in this process."""
+    tyro.cli(Generate, args=[*arguments, "--out", str(out)]).run()
+
+
+def test_another_dataset_or_run_in_the_folder_is_refused(dataset: Path, tmp_path: Path) -> None:
+    same = ["pilsun", *SMALL, "--range", "--classes", "--video"]
+    with pytest.raises(ValueError, match=r"holds another dataset \(seed 0 there, 5 asked for\)"):
+        wish(*same, "--seed", "5", out=dataset)
+    with pytest.raises(ValueError, match="is a dataset of 2 sequences, --count is 1"):
+        wish(*same, "--count", "1", out=dataset)
+    with file_lock(dataset / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
+        wish(*same, out=dataset)
+    (tmp_path / "diary.txt").write_text("dear diary")
+    with pytest.raises(ValueError, match=r"and no dataset\.json; choose another --out"):
+        wish(*same, out=tmp_path)
+    with pytest.raises(ValueError, match="is a file, needs a folder"):
+        wish(*same, out=tmp_path / "diary.txt")
+
+
+def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
+    (dataset / "pilsun-00000" / "terrain.glb").rename(tmp_path / "t")
+    done = pilsim("check", dataset, "--json")
+    (tmp_path / "t").rename(dataset / "pilsun-00000" / "terrain.glb")
+    assert last_line(done) == f"error: {dataset}: 1 fault"
+    fault = {"file": str(dataset / "pilsun-00000" / "terrain.glb"), "reason": "missing, though the manifest names it"}
+    assert json.loads(done.stdout) == {"faults": [fault], "count": 1}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["pilsun", "--frames", "0"], "frames is 0, needs a whole number in [1, "),
+        (["pilsun", "--count", "0"], "count is 0, needs 1 to 100000"),
+        (["pilsun", "--workers", "0"], "workers is 0, needs 1 to 1024"),
+        (["pilsun", "--views", "a"], "--views is 'a', needs a number of cameras"),
+        (["pilsun", "--views", "99"], "views is 99, needs a whole number in [0, 32]"),
+        (["pilsun", "--config", "none.toml"], "none.toml: no such file"),
+        (["pilsun", "--config", "/"], "/: is a folder, needs a file"),
+        (["pilsun", "--world", "mars"], "world is 'mars', needs one of campus, forest, "),
+        (["twin", "--annotations", "a", "--calibration", "b", "--no-mesh"], "a twin takes --views and --frames"),
+        (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
+        (["twin"], "a twin needs --annotations FILE and --calibration DIR"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --frames, --robots, --seed, --width"),
+    ],
+)
+def test_bad_wishes(arguments: list[str], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        wish(*arguments, out=tmp_path / "D")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wrong_setting_is_named_with_its_file(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("framse = 3")
+    with pytest.raises(ValueError, match=re.escape("mine.toml: setting is 'framse' (frames?), needs one of views, ")):
+        wish("pilsun", "--config", str(tmp_path / "mine.toml"), out=tmp_path / "D")
+    assert not (tmp_path / "D").exists()
+
+
+@pytest.mark.slow
+def test_a_cluster_that_is_none_leaves_the_folder_free(tmp_path: Path) -> None:
+    done = pilsim("generate", "pilsun", *SMALL, "--cluster", "nonsense", "--out", tmp_path / "D")
+    assert "--cluster is 'nonsense', needs an address as tcp://HOST:PORT" in last_line(done)
+    assert list((tmp_path / "D").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_world_too_small_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
+    done = pilsim("generate", "pilsun", "--people", 900, "--frames", 1, "--out", tmp_path / "D")
+    assert "people is 900, more than pilsun holds at once" in last_line(done)
+    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == []
+
+
+def small_files(limit: int) -> Callable[[], None]:
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
+    done = pilsim("generate", "pilsun", *SMALL, "--out", tmp_path / "D", preexec_fn=small_files(20_000))
+    assert "File too large" in last_line(done)
+    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_killed_twenty_times_and_resumed(tmp_path: Path) -> None:
+    """At random moments of a run of two workers; afterwards the bytes are those of an undisturbed run, and nothing else is left."""
+    arguments = ["generate", "pilsun", *SMALL, "--views", "1", "--count", "3", "--workers", "2", "--out"]
+    begun = time.monotonic()
+    assert pilsim(*arguments, tmp_path / "undisturbed").returncode == 0
+    length, expected = time.monotonic() - begun, sums(tmp_path / "undisturbed")
+    rng = np.random.default_rng(20)
+    for number, moment in enumerate(rng.uniform(0.5, length, 20)):
+        folder = tmp_path / "killed"
+        run = subprocess.Popen([PILSIM, *arguments, folder], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(moment)
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+        for path in folder.glob("pilsun-*"):
+            assert not list(inspect(path)), (number, moment)
+        print(number, f"killed after {moment:.1f} of {length:.1f} s, {len(list(folder.glob('pilsun-*')))} sequences were whole", flush=True)
+        done = pilsim(*arguments, folder)
+        assert done.returncode == 0, (number, moment, done.stderr)
+        assert sums(folder) == expected, (number, moment)
+        shutil.rmtree(folder)
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(dataset: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        pids = [worker.pid for worker in cluster.workers.values()]
+        arguments = [PILSIM, "generate", "pilsun", *SMALL, "--range", "--classes", "--video", "--cluster", cluster.scheduler_address, "--out"]
+        run = subprocess.Popen([*arguments, tmp_path / "D"], stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 200
+        while not list(tmp_path.glob("D/.pilsun-*.partial/images/robot_0_camera/000000.jpg")):
+            assert time.monotonic() < deadline
+            assert run.poll() is None
+            time.sleep(0.05)
+        holders = [int(path.read_text()) for path in tmp_path.glob("D/.pilsun-*.lock.pid")]
+        assert set(holders) <= set(pids)
+        os.kill(holders[0], signal.SIGKILL)
+        _, said = run.communicate(timeout=400)
+        assert run.returncode == 0, said
+    assert sums(tmp_path / "D") == sums(dataset)
+
+
+@pytest.mark.slow
+def test_two_runs_into_one_folder(tmp_path: Path) -> None:
+    arguments = ["generate", "pilsun", *SMALL, "--out", tmp_path / "D"]
+    first = subprocess.Popen([PILSIM, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not (tmp_path / "D" / "dataset.json").exists():
+        assert first.poll() is None
+        time.sleep(0.05)
+    assert "writes into it" in last_line(pilsim(*arguments))
+    assert first.wait(timeout=400) == 0
+    assert not list(inspect(tmp_path / "D"))

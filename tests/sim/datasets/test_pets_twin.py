@@ -1,0 +1,166 @@
+"""The twin of PETS 2009: paths and statures out of boxes, and the boxes of the twin beside those of the annotation."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from sim.datasets import pets_twin
+from sim.datasets.pets_twin import Twin, generate, likeness, near, walkers_of
+from sim.datasets.pets_twin_picture import side_by_side
+from tests.sim.plaza import plaza
+from tests.tracker.formats.test_pets2009 import CAMERA
+from tracker.formats.pets2009 import read_annotations, read_camera
+from tracker.geometry import Array
+from tracker.geometry.cameras import Panorama, Tsai
+from tracker.pipeline import track
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.truth_tables import read_views
+
+FRAMES = 8
+STATURE = {4: 1.62, 9: 1.85, 17: 2.4}
+PILSIM = Path(sys.executable).parent / "pilsim"
+
+
+def feet(person: int, frame: int) -> Array:
+    """(3,) m: 4 and 9 walk at 1.3 m/s, 17 comes in frame 3."""
+    start, step = {4: ([-8.0, -6.0], [0.18, 0.02]), 9: ([-2.0, -3.0], [-0.1, -0.15]), 17: ([-5.0, 0.0], [0.0, -0.18])}[person]
+    return np.array([*(np.array(start) + frame * np.array(step)), 0.0])
+
+
+@pytest.fixture
+def pets(tmp_path: Path) -> Twin:
+    """An annotation of three people by hand, in the image of the real View_001."""
+    (tmp_path / "View_001.xml").write_text(CAMERA)
+    _, camera, T = read_camera(tmp_path / "View_001.xml")
+    lines = ["<dataset>"]
+    for frame in range(FRAMES):
+        lines.append(f'<frame number="{frame}"><objectlist>')
+        for person in (4, 9, 17) if frame >= 3 else (4, 9):
+            low, high = camera.pixels_from_bearings(T.inverse().apply(feet(person, frame) + np.outer([0.0, STATURE[person]], [0, 0, 1])))[0]
+            h = low[1] - high[1]
+            lines.append(f'<object id="{person}"><box h="{h:.4f}" w="{0.35 * h:.4f}" xc="{low[0]:.4f}" yc="{low[1] - h / 2:.4f}"/></object>')
+        lines.append("</objectlist></frame>")
+    (tmp_path / "a.xml").write_text("\n".join([*lines, "</dataset>"]))
+    return Twin(tmp_path / "a.xml", tmp_path, robots=1, width=256)
+
+
+def test_paths_and_statures_come_out_of_the_boxes(pets: Twin) -> None:
+    _, camera, T = read_camera(pets.calibration / "View_001.xml")
+    walkers = walkers_of(read_annotations(pets.annotations), camera, T)
+    assert walkers.id.tolist() == [4, 9, 17]
+    assert np.isnan(walkers.position[2, :3]).all()
+    for row, person in enumerate((4, 9, 17)):
+        for frame in range(3 if person == 17 else 0, FRAMES):
+            np.testing.assert_allclose(walkers.position[row, frame], feet(person, frame)[:2], atol=1e-3)
+    # The head is drawn over the feet, not over the middle of the lower edge: a centimetre. Nobody is 2.4 m tall.
+    np.testing.assert_allclose(walkers.stature, [1.62, 1.85, 2.0], atol=0.01)
+
+
+def test_rovers_keep_to_where_people_walk() -> None:
+    position = np.array([[[-8.0, -6.0], [-4.0, -6.0], [np.nan, np.nan]], [[-5.0, 0.0], [np.nan, np.nan], [-5.0, -3.0]]])
+    wheels = near(plaza(), position).wheels
+    inside = np.array([[-11.0, -9.0], [-1.0, 3.0], [-6.0, -3.0]])
+    outside = np.array([[-13.0, -6.0], [1.0, 0.0], [-5.0, 5.0], [-5.0, -11.0]])
+    assert wheels.free_at(inside).all()
+    assert not wheels.free_at(outside).any()
+
+
+def test_the_twin_is_a_sequence_that_the_tracker_takes(pets: Twin, tmp_path: Path) -> None:
+    generate(replace(pets, frames=6), tmp_path / "twin", world=plaza())
+    sequence = read_sequence(tmp_path / "twin")
+    assert list(sequence.setup.mounts) == ["robot_0_camera", "View_001"]
+    assert isinstance(sequence.setup.mounts["robot_0_camera"].camera, Panorama)
+    assert isinstance(sequence.setup.mounts["View_001"].camera, Tsai)
+    _, camera, T = read_camera(tmp_path / "twin" / "calibration" / "View_001.xml")
+    assert camera == sequence.setup.mounts["View_001"].camera
+    assert sequence.truth is not None
+    for truth in sequence.truth:
+        np.testing.assert_allclose(truth.T_world_robot["View_001"].log(), T.log(), atol=1e-8)
+        assert truth.person_id.tolist() == ([4, 9, 17] if truth.index >= 3 else [4, 9])
+        for person, where in zip(truth.person_id.tolist(), truth.feet, strict=True):
+            assert np.linalg.norm(where - feet(person, truth.index)) < 0.15
+    assert [sorted(v.camera for v in tick.views) for tick in sequence.ticks] == [["View_001", "robot_0_camera"]] * 6
+    assert json.loads((tmp_path / "twin" / "scenario.json").read_text())["twin"]["views"] == [1]
+    estimates = list(track(sequence.setup, sequence.ticks))
+    np.testing.assert_allclose(estimates[-1].T_world_robot["View_001"].translation, T.translation, atol=1e-9)
+    views = read_views(tmp_path / "twin")
+    for (frame, _), view in views.items():
+        assert set(view.boxes.person.tolist()) <= set(sequence.truth[frame].person_id.tolist())
+    assert max(len(view.boxes.person) for view in views.values()) == 3
+
+
+def test_boxes_of_the_twin_are_those_of_the_annotation(data: Callable[..., Path], tmp_path: Path) -> None:
+    pets = Twin(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1.xml"), data("pets2009", "calibration"), frames=10, robots=1, width=128)
+    generate(pets, tmp_path / "twin", world=plaza())
+    alike = likeness(pets, tmp_path / "twin")
+    assert len(alike) == 30
+    assert np.median(alike) >= 0.6
+    path = side_by_side(pets, tmp_path / "twin")
+    assert path == tmp_path / "twin" / "twin.png"
+    picture = cv2.imread(str(path))
+    # The twin, and beside it the real frame where the film is at hand.
+    assert picture is not None
+    assert picture.shape[0] == 576 + 30
+    assert picture.shape[1] in (768 + 6, 2 * (768 + 6))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "frames"), [("S2.L1/annotations/PETS2009-S2L1.xml", 120), ("S1.L1/annotations/PETS2009-S1L1-1.xml", 20)])
+def test_boxes_of_the_twin_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
+    pets = Twin(data("pets2009", *name.split("/")), data("pets2009", "calibration"), (1, 5, 7), frames, robots=1, width=256)
+    generate(pets, tmp_path / "twin")
+    assert np.median(likeness(pets, tmp_path / "twin")) >= 0.6
+
+
+@pytest.mark.parametrize(
+    ("change", "old", "new", "message"),
+    [
+        ({"views": (1, 6)}, "", "", r"View_006.xml: no such file; there are View_001.xml"),
+        ({"annotations": Path("nowhere.xml")}, "", "", r"nowhere.xml: no such file"),
+        ({"frames": 9}, "", "", r"frames is 9, needs 1 to 8"),
+        ({}, 'id="4"', 'id="0"', r"object id is 0, needs 1 to 65535"),
+        ({}, '<box h="', '<box h="-', r"a.xml:line 3: field box.h is -\d+"),
+        ({}, "object id", "thing id", r"a.xml: nobody is annotated in 8 frames"),
+        ({}, "</dataset>", "", r"a.xml: is not XML"),
+    ],
+)
+def test_what_cannot_be_a_twin_is_refused(pets: Twin, tmp_path: Path, change: dict[str, object], old: str, new: str, message: str) -> None:
+    text = pets.annotations.read_text().replace("</object>", "</thing>" if new == "thing id" else "</object>")
+    pets.annotations.write_text(text.replace(old, new) if old else text)
+    with pytest.raises(ValueError, match=message):
+        generate(replace(pets, **change), tmp_path / "twin", world=plaza())
+    assert not (tmp_path / "twin").exists()
+
+
+def test_the_annotated_view_is_needed_for_the_comparison(pets: Twin, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="need 1: the annotations are of View_001"):
+        likeness(replace(pets, views=(5,)), tmp_path)
+    assert side_by_side(replace(pets, views=(5,)), tmp_path) is None
+    assert pets_twin.WORLD == "campus"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.xml", None, "a.xml: no such file"),
+        ("a.xml", "<dataset", "a.xml: is not XML"),
+        ("View_001.xml", "<Camera/>", "View_001.xml:line 1: field Geometry"),
+    ],
+)
+def test_bad_files_are_one_line(pets: Twin, tmp_path: Path, name: str, content: str | None, message: str) -> None:
+    (tmp_path / name).unlink()
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    command = [PILSIM, "generate", "twin", "--annotations", "a.xml", "--calibration", ".", "--out", "twin"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert message in done.stderr
+    assert not (tmp_path / "twin").exists()

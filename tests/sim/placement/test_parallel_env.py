@@ -1,0 +1,40 @@
+"""The PettingZoo environment: its contract, and that it tells the same as the gymnasium one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+from sim.placement.env import Placement
+from sim.placement.parallel_env import parallel_env
+
+SMALL = {"world": "pilsun", "people": 6, "robots": 3}
+
+
+def test_pettingzoo_accepts_it():
+    parallel_api_test(parallel_env(max_cycles=30, **SMALL), num_cycles=40)
+    parallel_seed_test(lambda: parallel_env(max_cycles=30, **SMALL), num_cycles=10)
+
+
+def test_it_is_the_same_episode():
+    many, one = parallel_env(**SMALL), Placement(**SMALL)
+    shown, _ = many.reset(seed=4)
+    whole, _ = one.reset(seed=4)
+    action = np.random.default_rng(0).uniform(-1, 1, (3, 2)).astype(np.float32)
+    shown, rewards, _, _, infos = many.step({f"robot_{k}": action[k] for k in range(3)})
+    whole, reward, _, _, info = one.step(action)
+    assert set(rewards.values()) == {reward}
+    assert infos["robot_1"] == info
+    np.testing.assert_array_equal(shown["robot_2"]["map"], whole["map"][2])
+    np.testing.assert_array_equal(shown["robot_2"]["beliefs"], whole["beliefs"])
+    assert many.state_space.contains(many.state())
+
+
+def test_missing_actions_are_named():
+    env = parallel_env(**SMALL)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="robot_2"):
+        env.step({"robot_0": np.zeros(2), "robot_1": np.zeros(2)})
+    with pytest.raises(ValueError, match="max_cycles is 0"):
+        parallel_env(max_cycles=0)

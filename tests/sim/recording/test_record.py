@@ -1,0 +1,115 @@
+"""A real recording: truth, panoramas and instances of one moment belong together, and the same seed gives the same bytes."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from sim.recording.record import record
+from sim.recording.tracker_setup import setup_of
+from sim.scenario import Scenario
+from sim.simulation.simulation import Simulation
+from tracker.geometry import angles_from_bearing
+from tracker.geometry.ground import Grid
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.truth_tables import read_boxes
+
+SCENARIO = Scenario(seed=11, robots=2, people=5, frames=5, width=512)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("record") / "sequence"
+    record(SCENARIO, path)
+    return path
+
+
+def instances(folder: Path, camera: str, frame: int) -> np.ndarray:
+    image = cv2.imread(str(folder / "instances" / camera / f"{frame:06d}.png"), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    assert image.dtype == np.uint16
+    return image
+
+
+def test_truth_projects_onto_the_instances(folder: Path) -> None:
+    """A point in the middle of every body that is seen whole lies on its instance, in every frame: nothing lags, nothing is offset."""
+    sequence = read_sequence(folder)
+    assert sequence.truth is not None
+    boxes = read_boxes(folder)
+    checked = 0
+    for truth in sequence.truth:
+        for name, mount in sequence.setup.mounts.items():
+            image = instances(folder, name, truth.index)
+            T_camera_world = (truth.T_world_robot[mount.robot] @ mount.T_body_camera).inverse()
+            column = list(sequence.setup.mounts).index(name)
+            for person, feet, visible in zip(truth.person_id, truth.feet, truth.visible[:, column], strict=True):
+                if visible < 0.95:
+                    continue
+                sight = T_camera_world.apply(feet + np.array([0.0, 0.0, 1.15]))
+                pixel, _ = mount.camera.pixels_from_bearings(sight[None] / np.linalg.norm(sight))
+                u, v = pixel[0].astype(int)
+                assert (image[v - 1 : v + 2, max(u - 1, 0) : u + 2] == person).any(), (truth.index, name, person)
+                checked += 1
+            for person, box in zip(boxes[truth.index, name].person, boxes[truth.index, name].seen, strict=True):
+                rows, _columns = np.nonzero(image == person)
+                if len(rows):
+                    assert (rows.min(), rows.max() + 1) == (box[1], box[3])
+                    assert box[2] - box[0] <= 200
+    assert checked > 10
+
+
+def test_visible_fraction_is_of_the_whole_body(folder: Path) -> None:
+    sequence, boxes = read_sequence(folder), read_boxes(folder)
+    assert sequence.truth is not None
+    for box in boxes.values():
+        assert ((box.visible >= 0) & (box.visible <= 1)).all()
+        seen = box.visible > 0
+        assert (box.full[seen, 1] <= box.seen[seen, 1]).all()
+        assert (box.full[seen, 3] >= box.seen[seen, 3]).all()
+
+
+def test_feet_stand_on_the_terrain(folder: Path) -> None:
+    sequence = read_sequence(folder)
+    for truth in sequence.truth or ():
+        np.testing.assert_allclose(truth.feet[:, 2], sequence.setup.ground.height_at(truth.feet), atol=1e-6)
+
+
+def test_detections_lie_in_the_true_boxes(folder: Path) -> None:
+    sequence, boxes = read_sequence(folder), read_boxes(folder)
+    near = total = 0
+    for tick in sequence.ticks:
+        for view in tick.views:
+            truth = boxes[tick.index, view.camera]
+            azimuth, elevation = angles_from_bearing(view.detections.bearing)
+            u, v = (np.pi - azimuth) * 512 / (2 * np.pi), (np.pi / 2 - elevation) * 256 / np.pi
+            for x, y in zip(u, v, strict=True):
+                inside = (truth.seen[:, 0] <= x) | (truth.seen[:, 2] - 512 >= x)
+                inside &= ((x <= truth.seen[:, 2]) | (x + 512 <= truth.seen[:, 2])) & (truth.seen[:, 1] <= y) & (y <= truth.seen[:, 3])
+                near, total = near + bool(inside.any()), total + 1
+    assert total > 10
+    assert near / total > 0.85  # the others are clutter
+
+
+def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    record(SCENARIO, tmp_path / "again")
+    assert (tmp_path / "again" / "manifest.json").read_bytes() == (folder / "manifest.json").read_bytes()
+
+
+def test_beams_hide_nobody_and_walls_do() -> None:
+    simulation = Simulation(Scenario(seed=3))
+    setup = setup_of(Scenario(seed=3), simulation)
+    assert isinstance(setup.occluders, Grid)
+    assert isinstance(setup.ground, Grid)
+    above = setup.occluders.heights - setup.ground.heights
+    assert (above > -1e-9).all()
+    assert 0.03 < (above > 0.3).mean() < 0.4
+    # Where people can walk, hardly anything stands.
+    points = np.stack(np.meshgrid(np.linspace(-6, 6, 60), np.linspace(-5, 5, 50)), axis=-1).reshape(-1, 2)
+    free = points[simulation.world.feet.clearance_at(points) > 0.2]
+    assert (setup.occluders.height_at(free) - setup.ground.height_at(free) < 0.05).mean() > 0.99
+
+
+def test_a_folder_that_is_there_is_refused(folder: Path) -> None:
+    with pytest.raises(ValueError, match="is there already"):
+        record(SCENARIO, folder)

@@ -1,0 +1,144 @@
+"""Faces and their tables: every pixel's texel is where the camera says, whatever the camera; range is exact on planes."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sim.rendering.cubemap import BORDER, CUBE, FaceTable
+from sim.rendering.face_atlas import Atlas, inverse_depth
+from tests.sim.rays import bearings
+from tracker.geometry.cameras import Camera, Panorama, Tsai
+
+TSAI = Tsai(768, 576, 5.5549183034, 5.1113043639e-03, 324.22149053, 282.56650051, 1.0937855397, 0.00576, 0.00576)
+CAMERAS = {"panorama": Panorama(256, 128), "tsai": TSAI}
+
+
+def texel_bearings(table: FaceTable) -> np.ndarray:
+    """(H, W, 3) directions of the places in the atlas that pixels are sampled from."""
+    x, y = np.moveaxis(table.places(), -1, 0)
+    out = np.full((*x.shape, 3), np.nan)
+    for face in table.faces:
+        inside = (y >= face.row - 0.5) & (y < face.row + face.height - 0.5)
+        right = face.low[0] + (x[inside] + 0.5) * (face.high[0] - face.low[0]) / face.width
+        up = face.low[1] + (y[inside] - face.row + 0.5) * (face.high[1] - face.low[1]) / face.height
+        ways = face.axes[0] + right[:, None] * face.axes[1] + up[:, None] * face.axes[2]
+        out[inside] = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    return out
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_texels_lie_where_pixels_look(name: str) -> None:
+    camera: Camera = CAMERAS[name]
+    table = FaceTable.make(camera)
+    at = texel_bearings(table)
+    wanted = bearings(camera).reshape(at.shape)
+    # A place in the atlas is in 65536ths of a texel.
+    assert np.abs(at - wanted).max() < 1e-5
+    planar = np.stack([wanted @ face.axes[0] for face in table.faces]).max(axis=0)
+    assert np.abs(table.stretch * planar - 1).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_no_interpolation_reaches_over_the_edge_of_a_face(name: str) -> None:
+    table = FaceTable.make(CAMERAS[name])
+    x, y = np.moveaxis(table.places(), -1, 0)
+    for face in table.faces:
+        inside = (y >= face.row - 0.5) & (y < face.row + face.height - 0.5)
+        assert inside.any()
+        for place, size in ((x[inside], face.width), (y[inside] - face.row, face.height)):
+            assert place.min() >= 0.5
+            assert place.max() <= size - 1.5
+
+
+def test_a_narrow_camera_needs_one_face_and_a_panorama_six() -> None:
+    (face,) = FaceTable.make(TSAI).faces
+    assert 768 <= face.width < 768 * 1.8
+    faces = FaceTable.make(Panorama(1024, 512)).faces
+    assert len(faces) == 6
+    assert len({(face.width, face.height) for face in faces}) == 1
+    assert [face.axes.tolist() for face in faces] == CUBE.tolist()
+
+
+def test_density_is_texels_a_pixel() -> None:
+    for density in (1.0, 2.0):
+        face = FaceTable.make(Panorama(1024, 512), density).faces[0]
+        # Ahead, a pixel spans 2π/1024.
+        assert face.width / (face.high[0] - face.low[0]) * 2 * np.pi / 1024 == pytest.approx(density, rel=0.01)
+
+
+@pytest.mark.parametrize("density", [0.0, 0.2, 17.0, np.nan])
+def test_a_density_out_of_bounds_is_refused(density: float) -> None:
+    with pytest.raises(ValueError, match="density is"):
+        FaceTable.make(Panorama(64, 32), density)
+
+
+def test_planes_hold_what_a_face_shows() -> None:
+    for face in FaceTable.make(TSAI).faces:
+        edges = itertools.product((face.low[0], face.high[0]), (face.low[1], face.high[1]))
+        corners = [face.axes[0] + right * face.axes[1] + up * face.axes[2] for right, up in edges]
+        assert (np.array(corners) @ face.planes.T > -1e-12).all()
+        outside = face.axes[0] + 1.01 * face.high[0] * face.axes[1]
+        assert (outside @ face.planes.T).min() < 0
+
+
+def geometry(table: FaceTable, codes: np.ndarray, depth: np.ndarray, limits: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """The codes and the range that are sampled."""
+    sampled = table.sample(Atlas(np.zeros((*codes.shape, 4), np.uint8), codes, depth), limits, [np.arange(codes.max() + 1, dtype=np.uint32)])
+    return sampled.values[0], sampled.range
+
+
+def test_range_is_exact_on_a_plane_and_nearest_between_two_things() -> None:
+    table, limits = FaceTable.make(Panorama(128, 64)), (0.02, 100.0)
+    slope, offset = inverse_depth(*limits)
+    codes, depth = np.ones((table.height, table.width), np.uint32), np.zeros((table.height, table.width), np.float32)
+    normal, distance = np.array([0.2, -0.3, 0.9]), 4.0
+    for face in table.faces:
+        right = face.low[0] + (np.arange(face.width) + 0.5) * (face.high[0] - face.low[0]) / face.width
+        up = face.low[1] + (np.arange(face.height) + 0.5) * (face.high[1] - face.low[1]) / face.height
+        inverse = (face.axes[0] @ normal + right[None] * (face.axes[1] @ normal) + up[:, None] * (face.axes[2] @ normal)) / distance
+        depth[face.row : face.row + face.height, : face.width] = (inverse - offset) / slope
+    seen, found = geometry(table, codes, depth, limits)
+    truth = distance / (bearings(Panorama(128, 64)) @ normal).reshape(found.shape)
+    before = (truth > 0) & (truth < 50)
+    assert (np.abs(found[before] / truth[before] - 1) < 1e-4).all()
+    assert (seen == 1).all()
+    codes[:, ::2] = 2
+    seen, found = geometry(table, codes, depth, limits)
+    flat = table.nearest[before]
+    assert np.allclose(found[before], table.stretch[before] / (slope * depth.ravel()[flat] + offset), rtol=1e-5)
+    seen, found = geometry(table, np.zeros_like(codes), depth, limits)
+    assert np.isinf(found).all()
+
+
+def test_the_border_is_there() -> None:
+    face = FaceTable.make(Panorama(256, 128)).faces[0]
+    assert face.width * (1 - 1 / float(face.high[0])) / 2 == pytest.approx(BORDER, abs=0.6)
+
+
+# View_007 of PETS 2009: κ1 is so far below 0 that the lens folds before the image's left corners.
+FOLDED = Tsai(720, 576, 3.6936729025, -0.061986350417, 436.10005997, 257.92023557, 1.0, 4.65e-3, 4.65e-3)
+
+
+def test_past_the_fold_of_a_lens_pixels_are_blind() -> None:
+    u, v = np.meshgrid(np.arange(720.0), np.arange(576.0))
+    blind = FOLDED.folded(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(576, 720)
+    assert 0.001 < blind.mean() < 0.2
+    table = FaceTable.make(FOLDED)
+    empty = np.arange(table.height) >= max(face.row + face.height for face in table.faces)
+    assert (empty[table.nearest // table.width] == blind).all()
+    atlas = Atlas(*(np.zeros((table.height, table.width, *rest), kind) for rest, kind in (((4,), np.uint8), ((), np.uint32), ((), np.float32))))
+    atlas.colour[~empty], atlas.codes[~empty], atlas.depth[~empty] = 200, 1, 0.5
+    sampled = table.sample(atlas, (0.02, 100.0), [np.array([0, 7], np.uint16)])
+    assert ((sampled.values[0] == 0) == blind).all()
+    assert (np.isinf(sampled.range) == blind).all()
+    assert (sampled.colour[blind] == 0).all()
+    assert (sampled.colour[~blind] == 200).all()
+    # Everywhere else the table is as any other.
+    at, wanted = texel_bearings(table), bearings(FOLDED).reshape(576, 720, 3)
+    assert np.abs(at - wanted)[~blind].max() < 1e-5
+
+
+def test_a_lens_that_folds_before_most_of_the_image_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"% of the pixels of Tsai.* lie past the fold of its lens, needs 50% at most"):
+        FaceTable.make(Tsai(720, 576, 3.69, -0.5, 436.1, 257.9, 1.0, 4.65e-3, 4.65e-3))

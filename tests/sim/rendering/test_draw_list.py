@@ -1,0 +1,107 @@
+"""What is drawn: nothing that a face may see is left out, the near before the far, what is seen through last, round things round enough."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.rendering.cubemap import FaceTable
+from sim.rendering.draw_list import EXACTNESS, DrawList, Strokes
+from tests.sim.scenes import G, court
+from tracker.geometry import Pose
+from tracker.geometry.cameras import Panorama
+
+CAMERA = Panorama(256, 128)
+PLANES = np.stack([face.planes for face in FaceTable.make(CAMERA).faces])
+
+
+def balls(places: np.ndarray, colours: np.ndarray, radius: float = 0.1) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    spec = mujoco.MjSpec()
+    for place, colour in zip(places, colours, strict=True):
+        spec.worldbody.add_geom(type=G.mjGEOM_SPHERE, size=[radius, 0, 0], pos=place, rgba=colour)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def drawn(strokes: Strokes) -> list[int]:
+    return [int(record) for record in strokes.commands["record"]]
+
+
+def test_a_face_shows_the_balls_before_it_and_no_other() -> None:
+    rng = np.random.default_rng(3)
+    places = rng.normal(size=(300, 3)) * 3
+    model, data = balls(places, np.full((300, 4), 0.6))
+    listed = DrawList(model)
+    listed.update(data)
+    pose = Pose.planar(0.5, -0.3, 0.8, 0.2)
+    local = (places - pose.translation) @ pose.rotation
+    for planes, strokes in zip(PLANES, listed.seen_from(pose, PLANES, 40.0), strict=True):
+        depth = (local @ planes.T).min(axis=1)
+        shown = set(drawn(strokes))
+        assert set(np.flatnonzero(depth > -0.1).tolist()) <= shown
+        # The box about a ball reaches further than the ball, by √3.
+        assert shown <= set(np.flatnonzero(depth > -0.1 * np.sqrt(3) - 0.01).tolist())
+
+
+def test_near_things_come_first_and_what_is_seen_through_last_from_afar() -> None:
+    places = np.array([[k, 0.0, 0.0] for k in (5, 3, 8, 2, 6, 4)])
+    colours = np.array([[1, 1, 1, 1.0]] * 3 + [[1, 1, 1, 0.5]] * 3)
+    model, data = balls(places, colours)
+    listed = DrawList(model)
+    listed.update(data)
+    ahead = listed.seen_from(Pose.identity(), PLANES, 40.0)[0]
+    assert drawn(ahead) == [1, 0, 2, 4, 5, 3]
+    assert [(batch.blended, batch.first, batch.last) for batch in ahead.batches] == [(False, 0, 3), (True, 3, 6)]
+
+
+def test_round_things_are_as_round_as_they_are_large() -> None:
+    model, data = balls(np.array([[1.0, 0, 0]]), np.ones((1, 4)))
+    listed = DrawList(model)
+    listed.update(data)
+    one = np.zeros(1, np.int64)
+    triangles = [int(listed.commands(one, np.array([pixels]))["count"][0]) // 3 for pixels in (0.1, 3.0, 10.0, 30.0, 1000.0)]
+    assert triangles == sorted(triangles)
+    assert triangles[0] < 150 < triangles[-1]
+    for pixels, count in zip((0.1, 3.0, 10.0, 30.0), triangles, strict=False):
+        assert count >= EXACTNESS * pixels
+
+
+def test_groups_and_invisible_things_are_left_out() -> None:
+    spec = mujoco.MjSpec()
+    for group in range(6):
+        spec.worldbody.add_geom(name=f"g{group}", type=G.mjGEOM_BOX, size=[0.1] * 3, group=group, pos=[2, group, 0])
+    spec.worldbody.add_geom(name="ghost", type=G.mjGEOM_BOX, size=[0.1] * 3, rgba=[1, 1, 1, 0])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    listed = DrawList(model)
+    listed.update(data)
+    ahead = listed.seen_from(Pose.planar(-9.0, 2.0, 0.0), PLANES, 40.0)[0]
+    assert sorted(model.geom(int(listed.geom[k])).name for k in drawn(ahead)) == ["g0", "g1", "g2", "g3"]
+
+
+def test_colours_are_the_materials_unless_a_geom_has_its_own() -> None:
+    spec = mujoco.MjSpec()
+    spec.add_material(name="red", rgba=[1, 0, 0, 1], emission=0.5)
+    spec.worldbody.add_geom(type=G.mjGEOM_BOX, size=[0.1] * 3, material="red")
+    spec.worldbody.add_geom(type=G.mjGEOM_BOX, size=[0.1] * 3, material="red", rgba=[0, 1, 0, 1])
+    records = DrawList(spec.compile()).records
+    assert records["rgba"].tolist() == [[1, 0, 0, 1], [0, 1, 0, 1]]
+    assert records["shine"][:, 0].tolist() == [0.5, 0.5]
+
+
+def test_every_tile_of_the_ground_is_a_record_of_one_geom() -> None:
+    scene = court()
+    listed = DrawList(scene.model)
+    ground = scene.model.geom("ground").id
+    assert (listed.geom == ground).sum() == len(listed.solids.hfield[0]) > 1
+    assert (listed.records["code"] == listed.geom + 1).all()
+
+
+def test_what_cannot_be_drawn_is_refused() -> None:
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(type=G.mjGEOM_SPHERE, size=[0.1, 0, 0])
+    flexible = """<mujoco><worldbody><flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2"/></worldbody></mujoco>"""
+    with pytest.raises(ValueError, match="1 flexes and 0 skins"):
+        DrawList(mujoco.MjModel.from_xml_string(flexible))

@@ -1,0 +1,102 @@
+"""The door to OpenGL: what is chosen, what is said where there is none, and any order of imports."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sim.rendering.gl_context import BACKENDS, GLUnavailable, choose_gl, gl_information, largest_buffer, open_context
+
+ROOT = Path(__file__).parents[3]
+INFORM = "context = sim.rendering.gl_context.open_context(); print(sim.rendering.gl_context.gl_information(context)); context.free()"
+
+
+def python(program: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a program of its own with none of our GL settings but those given."""
+    kept = {key: value for key, value in os.environ.items() if key not in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "WAYLAND_DISPLAY")}
+    return subprocess.run([sys.executable, "-c", program], env=kept | environment, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_what_is_set_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    assert choose_gl() == "osmesa"
+
+
+def test_a_choice_is_left_to_processes_that_follow() -> None:
+    done = python("import os, sim.rendering.gl_context; print(sim.rendering.gl_context.choose_gl(), os.environ['MUJOCO_GL'])")
+    first, second = done.stdout.split()
+    assert first == second in BACKENDS
+
+
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import sim.rendering.gl_context",
+        "import mujoco, sim.rendering.gl_context",
+        "import sim.rendering.gl_context, mujoco",
+        "import sim.rendering.panorama, sim.rendering.gl_context",
+    ],
+)
+def test_any_order_of_imports(imports: str) -> None:
+    done = python(f"{imports}; {INFORM}")
+    assert done.stdout.startswith("GLInformation("), done.stderr
+    assert not done.stderr
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa"])
+def test_each_backend(backend: str) -> None:
+    done = python(f"import sim.rendering.gl_context; {INFORM}", MUJOCO_GL=backend)
+    if "GLUnavailable" in done.stderr:
+        pytest.skip(f"{backend} is not installed here: {done.stderr.strip().splitlines()[-1]}")
+    assert done.stdout.startswith("GLInformation("), done.stderr
+    assert not done.stderr
+
+
+def test_without_any_opengl_one_line_says_what_to_install() -> None:
+    broken = "from sim.rendering import gl_context as gl; gl.PROBE = 'raise SystemExit(\"lib{0}.so is not there\")'; gl.choose_gl()"
+    said = python(broken).stderr.strip().splitlines()[-1]
+    assert "GLUnavailable: no OpenGL: install libegl1" in said
+    assert "libosmesa6" in said
+    assert "libegl.so is not there" in said
+    assert "libosmesa.so is not there" in said
+
+
+def test_a_driver_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr("sim.rendering.gl_context.PROBE", "import time; time.sleep(60)")
+    monkeypatch.setattr("sim.rendering.gl_context.PROBE_SECONDS", 0.1)
+    with pytest.raises(GLUnavailable, match="did not answer within"):
+        choose_gl()
+    assert "MUJOCO_GL" not in os.environ
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        ({"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "osmesa"}, "PYOPENGL_PLATFORM"),
+        ({"MUJOCO_GL": "glfw", "DISPLAY": ""}, "no OpenGL: install"),
+        ({"MUJOCO_GL": "crayon"}, "needs one of egl, osmesa"),
+    ],
+)
+def test_settings_that_cannot_work(environment: dict[str, str], message: str) -> None:
+    said = python("import sim.rendering.gl_context; sim.rendering.gl_context.open_context()", **environment).stderr.strip().splitlines()[-1]
+    assert said.startswith("sim.rendering.gl_context.GLUnavailable: ")
+    assert message in said
+
+
+def test_pyopengl_bound_elsewhere_is_named() -> None:
+    said = python("import OpenGL.GL, sim.rendering.gl_context; sim.rendering.gl_context.open_context()").stderr
+    assert "PyOpenGL was imported before and is bound to" in said or "no OpenGL" in said
+
+
+def test_information_and_limits() -> None:
+    context = open_context()
+    try:
+        information = gl_information(context)
+        assert information.version[0].isdigit()
+        assert information.is_gpu != any(word in information.renderer.lower() for word in ("llvmpipe", "softpipe"))
+        assert largest_buffer(context) >= 2048
+    finally:
+        context.free()

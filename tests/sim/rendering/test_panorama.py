@@ -1,0 +1,345 @@
+"""Panoramas against exact rays and against themselves: turned, repeated, from another process, without culling."""
+
+import gc
+import multiprocessing
+import os
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.rendering import draw_list
+from sim.rendering.coverage import Alone
+from sim.rendering.cubemap import CUBE
+from sim.rendering.panorama import PanoramaRenderer, Shot
+from tests.sim.rays import bearings, cast, compare
+from tests.sim.rendering.test_cubemap import FOLDED
+from tests.sim.scenes import G, Scene, compiled, court, quarter, spec_with_sky
+from tracker.geometry import Pose, bearing_from_angles
+from tracker.geometry.cameras import Panorama, Tsai
+
+CAMERA = Panorama(1024, 512)
+SMALL = Panorama(256, 128)
+PEOPLE = [1, 2, 3, 4, 5]
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return court()
+
+
+@pytest.fixture(scope="module")
+def renderer(scene: Scene) -> Iterator[PanoramaRenderer]:
+    with PanoramaRenderer(scene.model, CAMERA, scene.instances) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def shots(scene: Scene, renderer: PanoramaRenderer) -> list[Shot]:
+    return renderer.render(scene.data, scene.poses)
+
+
+@pytest.fixture(scope="module")
+def alone(scene: Scene, renderer: PanoramaRenderer) -> list[list[Alone]]:
+    return renderer.alone(scene.data, scene.poses, PEOPLE)
+
+
+def digest(shot: Shot) -> tuple[int, int, int]:
+    return zlib.crc32(shot.colour.tobytes()), zlib.crc32(shot.instances.tobytes()), zlib.crc32(shot.range.tobytes())
+
+
+def small_digests() -> list[tuple[int, int, int]]:
+    scene = court()
+    with PanoramaRenderer(scene.model, SMALL, scene.instances) as renderer:
+        return [digest(shot) for shot in renderer.render(scene.data, scene.poses)]
+
+
+@pytest.mark.parametrize("view", [0, 1])
+def test_instances_and_range_are_those_of_exact_rays(scene: Scene, shots: list[Shot], view: int) -> None:
+    found = compare(shots[view], scene.instances, *cast(scene.model, scene.data, CAMERA, scene.poses[view]))
+    assert found.everywhere > 0.995
+    assert found.inside == 1
+    assert found.share > 0.5
+    assert found.median < 0.0001
+    assert found.percentile < 0.01
+
+
+TSAI = Tsai(768, 576, 5.5549183034, 5.1113043639e-03, 324.22149053, 282.56650051, 1.0937855397, 0.00576, 0.00576)
+
+
+def test_several_cameras_of_different_kinds_share_a_renderer(scene: Scene) -> None:
+    # Towards the middle of the court.
+    small, pose = Panorama(512, 256), Pose.planar(-6.0, -1.0, 0.3, 1.4)
+    with PanoramaRenderer(scene.model, [small, TSAI], scene.instances) as renderer:
+        around, ahead, again = renderer.render(scene.data, [pose] * 3, which=[0, 1, 0])
+        bodies = renderer.alone(scene.data, [pose], PEOPLE, which=[1])[0]
+        for wrong in ([0], [0, 2], [0, -1]):
+            with pytest.raises(ValueError, match="needs 2 numbers of cameras, 0 to 1"):
+                renderer.render(scene.data, [pose] * 2, which=wrong)
+    assert digest(around) == digest(again)
+    for camera, shot in ((small, around), (TSAI, ahead)):
+        assert shot.instances.shape == (camera.height, camera.width)
+        found = compare(shot, scene.instances, *cast(scene.model, scene.data, camera, pose))
+        assert found.everywhere > 0.99
+        assert found.inside > 0.9999
+        assert found.percentile < 0.01
+    visible = np.bincount(ahead.instances.ravel(), minlength=6)
+    assert visible[1:].any()
+    assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
+
+
+def test_past_the_fold_of_a_lens_the_picture_is_black(scene: Scene) -> None:
+    pose = Pose.planar(-6.0, -1.0, 0.3, 1.4)
+    with PanoramaRenderer(scene.model, [SMALL, FOLDED], scene.instances, np.ones(scene.model.ngeom, np.uint8)) as renderer:
+        # What is left in the buffer of another camera is not seen there.
+        _, shot = renderer.render(scene.data, [pose] * 2, which=[0, 1])
+        bodies = renderer.alone(scene.data, [pose], PEOPLE, which=[1])[0]
+    v, u = np.mgrid[:576, :720]
+    blind = FOLDED.folded(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(576, 720)
+    assert shot.classes is not None
+    for black in (shot.colour, shot.instances, shot.classes):
+        assert not black[blind].any()
+    assert np.isinf(shot.range[blind]).all()
+    geom, distance = cast(scene.model, scene.data, FOLDED, pose)
+    found = compare(shot, scene.instances, np.where(blind, -1, geom).astype(np.int32), np.where(blind, np.inf, distance))
+    assert found.everywhere > 0.99
+    assert found.inside > 0.9999
+    visible = np.bincount(shot.instances.ravel(), minlength=6)
+    assert visible[1:].any()
+    assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
+
+
+def test_classes_are_those_of_the_geoms_and_0_is_the_sky(scene: Scene) -> None:
+    classes = np.arange(scene.model.ngeom, dtype=np.uint8) % 7 + 1
+    with PanoramaRenderer(scene.model, SMALL, scene.instances, classes) as renderer:
+        (shot,) = renderer.render(scene.data, scene.poses[:1])
+    assert shot.classes is not None
+    assert ((shot.classes == 0) == np.isinf(shot.range)).all()
+    people = shot.instances > 0
+    geoms = np.unique(classes[scene.instances > 0])
+    assert set(np.unique(shot.classes[people])) <= set(geoms.tolist())
+
+
+def test_range_is_exact_on_a_plane() -> None:
+    spec = spec_with_sky()
+    spec.worldbody.add_geom(type=G.mjGEOM_PLANE, size=[0, 0, 1])
+    spec.stat.extent = 20.0
+    plain = compiled(spec, [Pose(np.eye(3), np.array([0.0, 0.0, 1.5]))])
+    with PanoramaRenderer(plain.model, CAMERA, plain.instances) as renderer:
+        (shot,) = renderer.render(plain.data, plain.poses)
+    directions = bearings(CAMERA).reshape(512, 1024, 3)
+    truth = -1.5 / np.where(directions[..., 2] < 0, directions[..., 2], np.nan)
+    # The horizon is level, and between the rows 255 and 256 all around.
+    assert np.isinf(shot.range[:256]).all()
+    assert np.isfinite(shot.range[256:]).all()
+    near = truth < 200
+    assert (np.abs(shot.range[near] - truth[near]) / truth[near]).max() < 1e-4
+
+
+@pytest.mark.parametrize("elevation", [-88.0, -85.5, -45.0, -10.0, 0.0, 30.0, 44.9, 85.5, 89.0])
+def test_a_point_is_where_the_camera_says(elevation: float) -> None:
+    azimuths = np.radians([-180.0, -135.0, -45.0, 20.0, 45.1, 179.9])
+    at = bearing_from_angles(azimuths, np.full(len(azimuths), np.radians(elevation)))
+    spec = mujoco.MjSpec()
+    spec.add_material(name="glow", emission=1.0)
+    spec.worldbody.add_body(name="lamp", mocap=True).add_geom(type=G.mjGEOM_SPHERE, size=[0.12, 0, 0], material="glow", rgba=[1, 1, 1, 1])
+    spec.stat.extent = 5.0
+    lamp = compiled(spec, [Pose.identity()])
+    directions = bearings(CAMERA)
+    area = np.sqrt(1 - directions[:, 2] ** 2)
+    with PanoramaRenderer(lamp.model, CAMERA, lamp.instances) as renderer:
+        for bearing in at:
+            lamp.data.mocap_pos[0] = 5.0 * bearing
+            mujoco.mj_forward(lamp.model, lamp.data)
+            (shot,) = renderer.render(lamp.data, lamp.poses)
+            centroid = (shot.colour.sum(axis=2).ravel() * area) @ directions
+            error = np.arccos(np.clip(centroid @ bearing / np.linalg.norm(centroid), -1, 1))
+            assert error < 0.25 * 2 * np.pi / CAMERA.width, bearing
+
+
+def test_a_quarter_turn_rolls_the_panorama(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot]) -> None:
+    (turned,) = renderer.render(scene.data, [quarter(scene.poses[0])])
+    back = [np.roll(array, -CAMERA.width // 4, axis=1) for array in (turned.colour, turned.instances, turned.range)]
+    assert (back[1] == shots[0].instances).mean() > 0.9999
+    finite = np.isfinite(back[2]) & np.isfinite(shots[0].range)
+    assert np.percentile(np.abs(back[2][finite] - shots[0].range[finite]), 99.9) < 1e-3
+    assert np.abs(back[0].astype(int) - shots[0].colour).mean() < 0.1
+
+
+def test_no_line_shows_where_faces_meet_nor_at_the_seam(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot]) -> None:
+    # Turned by an eighth, other pixels lie at the borders: there the two may differ no more than elsewhere.
+    eighth = Pose.planar(0.0, 0.0, np.pi / 4)
+    (turned,) = renderer.render(scene.data, [scene.poses[0] @ eighth])
+    difference = np.abs(np.roll(turned.colour, -CAMERA.width // 8, axis=1).astype(float) - shots[0].colour).mean(axis=2)
+    table = renderer._tables[0]
+    face = np.searchsorted([one.row for one in table.faces], table.nearest // table.width, side="right")
+    border = (face != np.roll(face, 1, axis=1)) | (face != np.roll(face, -1, axis=1)) | (face != np.roll(face, 1, axis=0))
+    assert difference[border].mean() < 1.5 * difference[~border].mean() + 0.1
+    steps = np.abs(np.diff(shots[0].colour.astype(float), axis=1)).mean(axis=(0, 2))
+    seam = np.abs(shots[0].colour[:, 0].astype(float) - shots[0].colour[:, -1]).mean()
+    assert seam < 2 * np.median(steps) + 0.5
+    for row in (0, -1):
+        assert np.ptp(shots[0].colour[row].astype(int), axis=0).max() < 40
+
+
+def test_culling_changes_nothing(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(draw_list, "SLACK", 1e9)
+    for all_drawn, shot in zip(renderer.render(scene.data, scene.poses), shots, strict=True):
+        assert digest(all_drawn) == digest(shot)
+
+
+def mujocos_faces(side: int) -> list[np.ndarray]:
+    """The faces of a cube at the court's first pose, by MuJoCo's own renderer. To be called in a process that was started after the GL backend
+    had been chosen: `import mujoco` looks at it."""
+    scene, pictures = court(), []
+    scene.model.vis.global_.offwidth = scene.model.vis.global_.offheight = side
+    option = mujoco.MjvOption()
+    option.geomgroup[:], option.sitegroup[:] = (1, 1, 1, 1, 0, 0), 0
+    with mujoco.Renderer(scene.model, side, side) as theirs:
+        for axes in CUBE:
+            theirs.update_scene(scene.data, mujoco.MjvCamera(), option)
+            for camera in theirs.scene.camera:
+                camera.pos, camera.forward, camera.up = scene.poses[0].translation, axes[0], axes[2]
+                camera.frustum_center, camera.frustum_width, camera.orthographic = 0, 0.02, 0
+                camera.frustum_bottom, camera.frustum_top, camera.frustum_near, camera.frustum_far = -0.02, 0.02, 0.02, 500
+            for light in theirs.scene.lights[: theirs.scene.nlight]:
+                light.pos = scene.poses[0].translation if light.headlight else light.pos
+            pictures.append(theirs.render())
+    return pictures
+
+
+def test_the_light_is_mujocos(shots: list[Shot]) -> None:
+    """They differ at the edges of things and of shadows only."""
+    side, ways = 512, bearings(CAMERA)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        theirs = pool.apply(mujocos_faces, (side,))
+    owner = np.argmax(ways @ CUBE[:, 0].T, axis=1)
+    for k, (axes, picture) in enumerate(zip(CUBE, theirs, strict=True)):
+        mine = owner == k
+        at = (ways[mine] @ axes.T) / (ways[mine] @ axes[:1].T)
+        column = np.clip((at[:, 1] + 1) / 2 * side, 0, side - 1).astype(int)
+        row = np.clip((1 - at[:, 2]) / 2 * side, 0, side - 1).astype(int)
+        difference = np.abs(picture[row, column].astype(int) - shots[0].colour.reshape(-1, 3)[mine]).mean(axis=1)
+        assert np.median(difference) < 5, k
+        assert (difference > 40).mean() < 0.04, k
+
+
+def test_what_is_visible_is_part_of_what_is_covered_alone(shots: list[Shot], alone: list[list[Alone]]) -> None:
+    for shot, bodies in zip(shots, alone, strict=True):
+        visible = np.bincount(shot.instances.ravel(), minlength=6)
+        assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
+    # Person 3 is hidden by the board from the first camera; 5 stands free.
+    assert np.count_nonzero(shots[0].instances == 3) < 0.5 * alone[0][2].pixels
+    assert np.count_nonzero(shots[0].instances == 5) == alone[0][4].pixels > 500
+
+
+def test_alone_is_what_an_empty_world_shows(scene: Scene, alone: list[list[Alone]]) -> None:
+    for k, bodies in list(enumerate(zip(*alone, strict=True), start=1))[2:4]:
+        model = court().model
+        model.geom_matid[:] = -1
+        model.geom_rgba[:, 3] = np.where(scene.instances == k, 1.0, 0.0)
+        with PanoramaRenderer(model, CAMERA, scene.instances) as renderer:
+            shots = renderer.render(scene.data, scene.poses)
+        for shot, body in zip(shots, bodies, strict=True):
+            v, u = np.nonzero(shot.instances == k)
+            assert len(u) == body.pixels
+            # Turned so that the body is in the middle, its box is that of its pixels.
+            shift = int(body.box[0]) - 100
+            u = (u - shift) % CAMERA.width
+            np.testing.assert_array_equal(body.box - [shift, 0, shift, 0], [u.min(), v.min(), u.max() + 1, v.max() + 1])
+
+
+def test_boxes_go_over_the_seam(alone: list[list[Alone]]) -> None:
+    u0, _, u1, _ = alone[0][3].box
+    assert 0 < u0 < CAMERA.width < u1 < u0 + 200
+
+
+def test_nothing_to_see_is_said_so(scene: Scene, renderer: PanoramaRenderer) -> None:
+    (((nobody),),) = renderer.alone(scene.data, scene.poses[:1], [99])
+    assert nobody.pixels == 0
+    assert np.isnan(nobody.box).all()
+
+
+def test_every_call_gives_the_same_bytes(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot]) -> None:
+    again = renderer.render(scene.data, scene.poses[::-1])[::-1]
+    assert [digest(shot) for shot in again] == [digest(shot) for shot in shots]
+
+
+def test_a_spawned_process_gives_the_same_bytes() -> None:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.apply(small_digests) == small_digests()
+
+
+def test_renderers_at_once_and_one_after_the_other(scene: Scene) -> None:
+    alone = small_digests()
+    with PanoramaRenderer(scene.model, SMALL, scene.instances) as a, PanoramaRenderer(scene.model, Panorama(128, 64), scene.instances) as b:
+        first = [digest(shot) for shot in a.render(scene.data, scene.poses)]
+        b.render(scene.data, scene.poses)
+        assert [digest(shot) for shot in a.render(scene.data, scene.poses)] == first == alone
+    assert small_digests() == alone
+
+
+def test_closing(scene: Scene) -> None:
+    renderer = PanoramaRenderer(scene.model, SMALL, scene.instances)
+    renderer.close()
+    renderer.close()
+    with pytest.raises(ValueError, match="closed"):
+        renderer.render(scene.data, scene.poses)
+    forgotten = PanoramaRenderer(scene.model, SMALL, scene.instances)
+    finalizer = forgotten._finalizer
+    del forgotten
+    gc.collect()
+    assert not finalizer.alive
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa"])
+def test_each_backend_draws_and_ends_in_silence(backend: str) -> None:
+    # Where a backend is not there mujoco cannot even be imported: we say so before it is.
+    program = (
+        "from sim.rendering.gl_context import open_context; open_context().free(); from tests.sim.rendering.test_panorama import *; scene = court();"
+        "kept = PanoramaRenderer(scene.model, SMALL, scene.instances);"
+        "shots = kept.render(scene.data, scene.poses); print(sorted(set(shots[0].instances.ravel().tolist())))"
+    )
+    kept = {key: value for key, value in os.environ.items() if key != "PYOPENGL_PLATFORM"}
+    done = subprocess.run([sys.executable, "-c", program], env=kept | {"MUJOCO_GL": backend}, cwd=ROOT, capture_output=True, text=True, check=False)
+    if "GLUnavailable" in done.stderr:
+        pytest.skip(f"{backend} is not installed here: {done.stderr.strip().splitlines()[-1]}")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().startswith("[0, 1, 2, ")
+    assert not done.stderr
+
+
+def test_the_model_is_left_as_it_was(scene: Scene) -> None:
+    quality, size = scene.model.vis.quality, scene.model.vis.global_
+    before = quality.shadowsize, quality.offsamples, quality.numslices, size.offwidth, size.offheight
+    PanoramaRenderer(scene.model, SMALL, scene.instances).close()
+    assert before == (quality.shadowsize, quality.offsamples, quality.numslices, size.offwidth, size.offheight)
+
+
+def test_what_does_not_fit_is_refused(scene: Scene) -> None:
+    with pytest.raises(ValueError, match=r"int64 of shape .* needs uint16"):
+        PanoramaRenderer(scene.model, SMALL, scene.instances.astype(np.int64))
+    with pytest.raises(ValueError, match="needs uint16 of shape"):
+        PanoramaRenderer(scene.model, SMALL, scene.instances[:-1])
+    with pytest.raises(ValueError, match=r"class_of_geom is int64 .* needs uint8"):
+        PanoramaRenderer(scene.model, SMALL, scene.instances, scene.instances.astype(np.int64))
+    with pytest.raises(ValueError, match="there are 0 cameras"):
+        PanoramaRenderer(scene.model, [], scene.instances)
+    with pytest.raises(ValueError, match=r"need a buffer of .* OpenGL's limit is"):
+        PanoramaRenderer(scene.model, Panorama(1024, 512), scene.instances, density=16.0)
+    with pytest.raises(ValueError, match="width = 2 height"):
+        Panorama(256, 100)
+    with pytest.raises(ValueError, match="width = 2 height"):
+        Panorama(257, 128)
+
+
+def test_instances_to_draw_alone_are_checked(scene: Scene, renderer: PanoramaRenderer) -> None:
+    for wrong in (0, -1, 1 << 16):
+        with pytest.raises(ValueError, match=f"instance is {wrong}, needs 1 to 65535"):
+            renderer.alone(scene.data, scene.poses, [wrong])

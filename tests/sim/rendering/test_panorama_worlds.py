@@ -1,0 +1,81 @@
+"""Panoramas of every world against exact rays; people in all their forms against exact rays."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.rendering.panorama import PanoramaRenderer
+from sim.scenario import Scenario
+from sim.simulation.simulation import Simulation
+from tests.sim.rays import Agreement, cast, compare
+from tests.sim.scenes import EYE, Scene, add_person, compiled
+from tracker.geometry import Pose
+from tracker.geometry.cameras import Panorama
+from worlds import catalogue
+
+CAMERA = Panorama(1024, 512)
+
+
+def peopled(name: str, difficulty: float, seed: int) -> Scene:
+    """A world with four people of capsules, and a place to look from."""
+    rng = np.random.default_rng(seed)
+    world = catalogue.build(name, rng, difficulty)
+    spec = world.spec.copy()
+    places = world.feet.sample(rng, 5, 0.3, 1.0)
+    heights = world.terrain.height_at(places)
+    for number, (place, height) in enumerate(zip(places[1:], heights[1:], strict=True), start=1):
+        add_person(spec, number, float(place[0]), float(place[1]), rng)
+        spec.body(f"person_{number}").pos = [*place, height]
+    return compiled(spec, [Pose.planar(*places[0], float(rng.uniform(-3, 3)), float(heights[0]) + EYE)])
+
+
+def check(found: Agreement) -> None:
+    assert found.everywhere >= 0.995
+    assert found.inside == 1
+    assert found.median < 0.002
+    assert found.percentile < 0.01
+
+
+def compared(scene: Scene) -> Agreement:
+    with PanoramaRenderer(scene.model, CAMERA, scene.instances) as renderer:
+        (shot,) = renderer.render(scene.data, scene.poses)
+    return compare(shot, scene.instances, *cast(scene.model, scene.data, CAMERA, scene.poses[0]))
+
+
+@pytest.mark.parametrize("name", sorted(catalogue.WORLDS))
+def test_every_world_is_drawn_as_rays_see_it(name: str) -> None:
+    check(compared(peopled(name, 0.5, 1)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("difficulty", [0.0, 1.0])
+@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("name", sorted(catalogue.WORLDS))
+def test_every_world_at_its_easiest_and_hardest(name: str, difficulty: float, seed: int) -> None:
+    check(compared(peopled(name, difficulty, seed)))
+
+
+def test_people_and_robots_are_drawn_as_rays_see_them_near_and_far() -> None:
+    simulation = Simulation(Scenario(people=12, robots=3, seed=2))
+    owners = (simulation.person_of_geom + 100 * simulation.robot_of_geom).astype(np.uint16)
+    poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
+    with PanoramaRenderer(simulation.model, CAMERA, owners) as renderer:
+        for pose, shot in zip(poses, renderer.render(simulation.data, poses), strict=True):
+            check(compare(shot, owners, *cast(simulation.model, simulation.data, CAMERA, pose)))
+
+
+@pytest.mark.slow
+def test_a_wide_panorama_fits() -> None:
+    scene = peopled("pilsun", 0.5, 1)
+    with PanoramaRenderer(scene.model, Panorama(4096, 2048), scene.instances) as renderer:
+        (shot,) = renderer.render(scene.data, scene.poses)
+    assert shot.colour.shape == (2048, 4096, 3)
+    small = compared(scene)
+    assert small.everywhere > 0.995
+    # A few of its rays: the middle column.
+    u, v = np.full(2048, 2048.5), np.arange(2048) + 0.5
+    ways = Panorama(4096, 2048).bearings_from_pixels(np.stack([u, v], axis=1)) @ scene.poses[0].rotation.T
+    geom, groups = np.zeros(1, np.int32), np.array([1, 1, 1, 1, 0, 0], np.uint8)
+    exact = np.array([mujoco.mj_ray(scene.model, scene.data, scene.poses[0].translation, way, groups, 1, -1, geom, None) for way in ways])
+    hit = (exact > 0) & np.isfinite(shot.range[:, 2048])
+    assert (np.abs(shot.range[hit, 2048] / exact[hit] - 1) < 0.01).mean() > 0.98

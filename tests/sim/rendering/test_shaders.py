@@ -1,0 +1,80 @@
+"""Projections of points by hand, and lights as the model has them."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.rendering.cubemap import CUBE
+from sim.rendering.shaders import MOST, Lamps, projection, shadow_view
+from tracker.geometry import Pose
+
+EDGES = np.array([-1.0, -0.5, 2.0, 0.5])
+
+
+def clip(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    out = np.column_stack([points, np.ones(len(points))]) @ matrix.T
+    return out[:, :3] / out[:, 3:]
+
+
+@pytest.mark.parametrize("face", range(6))
+def test_the_edges_of_a_face_are_the_edges_of_clip_space(face: int) -> None:
+    pose, near, far = Pose.exp([1, 2, 3, 0.3, -0.2, 0.9]), 0.1, 50.0
+    forward, right, up = CUBE[face]
+    corners = [depth * (forward + x * right + y * up) for depth in (near, far) for x in EDGES[[0, 2]] for y in EDGES[[1, 3]]]
+    found = clip(projection(pose, CUBE[face], EDGES, (near, far)), np.array(corners) @ pose.rotation.T + pose.translation)
+    wanted = [[x, y, z] for z in (1, 0) for x in (-1, 1) for y in (-1, 1)]
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("way", [[0.3, 0.1, -1], [0, 0, -1], [1, 0, -0.2]])
+def test_a_parallel_shadow_holds_every_point_and_grows_away_from_the_light(way: list[float]) -> None:
+    points = np.random.default_rng(1).uniform(-7, 9, (100, 3))
+    matrix = shadow_view(np.array([0, 0, 10, *way]), None, points)
+    found = clip(matrix, points)
+    assert (np.abs(found[:, :2]) < 1).all()
+    assert ((found[:, 2] > 0) & (found[:, 2] < 1)).all()
+    step = clip(matrix, points + 0.1 * np.array(way) / np.linalg.norm(way)) - found
+    assert np.abs(step[:, :2]).max() < 1e-12
+    assert (step[:, 2] > 0).all()
+
+
+def test_a_spots_shadow_is_seen_from_the_spot() -> None:
+    place, way, points = np.array([1.0, 2, 5]), np.array([0, 0.6, -0.8]), np.array([[1.0, 5, 1], [2, 2, 0]])
+    matrix = shadow_view(np.concatenate([place, way]), np.radians(45.0), points)
+    axis = clip(matrix, place + np.array([[1.0], [3.0]]) * way)
+    np.testing.assert_allclose(axis[:, :2], 0, atol=1e-9)
+    assert 0 < axis[0, 2] < axis[1, 2] < 1
+    side = np.cross(way, [1.0, 0, 0])
+    edge = clip(matrix, (place + 2 * way + 2 * side)[None])
+    assert np.linalg.norm(edge[0, :2]) == pytest.approx(1)
+
+
+def test_lights_that_throw_shadows_come_first_and_the_headlight_last() -> None:
+    spec = mujoco.MjSpec()
+    for name, shadow, active in (("fill", False, True), ("off", True, False), ("sun", True, True)):
+        spec.worldbody.add_light(name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=shadow, active=active, dir=[0, 0, -1])
+    model = spec.compile()
+    lamps = Lamps.of(model)
+    assert [model.light(int(k)).name if k >= 0 else "head" for k in lamps.number] == ["sun", "fill", "head"]
+    assert lamps.shadows == 1
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    placed = lamps.placed(data, np.array([1.0, 2, 3]))
+    assert placed[2, 0, :3].tolist() == [1, 2, 3]
+    assert placed[:2, 1, :3].tolist() == [[0, 0, -1]] * 2
+
+
+def test_without_lights_there_is_gloom() -> None:
+    spec = mujoco.MjSpec()
+    spec.visual.headlight.active = 0
+    lamps = Lamps.of(spec.compile())
+    assert len(lamps.number) == 0
+    assert lamps.gloom == pytest.approx(0.3)
+
+
+def test_more_lights_than_can_be_drawn_are_refused() -> None:
+    spec = mujoco.MjSpec()
+    for _ in range(MOST):
+        spec.worldbody.add_light()
+    with pytest.raises(ValueError, match=f"{MOST + 1} lights, needs at most {MOST}"):
+        Lamps.of(spec.compile())

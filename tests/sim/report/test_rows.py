@@ -1,0 +1,89 @@
+"""Rows of stress tests: what is whole is read, what is damaged is refused by file and line."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim.report.rows import read_rows
+from tests.sim import stress_rows
+
+
+def test_rows_by_sweep_setting_and_seed(tmp_path: Path) -> None:
+    rows = stress_rows.density(3) + stress_rows.terrain(2)
+    rows[1] = stress_rows.failed(rows[1], "ValueError: no")
+    read = read_rows(stress_rows.write(tmp_path, list(reversed(rows))))
+    assert (len(read.rows), len(read.failed), read.trackers, read.torn) == (18, 1, ["default"], False)
+    terrain, density = read.sweeps()
+    assert [s.value for s in density.settings] == list(stress_rows.PEOPLE)
+    assert [s.id for s in density.settings] == [f"density/{k}" for k in range(4)]
+    assert (density.numeric, terrain.numeric) == (True, False)
+    assert [row.seed for row in density.settings[0].of("default")] == [0, 2]
+    assert density.settings[3].scores("default", "truths") == dict.fromkeys(range(3), 6000)
+    assert density.settings[3].scores("default", "visible_recall") == dict.fromkeys(range(3), 0.8)
+    assert density.settings[3].scores("default", "nonsense") == {}
+
+
+def test_settings_go_by_number_and_curves_by_value(tmp_path: Path) -> None:
+    rows = [stress_rows.row("robots", k, 11 - k, 0) for k in range(11)]
+    (sweep,) = read_rows(stress_rows.write(tmp_path, list(reversed(rows)))).sweeps()
+    assert [s.id for s in sweep.settings] == [f"robots/{k}" for k in range(11)]
+    assert [s.value for s in sweep.ordered()] == list(range(1, 12))
+
+
+def test_a_torn_last_line_is_left_out_and_told(tmp_path: Path) -> None:
+    read = read_rows(stress_rows.write(tmp_path, stress_rows.density(1), tail='{"schema": 1, "id": "dens'))
+    assert (len(read.rows), read.torn) == (4, True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": 2}, "results.jsonl:2: schema is 2, this version reads 1"),
+        ({"schema": None}, "results.jsonl:2: schema is None"),
+        ({"id": None}, "results.jsonl:2: id is missing, needs str"),
+        ({"seed": "4"}, "results.jsonl:2: seed is str, needs int"),
+        ({"seed": True}, "results.jsonl:2: seed is bool, needs int"),
+        ({"tracker": {}}, "results.jsonl:2: tracker has no name"),
+        ({"scores": {"mota": "high"}}, "results.jsonl:2: scores: mota is 'high', needs a finite number"),
+        ({"causes": {"misses": 3}}, "results.jsonl:2: misses is int, needs an object"),
+        ({"ladder": {"mota": {"poses": []}}}, "results.jsonl:2: ladder mota: poses is"),
+        ({"moments": [1]}, "results.jsonl:2: moments needs objects"),
+        ({"seed": 0, "value": 5, "id": "density/0"}, "results.jsonl:2: density/0, seed 0, tracker default is there already"),
+    ],
+)
+def test_bad_rows(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    rows = [stress_rows.row("density", 0, 5, 0), stress_rows.row("density", 1, 20, 0) | changes]
+    with pytest.raises(ValueError, match=message.replace("(", r"\(").replace("[", r"\[")):
+        read_rows(stress_rows.write(tmp_path, rows))
+
+
+def test_bad_files(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="nowhere: no such folder"):
+        read_rows(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match=r"results\.jsonl: no such file; `pilsim stress"):
+        read_rows(tmp_path)
+    with pytest.raises(ValueError, match="holds no row"):
+        read_rows(stress_rows.write(tmp_path, []))
+    with pytest.raises(ValueError, match="holds no whole row"):
+        read_rows(stress_rows.write(tmp_path, [], tail="{"))
+    whole = json.dumps(stress_rows.row("density", 0, 5, 0))
+    for middle, message in (
+        ("{torn", "jsonl:2: not JSON"),
+        ("[1]", "jsonl:2: a JSON list, needs"),
+        ('{"a": NaN}', "NaN is no JSON number"),
+        ("[" * 9999, "too deep"),
+    ):
+        (tmp_path / "results.jsonl").write_text(f"{whole}\n{middle}\n{whole}\n")
+        with pytest.raises(ValueError, match=message):
+            read_rows(tmp_path)
+    (tmp_path / "results.jsonl").write_bytes(b"\xff\xfe\n")
+    with pytest.raises(ValueError, match="not a text file"):
+        read_rows(tmp_path)
+
+
+def test_an_id_has_one_value(tmp_path: Path) -> None:
+    rows = [stress_rows.row("density", 0, 5, 0), stress_rows.row("density", 0, 6, 1)]
+    with pytest.raises(ValueError, match=r"jsonl:2: density/0 is people = 6, but people = 5 in .*jsonl:1"):
+        read_rows(stress_rows.write(tmp_path, rows)).sweeps()

@@ -1,0 +1,119 @@
+"""What is seen by rays, beside what is rendered."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.recording.raycast_run import RaycastFrame, run_raycast
+from sim.recording.record import RenderedFrame, open_renderer, run
+from sim.recording.tracker_setup import setup_of
+from sim.scenario import Scenario
+from sim.sensors.person_detector import People
+from sim.sensors.raycast_camera import LandmarkSensor, RaycastCamera
+from sim.sensors.raycasting import BEFORE
+from sim.simulation.simulation import Simulation
+from tests.sim.yard import yard
+from tracker.geometry import Array, Pose
+from tracker.geometry.cameras import Panorama
+
+SCENARIO = Scenario(seed=1003, robots=2, people=12, frames=2, width=1024)
+WIDTH = SCENARIO.width
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[list[RenderedFrame], list[RaycastFrame]]:
+    rendered, unrendered = (Simulation(SCENARIO, world=yard()) for _ in range(2))
+    setup = setup_of(SCENARIO, rendered)
+    with open_renderer(SCENARIO, rendered) as renderer:
+        moments = list(run(SCENARIO, rendered, setup, renderer))
+    return moments, list(run_raycast(SCENARIO, unrendered, setup))
+
+
+def apart(a: Array, b: Array) -> Array:
+    """px between edges of boxes, around the seam."""
+    out = a - b
+    out[[0, 2]] = np.mod(out[[0, 2]] + WIDTH / 2, WIDTH) - WIDTH / 2
+    return np.abs(out)
+
+
+def test_boxes_and_visible_shares_are_those_of_the_pictures(both: tuple[list[RenderedFrame], list[RaycastFrame]]) -> None:
+    seen, full, visible = [], [], []
+    for moment, glimpse in zip(*both, strict=True):
+        np.testing.assert_array_equal(moment.truth.feet, glimpse.truth.feet)
+        visible.append(np.abs(moment.truth.visible - glimpse.truth.visible))
+        for name, view in moment.views.items():
+            mine = glimpse.views[name].boxes
+            assert set(view.boxes.person.tolist()) == set(mine.person.tolist())
+            for k, person in enumerate(view.boxes.person.tolist()):
+                j = int(np.flatnonzero(mine.person == person)[0])
+                full.append(apart(view.boxes.full[k], mine.full[j]))
+                if min(view.boxes.visible[k], mine.visible[j]) > 0.3:
+                    seen.append(apart(view.boxes.seen[k], mine.seen[j]))
+    assert len(seen) > 20
+    share = np.concatenate([v.ravel() for v in visible])
+    assert np.sqrt((share**2).mean()) < 0.05
+    assert share.max() < 0.25
+    # A picture's boxes end at whole pixels.
+    assert np.max(full) < 3.0
+    assert np.median(full) < 0.7
+    assert np.percentile(seen, 90) < 2.5
+
+
+def test_detections_are_of_the_same_kind(both: tuple[list[RenderedFrame], list[RaycastFrame]]) -> None:
+    numbers = [[sum(len(view.detections) for view in m.tick.views) for m in run] for run in both]
+    assert abs(sum(numbers[0]) - sum(numbers[1])) <= 0.15 * sum(numbers[0])
+
+
+def test_the_same_seed_gives_the_same_sightings() -> None:
+    scenario = replace(SCENARIO, robots=1, people=2, frames=2)
+    a, b = (list(run_raycast(scenario, s := Simulation(scenario, world=yard()), setup_of(scenario, s))) for _ in range(2))
+    for x, y in zip(a, b, strict=True):
+        first, second = x.tick.views[0].sightings, y.tick.views[0].sightings
+        assert first is not None
+        assert second is not None
+        assert first.bearing.tobytes() == second.bearing.tobytes()
+        assert first.descriptor.tobytes() == second.descriptor.tobytes()
+        assert x.tick.views[0].detections.bearing.tobytes() == y.tick.views[0].detections.bearing.tobytes()
+
+
+def test_sightings_point_at_landmarks_that_nothing_hides() -> None:
+    simulation = Simulation(replace(SCENARIO, people=4), world=yard())
+    lines = RaycastCamera(simulation, LandmarkSensor(named=True, wrong=0.0, missed=0.0))
+    assert len(lines.landmarks) == 300
+    pose = simulation.T_world_robot("robot_0") @ simulation.T_body_camera
+    seen = lines.sightings(pose, np.random.default_rng(1))
+    assert 40 < len(seen) < 300
+    away = lines.landmarks[seen.subject] - pose.translation
+    distance = np.linalg.norm(away, axis=1)
+    sight = away / distance[:, None]
+    angle = np.arccos(np.clip(np.einsum("ni,ni->n", seen.bearing @ pose.rotation.T, sight), -1, 1))
+    # Two axes of 0.12 degrees each.
+    assert np.sqrt((angle**2).mean() / 2) == pytest.approx(np.radians(0.12), rel=0.2)
+    hidden = np.setdiff1d(np.arange(300), seen.subject)
+    geom = np.zeros(1, np.int32)
+    groups = np.array([1, 1, 1, 1, 0, 0], np.uint8)
+    for rows, clear in ((seen.subject, True), (hidden, False)):
+        for row in rows[:40]:
+            way = lines.landmarks[row] - pose.translation
+            length = float(np.linalg.norm(way))
+            if length >= lines.landmarking.reach:
+                continue
+            hit = mujoco.mj_ray(simulation.model, simulation.data, pose.translation.copy(), way / length, groups, 1, -1, geom, None)
+            assert (hit > length - BEFORE) == clear
+
+
+def test_the_ground_hides_a_person() -> None:
+    """From within the earth nobody is seen; from above the head all of the body is there, for nothing but itself is before it."""
+    simulation = Simulation(replace(SCENARIO, robots=1, people=1), world=yard())
+    lines, feet = RaycastCamera(simulation), simulation.feet()[0]
+
+    people = People(simulation.persons, simulation.joints())
+    aside = np.array([*(-2.0 * feet[:2] / np.linalg.norm(feet[:2])), -1.5])
+    below = lines.view(Panorama(WIDTH, WIDTH // 2), Pose(np.eye(3), feet + aside), people)
+    assert below.boxes.visible.tolist() == [0.0]
+    assert not below.boxes.seen.any()
+    above = lines.view(Panorama(WIDTH, WIDTH // 2), Pose(np.eye(3), feet + np.array([0.0, 0.0, 2.6])), people)
+    assert above.boxes.visible[0] > 0.95
+    np.testing.assert_array_equal(above.boxes.seen, above.boxes.full)

@@ -1,0 +1,117 @@
+"""Rovers in the views of rovers: seen where nothing is between, alike with pictures and without, and drawn from streams of their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.recording.raycast_run import RaycastFrame, run_raycast
+from sim.recording.record import record
+from sim.recording.tracker_setup import setup_of
+from sim.scenario import Scenario
+from sim.sensors.robot_detector import RobotDetector
+from sim.simulation.simulation import Simulation
+from sim.stress.faults import Faults
+from tests.sim.yard import yard
+from tracker.datasets.validation import inspect
+from tracker.sequence.reader import read_sequence
+
+SCENARIO = Scenario(seed=31, robots=4, people=8, frames=6, width=256)
+
+
+@pytest.fixture(scope="module")
+def glimpses() -> list[RaycastFrame]:
+    simulation = Simulation(SCENARIO, world=yard())
+    return list(run_raycast(SCENARIO, simulation, setup_of(SCENARIO, simulation)))
+
+
+def test_a_rover_is_seen_where_nothing_is_between() -> None:
+    """Held against MuJoCo's own rays, that look at every cell of the ground."""
+    scenario = replace(SCENARIO, misses=0.0, bearing_noise=0.0, camera_height=0.8)
+    simulation = Simulation(scenario, world=yard())
+    spotter = RobotDetector(scenario, setup_of(scenario, simulation), simulation)
+    groups, geom = np.array([1, 1, 1, 1, 0, 0], np.uint8), np.zeros(1, np.int32)
+    seen = hidden = 0
+    for _ in range(12):
+        simulation.step()
+        poses = {robot: simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots}
+        for robot, pose in poses.items():
+            found = spotter.spot(f"{robot}_camera")
+            assert found is not None
+            for other in sorted(set(simulation.robots) - {robot}):
+                way = poses[other].translation - pose.translation
+                length = float(np.linalg.norm(way))
+                hit = mujoco.mj_ray(simulation.model, simulation.data, pose.translation.copy(), way / length, groups, 1, -1, geom, None)
+                assert (other in found.robot) == (hit < 0 or hit > length)
+                if other in found.robot:
+                    np.testing.assert_allclose(pose.rotation @ found.bearing[found.robot.index(other)], way / length, atol=1e-9)
+                    seen += 1
+                else:
+                    hidden += 1
+    assert seen > 40
+    assert hidden > 5
+
+
+def test_errors_are_as_the_covariance_says(glimpses: list[RaycastFrame]) -> None:
+    setup = setup_of(SCENARIO, Simulation(SCENARIO, world=yard()))
+    squares, there = [], 0
+    for glimpse in glimpses:
+        for view in glimpse.tick.views:
+            c, poses, mount = view.companions, glimpse.truth.T_world_robot, setup.mounts[view.camera]
+            assert c is not None
+            there += len(c)
+            for robot, bearing, covariance in zip(c.robot, c.bearing, c.covariance, strict=True):
+                sight = (poses[mount.robot] @ mount.T_body_camera).inverse().apply((poses[robot] @ mount.T_body_camera).translation)
+                squares.append(np.sum((bearing - sight / np.linalg.norm(sight)) ** 2) / covariance[0, 0] / 2)
+    assert there > 40
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.4)
+
+
+def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
+    """Who is found is found at the same place whoever else is missed; detections and sightings do not change by a bit without companions."""
+    simulation = Simulation(SCENARIO, world=yard())
+    setup = setup_of(SCENARIO, simulation)
+    alone = replace(setup, mounts=dict(list(setup.mounts.items())[:1]))
+    for a, b in zip(glimpses, run_raycast(SCENARIO, simulation, alone), strict=True):
+        one, other = a.tick.views[0], b.tick.views[0]
+        assert one.detections.bearing.tobytes() == other.detections.bearing.tobytes()
+        assert one.sightings is not None
+        assert other.sightings is not None
+        assert one.sightings.bearing.tobytes() == other.sightings.bearing.tobytes()
+        assert other.companions is not None
+        assert len(other.companions) == 0
+
+
+def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
+    setup = setup_of(SCENARIO, Simulation(SCENARIO, world=yard()))
+    ticks = [glimpse.tick for glimpse in glimpses]
+    sent = Faults(dropout=0.5).sent(setup, ticks, 1)
+    blind = [view for tick in sent for view in tick.views if view.sightings is None]
+    assert blind
+    assert all(view.companions is None for view in blind)
+    carried = Faults(kidnapped=SCENARIO.period * 3).sent(setup, ticks, 1)
+    assert [tick.views[0].companions is None for tick in carried] == [False, False, False, True, True, True]
+    assert all(view.companions is not None for tick in carried for view in tick.views[1:]), "others see it where it is carried"
+
+
+def test_pictures_show_the_same_rovers(tmp_path: Path) -> None:
+    """What is recorded with pictures is what is seen without, it comes back from the folder, and all of it is consistent."""
+    scenario = Scenario(seed=31, robots=3, people=4, frames=3, width=256)
+    record(scenario, tmp_path / "s")
+    simulation = Simulation(scenario)
+    unrendered = run_raycast(scenario, simulation, setup_of(scenario, simulation))
+    count = 0
+    for tick, glimpse in zip(read_sequence(tmp_path / "s").ticks, unrendered, strict=True):
+        for a, b in zip(tick.views, glimpse.tick.views, strict=True):
+            assert a.companions is not None
+            assert b.companions is not None
+            assert a.companions.robot == b.companions.robot
+            np.testing.assert_allclose(a.companions.bearing, b.companions.bearing, atol=1e-8)
+            np.testing.assert_allclose(a.companions.covariance, b.companions.covariance, rtol=1e-8)
+            count += len(a.companions)
+    assert count > 3
+    assert list(inspect(tmp_path / "s")) == []

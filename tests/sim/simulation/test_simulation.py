@@ -1,0 +1,247 @@
+import mujoco
+import numpy as np
+import pytest
+
+from sim.pedestrian import skeleton
+from sim.scenario import Scenario
+from sim.simulation.simulation import Simulation
+from tests.sim.footfalls import Footfalls
+from tests.sim.yard import yard
+from tracker.geometry import Pose
+from worlds import catalogue
+
+SMALL = Scenario(robots=2, people=3, frames=6, rate=6.0)
+
+
+class Run:
+    """Twenty seconds of pilsun, recorded."""
+
+    def __init__(self) -> None:
+        self.scenario = Scenario(frames=121)
+        self.simulation = s = Simulation(self.scenario)
+        self.poses = {name: [s.T_world_robot(name)] for name in s.robots}
+        self.odometry, self.feet, self.tipped = [], [s.feet()], []
+        for _ in range(self.scenario.frames - 1):
+            s.step()
+            for name in s.robots:
+                self.poses[name].append(s.T_world_robot(name))
+            self.odometry.append(s.odometry())
+            self.feet.append(s.feet())
+            self.tipped.append(any(s.tipped().values()))
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return Run()
+
+
+@pytest.fixture
+def small() -> Simulation:
+    return Simulation(SMALL, yard())
+
+
+def test_rovers_get_about_and_stay_upright(run):
+    way = [np.linalg.norm(np.diff([p.translation for p in poses], axis=0), axis=1).sum() for poses in run.poses.values()]
+    # One may have to wait long for people in a narrow place.
+    assert np.median(way) > 3.0
+    assert min(way) > 0.5
+    assert not any(run.tipped)
+    tilt = np.degrees(np.arccos([p.rotation[2, 2] for poses in run.poses.values() for p in poses]))
+    assert tilt.mean() < 4.0
+
+
+def test_single_frames_of_odometry_fit_their_covariance(run):
+    nees, components = [], []
+    for name, poses in run.poses.items():
+        for k, odometry in enumerate(run.odometry):
+            error = (odometry[name].T_before_now.inverse() @ (poses[k].inverse() @ poses[k + 1])).log()
+            nees.append(error @ np.linalg.solve(odometry[name].covariance, error) / 6)
+            components.append(error**2 / np.diag(odometry[name].covariance))
+    assert 0.2 < np.median(nees) < 1.5
+    assert np.quantile(components, 0.95, axis=0).max() < 9.0
+    # Now and then wheels spin before something that they do not get over; no encoder knows it.
+    assert np.mean(np.array(nees) > 10) < 0.02
+
+
+def test_dead_reckoning_drifts_like_a_cheap_rover(run):
+    drift = []
+    for name, poses in run.poses.items():
+        reckoned = poses[0]
+        for odometry in run.odometry:
+            reckoned = reckoned @ odometry[name].T_before_now
+        drift.append(np.linalg.norm(reckoned.translation - poses[-1].translation))
+    assert max(drift) < 1.5
+    assert np.sqrt(np.mean(np.square(drift))) > 0.03
+
+
+def test_people_walk_in_free_space(run):
+    feet = np.array(run.feet)
+    world = run.simulation.world
+    assert world.feet.clearance_at(feet[..., :2].reshape(-1, 2)).min() > 0
+    assert np.linalg.norm(np.diff(feet[..., :2], axis=0), axis=2).sum(axis=0).min() > 3.0
+
+
+def test_people_and_rovers_keep_apart(run):
+    robots = np.array([[p.translation[:2] for p in poses] for poses in run.poses.values()])
+    gap = np.linalg.norm(np.array(run.feet)[None, :, :, :2] - robots[:, :, None], axis=-1)
+    assert (gap < 0.6).mean() < 0.002
+
+
+def test_the_same_scenario_gives_the_same_states():
+    states = []
+    for _ in range(2):
+        simulation = Simulation(SMALL, yard())
+        for _ in range(5):
+            simulation.step()
+        odometry = simulation.odometry()["robot_1"]
+        states.append(
+            np.concatenate(
+                [simulation.data.qpos, simulation.data.qvel, simulation.data.mocap_pos.ravel(), odometry.T_before_now.log(), odometry.gravity]
+            )
+        )
+    np.testing.assert_array_equal(*states)
+
+
+def test_model_and_data_are_the_moment_of_the_frame(small):
+    small.step()
+    xpos, geoms = small.data.xpos.copy(), small.data.geom_xpos.copy()
+    mujoco.mj_kinematics(small.model, small.data)
+    np.testing.assert_array_equal(small.data.xpos, xpos)
+    np.testing.assert_array_equal(small.data.geom_xpos, geoms)
+    for name in small.robots:
+        np.testing.assert_allclose(small.T_world_robot(name).translation, small.data.body(name).xpos, atol=1e-12)
+        np.testing.assert_allclose(small.T_world_robot(name).rotation.ravel(), small.data.body(name).xmat, atol=1e-9)
+    assert small.frame == 1
+    assert small.time == pytest.approx(1 / 6)
+    assert small.data.time == pytest.approx(1 / 6)
+
+
+def test_people_stand_on_the_ground_where_they_are_said_to(small):
+    for _ in range(4):
+        small.step()
+    feet, joints = small.feet(), small.joints()
+    np.testing.assert_allclose(feet[:, 2], small.world.ground.height_at(feet))
+    assert joints.shape == (3, len(skeleton.COCO), 3)
+    np.testing.assert_allclose(joints[:, 11:13, :2].mean(axis=1), feet[:, :2], atol=0.02)
+    for person, place in zip(small.persons, feet, strict=True):
+        np.testing.assert_allclose(small.data.body(f"person_{person}/collider").xpos, place)
+        np.testing.assert_allclose(small.data.body(f"person_{person}/pelvis").xpos[:2], place[:2])
+
+
+def test_owners_of_geoms(small):
+    assert small.robots == ("robot_0", "robot_1")
+    np.testing.assert_array_equal(small.persons, [1, 2, 3])
+    assert set(small.person_of_geom) == {0, 1, 2, 3}
+    assert set(small.robot_of_geom) == {0, 1, 2}
+    assert not ((small.person_of_geom > 0) & (small.robot_of_geom > 0)).any()
+    for k in range(small.model.ngeom):
+        name = small.model.geom(k).name
+        assert small.person_of_geom[k] == (int(name.split("/")[0][7:]) if name.startswith("person_") else 0)
+        assert small.robot_of_geom[k] == (int(name.split("/")[0][6:]) + 1 if name.startswith("robot_") else 0)
+
+
+def test_frame_0_is_at_rest_and_has_no_odometry(small):
+    assert small.odometry() == {}
+    assert small.time == 0
+    # The rovers have settled: level ground would have the camera at its height.
+    for name in small.robots:
+        camera = (small.T_world_robot(name) @ small.T_body_camera).translation
+        T = small.T_world_robot(name)
+        below = T.translation - 0.12 * T.rotation[:, 2]
+        assert abs(below[2] - small.world.ground.height_at(below[None])[0]) < 0.03
+        assert abs(camera[2] - small.world.ground.height_at(camera[None])[0] - SMALL.camera_height) < 0.08
+    small.step()
+    assert set(small.odometry()) == set(small.robots)
+
+
+def test_another_person_does_not_change_the_rovers_luck():
+    first, second = (Simulation(Scenario(robots=2, people=people), yard()) for people in (0, 4))
+    for name in first.robots:
+        np.testing.assert_allclose(first.T_world_robot(name).log(), second.T_world_robot(name).log(), atol=1e-9)
+    first.step()
+    second.step()
+    for name in first.robots:
+        true = [(s.odometry()[name].T_before_now, s.odometry()[name].gravity) for s in (first, second)]
+        np.testing.assert_allclose(true[0][0].log(), true[1][0].log(), atol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [1.0, 6.0, 7.0, 25.0, 60.0])
+def test_steps_divide_the_period_exactly(rate):
+    simulation = Simulation(Scenario(robots=1, people=1, rate=rate), yard())
+    assert 0.003 < simulation.model.opt.timestep < 0.008
+    simulation.step()
+    assert simulation.data.time == pytest.approx(1 / rate, rel=1e-9)
+
+
+def test_no_people_at_all():
+    simulation = Simulation(Scenario(robots=1, people=0), yard())
+    simulation.step()
+    assert simulation.feet().shape == (0, 3)
+    assert simulation.joints().shape == (0, 17, 3)
+
+
+def test_what_does_not_fit_is_refused(small):
+    with pytest.raises(ValueError, match="robot is 'robot_9'"):
+        small.T_world_robot("robot_9")
+    with pytest.raises(ValueError, match="world is 'nowhere'"):
+        Simulation(Scenario(world="nowhere"))
+    with pytest.raises(ValueError, match="fit"):
+        Simulation(Scenario(robots=60), yard())
+
+
+def test_a_rover_on_its_side_is_reported(small):
+    small.data.qpos[small.model.joint("robot_0").qposadr[0] + 3 :][:4] = [np.cos(0.6), np.sin(0.6), 0.0, 0.0]
+    assert small.tipped() == {"robot_0": True, "robot_1": False}
+    assert isinstance(small.T_world_robot("robot_0"), Pose)
+
+
+@pytest.mark.parametrize("difficulty", [0.0, 1.0])
+@pytest.mark.parametrize("world", [pytest.param(w, marks=() if w in ("pilsun", "quarry") else pytest.mark.slow) for w in sorted(catalogue.WORLDS)])
+def test_feet_neither_slide_nor_float_nor_sink_and_nobody_walks_on_folded_knees(world, difficulty):
+    footfalls = Footfalls(Simulation(Scenario(world=world, difficulty=difficulty, seed=3, robots=1, people=12, rate=12.0)), 40)
+    assert len(footfalls.gap) > 400
+    footfalls.are_human()
+
+
+def test_a_restored_state_goes_on_the_same():
+    simulation = Simulation(Scenario(robots=2, people=6, at_once=3, frames=40), yard())
+
+    def moment() -> list[bytes]:
+        odometry = [o.T_before_now.log() for o in simulation.odometry().values()]
+        data = simulation.data
+        return [a.tobytes() for a in (simulation.persons, simulation.feet(), simulation.joints(), data.qpos, data.qacc, data.mocap_pos, *odometry)]
+
+    for _ in range(8):
+        simulation.step()
+    saved = simulation.save()
+    first = []
+    for _ in range(20):
+        simulation.step()
+        first.append(moment())
+    simulation.restore(saved)
+    assert simulation.frame == 8
+    for k in range(20):
+        simulation.step()
+        assert moment() == first[k]
+
+
+def test_who_is_absent_is_neither_true_nor_drawn_nor_in_the_way():
+    simulation = Simulation(Scenario(robots=1, people=8, at_once=3, frames=120), yard())
+    seen = set()
+    for _ in range(119):
+        simulation.step()
+        here = simulation.persons
+        seen |= set(here.tolist())
+        assert len(here) <= 3
+        assert len(simulation.feet()) == len(simulation.joints()) == len(here)
+        drawn = set(simulation.person_of_geom[simulation.model.geom_group < 4].tolist()) - {0}
+        assert drawn == set(here.tolist())
+        for person in simulation.everybody.tolist():
+            assert (simulation.data.body(f"person_{person}/collider").xpos[2] < -50) == (person not in here)
+    assert seen == set(range(1, 9))
+
+
+def test_more_people_than_fit_are_refused_in_one_line():
+    with pytest.raises(ValueError, match="people is 500, more than") as error:
+        Simulation(Scenario(robots=1, people=500), yard())
+    assert "\n" not in str(error.value)

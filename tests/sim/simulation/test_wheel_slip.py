@@ -1,0 +1,26 @@
+import numpy as np
+import pytest
+
+from sim.scenario import Scenario
+from sim.simulation import wheel_slip
+from sim.simulation.simulation import Simulation
+from tests.sim.yard import yard
+
+
+def test_wheels_on_the_level_tell_the_way_to_two_per_cent():
+    """The campus at difficulty 0 is flat; it is wide, so that rovers turn on the spot as often as they would in life and no more."""
+    simulation = Simulation(Scenario(world="campus", difficulty=0.0, robots=4, people=0))
+    found = wheel_slip.measure(simulation, 30.0)
+    assert found.driven > 50
+    assert 0.0005 < found.error < 0.02
+    assert found.tipped == 0
+
+
+def test_a_stretch_is_the_sum_of_its_errors_over_its_way():
+    steps = np.array([[0.1, 0.0, 0.0, 4.0], [0.05, 0.2, 0.0, 1.0], [1.0, 1.0, 1.0, 0.9]])
+    np.testing.assert_allclose(wheel_slip._stretches(steps), [np.hypot(0.15, 0.2) / 5])
+
+
+def test_no_time_is_refused():
+    with pytest.raises(ValueError, match="seconds is 0"):
+        wheel_slip.measure(Simulation(Scenario(robots=1, people=0), yard()), 0)

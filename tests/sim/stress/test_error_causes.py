@@ -1,0 +1,108 @@
+"""Each mistake has one cause, and there are as many of them as the score counts."""
+
+import numpy as np
+import pytest
+
+from sim.scenario import Scenario
+from sim.stress.error_causes import CAUSES, Known, Mistake, TrialEvidence, counted, gather, mistakes
+from sim.stress.footage import simulate_case
+from sim.stress.sweeps import Case
+from sim.stress.tracker_under_test import TrackerUnderTest
+from sim.stress.trial import scored
+
+
+def frame(index: int, **changes: object) -> Known:
+    """Persons 1 at the origin and 2 three metres away, both followed, by tracks 11 and 12."""
+    plain: dict[str, object] = {
+        "index": index,
+        "person": np.array([1, 2]),
+        "feet": np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
+        "visible": np.array([1.0, 1.0]),
+        "detected": frozenset({1, 2}),
+        "shift": {1: 0.0, 2: 0.0},
+        "missed": frozenset(),
+        "match": {1: 11, 2: 12},
+        "track": np.array([11, 12]),
+        "place": np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
+        "false": frozenset(),
+    }
+    return Known(**(plain | changes))  # type: ignore[arg-type]
+
+
+def missed(index: int, **changes: object) -> Known:
+    """As `frame`, with person 1 missed and track 11 gone."""
+    plain: dict[str, object] = {"missed": frozenset({1}), "match": {2: 12}, "track": np.array([12]), "place": np.array([[3.0, 0.0, 0.0]])}
+    return frame(index, **(plain | changes))
+
+
+def found(*frames: Known) -> list[tuple[int, str, str]]:
+    return [(m.frame, m.kind, m.cause) for m in mistakes(TrialEvidence(frames, 1 / 6))]
+
+
+@pytest.mark.parametrize(
+    ("changes", "cause"),
+    [
+        ({"visible": np.array([0.0, 1.0]), "detected": frozenset({2})}, "nobody saw it"),
+        ({"visible": np.array([0.1, 1.0]), "detected": frozenset({2})}, "occluded"),
+        ({"detected": frozenset({2})}, "detector missed"),
+        ({"shift": {1: 0.8, 2: 0.0}}, "pose error"),
+        ({"place": np.array([[0.7, 0.0, 0.0]])}, "merged"),
+        ({}, "gated out"),
+    ],
+)
+def test_why_somebody_is_missed(changes: dict[str, object], cause: str) -> None:
+    assert found(frame(0), missed(1, **changes)) == [(1, "miss", cause)]
+
+
+def test_who_was_never_followed_is_not_yet_believed() -> None:
+    assert found(missed(0)) == [(0, "miss", "not yet believed")]
+
+
+def false(place: float, track: int = 13, **changes: object) -> Known:
+    """As `frame` with one more track, `place` m along x."""
+    here = {"track": np.array([11, 12, track]), "place": np.array([[0.0, 0, 0], [3.0, 0, 0], [place, 0, 0]]), "false": frozenset({track})}
+    return frame(1, **(here | changes))
+
+
+def test_why_somebody_is_imagined() -> None:
+    assert found(frame(0), false(0.8)) == [(1, "false positive", "duplicate")]
+    assert found(frame(0), false(9.0)) == [(1, "false positive", "clutter")]
+    gone = {"missed": frozenset({1}), "match": {2: 12}, "track": np.array([12, 11])}
+    aside = {"place": np.array([[3.0, 0, 0], [-1.5, 0, 0]]), "false": frozenset({11})}
+    assert found(frame(0), frame(1, **gone, **aside)) == [(1, "miss", "gated out"), (1, "false positive", "misplaced")]
+    moved = aside | {"shift": {1: 1.5, 2: 0.0}}
+    assert found(frame(0), frame(1, **gone, **moved)) == [(1, "miss", "pose error"), (1, "false positive", "pose error")]
+    left = {"person": np.array([2]), "feet": np.array([[3.0, 0, 0]]), "visible": np.ones(1), "match": {2: 12}, "detected": frozenset({2})}
+    assert found(frame(0), frame(1, **left, false=frozenset({11}))) == [(1, "false positive", "coasting")]
+
+
+def test_why_tracks_are_mixed_up() -> None:
+    swapped = frame(1, match={1: 12, 2: 11})
+    assert found(frame(0), swapped) == [(1, "switch", "wrong association")] * 2
+    new = {"match": {1: 13, 2: 12}, "track": np.array([13, 12])}
+    assert found(frame(0), frame(1, **new)) == [(1, "switch", "new track")]
+    assert found(frame(0), frame(1, **new, shift={1: 0.9})) == [(1, "switch", "pose error")]
+    hidden = missed(1, visible=np.array([0.0, 1.0]), detected=frozenset({2}))
+    assert found(frame(0), hidden, frame(2, **new))[-1] == (2, "switch", "after occlusion")
+    unseen = missed(1, detected=frozenset({2}))
+    assert found(frame(0), unseen, frame(2, **new))[-1] == (2, "switch", "after detector misses")
+
+
+def test_all_causes_are_listed_with_their_counts() -> None:
+    some = [Mistake(0, "miss", "occluded", 1, None, (0.0, 0.0, 0.0))] * 3 + [Mistake(0, "switch", "new track", 1, 2, (0.0, 0.0, 0.0))]
+    counts = counted(some)
+    assert {kind: tuple(causes) for kind, causes in counts.items()} == CAUSES
+    assert counts["misses"]["occluded"] == 3
+    assert sum(sum(causes.values()) for causes in counts.values()) == 4
+
+
+def test_causes_add_up_to_the_score() -> None:
+    """A hard run: every miss, false positive and switch that the score counts is there."""
+    scenario = Scenario(seed=1002, robots=1, people=12, frames=14, width=256, misses=0.4, clutter=2.0, bearing_noise=0.015)
+    footage = simulate_case(Case("x/0", "x", "people", 14, scenario), rendered=False)
+    results = TrackerUnderTest().results_of(footage.told, footage.ticks, ("x/0", 1002))
+    scores, counts = scored(footage, results), counted(mistakes(gather(footage, results)))
+    for kind, name in (("misses", "misses"), ("false positives", "false_positives"), ("switches", "switches")):
+        assert sum(counts[kind].values()) == scores[name]
+    assert scores["misses"] > 20
+    assert scores["false_positives"] > 0

@@ -1,0 +1,109 @@
+"""Recordings for Rerun: written whole, read back, and what is in them is what the sequence says."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.visualization.rerun_scene import SIGMAS, ellipsoid, mesh
+from sim.visualization.rerun_viewer import show
+from tests.tracker import sequences
+from tracker.geometry import Pose, rotation_from_quaternion, rotation_z
+from tracker.geometry.ground import Grid
+from tracker.pipeline import track
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import Results, write_results
+
+
+def chunks(path: Path) -> dict[str, list[Any]]:
+    """Entity → its columns as Arrow batches, from the first recording of a file."""
+    reader = pytest.importorskip("rerun.chunk", reason="needs rerun-sdk to read recordings").RrdReader(path)
+    out: dict[str, list[Any]] = {}
+    for chunk in reader.stream():
+        out.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
+    return out
+
+
+def column(batches: list[Any], name: str) -> list[Any]:
+    """All rows of the column whose name ends so."""
+    return [row for batch in batches for field in batch.schema.names if field.endswith(name) for row in batch.column(field).to_pylist()]
+
+
+def test_a_recording_of_a_sequence_with_its_tracks(tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="needs rerun-sdk")
+    sequences.write(tmp_path / "s" / "sequence")
+    sequence = read_sequence(tmp_path / "s" / "sequence")
+    write_results(tmp_path / "s" / "track", Results.of(track(sequence.setup, sequence.ticks), {}))
+    show(tmp_path / "s", save=tmp_path / "out.rrd")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.rrd", "s"]
+    there = chunks(tmp_path / "out.rrd")
+    names = {"/world/terrain", "/world/standing", "/world/truth/people", "/world/robots/robot_1", "/world/robots/covariance", "/off/robot_0"}
+    assert names | {"/panoramas/robot_0_camera", "/world/tracks"} <= set(there)
+    people = there["/world/truth/people"]
+    assert sorted(column(people, "frame")) == [0, 1, 2]
+    feet = {frame: np.array(rows) for frame, rows in zip(column(people, "frame"), column(people, "Capsules3D:translations"), strict=True)}
+    for frame in range(3):
+        np.testing.assert_allclose(feet[frame][:, :2], sequences.truth(frame).feet[:, :2], atol=1e-6)
+    assert column(people, "Capsules3D:labels")[0] == ["4", "9"]
+    (vertices,) = column(there["/world/terrain"], "Mesh3D:vertex_positions")
+    ground = sequence.setup.ground
+    np.testing.assert_allclose(np.array(vertices)[:, 2], ground.height_at(np.array(vertices)), atol=1e-5)
+    (image, *_) = column(there["/panoramas/robot_0_camera"], "EncodedImage:blob")
+    assert bytes(np.array(image, dtype=np.uint8).ravel()[:2]) == b"\xff\xd8"
+
+
+def test_without_tracks_the_truth_alone(tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="needs rerun-sdk")
+    sequences.write(tmp_path / "s")
+    show(tmp_path / "s", save=tmp_path / "out.rrd")
+    there = set(chunks(tmp_path / "out.rrd"))
+    assert "/world/truth/robots/robot_0" in there
+    assert not {"/world/tracks", "/world/robots/robot_0"} & there
+
+
+def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rerun", reason="needs rerun-sdk")
+    sequences.write(tmp_path / "s")
+    with pytest.raises(ValueError, match=r"needs a name that ends in \.rrd"):
+        show(tmp_path / "s", save=tmp_path / "out.mp4")
+    with pytest.raises(ValueError, match="exclude each other"):
+        show(tmp_path / "s", tmp_path, True, tmp_path / "out.rrd")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(ValueError, match="no screen here"):
+        show(tmp_path / "s")
+    image = tmp_path / "s" / "images" / "robot_1_camera" / "000002.jpg"
+    image.write_bytes(bytes(len(image.read_bytes())))
+    with pytest.raises(ValueError, match=r"000002\.jpg: its SHA-256"):
+        show(tmp_path / "s", save=tmp_path / "out.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["s"]
+
+
+def test_without_the_extra_one_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(ValueError, match=r'not installed: pip install "pilsim\[view\]"'):
+        show(tmp_path)
+
+
+def test_an_ellipsoid_is_the_covariance() -> None:
+    turn = Pose(rotation_z(0.7), np.zeros(3)).rotation
+    covariance = turn @ np.diag([0.04, 0.01, 0.0025]) @ turn.T
+    half, (x, y, z, w) = ellipsoid(covariance)
+    axes = rotation_from_quaternion(np.array([w, x, y, z]))
+    np.testing.assert_allclose(axes @ np.diag((half / SIGMAS) ** 2) @ axes.T, covariance, atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+def test_a_mesh_lies_on_the_grid_and_looks_up() -> None:
+    heights = np.random.default_rng(1).normal(size=(7, 5))
+    points, triangles, z = mesh(Grid(heights, np.array([-1.0, 2.0]), 0.5))
+    np.testing.assert_allclose(points[:, 2], z)
+    np.testing.assert_allclose(Grid(heights, np.array([-1.0, 2.0]), 0.5).height_at(points), z)
+    assert len(triangles) == 2 * 6 * 4
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+    large, _, _ = mesh(Grid(np.zeros((1000, 700)), np.zeros(2), 0.1))
+    assert len(large) <= 240 * 240

@@ -1,0 +1,126 @@
+"""Croissant and the card: mlcroissant validates and reads records, the front matter is YAML that the hub knows, and neither has a clock."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.tracker import sequences
+from tracker.datasets.croissant import describe, write_croissant
+from tracker.datasets.dataset_card import card_of, size_of, write_card
+from tracker.io.json_files import read_json
+from tracker.sequence.schema import BOXES, CAMERAS, COMPANIONS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOTS, people_columns
+from tracker.sequence.truth_tables import read_boxes
+
+NAMES = ["pilsun-00000", "pilsun-00001"]
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> Path:
+    """Two sequences with other seeds."""
+    folder = tmp_path / "set"
+    folder.mkdir()
+    for seed, name in enumerate(NAMES):
+        sequences.write(folder / name, seed)
+    content = {"schema": 1, "preset": "pilsun", "scenario": {"world": "quarry", "people": 2}, "views": 0, "form": {}, "sequences": NAMES}
+    (folder / "dataset.json").write_text(json.dumps(content))
+    return folder
+
+
+def test_mlcroissant_validates_and_reads_records(dataset: Path) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    write_croissant(dataset)
+    found = mlcroissant.Dataset(jsonld=str(dataset / "croissant.json"))
+    assert not found.metadata.ctx.issues.errors
+    warnings = list(found.metadata.ctx.issues.warnings)
+    # A date would make two runs differ.
+    assert all("datePublished" in str(warning) for warning in warnings), warnings
+    records = list(found.records("boxes"))
+    expected = []
+    for name in NAMES:
+        for (frame, camera), boxes in read_boxes(dataset / name).items():
+            for k, person in enumerate(boxes.person.tolist()):
+                expected.append((name, frame, camera, person, *boxes.seen[k], boxes.visible[k]))
+    fields = ("sequence", "frame", "camera", "person", "left", "top", "right", "bottom", "visible")
+    assert len(records) == len(expected) == 2 * 3 * 2 * 2
+    for record, wanted in zip(records, expected, strict=True):
+        got = [record[f"boxes/{name}"] for name in fields]
+        assert tuple(v.decode() if isinstance(v, bytes) else v for v in got) == wanted
+    assert [r["people/person"] for r in found.records("people")] == [4, 9] * 6
+    images = list(found.records("images"))
+    assert len(images) == 2 * 2 * sequences.FRAMES
+    assert np.asarray(images[0]["images/image"]).shape == (32, 64, 3)
+    assert (images[0]["images/camera"], images[1]["images/frame"]) == (b"robot_0_camera", 1)
+    for name in ("odometry", "detections", "companions", "robots", "cameras", "keypoints", "joints", "instances"):
+        assert list(found.records(name))
+
+
+def test_sums_are_those_of_the_manifests(dataset: Path) -> None:
+    write_croissant(dataset)
+    content = json.loads((dataset / "croissant.json").read_text())
+    assert content["conformsTo"] == "http://mlcommons.org/croissant/1.0"
+    objects = {entry["@id"]: entry for entry in content["distribution"] if entry["@type"] == "cr:FileObject"}
+    for name in NAMES:
+        manifest = read_json(dataset / name / "manifest.json")["files"]
+        assert objects[f"{name}/truth/boxes.csv"]["sha256"] == manifest["truth/boxes.csv"]["sha256"]
+        assert f"{name}/manifest.json" in objects
+
+
+def test_a_column_that_is_not_there_is_found(dataset: Path) -> None:
+    """That reading can fail: metadata of a column that no table has."""
+    mlcroissant = pytest.importorskip("mlcroissant")
+    write_croissant(dataset)
+    text = (dataset / "croissant.json").read_text()
+    (dataset / "croissant.json").write_text(text.replace('"column": "left"', '"column": "nowhere"'))
+    with pytest.raises(Exception, match="boxes-files"):
+        list(mlcroissant.Dataset(jsonld=str(dataset / "croissant.json")).records("boxes"))
+
+
+def test_the_same_dataset_gives_the_same_bytes(dataset: Path, tmp_path: Path) -> None:
+    shutil.copytree(dataset, tmp_path / "again" / "set")
+    for folder in (dataset, tmp_path / "again" / "set"):
+        write_croissant(folder)
+        write_card(folder)
+    for name in ("croissant.json", "README.md"):
+        assert (dataset / name).read_bytes() == (tmp_path / "again" / "set" / name).read_bytes()
+
+
+def test_a_single_sequence_has_metadata_too(tmp_path: Path) -> None:
+    sequences.write(tmp_path / "one")
+    write_croissant(tmp_path / "one")
+    mlcroissant = pytest.importorskip("mlcroissant")
+    records = list(mlcroissant.Dataset(jsonld=str(tmp_path / "one" / "croissant.json")).records("boxes"))
+    assert len(records) == 12
+    assert "boxes/sequence" not in records[0]
+
+
+def test_every_column_is_described() -> None:
+    for columns in (ODOMETRY, DETECTIONS, COMPANIONS, ROBOTS, BOXES, CAMERAS, KEYPOINTS, JOINTS, people_columns(["robot_0_camera", "view-1"])):
+        for column in columns:
+            assert len(describe(column)) > 2, column
+
+
+def test_the_card_has_front_matter_for_the_hub(dataset: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    write_card(dataset)
+    text = (dataset / "README.md").read_text()
+    assert text == card_of(dataset)
+    _, front, body = text.split("---\n", 2)
+    content = yaml.safe_load(front)
+    assert content["pretty_name"] == "pilsun by pilsim"
+    assert content["annotations_creators"] == ["machine-generated"]
+    assert content["size_categories"] == ["n<1K"]
+    assert content["license"] == "apache-2.0"
+    assert content["task_categories"]
+    for config in content["configs"]:
+        for path in config["data_files"][0]["path"]:
+            assert (dataset / path).is_file(), path
+    assert "quarry" in body
+    assert "6 frames in all at 6 frames/s and 12 images" in body
+
+
+@pytest.mark.parametrize(("images", "name"), [(0, "n<1K"), (999, "n<1K"), (1000, "1K<n<10K"), (99_999, "10K<n<100K"), (10**9, "n>10M")])
+def test_sizes_are_the_hubs(images: int, name: str) -> None:
+    assert size_of(images) == name

@@ -1,0 +1,95 @@
+"""The backdrop of a scene that is painted: what is known of it, and what becomes a part of it and what does not."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.detections.background import BackdropParameters, BackgroundModel
+from tracker.geometry import Mask
+
+SHAPE, PERIOD = (60, 80), 1 / 7
+RNG = np.random.default_rng(0)
+GROUND = RNG.integers(60, 200, (*SHAPE, 3))
+RED = np.array([200, 30, 40])
+NOBODY = np.zeros(SHAPE, dtype=bool)
+
+
+def image(rng: np.random.Generator, where: Mask = NOBODY, colour: NDArray[np.int64] = RED, dim: float = 1.0) -> NDArray[np.uint8]:
+    """The ground with noise, and something of a colour on it; everything by `dim` darker."""
+    scene = np.where(where[..., None], colour, GROUND) * dim + rng.normal(0, 3, (*SHAPE, 3))
+    return np.clip(scene, 0, 255).astype(np.uint8)
+
+
+def block(left: int, top: int = 15, width: int = 10, height: int = 25) -> Mask:
+    out = NOBODY.copy()
+    out[top : top + height, left : left + width] = True
+    return out
+
+
+def settled(rng: np.random.Generator, ticks: int = 40) -> BackgroundModel:
+    backdrop = BackgroundModel(PERIOD)
+    for _ in range(ticks):
+        backdrop.step(image(rng), NOBODY)
+    return backdrop
+
+
+def test_a_scene_is_known_once_it_was_still_and_shows_nobody() -> None:
+    rng, backdrop, p = np.random.default_rng(1), BackgroundModel(PERIOD), BackdropParameters()
+    for tick in range(30):
+        body, unknown = backdrop.step(image(rng), NOBODY)
+        assert unknown.all() or tick * PERIOD > p.still
+        assert body.mean() < 0.005
+    assert unknown.mean() < 0.01
+
+
+def test_who_walks_differs_where_they_are() -> None:
+    rng = np.random.default_rng(2)
+    backdrop = settled(rng)
+    for left in range(5, 65, 6):
+        body, _ = backdrop.step(image(rng, block(left)), NOBODY)
+        assert body[block(left)].mean() > 0.95
+        assert (body & ~block(left - 2, 13, 14, 29)).sum() < 20
+
+
+def test_shadows_are_nobody() -> None:
+    rng = np.random.default_rng(3)
+    backdrop = settled(rng)
+    where = block(30)[..., None]
+    body, _ = backdrop.step(np.where(where, image(rng, dim=0.75), image(rng)), NOBODY)
+    assert body.mean() < 0.02
+
+
+def test_who_is_there_at_the_start_is_not_of_the_scene_while_a_detector_finds_them() -> None:
+    rng, backdrop = np.random.default_rng(4), BackgroundModel(PERIOD)
+    for _ in range(60):
+        _, unknown = backdrop.step(image(rng, block(30)), block(30))
+    assert unknown[block(30)].all()
+    for _ in range(30):
+        body, unknown = backdrop.step(image(rng), NOBODY)
+    assert not unknown[block(30)].any()
+    assert body.mean() < 0.01
+
+
+def test_who_stops_is_held_for_a_person_and_what_nobody_finds_becomes_a_part_of_the_scene() -> None:
+    rng, p = np.random.default_rng(5), BackdropParameters()
+    person, thing = block(15), block(50)
+    backdrop = settled(rng)
+    for _ in range(round(p.absorbed * 4 / PERIOD)):
+        body, _ = backdrop.step(image(rng, person | thing), person)
+    assert body[person].mean() > 0.9
+    assert body[thing].mean() < 0.1
+    # Found no more, but a moment ago: still a person.
+    for _ in range(round(0.8 * p.found / PERIOD)):
+        body, _ = backdrop.step(image(rng, person | thing), NOBODY)
+    assert body[person].mean() > 0.9
+
+
+def test_another_light_begins_anew_and_another_size_does() -> None:
+    rng = np.random.default_rng(6)
+    backdrop = settled(rng)
+    body, unknown = backdrop.step(255 - image(rng), NOBODY)
+    assert not body.any()
+    assert unknown.all()
+    _, unknown = backdrop.step(np.zeros((20, 30, 3), dtype=np.uint8), np.zeros((20, 30), dtype=bool))
+    assert unknown.shape == (20, 30)

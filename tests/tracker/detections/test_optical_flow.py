@@ -1,0 +1,132 @@
+"""Tracklets by images: textured people before a textured wall, moved by known steps."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tracker.detections.optical_flow import KltTracklets, TrackletParameters, TrackOwners, voted
+from tracker.geometry import Image, angles_from_bearing, bearing_from_angles
+from tracker.geometry.cameras import Camera, Panorama, pinhole
+from tracker.types import Detections
+
+SIZE = (400, 800)
+CAMERAS: dict[str, Camera] = {"panorama": Panorama(800, 400), "pinhole": pinhole(800, 400, 1.2)}
+
+
+def texture(seed: int, shape: tuple[int, int]) -> Image:
+    rng = np.random.default_rng(seed)
+    small = rng.integers(40, 220, (shape[0] // 6 + 2, shape[1] // 6 + 2, 3)).astype(np.uint8)
+    return np.asarray(cv2.resize(small, shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def scene(boxes: list[tuple[int, int, int, int, int]], wall: int = 99) -> Image:
+    """Boxes (person, left, top, width, height) px, later ones before earlier ones, around the seam."""
+    image = texture(wall, SIZE)
+    for person, left, top, width, height in boxes:
+        columns = np.arange(left, left + width) % SIZE[1]
+        image[top : top + height, columns] = texture(person, (height, width))
+    return image
+
+
+def detections(camera: Camera, boxes: list[tuple[int, int, int, int, int]]) -> Detections:
+    n = len(boxes)
+    rows = np.array(boxes, dtype=float)[:, 1:]
+    middle = np.stack([(rows[:, 0] + rows[:, 2] / 2), rows[:, 1] + rows[:, 3] / 2], axis=1)
+    ends = [middle + rows[:, 2:] * [sign / 2, 0] for sign in (-1, 1)] + [middle + rows[:, 2:] * [0, sign / 2] for sign in (-1, 1)]
+    wrap = camera.width if isinstance(camera, Panorama) else np.inf
+    angles = [angles_from_bearing(camera.bearings_from_pixels(np.stack([e[:, 0] % wrap, e[:, 1]], axis=1))) for e in ends]
+    azimuth, elevation = angles_from_bearing(camera.bearings_from_pixels(np.stack([middle[:, 0] % wrap, middle[:, 1]], axis=1)))
+    extent = np.stack([(angles[0][0] - angles[1][0]) % (2 * np.pi), angles[2][1] - angles[3][1]], axis=1)
+    return Detections(bearing_from_angles(azimuth, elevation), extent, np.ones(n), np.tile(1e-6 * np.eye(2), (n, 1, 1)), np.zeros((n, 0)))
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_who_moved_is_found_and_others_are_not(name: str) -> None:
+    camera, tracklets = CAMERAS[name], KltTracklets(CAMERAS[name])
+    links: tuple[np.ndarray, ...] = ()
+    for k in range(4):
+        # 1 goes right, 2 goes left, side by side in the end.
+        people = [(1, 300 + 9 * k, 150, 40, 110), (2, 420 - 9 * k, 160, 40, 110)]
+        links = tracklets.step(scene(people), detections(camera, people))
+        assert len(links) == k
+        for link in links:
+            assert (np.diag(link) > 1).all()
+    assert (links[0][[0, 1], [1, 0]] < -2).all()
+
+
+def test_a_person_crosses_the_seam() -> None:
+    camera, tracklets = CAMERAS["panorama"], KltTracklets(CAMERAS["panorama"])
+    for k in range(5):
+        people = [(1, (760 + 12 * k) % 800, 150, 44, 120)]
+        links = tracklets.step(scene(people), detections(camera, people))
+        assert all(link[0, 0] > 1 for link in links)
+    assert len(links) == 4
+
+
+def test_corners_are_those_of_the_nearer_person() -> None:
+    """2 walks past before 1, who stands: the box of 1 is led by what of it can be seen."""
+    camera, tracklets = CAMERAS["pinhole"], KltTracklets(CAMERAS["pinhole"])
+    for k in range(4):
+        people = [(1, 400, 150, 60, 110), (2, 340 + 12 * k, 156, 40, 130)]
+        links = tracklets.step(scene(people), detections(camera, people))
+    assert links[0][0, 0] > 1
+    assert links[0][1, 1] > 1
+    assert links[0][0, 1] < 0
+
+
+def test_what_has_no_corners_is_not_spoken_of() -> None:
+    camera, tracklets = CAMERAS["pinhole"], KltTracklets(CAMERAS["pinhole"])
+    people = [(1, 400, 150, 60, 110)]
+    grey = np.full((*SIZE, 3), 128, dtype=np.uint8)
+    tracklets.step(grey, detections(camera, people))
+    assert tracklets.step(grey, detections(camera, people))[0][0, 0] == 0
+
+
+def test_without_an_image_all_is_forgotten() -> None:
+    camera, tracklets = CAMERAS["pinhole"], KltTracklets(CAMERAS["pinhole"])
+    people = [(1, 400, 150, 60, 110)]
+    tracklets.step(scene(people), detections(camera, people))
+    assert tracklets.step(None, detections(camera, people)) == ()
+    assert tracklets.step(scene(people), detections(camera, people)) == ()
+
+
+def test_frames_without_boxes() -> None:
+    camera, tracklets = CAMERAS["pinhole"], KltTracklets(CAMERAS["pinhole"])
+    people = [(1, 400, 150, 60, 110)]
+    tracklets.step(scene(people), Detections.none())
+    assert tracklets.step(scene(people), detections(camera, people))[0].shape == (0, 1)
+    assert tracklets.step(scene([]), Detections.none())[0].shape == (1, 0)
+
+
+def test_the_majority_votes() -> None:
+    p, rng = TrackletParameters(), np.random.default_rng(3)
+    steps = np.concatenate([rng.normal([5, 1], 0.3, (12, 2)), rng.normal([-4, 0], 0.3, (7, 2))])
+    shift, agree = voted(steps, 10.0, p)
+    assert np.abs(shift - [5, 1]).max() < 0.4
+    assert agree[:12].all()
+    assert not agree[12:].any()
+    still, agree = voted(np.concatenate([np.zeros((10, 2)), steps[:5]]), 10.0, p)
+    assert (still == 0).all()
+    assert agree.sum() == 10
+    assert np.isnan(voted(steps[:3], 10.0, p)[0]).all()
+    assert np.isnan(voted(10.0 * np.arange(8)[:, None] * [1, 1] + 1, 10.0, p)[0]).all()
+
+
+def test_links_of_boxes_become_links_of_tracks() -> None:
+    owners = TrackOwners()
+    owners.add("a", np.array([7, -1]))
+    owners.add("a", np.array([9]))
+    links = (np.array([[1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 6.0]]))
+    np.testing.assert_array_equal(owners.links("a", np.array([7, 8, 9]), links, 0.0), [[3, 4], [0, 0], [1, 2]])
+    # Where somebody may stand before the box, little speaks against it.
+    np.testing.assert_allclose(owners.links("a", np.array([7]), (np.array([[-9.0]]), np.array([[-9.0], [0.0]])), 0.5), [[np.log(0.5)]], atol=1e-3)
+    # What a track had last counts, not what it had before.
+    owners.add("a", np.array([-1, 7]))
+    np.testing.assert_array_equal(owners.links("a", np.array([7]), (np.array([[0.0], [8.0]]), links[0][:, :1], links[1][:, :1]), 0.0), [[8]])
+    assert owners.links("b", np.array([7]), links[:1], 0.0).tolist() == [[0, 0]]
+
+
+@pytest.mark.parametrize(("name", "value"), [("l_c", 0), ("l_c", 16), ("omega", 0.0), ("delta_min", -1.0), ("sigma", float("nan"))])
+def test_parameters_out_of_bounds(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} is {value}"):
+        TrackletParameters(**{name: value})  # type: ignore[arg-type]

@@ -1,0 +1,101 @@
+"""People by their silhouettes on painted streets: who is there, where, and behind what."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.tracker import street
+from tests.tracker.street import CAMERA, EYE, NAME, Street
+from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
+from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes, explained
+from tracker.geometry import Array
+from tracker.types import Detections
+
+NOBODY = np.zeros((0, 2))
+BOXES = FusionParameters(ahead=0.0)
+
+
+def feet(where: Street, found: Detections) -> GroundDetections:
+    return project_to_ground(where.setup, NAME, found, (EYE, np.zeros((6, 6))), BOXES)
+
+
+def watching(where: Street, ticks: int = 30) -> Silhouettes:
+    """A detector that has seen the street without anybody."""
+    out = Silhouettes(CAMERA, EYE, where.setup)
+    for _ in range(ticks):
+        assert not len(look(out, where, NOBODY))
+    return out
+
+
+def look(detector: Silhouettes, where: Street, people: Array, boxes: Array = NOBODY) -> Array:
+    """Places (n, 2) m where it finds somebody."""
+    given = street.detections(boxes)
+    found = detector.step(where.image(people), given, feet(where, given))
+    return feet(where, found).point[:, :2]
+
+
+def unmatched(found: Array, people: Array, near: float = 1.3) -> tuple[int, int]:
+    """How many people have nobody near, and how many of who is found."""
+    apart = np.linalg.norm(found[:, None] - people[None], axis=2)
+    return int((apart.min(axis=0, initial=np.inf) > near).sum()), int((apart.min(axis=1, initial=np.inf) > near).sum())
+
+
+def test_everybody_is_found_where_they_are_without_any_box() -> None:
+    where, rng = Street(), np.random.default_rng(1)
+    detector = watching(where)
+    people, speed = np.array([[-4.0, -3.0], [0.0, 1.0], [4.0, -1.0]]), np.array([[0.1, 0.12], [0.02, -0.15], [-0.12, 0.1]])
+    missed = false = 0
+    for _ in range(20):
+        people = people + speed + rng.normal(0, 0.02, people.shape)
+        m, f = unmatched(look(detector, where, people), people)
+        missed, false = missed + m, false + f
+    # Two of them are one while one is before the other.
+    assert missed <= 5
+    assert false <= 2
+
+
+def test_of_two_one_of_whom_covers_half_of_the_other_both_are_found() -> None:
+    where = Street()
+    people = np.array([[-4.0, 0.0], [-1.0, 0.45]])
+    assert unmatched(look(watching(where), where, people), people) == (0, 0)
+
+
+def test_a_post_speaks_against_nobody_behind_it_where_it_is_known() -> None:
+    """A post hides the middle of somebody of whom both sides are to be seen."""
+    streets = [Street(post=True, known=known) for known in (True, False)]
+    detectors = [watching(where) for where in streets]
+    assert [detector.hidden.any() for detector in detectors] == [True, False]
+    for y in (0.08, 0.12, -0.12):
+        person, nothing = np.array([[2.0, y]]), Detections.none()
+        known, unknown = (d.step(w.image(person), nothing, feet(w, nothing)) for d, w in zip(detectors, streets, strict=True))
+        assert len(known) == 1
+        assert known.confidence[0] > unknown.confidence.max(initial=0.0) + 0.02
+
+
+def test_a_body_that_is_exactly_there_is_explained_once_and_unknown_pixels_say_nothing() -> None:
+    p, where = SilhouetteParameters(), Street()
+    detector = Silhouettes(CAMERA, EYE, where.setup)
+    places = detector._standing(1.75)
+    place = int(np.argmin(np.abs(places.foot - [192, 200]).sum(axis=1)))
+    foot, head = places.foot[place], places.head[place]
+    body, tall = np.zeros(detector.shape, dtype=bool), foot[1] - head[1]
+    for half, high, low in ((0.055, 0.02, 0.16), (0.115, 0.16, 0.5), (0.09, 0.5, 0.93)):
+        u = head[0] + (foot[0] - head[0]) * (high + low) / 2
+        body[round(head[1] + high * tall) : round(head[1] + low * tall), round(u - half * tall) : round(u + half * tall)] = True
+    nothing = np.zeros(detector.shape, dtype=bool)
+    found, worth = explained(body, nothing, nothing, places, p)
+    assert len(worth) == 1
+    assert worth[0] == pytest.approx(p.whole, rel=0.1)
+    assert np.abs(found.foot[0] - foot).max() <= 3
+    assert len(explained(body, ~nothing, nothing, places, p)[1]) == 0
+    assert len(explained(nothing, nothing, nothing, places, p)[1]) == 0
+
+
+def test_how_tall_people_look_is_learned_from_boxes() -> None:
+    where = Street()
+    detector = watching(where)
+    people = np.array([[0.0, 0.0], [4.0, 2.0]])
+    for _ in range(40):
+        look(detector, where, people, people)
+    assert abs(detector._tall / detector._weight - street.TALL) < 0.02

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.tracker.kalman import condition
+from tracker.ekf.gaussian import block_diagonal, gate, mahalanobis2, nees, robust_weights, subtract, whitened
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def positive(rng: np.random.Generator, n: int) -> np.ndarray:
+    A = rng.normal(size=(n, n))
+    return A @ A.T + 0.1 * np.eye(n)
+
+
+def test_gate_is_the_quantile_of_chi_square() -> None:
+    # With two degrees of freedom the distribution is 1 − exp(−x/2).
+    assert gate(2, 0.99) == pytest.approx(-2 * np.log(0.01))
+
+
+@pytest.mark.parametrize(("dof", "probability"), [(0, 0.9), (2, 1.0), (2, 0.0), (2, float("nan"))])
+def test_gate_refuses(dof: int, probability: float) -> None:
+    with pytest.raises(ValueError, match="gate of"):
+        gate(dof, probability)
+
+
+def test_what_an_update_leaves_is_josephs_form(rng: np.random.Generator) -> None:
+    n, m = 9, 4
+    P, R, H = positive(rng, n), positive(rng, m), rng.normal(size=(m, n))
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    rest = np.eye(n) - K @ H
+    got = P.copy()
+    subtract(got, whitened(H @ P, S))
+    np.testing.assert_allclose(got, rest @ P @ rest.T + K @ R @ K.T, atol=1e-10)
+    np.testing.assert_array_equal(got, got.T)
+
+
+@pytest.mark.parametrize("S", [-np.eye(2), np.diag([1.0, np.nan])])
+def test_an_innovation_that_is_not_positive_is_refused(rng: np.random.Generator, S: np.ndarray) -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        whitened(np.ones((2, 3)), S)
+
+
+def test_ten_thousand_sharp_updates_leave_it_positive(rng: np.random.Generator) -> None:
+    P = positive(rng, 30) * 1e4
+    for _ in range(10_000):
+        H = rng.normal(size=(2, 30))
+        subtract(P, whitened(H @ P, H @ P @ H.T + 1e-6 * np.eye(2)))
+        P += 1e-6 * np.eye(30)
+    assert np.linalg.eigvalsh(P).min() > 0
+
+
+def test_no_part_of_a_store_is_updated(rng: np.random.Generator) -> None:
+    with pytest.raises(ValueError, match="not contiguous"):
+        subtract(positive(rng, 8)[:5, :5], np.ones((2, 5)))
+
+
+@pytest.mark.parametrize("n", [1, 127, 128, 129, 300])
+def test_what_is_subtracted_is_symmetric_to_the_last_bit(rng: np.random.Generator, n: int) -> None:
+    P, A, X, Y = positive(rng, n), rng.normal(size=(4, n)), rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
+    got = P.copy()
+    subtract(got, A, X, Y)
+    np.testing.assert_allclose(got, P - A.T @ A - X @ Y.T - Y @ X.T, atol=1e-9)
+    np.testing.assert_array_equal(got, got.T)
+
+
+def test_condition_is_the_product_of_two_gaussians() -> None:
+    # Two scalars of variance 1 and 3: mean = 3/4 · 0 + 1/4 · 8 = 2, variance = 1/(1 + 1/3) = 3/4.
+    change, P = condition([[1.0]], [[1.0]], [8.0], [[3.0]])
+    assert change == pytest.approx([2.0])
+    assert pytest.approx(0.75) == P[0, 0]
+
+
+def test_condition_in_the_information_form(rng: np.random.Generator) -> None:
+    P, R, H, r = positive(rng, 6), positive(rng, 3), rng.normal(size=(3, 6)), rng.normal(size=3)
+    change, after = condition(P, H, r, R)
+    information = np.linalg.inv(P) + H.T @ np.linalg.solve(R, H)
+    np.testing.assert_allclose(after, np.linalg.inv(information), atol=1e-10)
+    np.testing.assert_allclose(change, np.linalg.solve(information, H.T @ np.linalg.solve(R, r)), atol=1e-10)
+
+
+def test_nees_is_one_on_average(rng: np.random.Generator) -> None:
+    P = positive(rng, 6)
+    errors = rng.multivariate_normal(np.zeros(6), P, 4000)
+    assert np.mean([nees(e, P) for e in errors]) == pytest.approx(1.0, abs=0.03)
+    np.testing.assert_allclose(mahalanobis2(errors[:5], P) / 6, [nees(e, P) for e in errors[:5]])
+
+
+def test_weights_are_one_without_outliers_and_without_a_threshold(rng: np.random.Generator) -> None:
+    noise = np.tile(np.eye(2), (5, 1, 1))
+    H = rng.normal(size=(10, 3))
+    spread = H @ H.T
+    assert robust_weights(spread, noise, np.full(10, 1e3), np.inf) == pytest.approx(1.0)
+    assert robust_weights(spread, noise, 0.1 * rng.normal(size=10), 3.0) == pytest.approx(1.0)
+
+
+def test_weights_find_the_outlier_that_the_state_could_explain(rng: np.random.Generator) -> None:
+    """The prior is so wide that every innovation passes a gate; only together they show which one is wrong."""
+    H, noise = rng.normal(size=(20, 3)), np.tile(np.eye(2) * 0.01, (10, 1, 1))
+    innovation = H @ np.array([5.0, -3.0, 2.0]) + 0.1 * rng.normal(size=20)
+    innovation[6:8] += 4.0
+    weights = robust_weights(H @ H.T * 100, noise, innovation, 3.0)
+    assert weights[3] < 0.01
+    assert (np.delete(weights, 3) > 0.5).all()
+
+
+def test_block_diagonal() -> None:
+    blocks = np.array([[[1.0, 2], [3, 4]], [[5.0, 6], [7, 8]]])
+    np.testing.assert_array_equal(block_diagonal(blocks), [[1, 2, 0, 0], [3, 4, 0, 0], [0, 0, 5, 6], [0, 0, 7, 8]])

@@ -1,0 +1,84 @@
+"""Where people are of whom views show no box: places against samples, and somebody who stops behind a wall."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tracker.datasets import synthetic_crowd
+from tracker.detections.ground_points import FusionParameters
+from tracker.detections.occlusion import Bodies, Viewpoint
+from tracker.geometry import Array
+from tracker.geometry.ground import Grid
+from tracker.gnn.negative_information import ExpectedVisibility
+from tracker.pipeline import Parameters, Tracker
+from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.sensor_model import SensorModel
+from tracker.tracks.tracks import Tracks
+from tracker.types import Setup
+
+LIMITS = TrackParameters(fusion=FusionParameters(reach=60.0), unsure=0.3)
+DETECTION = np.array([0.9])
+
+
+def walled(end: float = 2.0) -> Setup:
+    """Level ground with a wall along x, from (-2, 0) to (`end`, 0) m, between the view and what is to the north of it."""
+    tops = np.zeros((81, 81))
+    tops[40:42, 32 : round(41 + 4 * end)] = 2.5
+    grid = [Grid(heights, np.array([-10.0, -10.0]), 0.25) for heights in (np.zeros((81, 81)), tops)]
+    return replace(synthetic_crowd.setup(1), ground=grid[0], occluders=grid[1])
+
+
+def track(place: tuple[float, float], sigma: float) -> Tracks:
+    zero, one = np.zeros(1), np.ones(1, dtype=np.int64)
+    return Tracks(one, np.array([[*place, 0.0, 0.0, 1.7]]), np.diag([sigma**2, sigma**2, 0.1, 0.1, 0.01])[None], zero, 5 * one, one, 5 * one)
+
+
+def outlook(setup: Setup, tracks: Tracks) -> tuple[ExpectedVisibility, list[Viewpoint]]:
+    views = []
+    for name, mount in setup.mounts.items():
+        start = setup.starts[mount.robot]
+        assert start is not None
+        views.append(Viewpoint(name, mount.camera, start.T_world_robot @ mount.T_body_camera))
+    return ExpectedVisibility.of(tracks, views, SensorModel(setup, LIMITS)), views
+
+
+def test_places_are_as_samples_have_them() -> None:
+    setup, tracks = walled(), track((0.0, 2.0), 1.2)
+    found, views = outlook(setup, tracks)
+    after = found.without(tracks, np.zeros((1, 1), dtype=bool), DETECTION)
+    place = np.random.default_rng(0).multivariate_normal(tracks.state[0, :2], tracks.covariance[0, :2, :2], 50_000)
+    share = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup).expected(views[0], LIMITS.fusion.reach)
+    weight = 1 - DETECTION * share
+    expected: Array = weight @ place / weight.sum()
+    assert found.share[0, 0] == pytest.approx(share.mean(), abs=0.05)
+    np.testing.assert_allclose(after.state[0, :2], expected, atol=0.1)
+    apart = place - expected
+    np.testing.assert_allclose(after.covariance[0, :2, :2], (weight[:, None] * apart).T @ apart / weight.sum(), atol=0.1)
+    assert np.linalg.norm(expected - place.mean(axis=0)) > 0.2
+
+
+@pytest.mark.parametrize("why", ["seen", "sure", "unknown"])
+def test_nothing_follows_for_who_is_seen_or_whose_place_is_sure_or_where_no_walls_are_known(why: str) -> None:
+    setup, tracks = walled(), track((0.0, 2.0), 0.2 if why == "sure" else 1.2)
+    setup = replace(setup, occluders=None) if why == "unknown" else setup
+    after = outlook(setup, tracks)[0].without(tracks, np.full((1, 1), why == "seen"), DETECTION)
+    np.testing.assert_array_equal(after.state, tracks.state)
+    np.testing.assert_array_equal(after.covariance, tracks.covariance)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_who_stops_behind_a_wall_is_not_told_of_beyond_it(known: bool) -> None:
+    setup = walled(end=-1.0)
+    # The wall hides from x = -1.1 m to 0.2 m; they stop at -0.5 m.
+    x = np.minimum(-6.0 + 1.4 / synthetic_crowd.RATE * np.arange(60), -0.5)
+    path = np.stack([x, np.full(60, 1.2)], axis=1)[:, None, :]
+    ticks = synthetic_crowd.ticks(setup, path, np.random.default_rng(0), misses=0.0, clutter=0.0, lose=lambda frame, camera, person: x[frame] > -1.1)
+    tracker, farthest = Tracker(setup if known else replace(setup, occluders=None), Parameters()), -np.inf
+    for tick in ticks:
+        estimate = tracker.step(tick)
+        assert estimate is not None
+        farthest = max(farthest, float(estimate.position[:, 0].max(initial=-np.inf)))
+    assert (farthest < 0.3) == known

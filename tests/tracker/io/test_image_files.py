@@ -1,0 +1,97 @@
+"""Images as files: what is coded is decoded, headers are believed before pixels, and a full disk is noticed."""
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tracker.io.image_files import JPEG, PNG, RUNS, Coders, decode, range_counts, range_from_counts, size_in
+from tracker.io.video_files import Videos
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.mark.parametrize("options", [PNG, RUNS])
+@pytest.mark.parametrize("shape", [(1, 1), (7, 13), (64, 128)])
+def test_instances_come_back(tmp_path: Path, options: list[int], shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    columns = np.repeat(rng.integers(0, 300, (1, shape[1])), shape[0], axis=0)
+    images = [np.zeros(shape, np.uint16), rng.integers(0, 65536, shape), columns]
+    coders = Coders(tmp_path)
+    for k, image in enumerate(images):
+        coders.put(f"{k}.png", image.astype(np.uint16), options)
+    coders.wait()
+    coders.close()
+    for k, image in enumerate(images):
+        data = (tmp_path / f"{k}.png").read_bytes()
+        assert size_in(data) == shape
+        assert coders.sums[f"{k}.png"][1] == len(data)
+        np.testing.assert_array_equal(decode(data, shape), image)
+
+
+def test_runs_are_smaller_than_what_they_replace() -> None:
+    image = np.zeros((512, 1024), np.uint16)
+    for k in range(12):
+        cv2.ellipse(image, (80 * k + 50, 250), (12 + k, 40 + 3 * k), 0, 0, 360, k + 1, -1)
+    runs, plain = (len(cv2.imencode(".png", image, options)[1]) for options in (RUNS, [cv2.IMWRITE_PNG_COMPRESSION, 1]))
+    assert runs < plain
+
+
+def test_range_comes_back_to_half_a_unit() -> None:
+    metres = np.array([[0.01, 1.0, 3.14159, 255.9, 256.0, 1e6, np.inf]], np.float32)
+    back = range_from_counts(range_counts(metres))
+    np.testing.assert_allclose(back[0, :4], metres[0, :4], atol=0.5 / 256 + 1e-6)
+    assert np.isinf(back[0, 4:]).all()
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg"])
+def test_another_size_and_a_cut_are_refused(ending: str) -> None:
+    image = np.random.default_rng(0).integers(0, 255, (48, 80, 3), np.uint8)
+    data = cv2.imencode(ending, image, JPEG if ending == ".jpg" else PNG)[1].tobytes()
+    assert size_in(data) == (48, 80)
+    with pytest.raises(ValueError, match=r"\(48, 80\) pixels, needs \(48, 81\)"):
+        decode(data, (48, 81))
+    for cut in (0, 10, 30, len(data) // 2, len(data) - 3):
+        with pytest.raises(ValueError, match=r"no PNG or JPEG|ends too soon|pixels"):
+            decode(data[:cut], (48, 80))
+
+
+def test_videos_have_all_frames_in_their_colours(tmp_path: Path) -> None:
+    videos = Videos(tmp_path / "videos", 7.0)
+    for k in range(5):
+        videos.put("a", np.full((48, 64, 3), (40 * k, 60, 200), np.uint8))
+    videos.finish()
+    read = cv2.VideoCapture(str(tmp_path / "videos" / "a.mp4"))
+    assert read.get(cv2.CAP_PROP_FPS) == 7.0
+    for k in range(5):
+        ok, frame = read.read()
+        assert ok
+        np.testing.assert_allclose(frame[20, 30, ::-1], (40 * k, 60, 200), atol=12)
+    assert not read.read()[0]
+
+
+def test_a_video_on_a_full_disk_is_an_error(tmp_path: Path) -> None:
+    """The encoder says nothing of a disk that is full."""
+    program = """
+import sys, numpy as np
+from pathlib import Path
+from tracker.io.video_files import Videos
+videos, rng = Videos(Path(sys.argv[1]), 7.0), np.random.default_rng(0)
+for _ in range(30):
+    videos.put("a", rng.integers(0, 255, (240, 320, 3), np.uint8))
+videos.finish()
+"""
+    limit = 100_000
+    done = subprocess.run(
+        [sys.executable, "-c", program, tmp_path / "v"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.stderr.strip().splitlines()[-1].endswith("frames could be written; is the disk full?"), done.stderr

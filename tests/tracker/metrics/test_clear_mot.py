@@ -1,0 +1,315 @@
+"""Scores of targets: hand-drawn tables with their arithmetic, laws, and a published result. The field's tools: test_clearmot_peers.py."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from tests.tracker.drawn import random_frames, table
+from tracker.formats.motchallenge import read_mot15
+from tracker.metrics.clear_mot import TargetScore, score, score_boxes
+from tracker.metrics.matching import Comparison, MatchingFrame, Pairing, most_matches, overlap
+
+CLEAR_KEYS = ("mota", "motp_m", "motp_percent", "false_positives", "misses", "switches", "fragments", "mostly_tracked", "mostly_lost")
+KEYS = [*CLEAR_KEYS, "truths", "idf1", "hota", "moda", "modp"]
+
+
+# --- drawn tables -----------------------------------------------------------------------------------------------------------------
+
+
+def test_perfect_tracking_scores_one() -> None:
+    s = score(table({"p": "AAAA", "q": "BB.B"}, {"x": "AAAA", "y": "BB.B"}))
+    assert (s.matches, s.misses, s.false_positives, s.switches) == (7, 0, 0, 0)
+    assert s.mota == s.idf1 == s.moda == s.modp == 1
+    assert_allclose(s.hota, 1)
+    assert (s.motp_m, s.motp_percent, s.mostly_tracked, s.mostly_lost, s.trajectories) == (0, 100, 2, 0, 2)
+
+
+def test_a_miss_a_false_positive_and_distances() -> None:
+    # truths 3 + 3 = 6; q is missed once, z is said once where nobody is: MOTA = 1 − (1 + 1) / 6.
+    # p is met at 0.4 m thrice, q exactly twice: MOTP = 1.2 / 5 m = 0.24 m, 100 (1 − 0.24) = 76 %.
+    # MODA at 0.5 m: the same pairs; MODP = (3 (1 − 0.4 / 0.5) + 2) / 5 = 2.6 / 5.
+    # IDTP 5, IDFP 1, IDFN 1: IDF1 = 10 / 12.
+    s = score(table({"p": "AAA", "q": "BBB"}, {"x": "aaa", "y": "B.B", "z": ".C."}))
+    assert (s.matches, s.misses, s.false_positives, s.switches, s.truths) == (5, 1, 1, 0, 6)
+    assert_allclose([s.mota, s.motp_m, s.motp_percent, s.moda, s.modp, s.idf1], [2 / 3, 0.24, 76, 2 / 3, 0.52, 10 / 12])
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "switches", "fragments"),
+    [
+        ("AA...", "...AA", 1, 1),  # A, A, –, B, B: one switch, against the last known match
+        ("AAA..", "...AA", 1, 0),
+        ("AA.AA", ".....", 0, 1),
+        ("A.A.A", ".A.A.", 4, 0),
+        ("..AAA", ".....", 0, 0),  # a late start breaks nothing
+        ("AA...", ".....", 0, 0),  # an early end neither
+    ],
+)
+def test_switches_and_fragments(x: str, y: str, switches: int, fragments: int) -> None:
+    # The second person keeps every frame busy: see the next test.
+    s = score(table({"p": "AAAAA", "q": "BBBBB"}, {"x": x, "y": y, "z": "BBBBB"}))
+    assert (s.switches, s.fragments) == (switches, fragments)
+
+
+def test_a_frame_without_estimates_breaks_nothing() -> None:
+    s = score(table({"p": "AAAA"}, {"x": "A.AA"}))
+    assert (s.misses, s.switches, s.fragments) == (1, 0, 0)
+
+
+def test_a_match_is_kept_while_it_is_valid() -> None:
+    # x follows p at 0.4 m; from the second frame on y lies exactly on p. The match stays with x, y is false: 3 false positives.
+    s = score(table({"p": "AAAA"}, {"x": "aaaa", "y": ".AAA"}))
+    assert (s.matches, s.switches, s.false_positives) == (4, 0, 3)
+    assert_allclose(s.motp_m, 0.4)
+
+
+@pytest.mark.parametrize(("followed", "tracked", "lost"), [(10, 1, 0), (9, 1, 0), (8, 0, 0), (2, 0, 0), (1, 0, 1), (0, 0, 1)])
+def test_mostly_tracked_is_more_than_four_fifths_and_mostly_lost_less_than_one(followed: int, tracked: int, lost: int) -> None:
+    s = score(table({"p": "A" * 10}, {"x": ("A" * followed).ljust(10, "."), "y": "C" * 10}))
+    assert (s.mostly_tracked, s.mostly_lost) == (tracked, lost)
+
+
+def test_identity_takes_the_best_assignment_of_whole_trajectories() -> None:
+    # p is followed 2 frames by x, then 3 by y; y followed q in those 2. p–y agree in 3, but p–x and q–y in 2 + 2: IDTP 4.
+    # Estimates 2 + 5 = 7, truths 5 + 2 = 7: IDFP = IDFN = 3, IDF1 = 8 / 14.
+    s = score(table({"p": "AAAAA", "q": "BB..."}, {"x": "AA...", "y": "BBAAA"}))
+    assert (s.idtp, s.idfp, s.idfn, s.switches) == (4, 3, 3, 1)
+    assert_allclose(s.idf1, 8 / 14)
+
+
+def test_hota_by_hand() -> None:
+    # One person of 4 frames; x has the first 2, y the last 2, all exact. For every α: TP 4, no FN, no FP, DetA = 1. For each TP:
+    # TPA 2, FNA 2, FPA 0: A = 2/4. AssA = ½, HOTA = √½.
+    assert_allclose(score(table({"p": "AAAA"}, {"x": "AA..", "y": "..AA"})).hota, math.sqrt(0.5))
+    # At 0.4 m the similarity is 1 − 0.4 / 2 = 0.8: matched for the 16 thresholds 0.05 … 0.80 of 19, else nothing.
+    assert_allclose(score(table({"p": "AAAA"}, {"x": "aaaa"})).hota, 16 / 19)
+
+
+# --- people who do not count ------------------------------------------------------------------------------------------------------
+
+
+def test_an_estimate_matched_to_an_ignored_person_is_dropped() -> None:
+    # q is ignored throughout: its misses and the estimate y upon it cost and earn nothing. Left: p 4 frames, x 3 of them, z false once.
+    # MOTA = 1 − (1 miss + 1 false positive) / 4. IDTP 3, IDFP 1, IDFN 1: IDF1 = 6 / 8.
+    truth, estimates = {"p": "AAAA", "q": "BBBB"}, {"x": "AAA.", "y": "bb..", "z": "...C"}
+    s = score(table(truth, estimates, {"q": "0000"}))
+    assert (s.truths, s.matches, s.misses, s.false_positives, s.trajectories) == (4, 3, 1, 1, 1)
+    assert_allclose([s.mota, s.idf1], [0.5, 0.75])
+    # Over everybody: truths 8, matches 5, misses 3, z false: MOTA = 1 − 4 / 8.
+    assert_allclose(score(table(truth, estimates)).mota, 0.5)
+    assert score(table(truth, estimates)).truths == 8
+
+
+def test_an_estimate_that_follows_one_who_counts_stays_when_an_ignored_person_comes_nearer() -> None:
+    # q, ignored, stands where x is from the second frame on, p 0.4 m beside. x followed p before: it stays p's, nothing is dropped.
+    s = score(table({"p": "aaa", "q": ".AA"}, {"x": "aAA"}, {"q": "000"}))
+    assert (s.matches, s.misses, s.false_positives, s.switches) == (3, 0, 0, 0)
+    # Without that past the nearer of the two is its match: q. It is dropped, and p is missed.
+    s = score(table({"p": "aa", "q": "AA"}, {"x": "AA"}, {"q": "00"}))
+    assert (s.matches, s.misses, s.false_positives) == (0, 2, 0)
+
+
+def test_only_one_estimate_is_dropped_for_each_ignored_person() -> None:
+    s = score(table({"p": "AA"}, {"x": "AA", "y": "aa"}, {"p": "00"}))
+    assert (s.truths, s.matches, s.false_positives) == (0, 0, 2)
+    assert math.isnan(s.mota)
+
+
+def test_a_person_counts_in_some_frames_only() -> None:
+    # p counts in frames 0, 1, 4: followed there by x, x, y: one switch of three truths, MOTA = 1 − 1/3, and y's frames 2, 3 are dropped.
+    s = score(table({"p": "AAAAA", "q": "BBBBB"}, {"x": "AA...", "y": "..AAA", "z": "BBBBB"}, {"p": "11001"}))
+    assert (s.truths, s.matches, s.switches, s.false_positives, s.misses) == (8, 8, 1, 0, 0)
+    assert_allclose(s.mota, 1 - 1 / 8)
+
+
+# --- laws -------------------------------------------------------------------------------------------------------------------------
+
+
+def same(a: TargetScore, b: TargetScore) -> None:
+    for name in KEYS:
+        assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-12, err_msg=name)
+
+
+def test_scores_of_sequences_add() -> None:
+    rng = np.random.default_rng(0)
+    scores = [score(random_frames(rng)) for _ in range(3)]
+    total = sum(scores, TargetScore())
+    same(scores[2] + scores[1] + scores[0], total)
+    assert total + TargetScore() == total
+    assert total.truths == sum(s.truths for s in scores)
+    assert_allclose(total.mota, sum(s.mota * s.truths for s in scores) / total.truths)
+
+
+def test_scores_do_not_depend_on_the_order_of_rows_or_the_names_of_ids() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        frames = random_frames(rng)
+        shuffled = []
+        for f in frames:
+            i, j = rng.permutation(len(f.truth_id)), rng.permutation(len(f.estimate_id))
+            shuffled.append(MatchingFrame(f.truth_id[i], f.truth[i], 1000 - f.estimate_id[j], f.estimate[j]))
+        same(score(shuffled), score(frames))
+
+
+def test_to_count_everybody_is_to_count_with_no_exception() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        frames = random_frames(rng)
+        everybody = [MatchingFrame(f.truth_id, f.truth, f.estimate_id, f.estimate, np.ones(len(f.truth_id), dtype=bool)) for f in frames]
+        assert score(everybody) == score(frames)
+
+
+def test_an_ignored_person_far_from_all_changes_nothing() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        frames = random_frames(rng)
+        crowded = [
+            MatchingFrame(
+                np.append(f.truth_id, 99),
+                np.concatenate([f.truth, [[500.0, 0.0]]]),
+                np.append(f.estimate_id, 9999),
+                np.concatenate([f.estimate, [[500.3, 0.0]]]),
+                np.append(np.ones(len(f.truth_id), dtype=bool), False),
+            )
+            for f in frames
+        ]
+        same(score(crowded), score(frames))
+
+
+def test_most_matches_against_brute_force() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        m, k = (int(n) for n in rng.integers(0, 5, 2))
+        value = rng.uniform(-1, 1, (m, k))
+        best = (0, 0.0)
+        small, large = (value, k) if m <= k else (value.T, m)
+        for columns in itertools.permutations(range(large), min(m, k)):
+            for used in itertools.product([False, True], repeat=min(m, k)):
+                pairs = [small[i, c] for i, (c, u) in enumerate(zip(columns, used, strict=True)) if u]
+                if all(v >= 0 for v in pairs):
+                    best = max(best, (len(pairs), sum(pairs)))
+        found = most_matches(Comparison((Pairing(np.arange(m), np.arange(k), value),), m, k), 0.0)
+        assert found[0] == best[0]
+        assert_allclose(found[1], best[1], atol=1e-12)
+
+
+# --- the edges --------------------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_at_all_is_undefined() -> None:
+    for frames in ([], table({"p": "..."}, {"x": "..."})):
+        s = score(frames)
+        assert all(math.isnan(v) for v in (s.mota, s.motp_m, s.motp_percent, s.idf1, s.hota, s.moda, s.modp))
+        assert s.truths == s.false_positives == s.mostly_lost == 0
+    assert score([]) == TargetScore()
+
+
+def test_no_truth() -> None:
+    s = score(table({"p": "..."}, {"x": "AAA"}))
+    assert (s.truths, s.false_positives, s.idf1, s.hota) == (0, 3, 0, 0)
+    assert math.isnan(s.mota)
+    assert math.isnan(s.motp_m)
+
+
+def test_no_estimates() -> None:
+    s = score(table({"p": "AAA"}, {"x": "..."}))
+    assert (s.truths, s.misses, s.mota, s.moda, s.idf1, s.hota, s.mostly_lost) == (3, 3, 0, 0, 0, 0, 1)
+    assert math.isnan(s.motp_m)
+    assert math.isnan(s.modp)
+
+
+def test_one_frame() -> None:
+    assert score(table({"p": "A"}, {"x": "A"})).mota == 1
+
+
+def test_json_keys_and_types() -> None:
+    for s in (score([]), score(table({"p": "AA"}, {"x": "aA"})), score_boxes([])):
+        d = s.to_dict()
+        assert list(d) == KEYS
+        assert all(v is None or type(v) in (int, float) for v in d.values())
+        json.dumps(d, allow_nan=False)
+    assert score([]).to_dict()["mota"] is None
+
+
+def test_an_id_twice_in_a_frame_is_refused() -> None:
+    one, two = MatchingFrame([1], [[0.0, 0]], [4], [[0.0, 0]]), [[0.0, 0], [5, 5]]
+    with pytest.raises(ValueError, match="frame 1 holds truth id 3 twice"):
+        score([one, MatchingFrame([3, 3], two, [], [])])
+    with pytest.raises(ValueError, match="frame 2 holds estimate id 7 twice"):
+        score([one, one, MatchingFrame([], [], [7, 7], two)])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (([1], [[np.nan, 0]], [], []), "truth holds NaN"),
+        (([1], [[np.inf, 0]], [], []), "finite"),
+        (([1], [[0.0, 0], [1, 1]], [], []), "truth has shape"),
+        (([], [], [1], [[0.0]]), "at least 2 columns"),
+        (([1], [[0.0, 0]], [], [], [True, False]), "counts has shape"),
+        (([[1]], [[0.0, 0]], [], []), "truth_id has shape"),
+    ],
+)
+def test_frames_are_checked(arguments: tuple[Any, ...], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        MatchingFrame(*arguments)
+
+
+def test_gates_and_boxes_are_checked() -> None:
+    with pytest.raises(ValueError, match="gate is 0"):
+        score([], gate=0)
+    with pytest.raises(ValueError, match=r"iou is 1\.5"):
+        score_boxes([], iou=1.5)
+    with pytest.raises(ValueError, match="boxes of shape"):
+        score_boxes([MatchingFrame([1], [[0.0, 0]], [1], [[0.0, 0]])])
+    with pytest.raises(ValueError, match="sizes of at least 0"):
+        score_boxes([MatchingFrame([1], [[0.0, 0, -1, 1]], [1], [[0.0, 0, 1, 1]])])
+
+
+def test_the_gate_is_the_callers() -> None:
+    frames = table({"p": "AAA"}, {"x": "aaa"})
+    assert score(frames, gate=0.3).matches == 0
+    assert_allclose(score(frames, gate=0.8).motp_percent, 50)
+
+
+def test_overlap_by_hand() -> None:
+    # 2 × 2 at the origin against itself, shifted by 1 in x (2 / 6), touching (0), inside (1 / 4), and one without area.
+    a = np.array([[0.0, 0, 2, 2]])
+    b = np.array([[0.0, 0, 2, 2], [1, 0, 2, 2], [2, 0, 2, 2], [0.5, 0.5, 1, 1], [1, 1, 0, 0]])
+    assert_allclose(overlap(a, b), [[1, 1 / 3, 0, 0.25, 0]])
+    assert_allclose(overlap(b[-1:], b[-1:]), [[0]])
+
+
+# --- real data --------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_published_result_gets_its_published_score(data: Any) -> None:
+    folder = data("pets2009", "S2.L1", "mot15")
+    truth, result = read_mot15(folder / "gt.txt"), read_mot15(folder / "cem_result.txt")
+    t, r, none = truth.by_frame(), result.by_frame(), np.zeros(0, dtype=int)
+    frames = []
+    for k in range(1, 796):
+        i, j = t.get(k, none), r.get(k, none)
+        frames.append(MatchingFrame(truth.id[i], truth.box[i], result.id[j], result.box[j]))
+    begin = time.process_time()
+    s = score_boxes(frames, iou=0.5)
+    assert time.process_time() - begin < 1
+    assert (round(s.mota, 3), s.false_positives, s.misses, s.switches, s.truths) == (0.850, 247, 420, 31, 4650)
+
+
+def test_a_crowd_is_scored_in_time() -> None:
+    rng = np.random.default_rng(5)
+    place = rng.uniform(0, 20, (333, 74, 2))
+    ids, counts = np.arange(74), rng.random((333, 74)) < 0.8
+    frames = [MatchingFrame(ids, p, ids, p + rng.normal(0, 0.4, p.shape), c) for p, c in zip(place, counts, strict=True)]
+    begin = time.process_time()
+    score(frames)
+    assert time.process_time() - begin < 5

@@ -1,0 +1,90 @@
+"""Paths in the plane: written and read, and their scores beside arithmetic by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tracker.formats.utias import Robot, Team
+from tracker.planar_slam.trajectories import Paths, read_paths, score_paths, table, true_poses, write_paths
+
+TIMES = np.arange(100) * 0.02
+
+
+def straight(n: int) -> Robot:
+    """1 m/s along x at y = n, truth at 50 Hz."""
+    truth = np.stack([TIMES, TIMES, np.full(100, float(n)), np.zeros(100)], axis=1)
+    return Robot(truth[:, :3], np.zeros((0, 3)), np.zeros(0, dtype=np.int64), truth, {})
+
+
+def team() -> Team:
+    return Team({1: straight(1), 2: straight(2)}, {6: np.array([0.0, 0.0]), 7: np.array([3.0, 4.0])}, ())
+
+
+def paths(shift: tuple[float, float] = (0.0, 0.0)) -> Paths:
+    poses = {n: r.truth[:, 1:] + [*shift, 0.0] for n, r in team().robots.items()}
+    P = np.tile(np.diag([0.01, 0.01, 0.001]), (100, 1, 1))
+    return Paths(TIMES, poses, {1: P, 2: P}, {s: p + shift for s, p in team().landmarks.items()}, {"map": "known"})
+
+
+def test_write_then_read(tmp_path: Path) -> None:
+    write_paths(tmp_path / "r", paths())
+    back = read_paths(tmp_path / "r")
+    for n in (1, 2):
+        np.testing.assert_allclose(back.poses[n], paths().poses[n], atol=1e-6)
+        np.testing.assert_allclose(back.covariances[n], paths().covariances[n], rtol=1e-5)
+    np.testing.assert_allclose(back.landmarks[7], [3, 4])
+    assert back.run["map"] == "known"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["r"]
+
+
+def test_a_shift_is_all_of_the_error_and_none_after_alignment() -> None:
+    s = score_paths(team(), paths((0.3, 0.4)))
+    assert s["ate_m"] == pytest.approx(0.5)
+    assert s["ate_aligned_m"] == pytest.approx(0, abs=1e-9)
+    assert s["rpe_m"] == pytest.approx(0, abs=1e-9)
+    assert s["map_m"] == pytest.approx(0.5)
+    assert s["map_aligned_m"] == pytest.approx(0, abs=1e-9)
+    # (0.3² + 0.4²) / 0.01 over three numbers
+    assert s["nees_per_dof"] == pytest.approx(25 / 3)
+    assert "0.500 m" in table({"robots": s, "dead_reckoning": {"ate_m": 1.0}})
+
+
+def test_ate_is_the_mean_over_robots_and_a_scaled_way_shows_in_rpe() -> None:
+    p = paths()
+    p.poses[1][:, 0] *= 1.1
+    s = score_paths(team(), p)
+    assert s["ate_m"] == pytest.approx(0.5 * 0.1 * np.sqrt((TIMES**2).mean()))
+    assert s["rpe_m"] == pytest.approx(np.sqrt(0.5) * 0.1)
+
+
+def test_truth_counts_where_it_is_known() -> None:
+    robot = straight(1)
+    sparse = Robot(robot.odometry, robot.seen, robot.subject, robot.truth[[0, 1, 2, 60, 99]], {})
+    poses, known = true_poses(sparse, TIMES)
+    assert np.flatnonzero(known).tolist() == [0, 1, 2, 60, 99]
+    np.testing.assert_allclose(poses[known], robot.truth[[0, 1, 2, 60, 99], 1:])
+
+
+def test_a_robot_without_a_path_is_an_error() -> None:
+    p = paths()
+    del p.poses[2]
+    with pytest.raises(ValueError, match="robot 2 is in the set, needs a path"):
+        score_paths(team(), p)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("robots.csv", "a,b\n", "robots.csv: columns are a,b, need timestamp"),
+        ("map.csv", "subject,tx,ty\n1,2\n", "map.csv: 2 columns, needs 3"),
+        ("run.json", '{"schema": 9}', "run.json: not a run in the plane"),
+    ],
+)
+def test_bad_files_are_named(tmp_path: Path, name: str, text: str, message: str) -> None:
+    write_paths(tmp_path / "r", paths())
+    (tmp_path / "r" / name).write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_paths(tmp_path / "r")

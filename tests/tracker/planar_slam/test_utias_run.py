@@ -1,0 +1,68 @@
+"""Real robots: two sets of UTIAS from files to scores, and a copy that has been robbed of nearly everything."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.tracker.formats.mrclam import write_set
+from tracker.planar_slam.event_schedule import PlanarParameters
+from tracker.planar_slam.utias_run import evaluate_paths, track_utias
+
+
+@pytest.mark.parametrize(("number", "known", "limit"), [(1, True, 0.095), (1, False, 0.105), (6, True, 0.122), (6, False, 0.130)])
+def test_position_errors_on_utias(data: Callable[..., Path], tmp_path: Path, number: int, known: bool, limit: float) -> None:
+    """Tuned on set 1 alone; the limits are a tuned joint filter's, and a batch solution has 0.065, 0.079, 0.081, 0.109."""
+    source = data("utias", f"MRCLAM_Dataset{number}")
+    paths = track_utias(source, tmp_path / "r", known)
+    scores = evaluate_paths(source, tmp_path / "r")
+    assert scores["robots"]["ate_m"] < 0.75 * limit
+    assert scores["robots"]["nees_per_dof"] < 1.5
+    assert scores["dead_reckoning"]["ate_m"] > 10 * scores["robots"]["ate_m"]
+    assert paths.run["counters"]["outlier"] < 0.01 * paths.run["counters"]["matched"]
+    if not known:
+        assert scores["robots"]["map_aligned_m"] < 0.15
+
+
+def test_a_copy_with_sparse_truth_a_robot_missing_and_slow_odometry(data: Callable[..., Path], tmp_path: Path) -> None:
+    source, folder = data("utias", "MRCLAM_Dataset1"), tmp_path / "s"
+    folder.mkdir()
+    for path in source.glob("*.dat"):
+        if path.name.startswith("Robot3"):
+            continue
+        every = 250 if "Groundtruth" in path.name and path.name.startswith("Robot") else 8 if "Odometry" in path.name else 1
+        if every == 1:
+            shutil.copyfile(path, folder / path.name)
+        else:
+            lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+            (folder / path.name).write_text("\n".join(lines[::every]) + "\n")
+    track_utias(folder, tmp_path / "r", False)
+    scores = evaluate_paths(folder, tmp_path / "r")["robots"]
+    assert scores["ate_m"] < 0.2
+
+
+def test_the_same_run_is_kept_and_another_is_refused(tmp_path: Path) -> None:
+    source, out = write_set(tmp_path / "s"), tmp_path / "r"
+    track_utias(source, out, False)
+    stamp = (out / "robots.csv").stat().st_mtime_ns
+    track_utias(source, out, False)
+    assert (out / "robots.csv").stat().st_mtime_ns == stamp
+    with pytest.raises(ValueError, match="holds another run"):
+        track_utias(source, out, True)
+    with pytest.raises(ValueError, match="holds another run"):
+        track_utias(source, out, False, PlanarParameters("ekf"))
+    (source / "Barcodes.dat").write_text((source / "Barcodes.dat").read_text() + "# more\n")
+    with pytest.raises(ValueError, match="made from another source"):
+        evaluate_paths(source, out)
+
+
+def test_a_folder_that_holds_something_else(tmp_path: Path) -> None:
+    source, out = write_set(tmp_path / "s"), tmp_path / "r"
+    out.mkdir()
+    (out / "mine.txt").write_text("dear")
+    with pytest.raises(ValueError, match=r"holds mine\.txt and no run\.json"):
+        track_utias(source, out, False)
+    assert (out / "mine.txt").read_text() == "dear"

@@ -1,0 +1,44 @@
+"""A dataset is what its dataset.json says; only what is whole counts."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.tracker import sequences as made
+from tracker.sequence.dataset import Dataset, read_dataset, sequences
+
+DATASET = Dataset("pilsun", {"seed": 3}, 4, {"png": False}, ("pilsun-00000", "pilsun-00001"))
+
+
+def test_written_and_read(tmp_path: Path) -> None:
+    (tmp_path / "dataset.json").write_text(DATASET.to_json())
+    assert read_dataset(tmp_path) == DATASET
+
+
+def test_only_whole_sequences_count(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="neither a sequence"):
+        sequences(tmp_path)
+    (tmp_path / "dataset.json").write_text(DATASET.to_json())
+    (tmp_path / "pilsun-00000").mkdir()
+    with pytest.raises(ValueError, match="no sequence of this dataset is whole yet"):
+        sequences(tmp_path)
+    made.write(tmp_path / "pilsun-00001")
+    assert sequences(tmp_path) == [tmp_path / "pilsun-00001"]
+    assert sequences(tmp_path / "pilsun-00001") == [tmp_path / "pilsun-00001"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"schema": 1', '"schema": 7', "schema is 7, this version reads 1"),
+        ('"views": 4', '"views": "4"', "views is '4'"),
+        ("pilsun-00001", "../pilsun", "sequence is '../pilsun', needs a name of letters"),
+        ("pilsun-00001", "pilsun-00000", "a name is there twice"),
+        ('"seed": 3', '"seed": Infinity', "holds Infinity"),
+        ("{", "[", "not JSON"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "dataset.json").write_text(DATASET.to_json().replace(old, new, 1))
+    with pytest.raises(ValueError, match=f"dataset.json.*{message}"):
+        read_dataset(tmp_path)

@@ -1,0 +1,149 @@
+"""The heaviest clique of a small graph, proved: by set_packing.py, else by branch and bound with a bound by weighted colouring, on bitsets.
+
+Vertices that are pairwise in conflict form a class, of which a clique holds one at most: so no clique weighs more than the sum of the classes'
+heaviest (Kumlander 2004, On importance of a special sorting in the maximum-weight clique algorithm; bitsets as in San Segundo et al. 2011).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tracker.clique.local_search import Found, Graph
+from tracker.clique.set_packing import Effort, settled
+from tracker.geometry import Array
+
+Words = NDArray[np.uint64]
+LARGEST = 2000
+"""Vertices; beyond, the memory for the branches grows too large."""
+_DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
+_ZEROS = np.zeros(64, dtype=np.int64)
+for _k in range(64):
+    _ZEROS[((1 << _k) * 0x03F79D71B4CB0A89 % (1 << 64)) >> 58] = _k
+
+
+def exact(graph: Graph, seconds: float = 60.0) -> Found:
+    """The heaviest clique, proved; `moves` counts the branches by colouring.
+
+    Raises ValueError for a graph of more than LARGEST vertices, or where the proof is not done after that many seconds.
+    """
+    n = len(graph)
+    if n > LARGEST:
+        raise ValueError(f"graph has {n} vertices, an exact solution needs at most {LARGEST}")
+    began = time.perf_counter()
+    known, proved = settled(graph, np.zeros(0, dtype=np.int64), Effort(branches=0))
+    weight = float(graph.weight[known].sum())
+    if proved:
+        return Found(weight, known, 0, time.perf_counter() - began, ((weight, known),))
+    state, order = _started(graph)
+    state[6][np.argsort(order)[known]] = True
+    state[8][0] = weight
+    while not _branch(state, 200_000):
+        if time.perf_counter() - began > seconds:
+            raise ValueError(f"no proof after {seconds} s; breakout local search has no such limit")
+    best = np.sort(order[np.flatnonzero(state[6])])
+    weight = float(graph.weight[best].sum())
+    return Found(weight, best, int(state[7][1]), time.perf_counter() - began, ((weight, best),))
+
+
+def _started(graph: Graph) -> tuple[tuple[Any, ...], NDArray[np.int64]]:
+    """The state before the first branch, and which vertex is which: the heaviest first, so that a class is as heavy as its first vertex."""
+    n = len(graph)
+    order = np.argsort(-graph.weight, kind="stable")
+    rank = np.argsort(order)
+    together = ~np.eye(n, dtype=bool)
+    together[rank[np.repeat(np.arange(n), np.diff(graph.start))], rank[graph.conflict]] = False
+    return _begin(graph.weight[order], _packed(together)), order
+
+
+def _packed(rows: NDArray[np.bool_]) -> Words:
+    """(r, n) bool → (r, words) bits."""
+    r, n = rows.shape
+    words = max(1, -(-n // 64))
+    padded = np.zeros((r, 64 * words), dtype=np.uint8)
+    padded[:, :n] = rows
+    return np.packbits(padded, axis=1, bitorder="little").view(np.uint64).reshape(r, words)
+
+
+def _begin(weight: Array, adjacent: Words) -> tuple[Any, ...]:
+    """weight, adjacent; by depth: branch (vertices left to try), bound (of each), left (how many); chosen (the clique); best; numbers (depth,
+    branches); heaviest (its weight); free: by depth the vertices that fit."""
+    n = len(weight)
+    free = np.zeros((n + 1, max(1, -(-n // 64))), dtype=np.uint64)
+    free[0] = _packed(np.ones((1, n), dtype=bool))[0]
+    return (
+        weight, adjacent, np.zeros((n + 1, n), np.int64), np.zeros((n + 1, n)), np.full(n + 1, -1), np.zeros(n + 1, np.int64),
+        np.zeros(n, np.bool_), np.zeros(2, np.int64), np.zeros(1), free,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _first(word: np.uint64) -> int:
+    """The place of the lowest bit that is set."""
+    return _ZEROS[((word & (~word + np.uint64(1))) * _DEBRUIJN) >> np.uint64(58)]
+
+
+@njit(cache=True)
+def _colour(weight: Array, adjacent: Words, free: Words, branch: NDArray[np.int64], bound: Array) -> int:
+    """The free vertices class by class, and for each the sum of the classes up to its own."""
+    words = len(free)
+    rest = free.copy()
+    count, total = 0, 0.0
+    while True:
+        open_, first = rest.copy(), True
+        for w in range(words):
+            while open_[w]:
+                v = 64 * w + _first(open_[w])
+                if first:
+                    total += weight[v]
+                    first = False
+                branch[count], bound[count] = v, total
+                count += 1
+                bit = np.uint64(1) << np.uint64(v % 64)
+                rest[w] &= ~bit
+                open_[w] &= ~bit
+                for k in range(w, words):
+                    open_[k] &= ~adjacent[v, k]
+        if first:
+            return count
+
+
+@njit(cache=True)
+def _branch(state: Any, cap: int) -> bool:
+    """Go on for some branches; whether the search is over."""
+    weight, adjacent, branch, bound, left, chosen, best, numbers, heaviest, free = state
+    depth, stop = numbers[0], numbers[1] + cap
+    here = 0.0
+    for d in range(depth):
+        here += weight[chosen[d]]
+    if left[0] < 0:
+        left[0] = _colour(weight, adjacent, free[0], branch[0], bound[0])
+    while numbers[1] < stop:
+        k = left[depth] - 1
+        if k < 0 or here + bound[depth, k] <= heaviest[0] * (1 + 1e-12):
+            if depth == 0:
+                return True
+            depth -= 1
+            here -= weight[chosen[depth]]
+            continue
+        v = branch[depth, k]
+        left[depth] = k
+        free[depth, v // 64] &= ~(np.uint64(1) << np.uint64(v % 64))
+        chosen[depth] = v
+        here += weight[v]
+        free[depth + 1] = free[depth] & adjacent[v]
+        depth += 1
+        numbers[1] += 1
+        left[depth] = _colour(weight, adjacent, free[depth], branch[depth], bound[depth])
+        if left[depth] == 0 and here > heaviest[0] * (1 + 1e-12):
+            heaviest[0] = here
+            best[:] = False
+            for d in range(depth):
+                best[chosen[d]] = True
+        numbers[0] = depth
+    numbers[0] = depth
+    return False

@@ -1,0 +1,161 @@
+"""A graph's conflicts as classes of vertices that exclude each other, compiled; and which vertices need not be looked at."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from tracker.geometry import Array, Ints, Mask
+
+
+@njit(cache=True)
+def dominated(weight: Array, start: Ints, conflict: Ints) -> Mask:
+    """Which vertices (n,) need not be looked at: another that they exclude is as heavy, and excludes nothing else."""
+    n = len(weight)
+    out, mark = np.zeros(n, np.bool_), np.full(n, -1)
+    for v in range(n):
+        mark[v] = v
+        for k in range(start[v], start[v + 1]):
+            mark[conflict[k]] = v
+        for k in range(start[v], start[v + 1]):
+            u = conflict[k]
+            if out[u] or weight[u] < weight[v] or (weight[u] == weight[v] and u > v) or start[u + 1] - start[u] > start[v + 1] - start[v]:
+                continue
+            q = start[u]
+            while q < start[u + 1] and mark[conflict[q]] == v:
+                q += 1
+            if q == start[u + 1]:
+                out[v] = True
+                break
+    return out
+
+
+@njit(cache=True)
+def labels(start: Ints, conflict: Ints, rows: Ints) -> Ints:
+    """Of each of `rows` (k,) the number of its connected part of the conflicts among them."""
+    label, place, waiting, count = np.full(len(rows), -1), np.full(len(start), -1), np.empty(len(rows), np.int64), 0
+    place[rows] = np.arange(len(rows))
+    for first in range(len(rows)):
+        if label[first] >= 0:
+            continue
+        label[first], waiting[0], size = count, first, 1
+        while size:
+            size -= 1
+            v = rows[waiting[size]]
+            for k in range(start[v], start[v + 1]):
+                u = place[conflict[k]]
+                if u >= 0 and label[u] < 0:
+                    label[u], waiting[size] = count, u
+                    size += 1
+        count += 1
+    return label
+
+
+@njit(cache=True)
+def cover(start: Ints, conflict: Ints) -> tuple[Ints, Ints]:
+    """Classes such that every conflict is in one, each grown from a conflict that is in none by the vertex that brings most others: first, member."""
+    n = len(start) - 1
+    left, clash = np.zeros((n, n), np.bool_), np.zeros((n, n), np.bool_)
+    for v in range(n):
+        for k in range(start[v], start[v + 1]):
+            left[v, conflict[k]] = clash[v, conflict[k]] = True
+    first, member = [0], [np.int64(0) for _ in range(0)]
+    fits, fresh = np.empty(n, np.int64), np.zeros(n, np.int64)
+    for a in range(n):
+        for k in range(start[a], start[a + 1]):
+            if not left[a, conflict[k]]:
+                continue
+            size = 0
+            for q in range(start[a], start[a + 1]):
+                fits[size], fresh[conflict[q]] = conflict[q], left[a, conflict[q]]
+                size += 1
+            member.append(np.int64(a))
+            v = conflict[k]
+            while v >= 0:
+                member.append(np.int64(v))
+                kept, following = 0, -1
+                for q in range(size):
+                    u = fits[q]
+                    if clash[v, u]:
+                        fits[kept] = u
+                        fresh[u] += left[v, u]
+                        kept += 1
+                        if following < 0 or fresh[u] > fresh[following]:
+                            following = u
+                size, v = kept, following
+            for p in range(first[-1], len(member)):
+                for q in range(first[-1], len(member)):
+                    left[member[p], member[q]] = False
+            first.append(len(member))
+    return np.array(first), np.array(member)
+
+
+@njit(cache=True)
+def grouped(first: Ints, member: Ints, n: int) -> tuple[Ints, int, Mask]:
+    """The vertices parted into groups, always by the class with most that have none: group (n,), how many, which classes are groups as a whole."""
+    classes = len(first) - 1
+    group, groups, whole = np.full(n, -1), 0, np.zeros(classes, np.bool_)
+    free = np.diff(first)
+    while classes:
+        c = np.argmax(free)
+        if free[c] < 2:
+            break
+        whole[c] = free[c] == first[c + 1] - first[c]
+        for k in range(first[c], first[c + 1]):
+            if group[member[k]] < 0:
+                group[member[k]] = groups
+        groups += 1
+        for d in range(classes):
+            free[d] = 0
+            for k in range(first[d], first[d + 1]):
+                free[d] += group[member[k]] < 0
+    for v in range(n):
+        if group[v] < 0:
+            group[v] = groups
+            groups += 1
+    return group, groups, whole
+
+
+@njit(cache=True)
+def violated(start: Ints, conflict: Ints, free: Mask, often: Array) -> tuple[Ints, Ints]:
+    """Classes of which more than one vertex is picked on the average, each grown greedily from one vertex: first, member."""
+    n = len(start) - 1
+    first, member = [0], [np.int64(0) for _ in range(0)]
+    mark, stamp, done = np.zeros(n, np.int64), 0, np.zeros(n, np.bool_)
+    fits = np.empty(n, np.int64)
+    value = often + 1e-9 * np.diff(start)
+    for a in np.argsort(-often, kind="mergesort"):
+        if not free[a] or often[a] < 0.01:
+            continue
+        size = 0
+        for k in range(start[a], start[a + 1]):
+            if free[conflict[k]]:
+                fits[size] = conflict[k]
+                size += 1
+        member.append(np.int64(a))
+        total, fresh = often[a], not done[a]
+        while size:
+            v = fits[0]
+            for q in range(1, size):
+                if value[fits[q]] > value[v]:
+                    v = fits[q]
+            member.append(v)
+            total += often[v]
+            fresh = fresh or (often[v] > 0.01 and not done[v])
+            stamp += 1
+            for k in range(start[v], start[v + 1]):
+                mark[conflict[k]] = stamp
+            kept = 0
+            for q in range(size):
+                if mark[fits[q]] == stamp:
+                    fits[kept] = fits[q]
+                    kept += 1
+            size = kept
+        if total > 1.03 and fresh:
+            for k in range(first[-1], len(member)):
+                done[member[k]] = True
+            first.append(len(member))
+        else:
+            while len(member) > first[-1]:
+                member.pop()
+    return np.array(first), np.array(member)

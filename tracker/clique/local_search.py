@@ -1,0 +1,218 @@
+"""Maximum-weight cliques by breakout local search; it stands alone and knows nothing of tracks.
+
+Benlic & Hao (2013), Breakout local search for maximum clique problems, Computers & Operations Research 40(1): steepest ascent to a local
+optimum, then a jump whose length and kind follow the history of the search. A graph is kept by its complement, the pairs that may not be
+together: those of trackers and of hard instances are few.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from tracker.clique import local_search_kernel
+from tracker.geometry import Array, Ints
+
+CHUNK = 20_000
+"""Moves between two looks at the clock."""
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """Vertices 0 to n − 1 with weights (n,) above 0, and conflicts: pairs of vertices that no clique holds together, in CSR form.
+
+    The conflicts of vertex v are conflict[start[v] : start[v + 1]], ascending. Make one by `from_conflicts` or `from_edges`.
+    """
+
+    weight: Array
+    start: Ints
+    conflict: Ints
+
+    @staticmethod
+    def from_conflicts(weight: ArrayLike, pairs: ArrayLike) -> Graph:
+        """weight (n,), pairs (m, 2) of vertices that exclude each other; a pair may be named twice.
+
+        Raises ValueError for a weight that is not above 0 or not finite, a vertex that is not there, or one that excludes itself.
+        """
+        w = np.array(weight, dtype=np.float64).reshape(-1)
+        p = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+        _check(w, p)
+        both = np.concatenate([p, p[:, ::-1]])
+        # numpy's unique is by hashing, which takes seconds on regular numbers like these.
+        code = np.sort(both[:, 0] * max(len(w), 1) + both[:, 1])
+        row, column = np.divmod(code[np.diff(code, prepend=-1) > 0], max(len(w), 1))
+        return Graph.from_rows(w, np.bincount(row, minlength=len(w)), column)
+
+    @staticmethod
+    def from_matrix(weight: ArrayLike, conflict: NDArray[np.bool_]) -> Graph:
+        """weight (n,), conflict (n, n), symmetric: which vertices exclude each other. Raises ValueError as from_conflicts does, or for a matrix of
+        another shape or that is not symmetric."""
+        w = np.array(weight, dtype=np.float64).reshape(-1)
+        if conflict.shape != (len(w), len(w)) or not np.array_equal(conflict, conflict.T):
+            raise ValueError(f"conflict has shape {conflict.shape}, needs a symmetric matrix of {len(w)} rows")
+        _check(w, np.repeat(np.flatnonzero(np.diagonal(conflict))[:, None], 2, axis=1))
+        column = np.flatnonzero(conflict) % max(len(w), 1)
+        return Graph.from_rows(w, np.count_nonzero(conflict, axis=1), column)
+
+    @staticmethod
+    def from_rows(weight: Array, degree: Ints, conflict: Ints) -> Graph:
+        """weight (n,), degree (n,): how many conflicts each vertex has; conflict: those of one after another, ascending. Nothing is checked."""
+        start = np.concatenate([[0], np.cumsum(degree)]).astype(np.int64)
+        for array in (weight, start, conflict):
+            array.flags.writeable = False
+        return Graph(weight, start, conflict)
+
+    @staticmethod
+    def from_edges(weight: ArrayLike, edges: ArrayLike) -> Graph:
+        """weight (n,), edges (m, 2) of vertices that go together; an edge may be named twice. Raises ValueError as from_conflicts does."""
+        w = np.array(weight, dtype=np.float64).reshape(-1)
+        e = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
+        _check(w, e)
+        apart = ~np.eye(len(w), dtype=bool)
+        apart[e[:, 0], e[:, 1]] = apart[e[:, 1], e[:, 0]] = False
+        return Graph.from_matrix(w, apart)
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    def within(self, rows: Ints) -> Graph:
+        """The graph of some of the vertices, ascending; their new numbers are their places in `rows` (k,)."""
+        return Graph.from_rows(self.weight[rows], *_among(self.start, self.conflict, rows))
+
+    @property
+    def edges(self) -> int:
+        """How many pairs go together."""
+        return (len(self) * (len(self) - 1) - len(self.conflict)) // 2
+
+    def is_clique(self, vertices: ArrayLike) -> bool:
+        """Whether vertices, each named once, may all be together."""
+        members = np.asarray(vertices, dtype=np.int64)
+        inside = np.zeros(len(self), dtype=bool)
+        inside[members] = True
+        conflicts = np.concatenate([self.conflict[self.start[v] : self.start[v + 1]] for v in members] or [members])
+        return int(inside.sum()) == len(members) and not bool(inside[conflicts].any())
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Parameters of the search by the names of Benlic & Hao.
+
+    T: local optima without a new best before the strongest jump; L0 and Lmax as shares of the vertices; P0, the least probability of a directed
+    jump; alpha_r, alpha_s of the random ones; phi, moves for which what was dropped stays out.
+    """
+
+    T: int = 1000
+    L0: float = 0.01
+    Lmax: float = 0.1
+    P0: float = 0.75
+    alpha_r: float = 0.8
+    alpha_s: float = 0.8
+    phi: int = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """weight of the best clique, its vertices ascending, the moves and seconds spent, and optima: distinct local optima met, the heaviest first,
+    each a pair of weight and vertices."""
+
+    weight: float
+    vertices: Ints
+    moves: int
+    seconds: float
+    optima: tuple[tuple[float, Ints], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """When a search ends: after so many moves, so many seconds, or at a clique of at least the target weight; None is no limit.
+
+    By moves a search is the same everywhere; by seconds it goes as far as the computer does.
+    """
+
+    moves: int | None = None
+    seconds: float | None = None
+    target: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.moves is None and self.seconds is None:
+            raise ValueError("moves and seconds are both None, needs a limit")
+        for name in ("moves", "seconds"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ValueError(f"{name} is {value}, needs more than 0")
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """start: vertices of a clique to begin with, None for a greedy one; keep: how many distinct local optima are remembered; tuning; and
+    progress, called with (weight, moves, seconds) at every look at the clock."""
+
+    start: ArrayLike | None = None
+    keep: int = 1
+    tuning: Tuning = Tuning()
+    progress: Callable[[float, int, float], None] | None = None
+
+
+def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None = None) -> Found:
+    """The heaviest clique that breakout local search finds within the limits. The same graph, moves and seed give the same result.
+
+    Raises ValueError where the start is no clique.
+    """
+    given = options or Options()
+    began = time.perf_counter()
+    if not len(graph):
+        return Found(0.0, np.zeros(0, dtype=np.int64), 0, 0.0, ())
+    if given.start is not None and not graph.is_clique(given.start):
+        raise ValueError("start is no clique of this graph")
+    tuning, n = given.tuning, len(graph)
+    low = max(1, int(np.ceil(tuning.L0 * n)))
+    high = max(2, int(np.ceil(tuning.Lmax * n)))
+    state = local_search_kernel.begin(graph.weight, graph.start, graph.conflict, np.uint64(seed), max(1, given.keep))
+    greedy = given.start is None
+    local_search_kernel.take(state, np.zeros(0, np.int64) if given.start is None else np.asarray(given.start, dtype=np.int64), greedy)
+    numbers = (float(tuning.T), float(low), float(high), tuning.P0, tuning.alpha_r, tuning.alpha_s, float(tuning.phi))
+    cap = limits.moves if limits.moves is not None else np.iinfo(np.int64).max
+    target = np.inf if limits.target is None else float(limits.target)
+    while True:
+        chunk = cap if limits.seconds is None and given.progress is None else min(cap, int(state.tally[local_search_kernel.MOVES]) + CHUNK)
+        local_search_kernel.run(state, numbers, chunk, target)
+        weight, moves, spent = float(state.real[local_search_kernel.BEST]), int(state.tally[local_search_kernel.MOVES]), time.perf_counter() - began
+        if given.progress:
+            given.progress(weight, moves, spent)
+        if moves >= cap or weight >= target or (limits.seconds is not None and spent >= limits.seconds):
+            break
+    optima = local_search_kernel.remembered(state)
+    best = np.flatnonzero(state.best)
+    return Found(float(graph.weight[best].sum()), best, moves, time.perf_counter() - began, optima)
+
+
+@njit(cache=True)
+def _among(start: Ints, conflict: Ints, rows: Ints) -> tuple[Ints, Ints]:
+    """The conflicts among `rows` (k,): how many each of them has, and with which others, by their place in `rows`, of one after another."""
+    place, degree = np.full(len(start) - 1, -1), np.zeros(len(rows), np.int64)
+    place[rows] = np.arange(len(rows))
+    others, m = np.empty(len(conflict), np.int64), 0
+    for i in range(len(rows)):
+        for k in range(start[rows[i]], start[rows[i] + 1]):
+            if place[conflict[k]] >= 0:
+                others[m] = place[conflict[k]]
+                degree[i] += 1
+                m += 1
+    return degree, others[:m].copy()
+
+
+def _check(weight: Array, pairs: Ints) -> None:
+    bad = np.flatnonzero(~((weight > 0) & np.isfinite(weight)))
+    if len(bad):
+        raise ValueError(f"weight of vertex {bad[0]} is {weight[bad[0]]}, needs more than 0")
+    stray = pairs[(pairs < 0) | (pairs >= len(weight))]
+    if len(stray):
+        raise ValueError(f"vertex {stray[0]} is not there, needs 0 to {len(weight) - 1}")
+    loop = np.flatnonzero(pairs[:, 0] == pairs[:, 1])
+    if len(loop):
+        raise ValueError(f"vertex {pairs[loop[0], 0]} is paired with itself")

@@ -1,0 +1,101 @@
+"""People who walk among fixed panoramas, by geometry alone: ticks with boxes, and where everybody is.
+
+A crowd without a simulator, for studies and tests of the tracker: seeded, quick, and with nobody in anybody's way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tracker.geometry import Array, Pose, bearing_from_angles
+from tracker.geometry.cameras import Panorama
+from tracker.geometry.ground import Flat, Grid, Ground
+from tracker.types import Detections, Mount, Setup, Start, Tick, View
+
+EYE = 1.5
+"""m, height of the cameras over the ground."""
+RATE = 6.0
+"""Ticks a second."""
+CORNERS = (
+    (-6.0, -5.0, 0.3), (6.0, -5.0, 2.0), (0.0, 6.0, -1.6), (-6.5, 5.0, -0.5), (6.5, 5.0, -2.4), (0.0, -6.5, 1.6), (-7.5, 0.0, 0.0),
+)  # fmt: skip
+"""x, y m and yaw rad of the cameras."""
+
+
+def setup(views: int = 3, ground: Ground | None = None, area: Array | None = None) -> Setup:
+    """Level panoramas at the first `views` CORNERS, at most all, on robots that never move. Raises ValueError for more or none."""
+    if not 1 <= views <= len(CORNERS):
+        raise ValueError(f"views is {views}, needs 1 to {len(CORNERS)}")
+    ground = ground or Flat()
+    mounts = {f"camera_{k}": Mount(Panorama(1024, 512), Pose.identity(), f"robot_{k}") for k in range(views)}
+    starts: dict[str, Start | None] = {}
+    for k, (x, y, yaw) in enumerate(CORNERS[:views]):
+        z = float(ground.height_at(np.array([[x, y]]))[0]) + EYE
+        starts[f"robot_{k}"] = Start(Pose.planar(x, y, yaw, z), np.zeros((6, 6)))
+    return Setup(mounts, ground, starts, 1 / RATE, area=area)
+
+
+def hills() -> Grid:
+    """Ground that rises and falls by 0.3 m."""
+    x, y = np.meshgrid(np.linspace(-10, 10, 81), np.linspace(-10, 10, 81))
+    return Grid(0.3 * np.sin(0.7 * x) * np.cos(0.5 * y), np.array([-10.0, -10.0]), 0.25)
+
+
+def paths(people: int, frames: int, rng: np.random.Generator) -> Array:
+    """(frames, people, 2) m: straight walks at 0.5 to 1.4 m/s through a square of 8 m, turned back at its border."""
+    place, heading = rng.uniform(-4, 4, (people, 2)), rng.uniform(-np.pi, np.pi, people)
+    step = np.stack([np.cos(heading), np.sin(heading)], axis=1) * rng.uniform(0.5, 1.4, people)[:, None] / RATE
+    out = []
+    for _ in range(frames):
+        step = np.where(np.abs(place + step) > 4, -step, step)
+        place = place + step
+        out.append(place)
+    return np.array(out)
+
+
+def boxes(pose: Pose, feet: Array, height: float = 1.75, width: float = 0.5) -> tuple[Array, Array]:
+    """Bearing of the middle (n, 3) and spans (n, 2) of upright people seen from a level camera."""
+    local = pose.inverse().apply(feet)
+    distance, azimuth = np.hypot(local[:, 0], local[:, 1]), np.arctan2(local[:, 1], local[:, 0])
+    low, high = np.arctan2(local[:, 2], distance), np.arctan2(local[:, 2] + height, distance)
+    return bearing_from_angles(azimuth, (low + high) / 2), np.stack([width / distance, high - low], axis=1)
+
+
+def ticks(
+    where: Setup,
+    walked: Array,
+    rng: np.random.Generator,
+    *,
+    noise: float = 0.002,
+    misses: float = 0.1,
+    clutter: float = 0.05,
+    lose: Callable[[int, str, int], bool] = lambda frame, camera, person: False,
+) -> list[Tick]:
+    """Ticks of what the cameras detect of people at `walked` (frames, people, 2) m; nobody occludes anybody.
+
+    noise: rad; misses: share of boxes lost; clutter: false boxes a view and tick; lose: which others are lost.
+    """
+    out = []
+    for k, places in enumerate(walked):
+        feet = np.column_stack([places, where.ground.height_at(places)])
+        views = []
+        for name, mount in where.mounts.items():
+            start = where.starts[mount.robot]
+            assert start is not None
+            middle, extent = boxes(start.T_world_robot, feet)
+            keep = (rng.random(len(feet)) >= misses) & ~np.array([lose(k, name, p) for p in range(len(feet))], dtype=bool)
+            false = rng.poisson(clutter)
+            azimuth, distance = rng.uniform(-np.pi, np.pi, false), rng.uniform(2, 9, false)
+            low, high = np.arctan2(-EYE, distance), np.arctan2(0.25, distance)
+            middle = np.concatenate([middle[keep], bearing_from_angles(azimuth, (low + high) / 2)])
+            extent = np.concatenate([extent[keep], np.stack([0.5 / distance, high - low], axis=1)])
+            middle = middle + rng.normal(0, noise, middle.shape)
+            middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+            order = rng.permutation(len(middle))
+            covariance = np.tile(max(noise, 1e-4) ** 2 * np.eye(2), (len(middle), 1, 1))
+            found = Detections(middle[order], extent[order], np.full(len(middle), 0.9), covariance, np.zeros((len(middle), 0)))
+            views.append(View(name, found))
+        out.append(Tick(k, k / RATE, tuple(views)))
+    return out

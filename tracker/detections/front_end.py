@@ -1,0 +1,77 @@
+"""What cameras have at a tick, made ready for a tracker of people: boxes brought to the ground, and what images say beside them.
+
+Where a camera stands still and has images its silhouettes (silhouettes.py) are a view of their own, from the same place: a second detector,
+whose boxes are as good or as bad as they turn out to be. How it is called is the camera's name with SILHOUETTES after it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from tracker.detections.appearance import appearances
+from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
+from tracker.detections.occlusion import Viewpoint
+from tracker.detections.optical_flow import KltTracklets, TrackletParameters
+from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes
+from tracker.geometry import Array, Mask, Pose
+from tracker.types import Mount, Setup, Tick, View
+
+SILHOUETTES = " silhouettes"
+
+Placed = tuple[Pose, Array]
+"""T_world_robot and the covariance (6, 6) of its right tangent."""
+
+
+@dataclass(frozen=True)
+class ImageParameters:
+    """What is looked for in images; None and False for what is not."""
+
+    tracklets: TrackletParameters | None = None  # corners of boxes that are followed back (tracklets.py)
+    silhouettes: SilhouetteParameters | None = None  # people before the backdrop of cameras that stand still (silhouettes.py)
+    appearance: bool = False  # what people look like (appearance.py)
+
+
+class FrontEnd:
+    """All cameras of a setup. `setup` is the one that was given, with the views of silhouettes."""
+
+    def __init__(self, setup: Setup, fusion: FusionParameters, images: ImageParameters) -> None:
+        still = {name: mount for name, mount in setup.mounts.items() if images.silhouettes and setup.is_fixed(mount.robot)}
+        self.setup = replace(setup, mounts=setup.mounts | {name + SILHOUETTES: mount for name, mount in still.items()})
+        self.fusion, self.images = fusion, images
+        self._tracklets = {name: KltTracklets(mount.camera, images.tracklets) for name, mount in setup.mounts.items() if images.tracklets}
+        self._silhouettes = {name: Silhouettes(mount.camera, _pose(setup, mount), setup, images.silhouettes) for name, mount in still.items()}
+
+    def step(self, tick: Tick, placed: dict[str, Placed]) -> tuple[list[GroundDetections], list[Viewpoint]]:
+        """The boxes of each view whose robot is placed, and from where it looks."""
+        feet: list[GroundDetections] = []
+        for view in tick.views:
+            robot = self.setup.mounts[view.camera].robot
+            if robot in placed:
+                feet += self._of_view(view, placed[robot])
+        return feet, [self._viewpoint(f.camera, placed) for f in feet]
+
+    def _of_view(self, view: View, placed: Placed) -> list[GroundDetections]:
+        feet = project_to_ground(self.setup, view.camera, view.detections, placed, self.fusion)
+        if self._tracklets:
+            feet = replace(feet, links=self._tracklets[view.camera].step(view.image, view.detections))
+        silhouettes = self._silhouettes.get(view.camera)
+        if view.image is None or silhouettes is None:
+            return [self._dressed(feet, view, None)]
+        found = silhouettes.step(view.image, view.detections, feet)
+        other = project_to_ground(self.setup, view.camera + SILHOUETTES, found, placed, self.fusion)
+        return [self._dressed(f, v, silhouettes.foreground) for f, v in ((feet, view), (other, replace(view, detections=found)))]
+
+    def _dressed(self, feet: GroundDetections, view: View, foreground: Mask | None) -> GroundDetections:
+        if not self.images.appearance or view.image is None:
+            return feet
+        return replace(feet, appearance=appearances(view.image, self.setup.mounts[view.camera].camera, view.detections, foreground))
+
+    def _viewpoint(self, camera: str, placed: dict[str, Placed]) -> Viewpoint:
+        mount = self.setup.mounts[camera]
+        return Viewpoint(camera, mount.camera, placed[mount.robot][0] @ mount.T_body_camera)
+
+
+def _pose(setup: Setup, mount: Mount) -> Pose:
+    start = setup.starts[mount.robot]
+    assert start is not None
+    return start.T_world_robot @ mount.T_body_camera

@@ -1,0 +1,66 @@
+"""A sequence or a dataset in the formats that other people's tools read. Each export says in its README.md what every column is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from tracker.export.coco import README as README_COCO
+from tracker.export.coco import export_coco
+from tracker.export.jrdb import README as README_JRDB
+from tracker.export.jrdb import export_jrdb
+from tracker.export.motchallenge import README15, README17, export_mot15, export_mot17
+from tracker.export.pets2009 import README as README_PETS
+from tracker.export.pets2009 import export_pets
+from tracker.export.recorded_sequence import Progress, RecordedSequence
+from tracker.export.tum import README as README_TUM
+from tracker.export.tum import export_tum
+from tracker.export.wildtrack import README as README_WILDTRACK
+from tracker.export.wildtrack import export_wildtrack
+from tracker.io.atomic import new_folder, write_text
+from tracker.sequence.dataset import sequences
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """A foreign format: its title, what its README says of layout and columns, and what writes it and returns further lines for the README."""
+
+    title: str
+    readme: str
+    write: Callable[[Path, Iterable[RecordedSequence]], list[str]]
+
+
+FORMS = {
+    "pets": ExportFormat("PETS 2009", README_PETS, export_pets),
+    "mot15": ExportFormat("MOTChallenge 2015, 2-D and 3-D", README15, export_mot15),
+    "mot17": ExportFormat("MOTChallenge 2017", README17, export_mot17),
+    "wildtrack": ExportFormat("WILDTRACK and MultiviewX", README_WILDTRACK, export_wildtrack),
+    "coco": ExportFormat("COCO", README_COCO, export_coco),
+    "jrdb": ExportFormat("JRDB", README_JRDB, export_jrdb),
+    "tum": ExportFormat("TUM trajectories", README_TUM, export_tum),
+}
+
+
+def export(folder: Path, form: str, out: Path, progress: Progress | None = None, rectangles: bool = False) -> list[Path]:
+    """Write the sequences of `folder` (one, or a dataset) into `out`, which must not be there yet and appears whole or not at all.
+
+    form: a key of FORMS. rectangles: rectangles.pom, too, which only wildtrack has. Returns the sequences. Raises ValueError for another form, a
+    folder that is none, an `out` that is there or lies in the folder itself, and where a sequence lacks what the format needs.
+    """
+    if form not in FORMS:
+        raise ValueError(f"format is {form!r}, needs one of {', '.join(FORMS)}")
+    if rectangles and form != "wildtrack":
+        raise ValueError(f"rectangles is set for {form}, needs wildtrack")
+    write = partial(export_wildtrack, rectangles=True) if rectangles else FORMS[form].write
+    found = sequences(folder)
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
+    with new_folder(out) as unfinished:
+        notes = write(unfinished, (RecordedSequence.open(path, progress) for path in found))
+        names = ", ".join(path.resolve().name for path in found)
+        head = f"# {FORMS[form].title}, exported by pilsim\n\nFrom: {names}. Synthetic: people, places and images were made by a program.\n"
+        tail = "".join(f"\n{note}\n" for note in notes)
+        write_text(unfinished / "README.md", head + FORMS[form].readme + tail)
+    return found

@@ -1,0 +1,96 @@
+"""Export to JRDB: the panoramas of the robots, with boxes in the image and in space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from tracker.export.recorded_sequence import RecordedSequence, sized
+from tracker.formats.jrdb import Label, Solid, write_labels, write_solids
+from tracker.geometry import Array
+from tracker.geometry.cameras import Panorama
+from tracker.sequence.truth_tables import read_joints
+from tracker.types import KEYPOINT_NAMES
+
+NOSE_HEIGHT = 0.921
+"""Of stature, in people who stand: from the ground to the nose (Drillis & Contini 1966, and the heads of pilsim's people)."""
+AROUND = 0.1
+"""m: the body around its outermost joints, sideways and to the front."""
+_NOSE, _LEFT, _RIGHT = (KEYPOINT_NAMES.index(name) for name in ("nose", "left_shoulder", "right_shoulder"))
+
+README = """
+    images/image_stitched/SEQUENCE-CAMERA/000000.jpg  panoramas, RGB, frames from 0
+    labels/labels_2d_stitched/SEQUENCE-CAMERA.json    boxes in the panorama
+    labels/labels_3d/SEQUENCE-CAMERA.json             boxes in space
+
+A panorama of width W and height H = W/2 is all of the sphere: azimuth = π − 2πu/W, elevation = π/2 − πv/H, ahead is the middle, the seam is behind.
+There are no point clouds; labels_3d has keys 000000.pcd nevertheless, because tools look for them.
+
+labels_2d_stitched: frame → list of labels. label_id: `pedestrian:` and pilsim's id, the same in all views and at all times. box: left, top, width,
+height [px] of the whole body, as if nothing were before it, counted from the image's corner (0-based); left is in [0, W), left + width may pass W
+where a body lies over the seam: `wraps` is true there, and modulo W is where the box goes on. box_seen: the same of what is seen, zeros where
+nothing is. visibility in [0, 1]: pixels seen / pixels that the body would cover alone. attributes: occlusion (Fully_visible from visibility 0.95,
+Mostly_visible from 0.5, Severely_occluded above 0, else Fully_occluded), area [px²] of box, no_eval: nothing is seen, truncated, interpolated: false.
+
+labels_3d: frame → list. box: cx, cy, cz [m] its centre, l [m] along the heading, w [m] across, h [m] up, rot_z [rad] the heading about z,
+anticlockwise from x, in the camera's frame: x forward (the panorama's middle), y left, z up as the robot has it (which on a slope is not upright).
+The box is put around the key points and the feet (to a few centimetres). attributes: distance [m] of the centre, num_points: −1 (unknown).
+observation_angle [rad]: rot_z less the azimuth of the centre.
+"""
+
+
+def export_jrdb(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
+    """Write panoramas and labels. Raises ValueError where a sequence has no panorama."""
+    for folder in ("labels_2d_stitched", "labels_3d"):
+        (out / "labels" / folder).mkdir(parents=True)
+    for footage in footages:
+        panoramas = {name: camera for name, camera in footage.cameras.items() if isinstance(camera, Panorama)}
+        if not panoramas:
+            raise ValueError(f"{footage.folder}: has no panorama, and jrdb knows nothing else; export fixed views as mot17, coco or wildtrack")
+        for name in panoramas:
+            (out / "images" / "image_stitched" / f"{footage.name}-{name}").mkdir(parents=True)
+        for k in footage.frames():
+            for name in panoramas:
+                (out / "images" / "image_stitched" / f"{footage.name}-{name}" / f"{k:06d}.jpg").write_bytes(footage.image(k, name))
+        for name, camera in panoramas.items():
+            write_labels(out / "labels" / "labels_2d_stitched" / f"{footage.name}-{name}.json", _labels(footage, name), camera.width)
+            write_solids(out / "labels" / "labels_3d" / f"{footage.name}-{name}.json", _solids(footage, name))
+    return []
+
+
+def _labels(footage: RecordedSequence, camera: str) -> dict[int, list[Label]]:
+    out = {}
+    for k in range(len(footage.truth)):
+        boxes = footage.views[k, camera].boxes
+        full, seen = sized(boxes.full), sized(boxes.seen)
+        out[k] = [Label(p, full[i], seen[i], float(boxes.visible[i])) for i, p in enumerate(boxes.person.tolist())]
+    return out
+
+
+def _solids(footage: RecordedSequence, camera: str) -> dict[int, list[Solid]]:
+    joints = read_joints(footage.folder)
+    out = {}
+    for truth in footage.truth:
+        view = footage.views[truth.index, camera]
+        T = view.T_world_camera.inverse()
+        present = {p: k for k, p in enumerate(truth.person_id.tolist())}
+        ids, bodies = joints.get(truth.index, (truth.person_id, np.zeros((0, len(KEYPOINT_NAMES), 3))))
+        body = {p: bodies[k] for k, p in enumerate(ids.tolist())}
+        wanted = view.boxes.person.tolist()
+        out[truth.index] = [solid_of(p, T.apply(body[p]), T.apply(truth.feet[[present[p]]])[0]) for p in wanted]
+    return out
+
+
+def solid_of(person: int, joints: Array, feet: Array) -> Solid:
+    """The box around somebody with joints (17, 3) m who stands on feet (3,) m, both in the camera's frame."""
+    across = joints[_LEFT] - joints[_RIGHT]
+    heading = float(np.arctan2(-across[0], across[1]))
+    c, s = np.cos(heading), np.sin(heading)
+    along = np.array([[c, s], [-s, c]])
+    flat = joints[:, :2] @ along.T
+    low, high = flat.min(axis=0) - AROUND, flat.max(axis=0) + AROUND
+    top = feet[2] + (joints[_NOSE, 2] - feet[2]) / NOSE_HEIGHT
+    centre = np.array([*((low + high) / 2 @ along), (feet[2] + top) / 2])
+    return Solid(person, centre, np.array([*(high - low), top - feet[2]]), heading)

@@ -1,0 +1,141 @@
+"""Export to MOTChallenge: one sequence a view, panoramas among them; for 2015 also the places of all people on the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from tracker.export.recorded_sequence import RecordedSequence, sized
+from tracker.formats.motchallenge import ABSENT, PEDESTRIAN, Annotated, Rows, SeqInfo, write_mot15, write_mot17, write_seqinfo, write_seqmap
+from tracker.geometry import Array, Ints
+from tracker.metrics.evaluation import who_counts
+from tracker.types import Boxes, ViewTruth
+
+FIRST = 1.0
+"""The first pixel's number: a box that begins at the image's edge has left = 1."""
+
+LAYOUT = """
+    {era}-train/SEQUENCE-CAMERA/img1/000001.jpg  images, RGB; file 000001 is frame 0 of the pilsim sequence
+    {era}-train/SEQUENCE-CAMERA/gt/gt.txt        truth
+    {era}-train/SEQUENCE-CAMERA/det/det.txt      detections
+    {era}-train/SEQUENCE-CAMERA/seqinfo.ini      frame rate [1/s], number of frames, size of the images [px]
+    seqmaps/{era}-train.txt                      names of all sequences, after a line `name`
+
+TrackEval reads it: GT_FOLDER is this folder, BENCHMARK {era}, SPLIT_TO_EVAL train.
+
+Pixels: u to the right, v down, counted from 1: the first pixel is 1, so a box with left 1 and width W covers the whole image.
+Frames count from 1. Ids are pilsim's, the same person has the same id in all views and at all times. Lines end with \\n, no header.
+In a panorama left lies in [1, W + 1), and left + width − 1 may pass the width W where a body lies over the seam: modulo W is where it goes on.
+"""
+DETECTIONS = """
+det.txt: frame, −1, left, top, width, height [px], confidence in [0, 1], −1, −1, −1. What pilsim's simulated detector reported.
+"""
+README17 = (
+    LAYOUT.format(era="MOT17")
+    + """
+gt.txt, nine values: frame; id; left, top, width, height [px] of the whole body, as if nothing were before it (in pinhole views the part in
+the image); consider: always 1; class: always 1, pedestrian; visibility in [0, 1]: pixels seen / pixels that the body would cover alone.
+"""
+    + DETECTIONS
+)
+README15 = (
+    LAYOUT.format(era="MOT15")
+    + """
+gt.txt, ten values: frame; id; left, top, width, height [px] of the whole body, as if nothing were before it (in pinhole views the part in the
+image); confidence: 1, or 0 where no pixel of the body is seen (the row does not count); x, y, z [m]: the ground under the middle of the body
+in pilsim's world (right-handed, z up, its own origin). An x or y of exactly 0 is written as 1e-9, because 0 means absent to the 3-D kit.
+"""
+    + DETECTIONS
+    + """
+MOT15-3D/SEQUENCE/gt/gt.txt: all people of the world, whichever view sees them: frame, id, −1, −1, −1, −1, confidence (0: seen by no camera, at
+least a fifth of the body, for 9/7 s: does not count), x, y, z [m]. `pilsim score --truth gt.txt --result mine.txt` scores places within 1 m.
+"""
+)
+
+
+def export_mot17(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
+    """Write views with truth of nine values. Nothing to note."""
+    names = []
+    for footage in footages:
+        for camera in footage.cameras:
+            root = _view_folder(out / "MOT17-train", footage, camera)
+            names.append(root.name)
+            frame, boxes = _stacked(footage, camera)
+            ones = np.full(len(frame), 1)
+            full = sized(boxes.full) + np.array([FIRST, FIRST, 0, 0])
+            write_mot17(root / "gt" / "gt.txt", Annotated(frame, boxes.person, full, ones, PEDESTRIAN * ones, boxes.visible))
+        _write_views(out / "MOT17-train", footage)
+    write_seqmap(_made(out / "seqmaps") / "MOT17-train.txt", names)
+    return []
+
+
+def export_mot15(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
+    """Write views with truth of ten values, and the people's places of every sequence. Nothing to note."""
+    names = []
+    for footage in footages:
+        feet = {(t.index, p): place for t in footage.truth for p, place in zip(t.person_id.tolist(), t.feet, strict=True)}
+        for camera in footage.cameras:
+            root = _view_folder(out / "MOT15-train", footage, camera)
+            names.append(root.name)
+            frame, boxes = _stacked(footage, camera)
+            places = np.array([feet[k - 1, p] for k, p in zip(frame.tolist(), boxes.person.tolist(), strict=True)]).reshape(-1, 3)
+            full = sized(boxes.full) + np.array([FIRST, FIRST, 0, 0])
+            write_mot15(root / "gt" / "gt.txt", Rows(frame, boxes.person, full, (boxes.visible > 0).astype(float), places))
+        _write_views(out / "MOT15-train", footage)
+        write_mot15(_made(out / "MOT15-3D" / footage.name / "gt") / "gt.txt", places_of(footage))
+    write_seqmap(_made(out / "seqmaps") / "MOT15-train.txt", names)
+    return []
+
+
+def places_of(footage: RecordedSequence) -> Rows:
+    """Everybody's places as rows without boxes; who does not count (evaluation.who_counts) has confidence 0."""
+    counts = who_counts(footage.truth, footage.setup.period)
+    n = sum(len(t.person_id) for t in footage.truth)
+    return Rows(
+        np.concatenate([np.full(len(t.person_id), t.index + 1) for t in footage.truth]),
+        np.concatenate([t.person_id for t in footage.truth]),
+        np.full((n, 4), ABSENT),
+        np.concatenate(counts).astype(float),
+        np.concatenate([t.feet for t in footage.truth]).reshape(-1, 3),
+    )
+
+
+def _stacked(footage: RecordedSequence, camera: str) -> tuple[Ints, Boxes]:
+    """Frames (n,) from 1 and boxes of all people in one camera over all frames."""
+    views: list[tuple[int, ViewTruth]] = [(k, footage.views[k, camera]) for k in range(len(footage.truth)) if (k, camera) in footage.views]
+    all_boxes = [view.boxes for _, view in views]
+
+    def joined(name: str, shape: tuple[int, ...]) -> Array:
+        return np.concatenate([np.zeros((0, *shape)), *(getattr(boxes, name) for boxes in all_boxes)])
+
+    frame = np.concatenate([np.zeros(0, dtype=np.int64), *(np.full(len(v.boxes.person), k + 1) for k, v in views)])
+    person = np.concatenate([np.zeros(0, dtype=np.int64), *(boxes.person for boxes in all_boxes)])
+    return frame, Boxes(person, joined("seen", (4,)), joined("full", (4,)), joined("visible", ()), joined("range", ()))
+
+
+def _view_folder(split: Path, footage: RecordedSequence, camera: str) -> Path:
+    """The folder of one view with seqinfo.ini and det.txt in it."""
+    root = _made(split / f"{footage.name}-{camera}")
+    for name in ("img1", "gt", "det"):
+        _made(root / name)
+    size = footage.cameras[camera]
+    write_seqinfo(root / "seqinfo.ini", SeqInfo(root.name, footage.rate, len(footage.truth), size.width, size.height))
+    found = [footage.detected(k, camera) for k in range(len(footage.truth))]
+    frame = np.concatenate([np.full(len(sure), k + 1) for k, (_, sure) in enumerate(found)])
+    boxes = np.concatenate([box for box, _ in found]) + np.array([FIRST, FIRST, 0, 0])
+    rows = Rows(frame, np.full(len(frame), -1), boxes, np.concatenate([sure for _, sure in found]), np.full((len(frame), 3), ABSENT))
+    write_mot15(root / "det" / "det.txt", rows)
+    return root
+
+
+def _write_views(split: Path, footage: RecordedSequence) -> None:
+    for k in footage.frames():
+        for camera in footage.cameras:
+            (split / f"{footage.name}-{camera}" / "img1" / f"{k + 1:06d}.jpg").write_bytes(footage.image(k, camera))
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

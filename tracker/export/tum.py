@@ -1,0 +1,43 @@
+"""Export of the robots' trajectories to TUM files, for evo and its like."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from tracker.export.recorded_sequence import RecordedSequence
+from tracker.formats.tum import write_tum
+from tracker.metrics.evaluation import dead_reckoning
+
+README = """
+    SEQUENCE/ROBOT.txt           true poses of the robot's body
+    SEQUENCE/ROBOT_odometry.txt  what odometry alone makes of its start pose: an estimate to begin with
+    SEQUENCE/CAMERA_camera.txt   true poses of the camera, of those that move
+
+A line is `timestamp tx ty tz qx qy qz qw`: seconds from the first frame (frame · period, frames from 0), metres, and a unit quaternion, w last.
+It is T_world_body: it maps points of the body (x forward, y left, z up) to pilsim's world (right-handed, z up, its own origin). `#` begins a
+comment. `evo_ape tum SEQUENCE/robot_0.txt SEQUENCE/robot_0_odometry.txt` gives the error of position. Fixed cameras do not move and have no file.
+"""
+
+
+def export_tum(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
+    """Write trajectories of all robots that move. Raises ValueError where a sequence has none."""
+    for footage in footages:
+        moving = {m.robot for name, m in footage.setup.mounts.items() if name not in footage.fixed}
+        robots = [robot for robot in footage.setup.starts if robot in moving]
+        if not robots:
+            raise ValueError(f"{footage.folder}: has no robot that moves, tum knows nothing else")
+        folder = out / footage.name
+        folder.mkdir(parents=True)
+        times = [k * footage.setup.period for k in footage.frames()]
+        carried = dead_reckoning(footage.sequence)
+        for robot in robots:
+            write_tum(folder / f"{robot}.txt", times, [t.T_world_robot[robot] for t in footage.truth])
+            poses = [pose for pose in carried.get(robot, []) if pose is not None]
+            if len(poses) == len(times):
+                write_tum(folder / f"{robot}_odometry.txt", times, poses)
+        for camera, mount in footage.setup.mounts.items():
+            if mount.robot in robots:
+                poses = [t.T_world_robot[mount.robot] @ mount.T_body_camera for t in footage.truth]
+                write_tum(folder / f"{camera.removesuffix('_camera')}_camera.txt", times, poses)
+    return []

@@ -1,0 +1,87 @@
+"""Export to WILDTRACK as MultiviewX and GMVD have it: the fixed cameras, and where everybody stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from tracker.export.recorded_sequence import PNG, RecordedSequence
+from tracker.formats.pom import write_rectangles
+from tracker.formats.wildtrack import HIDDEN, Calibrated, Region, WildtrackPosition, write_calibration, write_config, write_positions
+
+README = """
+    SEQUENCE/Image_subsets/C1/0000.png               images, RGB, frames from 0, cameras from 1
+    SEQUENCE/annotations_positions/00000.json        who stands where, a file a frame, frames from 0
+    SEQUENCE/calibrations/intrinsic/intr_Camera1.xml camera_matrix [px], distortion_coefficients (k1, k2, p1, p2, k3), as OpenCV has them
+    SEQUENCE/calibrations/extrinsic/extr_Camera1.xml rvec [rad], tvec [m] from the world to the camera (x right, y down, z forward)
+    SEQUENCE/config.json                             as GMVD's: img_shape [height, width] px, grid_shape [rows along y, columns along x],
+                                                     grid_cell [m], origin [x, y] m of cell 0, region_size [y, x] m
+
+Annotations: personID: pilsim's, the same in all views and at all times. positionID = gx + columns · gy counts the points of a grid along x first;
+x = origin x + grid_cell · gx, y = origin y + grid_cell · gy: the place to 12.5 mm. feet (ours): x, y, z [m], the ground under the middle of the body,
+in pilsim's world (right-handed, z up). views: viewNum from 0 (view 0 is C1), xmin, ymin, xmax, ymax [px]: the first and the last column and row
+of the whole body, as if nothing were before it, the part in the image; the first pixel is 0. All are −1 in a view that does not show the person.
+Who is in no view is left out.
+
+SEQUENCE/rectangles.pom, only where it was asked for (--rectangles): "RECTANGLE camera cell left top right bottom" [px], the first and the last column
+and row, or "RECTANGLE camera cell notvisible": what a cylinder of 1.75 m and 0.25 m radius that stands on the ground of that cell covers of the
+image, as if nothing were before it. camera from 0 (0 is C1), cell is positionID.
+
+The tools for this format take the ground for the plane z = 0.
+"""
+
+
+def export_wildtrack(out: Path, footages: Iterable[RecordedSequence], rectangles: bool = False) -> list[str]:
+    """Write the sequences; the notes say which camera is which, how far its calibration is off, and how level the ground is.
+
+    rectangles: rectangles.pom, too: a line for every camera and cell.
+
+    Raises ValueError where a sequence has no fixed pinhole camera, or has them in several sizes.
+    """
+    notes = []
+    for footage in footages:
+        fixed = footage.needs_fixed("wildtrack")
+        sizes = {(view.camera.height, view.camera.width) for view in fixed.values()}
+        if len(sizes) > 1:
+            raise ValueError(f"{footage.folder}: fixed cameras have {len(sizes)} sizes of image, wildtrack needs one")
+        root, said = out / footage.name, []
+        cameras = []
+        for number, (camera, view) in enumerate(fixed.items(), 1):
+            calibrated, error = Calibrated.of(view.camera, view.T_world_camera)
+            cameras.append(calibrated)
+            write_calibration(root / "calibrations", f"Camera{number}", calibrated)
+            said.append(f"C{number} is {camera}" + (f" (its distortion is fitted to {error:.2g} px)" if view.camera.kappa1 else ""))
+            (root / "Image_subsets" / f"C{number}").mkdir(parents=True)
+        feet = np.concatenate([t.feet for t in footage.truth]).reshape(-1, 3)
+        region = Region.around(feet[:, :2])
+        write_config(root / "config.json", region, len(fixed), len(footage.truth), next(iter(sizes)))
+        if rectangles:
+            write_rectangles(root / "rectangles.pom", region, cameras, next(iter(sizes)), footage.sequence.setup.ground.height_at)
+        (root / "annotations_positions").mkdir()
+        for k in footage.frames():
+            write_positions(root / "annotations_positions" / f"{k:05d}.json", placed_in(footage, k, region))
+            for number, camera in enumerate(fixed, 1):
+                (root / "Image_subsets" / f"C{number}" / f"{k:04d}.png").write_bytes(footage.image(k, camera, PNG))
+        height = float(np.abs(feet[:, 2]).max(initial=0.0))
+        notes.append(f"{footage.name}: {', '.join(said)}. People stand at most {height:.2f} m above or below z = 0.")
+    return notes
+
+
+def placed_in(footage: RecordedSequence, frame: int, region: Region) -> list[WildtrackPosition]:
+    """Everybody whom a fixed camera shows, occluded or not, in the order of the truth."""
+    truth = footage.truth[frame]
+    shown: dict[int, dict[int, tuple[int, ...]]] = {}
+    for number, camera in enumerate(footage.fixed):
+        boxes = footage.views[frame, camera].boxes
+        for person, (left, top, right, bottom) in zip(boxes.person.tolist(), boxes.full.tolist(), strict=True):
+            edges = np.floor([left, top]).tolist() + (np.ceil([right, bottom]) - 1).tolist()
+            shown.setdefault(person, {})[number] = tuple(int(edge) for edge in edges)
+    position = region.positions(truth.feet)
+    out = []
+    for k, person in enumerate(truth.person_id.tolist()):
+        if person in shown:
+            edges_of_views = [shown[person].get(number, HIDDEN) for number in range(len(footage.fixed))]
+            out.append(WildtrackPosition(person, int(position[k]), np.array(edges_of_views, dtype=np.int64), truth.feet[k]))
+    return out

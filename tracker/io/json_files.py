@@ -1,0 +1,29 @@
+"""Reading JSON files of bounded size, with errors that name the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+LARGEST_JSON = 1 << 27  # bytes
+
+
+def read_json(path: Path) -> Any:
+    """JSON of a file; ValueError with path and line where it is none, is too large, or has a number that is not finite."""
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{path}: holds {constant}, needs finite numbers")
+
+    try:
+        if path.stat().st_size > LARGEST_JSON:
+            raise ValueError(f"{path}: {path.stat().st_size} bytes, needs at most {LARGEST_JSON}")
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file") from None
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a text file") from None
+    except RecursionError:
+        raise ValueError(f"{path}: nested too deep") from None

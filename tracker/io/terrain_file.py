@@ -1,0 +1,18 @@
+"""Reading the terrain of a sequence (glTF) as a height map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tracker.geometry.ground import Grid
+from tracker.io.csv_tables import read_arrays
+
+
+def read_terrain(path: Path) -> tuple[Grid, Grid]:
+    """The ground, and the tops of what stands on it, of a sequence's terrain.npz. Raises ValueError with the file's name."""
+    arrays = read_arrays(path, ("heights", "origin", "spacing", "tops"))
+    try:
+        origin, spacing = arrays["origin"], float(arrays["spacing"])
+        return Grid(arrays["heights"], origin, spacing), Grid(arrays["tops"], origin, spacing)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None

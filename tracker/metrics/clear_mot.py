@@ -1,0 +1,198 @@
+"""Scores of targets: CLEAR-MOT (Bernardin & Stiefelhagen 2008), IDF1, HOTA, MODA and MODP, from one comparison.
+
+Where the field's tools differ, TrackEval's rules hold:
+
+* A match of the frame before is kept while it is valid; among the rest the sum of similarities is maximised. py-motmetrics also
+  keeps a match from before a gap.
+* A switch counts against the last known match, also after a gap: A, A, –, B, B is one switch.
+* A fragment is each time but the first that a person is matched anew, also where the truth itself was away; py-motmetrics counts
+  only gaps in which the person was there and missed.
+* A frame that holds no truth or no estimates neither breaks a match nor makes a fragment.
+* Mostly tracked is more than 0.8 of a person's frames (py-motmetrics: at least 0.8), mostly lost is less than 0.2.
+
+People who do not count are ignored both ways: the matching above is made over everybody first, then they are taken out together
+with the estimates that were matched to them, and what is left is scored as if they had never been. So an estimate that followed a
+person who counts stays with that person, and one whose best match is an ignored person costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from tracker.geometry import Array
+from tracker.metrics.hota import HotaSums, hota_sums
+from tracker.metrics.identity import identity_counts
+from tracker.metrics.matching import (
+    MatchingFrame,
+    clear_counts,
+    compare,
+    correspond,
+    matched_sum,
+    most_matches,
+    overlap,
+    planar_distance,
+    without_ignored,
+)
+
+Function = Callable[[Array], Array]
+
+# The gate of MODA and MODP on the ground, m (WILDTRACK); the distance at which HOTA's similarity is 0, m.
+MODA_GATE = 0.5
+HOTA_REACH = 2.0
+
+
+@dataclass(frozen=True)
+class TargetScore:
+    """Counts and sums over frames; `+` merges sequences and TargetScore() is neutral. Ratios are derived last, NaN where undefined.
+
+    truths: detections in the truth that count, over all frames; trajectories: their ids. distance: Σ m over matches (NaN for boxes).
+    closeness: Σ over matches of 1 − d/gate, or of the overlap. near_*: the same at MODA's gate. Merge only scores of one kind and gate.
+    """
+
+    matches: int = 0
+    false_positives: int = 0
+    misses: int = 0
+    switches: int = 0
+    fragments: int = 0
+    trajectories: int = 0
+    mostly_tracked: int = 0
+    mostly_lost: int = 0
+    distance: float = 0.0
+    closeness: float = 0.0
+    idtp: int = 0
+    idfp: int = 0
+    idfn: int = 0
+    near_matches: int = 0
+    near_closeness: float = 0.0
+    hota_sums: HotaSums = HotaSums()
+
+    def __add__(self, other: TargetScore) -> TargetScore:
+        return TargetScore(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
+
+    @property
+    def truths(self) -> int:
+        return self.matches + self.misses
+
+    @property
+    def mota(self) -> float:
+        """1 − (misses + false positives + switches) / truths."""
+        return 1 - _ratio(self.misses + self.false_positives + self.switches, self.truths)
+
+    @property
+    def motp_m(self) -> float:
+        """Mean distance of a match, m."""
+        return _ratio(self.distance, self.matches)
+
+    @property
+    def motp_percent(self) -> float:
+        """100 · mean (1 − d/gate), as the 3-D tables have it, or 100 · mean overlap."""
+        return 100 * _ratio(self.closeness, self.matches)
+
+    @property
+    def idf1(self) -> float:
+        """2 IDTP / (2 IDTP + IDFP + IDFN)."""
+        return _ratio(2 * self.idtp, 2 * self.idtp + self.idfp + self.idfn)
+
+    @property
+    def hota(self) -> float:
+        return self.hota_sums.hota
+
+    @property
+    def moda(self) -> float:
+        """1 − (misses + false positives) / truths, at MODA's gate."""
+        estimates = self.matches + self.false_positives
+        return 1 - _ratio(self.truths + estimates - 2 * self.near_matches, self.truths)
+
+    @property
+    def modp(self) -> float:
+        """Mean over matches of 1 − d/gate, or of the overlap, at MODA's gate."""
+        return _ratio(self.near_closeness, self.near_matches)
+
+    def to_dict(self) -> dict[str, int | float | None]:
+        """For JSON: plain numbers, None for what is undefined."""
+        names = ("mota", "motp_m", "motp_percent", "false_positives", "misses", "switches", "fragments", "mostly_tracked", "mostly_lost")
+        values = {name: getattr(self, name) for name in (*names, "truths", "idf1", "hota", "moda", "modp")}
+        return {name: None if np.isnan(value) else value for name, value in values.items()}
+
+
+def _ratio(above: float, below: float) -> float:
+    return above / below if below else float("nan")
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """How a pair is measured, and what each score makes of that value."""
+
+    measure: Callable[[Array, Array], Array]
+    similarity: Function
+    threshold: float
+    distance: Function
+    closeness: Function
+    near: Function
+    near_threshold: float
+    hota: Function
+
+
+def score(frames: Iterable[MatchingFrame], *, gate: float = 1.0) -> TargetScore:
+    """Score positions on the ground: distances in x, y, metres; a match lies within `gate` m.
+
+    MODA and MODP have their own gate of 0.5 m, HOTA's similarity is max(0, 1 − d / 2 m). Raises ValueError for a gate that is not
+    above 0 and, naming frame (from 0) and id, for an id twice in a frame.
+    """
+    if not 0 < gate < np.inf:
+        raise ValueError(f"gate is {gate} m, needs more than 0")
+    rules = _Rules(
+        measure=planar_distance,
+        similarity=lambda d: np.maximum(0.0, 1 - d / (2 * gate)),
+        threshold=0.5,
+        distance=np.asarray,
+        closeness=lambda d: 1 - d / gate,
+        near=lambda d: 1 - d / MODA_GATE,
+        near_threshold=0.0,
+        hota=lambda d: np.maximum(0.0, 1 - d / HOTA_REACH),
+    )
+    return _score(list(frames), rules)
+
+
+def score_boxes(frames: Iterable[MatchingFrame], *, iou: float = 0.5) -> TargetScore:
+    """Score boxes (left, top, width, height px): a match overlaps by at least `iou` (intersection over union).
+
+    MODA and MODP use the same threshold, HOTA the overlap itself; motp_m is undefined. Raises ValueError as `score` does.
+    """
+    if not 0 < iou <= 1:
+        raise ValueError(f"iou is {iou}, needs to be in (0, 1]")
+    rules = _Rules(
+        measure=overlap,
+        similarity=np.asarray,
+        threshold=iou,
+        distance=lambda overlaps: np.full_like(overlaps, np.nan),
+        closeness=np.asarray,
+        near=np.asarray,
+        near_threshold=iou,
+        hota=np.asarray,
+    )
+    return _score(list(frames), rules)
+
+
+def _score(frames: list[MatchingFrame], rules: _Rules) -> TargetScore:
+    values = compare(frames, rules.measure)
+    if any(frame.counts is not None for frame in frames):
+        values = without_ignored(frames, values, correspond(values.mapped(rules.similarity), rules.threshold))
+    similarity = values.mapped(rules.similarity)
+    matches = correspond(similarity, rules.threshold)
+    idtp, idfp, idfn = identity_counts(similarity, rules.threshold)
+    near_matches, near_closeness = most_matches(values.mapped(rules.near), rules.near_threshold)
+    return TargetScore(
+        **clear_counts(values, matches),
+        distance=matched_sum(values.mapped(rules.distance), matches),
+        closeness=matched_sum(values.mapped(rules.closeness), matches),
+        idtp=idtp,
+        idfp=idfp,
+        idfn=idfn,
+        near_matches=near_matches,
+        near_closeness=near_closeness,
+        hota_sums=hota_sums(values.mapped(rules.hota)),
+    )

@@ -1,0 +1,219 @@
+"""Truth beside estimates, frame by frame: the ground on which every score of targets stands.
+
+Which estimate stands for which person in every frame (CLEAR-MOT's correspondences), and what is counted from that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tracker.geometry import Array, Ints, Mask, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class MatchingFrame:
+    """One moment: who stands where, and what was said about it.
+
+    truth_id (m,), truth (m, d), estimate_id (k,), estimate (k, d): positions in metres (d ≥ 2; x and y are compared) or boxes
+    (d = 4: left, top, width, height px). counts (m,): False for truth that is ignored both ways, None where all of it counts.
+    Raises ValueError for a wrong shape or a number that is not finite.
+    """
+
+    truth_id: Ints
+    truth: Array
+    estimate_id: Ints
+    estimate: Array
+    counts: Mask | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("truth", "estimate"):
+            ids = np.array(getattr(self, f"{name}_id"), dtype=np.int64)
+            if ids.ndim != 1:
+                raise ValueError(f"{name}_id has shape {ids.shape}, needs (n,)")
+            rows = np.asarray(getattr(self, name), dtype=np.float64)
+            array = frozen(rows.reshape(0, 2) if rows.size == 0 and len(ids) == 0 else rows, (len(ids), None), name)
+            if array.shape[1] < 2 or not np.isfinite(array).all():
+                raise ValueError(f"{name} of shape {array.shape} needs at least 2 columns and finite numbers")
+            ids.flags.writeable = False
+            object.__setattr__(self, f"{name}_id", ids)
+            object.__setattr__(self, name, array)
+        if self.counts is not None:
+            counts = np.array(self.counts, dtype=bool)
+            if counts.shape != self.truth_id.shape:
+                raise ValueError(f"counts has shape {counts.shape}, needs {self.truth_id.shape}")
+            counts.flags.writeable = False
+            object.__setattr__(self, "counts", counts)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairing:
+    """One frame with its ids numbered from 0 over the whole sequence: truth (m,), estimate (k,), and how they compare: value (m, k)."""
+
+    truth: Ints
+    estimate: Ints
+    value: Array
+
+    def restricted(self, truth: Mask, estimate: Mask) -> Pairing:
+        return Pairing(self.truth[truth], self.estimate[estimate], self.value[np.ix_(truth, estimate)])
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A sequence of pairings; truths and estimates are the numbers of ids on either side."""
+
+    frames: tuple[Pairing, ...]
+    truths: int
+    estimates: int
+
+    def mapped(self, function: Callable[[Array], Array]) -> Comparison:
+        """The same with `function` applied to every value: distances to similarities."""
+        return Comparison(tuple(Pairing(f.truth, f.estimate, function(f.value)) for f in self.frames), self.truths, self.estimates)
+
+    def lengths(self) -> tuple[Ints, Ints]:
+        """In how many frames each truth id (truths,) and each estimate id (estimates,) is present."""
+        truth, estimate = np.zeros(self.truths, dtype=np.int64), np.zeros(self.estimates, dtype=np.int64)
+        for frame in self.frames:
+            truth[frame.truth] += 1
+            estimate[frame.estimate] += 1
+        return truth, estimate
+
+
+def compare(frames: Sequence[MatchingFrame], measure: Callable[[Array, Array], Array]) -> Comparison:
+    """Number the ids and measure every truth (m, d) against every estimate (k, d): `measure` gives (m, k).
+
+    Raises ValueError naming frame (from 0) and id where an id comes twice in a frame.
+    """
+    for index, frame in enumerate(frames):
+        for name, ids in (("truth", frame.truth_id), ("estimate", frame.estimate_id)):
+            found, number = np.unique(ids, return_counts=True)
+            if (number > 1).any():
+                raise ValueError(f"frame {index} holds {name} id {found[np.argmax(number > 1)]} twice, needs it once")
+    none = np.zeros(0, dtype=np.int64)
+    truths = np.unique(np.concatenate([none, *(f.truth_id for f in frames)]))
+    estimates = np.unique(np.concatenate([none, *(f.estimate_id for f in frames)]))
+    pairings = tuple(
+        Pairing(np.searchsorted(truths, f.truth_id), np.searchsorted(estimates, f.estimate_id), measure(f.truth, f.estimate)) for f in frames
+    )
+    return Comparison(pairings, len(truths), len(estimates))
+
+
+def planar_distance(truth: Array, estimate: Array) -> Array:
+    """Positions (m, d), (k, d) m → distances in x, y (m, k) m."""
+    return np.asarray(np.linalg.norm(truth[:, None, :2] - estimate[None, :, :2], axis=2))
+
+
+def overlap(truth: Array, estimate: Array) -> Array:
+    """Boxes (m, 4), (k, 4) left, top, width, height → intersection over union (m, k); 0 where the union has no area.
+
+    Raises ValueError for other than four columns or a negative size.
+    """
+    for name, boxes in (("truth", truth), ("estimate", estimate)):
+        if len(boxes) and (boxes.shape[1] != 4 or (boxes[:, 2:] < 0).any()):
+            raise ValueError(f"{name} boxes of shape {boxes.shape} need (n, 4) and sizes of at least 0")
+    if not len(truth) or not len(estimate):
+        return np.zeros((len(truth), len(estimate)))
+    low = np.maximum(truth[:, None, :2], estimate[None, :, :2])
+    high = np.minimum((truth[:, :2] + truth[:, 2:])[:, None], (estimate[:, :2] + estimate[:, 2:])[None])
+    both = np.prod(np.clip(high - low, 0.0, None), axis=2)
+    union = np.prod(truth[:, 2:], axis=1)[:, None] + np.prod(estimate[:, 2:], axis=1)[None] - both
+    return np.asarray(np.where(union > 0, both / np.where(union > 0, union, 1.0), 0.0))
+
+
+# Rows and columns of each frame's matched pairs.
+Matches = list[tuple[Ints, Ints]]
+
+# A kept match outweighs every sum of similarities.
+KEPT = 1000
+
+EPSILON = float(np.finfo(np.float64).eps)
+
+MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
+
+
+def correspond(comparison: Comparison, threshold: float) -> Matches:
+    """Match every frame by TrackEval's rule; the values of `comparison` are similarities, a pair is valid from `threshold` on.
+
+    A match of the frame before is kept while it is valid, the others maximise the sum of similarities. A frame with nobody on one side
+    leaves the memory as it was.
+    """
+    previous = np.full(comparison.truths, -1)
+    out: Matches = []
+    for frame in comparison.frames:
+        kept = frame.estimate[None, :] == previous[frame.truth][:, None]
+        worth = np.where(frame.value < threshold - EPSILON, 0.0, KEPT * kept + frame.value)
+        rows, columns = linear_sum_assignment(-worth)
+        real = worth[rows, columns] > EPSILON
+        rows, columns = rows[real], columns[real]
+        out.append((rows, columns))
+        if worth.size:
+            previous[:] = -1
+            previous[frame.truth[rows]] = frame.estimate[columns]
+    return out
+
+
+def without_ignored(frames: Sequence[MatchingFrame], comparison: Comparison, matches: Matches) -> Comparison:
+    """Take out the people who do not count, together with the estimates that `matches` gives to them."""
+    kept = []
+    for frame, pairing, (rows, columns) in zip(frames, comparison.frames, matches, strict=True):
+        counts = np.ones(len(pairing.truth), dtype=bool) if frame.counts is None else frame.counts
+        stays = np.ones(len(pairing.estimate), dtype=bool)
+        stays[columns[~counts[rows]]] = False
+        kept.append(pairing.restricted(counts, stays))
+    return Comparison(tuple(kept), comparison.truths, comparison.estimates)
+
+
+def clear_counts(comparison: Comparison, matches: Matches) -> dict[str, int]:
+    """The integers of CLEAR-MOT, by the names of TargetScore's fields."""
+    last = np.full(comparison.truths, -1)
+    tracked = np.zeros(comparison.truths, dtype=bool)
+    begun, followed = np.zeros((2, comparison.truths), dtype=np.int64)
+    switches = 0
+    for frame, (rows, columns) in zip(comparison.frames, matches, strict=True):
+        truth, estimate = frame.truth[rows], frame.estimate[columns]
+        switches += int(((last[truth] >= 0) & (last[truth] != estimate)).sum())
+        last[truth] = estimate
+        followed[truth] += 1
+        if frame.value.size:
+            now = np.zeros_like(tracked)
+            now[truth] = True
+            begun += now & ~tracked
+            tracked = now
+    length, said = comparison.lengths()
+    present = length > 0
+    share = followed[present] / length[present]
+    total = int(followed.sum())
+    return {
+        "matches": total,
+        "false_positives": int(said.sum()) - total,
+        "misses": int(length.sum()) - total,
+        "switches": switches,
+        "fragments": int(np.maximum(begun - 1, 0).sum()),
+        "trajectories": int(present.sum()),
+        "mostly_tracked": int((share > MOSTLY_TRACKED).sum()),
+        "mostly_lost": int((share < MOSTLY_LOST).sum()),
+    }
+
+
+def matched_sum(comparison: Comparison, matches: Matches) -> float:
+    """Σ of the values of the matched pairs."""
+    return float(sum(frame.value[pair].sum() for frame, pair in zip(comparison.frames, matches, strict=True)))
+
+
+def most_matches(comparison: Comparison, threshold: float) -> tuple[int, float]:
+    """Without memory, as WILDTRACK has it: in each frame the most pairs with a value in [threshold, 1], and of those the greatest sum.
+
+    Returns the number of pairs and their sum over all frames.
+    """
+    number, total = 0, 0.0
+    for frame in comparison.frames:
+        valid = frame.value >= threshold
+        worth = np.where(valid, min(valid.shape) + 1 + frame.value, 0.0)
+        rows, columns = linear_sum_assignment(-worth)
+        real = valid[rows, columns]
+        number += int(real.sum())
+        total += float(frame.value[rows, columns][real].sum())
+    return number, total

@@ -1,0 +1,69 @@
+"""The calibration of a Sequence as JSON: cameras, where they sit, and where the robots start. Written and read side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence as Items
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from tracker.geometry import Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.geometry.cameras import Camera, Panorama, Tsai
+from tracker.geometry.ground import Ground
+from tracker.types import Mount, Setup, Start
+
+MODELS: dict[str, type[Panorama | Tsai]] = {"panorama": Panorama, "tsai": Tsai}
+"""Name in the file → camera; its fields are the file's."""
+
+
+def pose_row(pose: Pose) -> list[float]:
+    """x, y, z m, qw, qx, qy, qz."""
+    return [*map(float, pose.translation), *map(float, quaternion_from_rotation(pose.rotation))]
+
+
+def pose_from(row: Items[float]) -> Pose:
+    """The pose that pose_row wrote."""
+    return Pose(rotation_from_quaternion(row[3:7]), np.array(row[:3]))
+
+
+def calibration_of(setup: Setup) -> dict[str, Any]:
+    """All of a setup but the ground, as JSON values. Raises ValueError for a camera whose model has no name in MODELS."""
+    return {
+        "period": setup.period,
+        "height": list(setup.height),
+        "cameras": {
+            name: _of_camera(mount.camera) | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
+            for name, mount in setup.mounts.items()
+        },
+        "starts": {
+            name: {"T_world_robot": pose_row(start.T_world_robot), "covariance": start.covariance.tolist()} if start else None
+            for name, start in setup.starts.items()
+        },
+    }
+
+
+def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground | None) -> Setup:
+    """The setup that calibration_of wrote, on that ground. Raises KeyError, TypeError or ValueError where it is none."""
+    mounts = {name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"]) for name, entry in calibration["cameras"].items()}
+    starts = {
+        name: Start(pose_from(entry["T_world_robot"]), np.array(entry["covariance"])) if entry else None
+        for name, entry in calibration["starts"].items()
+    }
+    low, high = calibration["height"]
+    return Setup(mounts, ground, starts, calibration["period"], height=(low, high), occluders=occluders)
+
+
+def _of_camera(camera: Camera) -> dict[str, Any]:
+    for model, kind in MODELS.items():
+        if isinstance(camera, kind):
+            return {"model": model} | asdict(camera)
+    raise ValueError(f"camera is a {type(camera).__name__}, needs one of {', '.join(MODELS)}")
+
+
+def _camera_from(entry: Mapping[str, Any]) -> Camera:
+    kind = MODELS.get(entry["model"])
+    if kind is None:
+        raise ValueError(f"model is {entry['model']!r}, needs one of {', '.join(MODELS)}")
+    return kind(**{name: entry[name] for name in kind.__dataclass_fields__})

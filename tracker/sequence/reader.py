@@ -1,0 +1,185 @@
+"""A Sequence: what the tracker is given, in memory or in a folder that tracker/recording.py wrote.
+
+The folder's own README.md (layout.README) says what every file and column is. Truth of single views is read by tracker/annotations.py.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tracker.geometry import Array, Image
+from tracker.io.csv_tables import rows_by_frame
+from tracker.io.image_files import decode
+from tracker.io.json_files import read_json
+from tracker.io.terrain_file import read_terrain
+from tracker.sequence.calibration import pose_from, setup_from
+from tracker.sequence.manifest import check_file, read_manifest
+from tracker.sequence.schema import COMPANIONS, DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOTS, UPPER, people_columns
+from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Tick, Truth, View
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def read_sequence(folder: Path) -> Sequence:
+    """Open a folder written by SequenceWriter. Images are read tick by tick, and each is checked against the manifest.
+
+    Raises ValueError that names the file, and the line or field, of what is missing, damaged or of another schema version.
+    """
+    files = read_manifest(folder)["files"]
+    for name, entry in files.items():
+        # Images are many: each is checked when it is read.
+        check_file(folder, name, entry, sums=Path(name).parts[0] not in LAYERS)
+    return read_contents(folder, files)
+
+
+def read_contents(folder: Path, files: dict[str, Any]) -> Sequence:
+    """As read_sequence, of a folder whose files have been checked, or shall not be; files: those of the manifest."""
+    try:
+        setup = _read_setup(folder)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{folder / 'calibration.json'}: field {error} is missing or of the wrong kind") from None
+    truth = _read_truth(folder, setup)
+    ticks = _DiskTicks(folder, setup, len(truth), files)
+    provenance = {"scenario": read_json(folder / "scenario.json"), "manifest": _sha256((folder / "manifest.json").read_bytes())}
+    return Sequence(setup, ticks, truth, provenance)
+
+
+def _read_setup(folder: Path) -> Setup:
+    calibration = read_json(folder / "calibration.json")
+    ground, tops = read_terrain(folder / "terrain.npz")
+    try:
+        return setup_from(calibration, ground, tops)
+    except ValueError as error:
+        raise ValueError(f"{folder / 'calibration.json'}: {error}") from None
+
+
+def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
+    robots = rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",), {"robot": setup.starts, "tipped": (0, 1)})
+    people = rows_by_frame(folder / "truth" / "people.csv", people_columns(setup.mounts), ("person",))
+    if sorted(robots) != list(range(len(robots))):
+        raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {len(robots) - 1} without a gap")
+    for k, rows in robots.items():
+        if len(rows) != len(setup.starts):
+            raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frame {k} has {len(rows)} robots, needs {len(setup.starts)}")
+    visible = [f"visible_{camera}" for camera in setup.mounts]
+    return tuple(
+        Truth(
+            k,
+            {row["robot"]: pose_from([row[c] for c in POSE]) for row in robots[k]},
+            np.array([row["person"] for row in people.get(k, [])], dtype=np.int64),
+            np.array([[row["x"], row["y"], row["z"]] for row in people.get(k, [])]).reshape(-1, 3),
+            np.array([[row[c] for c in visible] for row in people.get(k, [])]).reshape(-1, len(visible)),
+            tipped=frozenset(row["robot"] for row in robots[k] if row["tipped"]),
+        )
+        for k in range(len(robots))
+    )
+
+
+class _DiskTicks:
+    """Ticks of a folder; images are read when they are asked for."""
+
+    def __init__(self, folder: Path, setup: Setup, count: int, files: dict[str, Any]) -> None:
+        self.folder, self.setup, self.count, self.files = folder, setup, count, files
+        frames = range(count)
+        self._odometry = rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
+        self._detections = rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
+        self._companions = read_companions(folder, setup, count) if "companions.csv" in files else None
+
+    def __len__(self) -> int:
+        return self.count
+
+    def odometry(self) -> Iterator[dict[str, Odometry]]:
+        for k in range(self.count):
+            yield {row["robot"]: _odometry(row) for row in self._odometry.get(k, [])}
+
+    def __iter__(self) -> Iterator[Tick]:
+        for k, odometry in enumerate(self.odometry()):
+            boxes = self._detections.get(k, [])
+            yield Tick(
+                k,
+                k * self.setup.period,
+                tuple(
+                    View(
+                        name,
+                        _detections([row for row in boxes if row["camera"] == name]),
+                        odometry=odometry.get(mount.robot),
+                        image=self._image(f"images/{name}/{k:06d}", mount),
+                        companions=None if self._companions is None else self._companions.get((k, name), RobotDetections.none()),
+                    )
+                    for name, mount in self.setup.mounts.items()
+                ),
+            )
+
+    def _image(self, stem: str, mount: Mount) -> Image:
+        name = next((stem + ending for ending in (".jpg", ".png") if stem + ending in self.files), None)
+        if name is None:
+            raise ValueError(f"{self.folder / stem}.jpg: the manifest does not name it")
+        path = self.folder / name
+        data = path.read_bytes()
+        if _sha256(data) != self.files[name]["sha256"]:
+            raise ValueError(f"{path}: its SHA-256 is not the manifest's: truncated or changed")
+        try:
+            image = decode(data, (mount.camera.height, mount.camera.width), cv2.IMREAD_COLOR)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
+
+
+def read_companions(folder: Path, setup: Setup, count: int) -> dict[tuple[int, str], RobotDetections]:
+    """(frame, camera) → the robots that it sees, of `count` frames; views that show none are not there. Raises ValueError, with the file's name, for
+    what is no companion.
+    """
+    path, found = folder / "companions.csv", dict[tuple[int, str], list[dict[str, Any]]]()
+    known = {"frame": range(count), "camera": setup.mounts, "robot": setup.starts}
+    for k, rows in rows_by_frame(path, COMPANIONS, ("camera", "robot"), known).items():
+        for row in rows:
+            found.setdefault((k, row["camera"]), []).append(row)
+    out = {}
+    for (k, camera), rows in found.items():
+        try:
+            out[k, camera] = RobotDetections(_bearings(rows), tuple(row["robot"] for row in rows), _covariances(rows))
+            setup.check_companions(camera, out[k, camera])
+        except ValueError as error:
+            raise ValueError(f"{path}: frame {k} of {camera}: {error}") from None
+    return out
+
+
+def _odometry(row: dict[str, Any]) -> Odometry:
+    covariance = np.zeros((6, 6))
+    for i, j in UPPER:
+        covariance[i, j] = covariance[j, i] = row[f"c{i}{j}"]
+    up = np.array([row["up_x"], row["up_y"], row["up_z"]])
+    return Odometry(pose_from([row[c] for c in POSE]), covariance, up if up.any() else None, float(row["up_sigma"]))
+
+
+def _detections(rows: list[dict[str, Any]]) -> Detections:
+    if not rows:
+        return Detections.none()
+    return Detections(
+        _bearings(rows),
+        np.array([[r["width"], r["height"]] for r in rows]),
+        np.array([r["confidence"] for r in rows]),
+        _covariances(rows),
+        np.zeros((len(rows), 0)),
+    )
+
+
+def _bearings(rows: list[dict[str, Any]]) -> Array:
+    """(n, 3): of length 1 again after the digits of the file."""
+    bearing = np.array([[r["bearing_x"], r["bearing_y"], r["bearing_z"]] for r in rows])
+    length = np.linalg.norm(bearing, axis=1, keepdims=True)
+    if not (length > 0).all():
+        raise ValueError("a bearing is (0, 0, 0), needs a direction")
+    return np.asarray(bearing / length)
+
+
+def _covariances(rows: list[dict[str, Any]]) -> Array:
+    return np.array([[[r["c00"], r["c01"]], [r["c01"], r["c11"]]] for r in rows])

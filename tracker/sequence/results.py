@@ -1,0 +1,129 @@
+"""What `track` leaves in a folder: tracks.txt (MOT15, 3-D), robots.csv, run.json; of robots with a map, map.csv (final: 1 where a landmark was in it
+at the end) and sightings.csv, too. Writer and reader side by side.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.formats.motchallenge import read_mot15, rows_from_tracks, write_mot15
+from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.io.atomic import new_folder
+from tracker.io.csv_tables import read_table, write_table
+from tracker.io.json_files import read_json
+from tracker.io.resume import program_version
+from tracker.sequence.schema import POSE, UPPER
+from tracker.types import Estimate, LandmarkHistory
+
+SCHEMA = 1
+RUN = "run.json"
+MAX_FRAMES = 10_000_000
+MAP = {"landmark": int, "final": int, "tx": float, "ty": float, "tz": float}
+SIGHTINGS = {"frame": int, "robot": str, "landmark": int}
+ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER}
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Tracks and robots of a run: frame → ids (k,) and positions (k, 3) m; robot → a pose and covariance a frame, of robots that move;
+    frames: how many there were; run: what was tracked and how, as JSON values; survey: the landmarks, None where the tracker told of none.
+    """
+
+    frames: int
+    tracks: dict[int, tuple[Ints, Array]]
+    poses: dict[str, list[Pose | None]]
+    covariances: dict[str, list[Array | None]]
+    run: dict[str, Any]
+    survey: LandmarkHistory | None = None
+
+    @staticmethod
+    def of(estimates: Iterable[Estimate], run: dict[str, Any]) -> Results:
+        """Gather estimates; a robot whose covariance is zero throughout (a fixed camera) is not a result."""
+        listed = list(estimates)
+        robots = {r for e in listed for r, P in e.robot_covariance.items() if P.any()}
+        names = [r for r in dict.fromkeys(r for e in listed for r in e.T_world_robot) if r in robots]
+        return Results(
+            len(listed),
+            {e.index: (e.target_id, e.position) for e in listed},
+            {r: [e.T_world_robot.get(r) for e in listed] for r in names},
+            {r: [e.robot_covariance.get(r) for e in listed] for r in names},
+            run,
+            surveyed(listed),
+        )
+
+
+def surveyed(estimates: list[Estimate]) -> LandmarkHistory | None:
+    """What all charts tell; None where there was never a landmark."""
+    charts = [e.chart for e in estimates if e.chart is not None]
+    survey = LandmarkHistory.of(charts) if len(charts) == len(estimates) else None
+    return survey if survey is not None and survey.places else None
+
+
+def write_results(folder: Path, results: Results) -> None:
+    """Write all files under a temporary name, then give the folder its own. It must not be there yet, or empty."""
+    with new_folder(folder) as partial:
+        write_mot15(partial / "tracks.txt", rows_from_tracks({k + 1: track for k, track in results.tracks.items()}))
+        rows = [
+            [k, robot, *pose.translation, *quaternion_from_rotation(pose.rotation), *(P[i, j] for i, j in UPPER)]
+            for robot in results.poses
+            for k, (pose, P) in enumerate(zip(results.poses[robot], results.covariances[robot], strict=True))
+            if pose is not None and P is not None
+        ]
+        write_table(partial / "robots.csv", list(ROBOTS), rows)
+        if results.survey is not None:
+            final = set(results.survey.final.tolist())
+            write_table(partial / "map.csv", list(MAP), [[n, int(n in final), *place] for n, place in results.survey.places.items()])
+            seen = [[k, robot, n] for k, by in enumerate(results.survey.sighted) for robot, ids in by.items() for n in ids.tolist()]
+            write_table(partial / "sightings.csv", list(SIGHTINGS), seen)
+        text = json.dumps({"schema": SCHEMA, "pilsim": program_version(), "frames": results.frames} | results.run, indent=1, sort_keys=True)
+        (partial / RUN).write_text(text + "\n", encoding="utf-8")
+
+
+def read_results(folder: Path) -> Results:
+    """Raises ValueError naming file and line or field where a file is missing or wrong."""
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder")
+    run = read_json(folder / RUN)
+    if not isinstance(run, dict) or run.get("schema") != SCHEMA or not isinstance(run.get("frames"), int) or not 0 <= run["frames"] <= MAX_FRAMES:
+        raise ValueError(f"{folder / RUN}: schema or frames is missing or not of version {SCHEMA}")
+    frames = int(run["frames"])
+    rows = read_mot15(folder / "tracks.txt")
+    if not rows.positioned.all():
+        raise ValueError(f"{folder / 'tracks.txt'}: row {int(np.argmin(rows.positioned)) + 1} has no x, y, z")
+    if len(rows) and rows.frame.max() > frames:
+        raise ValueError(f"{folder / 'tracks.txt'}: frame is {rows.frame.max()}, needs at most {frames}")
+    tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}
+    table = read_table(folder / "robots.csv", ROBOTS)
+    poses: dict[str, list[Pose | None]] = {}
+    covariances: dict[str, list[Array | None]] = {}
+    for line, values in enumerate(zip(*table.values(), strict=True), 2):
+        row = dict(zip(table, values, strict=True))
+        k, robot = int(row["frame"]), str(row["robot"])
+        if not 0 <= k < frames:
+            raise ValueError(f"{folder / 'robots.csv'}:{line}: frame is {k}, needs 0 to {frames - 1}")
+        pose, P = [row[c] for c in POSE], np.zeros((6, 6))
+        for i, j in UPPER:
+            P[i, j] = P[j, i] = row[f"c{i}{j}"]
+        poses.setdefault(robot, [None] * frames)[k] = Pose(rotation_from_quaternion(pose[3:]), np.array(pose[:3]))
+        covariances.setdefault(robot, [None] * frames)[k] = P
+    return Results(frames, tracks, poses, covariances, run, _read_survey(folder, frames))
+
+
+def _read_survey(folder: Path, frames: int) -> LandmarkHistory | None:
+    if not (folder / "map.csv").exists():
+        return None
+    table, seen = read_table(folder / "map.csv", MAP), read_table(folder / "sightings.csv", SIGHTINGS)
+    places = dict(zip(table["landmark"].tolist(), np.column_stack([table[c] for c in ("tx", "ty", "tz")]), strict=True))
+    listed: list[dict[str, list[int]]] = [{} for _ in range(frames)]
+    for line, (k, robot, n) in enumerate(zip(*(seen[c].tolist() for c in SIGHTINGS), strict=True), 2):
+        if not 0 <= k < frames or n not in places:
+            raise ValueError(f"{folder / 'sightings.csv'}:{line}: landmark {n} in frame {k}, needs one of map.csv and frames from 0 to {frames - 1}")
+        listed[k].setdefault(robot, []).append(n)
+    sighted = tuple({robot: np.array(ids, dtype=np.int64) for robot, ids in by.items()} for by in listed)
+    return LandmarkHistory(places, table["landmark"][table["final"] == 1], sighted)

@@ -1,0 +1,110 @@
+"""The layout of a Sequence on disk: columns of its tables, schema version, and the README that lies in every one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from tracker.types import KEYPOINT_NAMES
+
+SCHEMA = 3
+
+READS = (2, 3)
+"""Versions that are read: 3 has no column that 2 has not, but may have companions, images without loss, range, classes, videos and a mesh."""
+
+LAYERS = ("images", "instances", "range", "classes", "videos")
+"""Folders of what is large and looked at one by one."""
+
+POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+
+UPPER = [(i, j) for i in range(6) for j in range(i, 6)]
+
+ODOMETRY = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "up_x": float, "up_y": float, "up_z": float, "up_sigma": float} | {
+    f"c{i}{j}": float for i, j in UPPER
+}
+
+DETECTIONS = {"frame": int, "camera": str} | dict.fromkeys(
+    ["bearing_x", "bearing_y", "bearing_z", "width", "height", "confidence", "c00", "c01", "c11"], float
+)
+
+COMPANIONS = {"frame": int, "camera": str, "robot": str} | dict.fromkeys(["bearing_x", "bearing_y", "bearing_z", "c00", "c01", "c11"], float)
+"""Of a table that need not be there."""
+
+ROBOTS: dict[str, type] = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "tipped": int}
+
+BOXES: dict[str, type] = {"frame": int, "camera": str, "person": int} | dict.fromkeys(
+    ["left", "top", "right", "bottom", "full_left", "full_top", "full_right", "full_bottom", "visible", "range"], float
+)
+
+CAMERAS: dict[str, type] = {"frame": int, "camera": str, **dict.fromkeys([*POSE, "ground", "normal_x", "normal_y", "normal_z"], float)}
+
+KEYPOINTS: dict[str, type] = {"frame": int, "camera": str, "person": int} | {
+    f"{name}_{axis}": float if axis != "visibility" else int for name in KEYPOINT_NAMES for axis in ("u", "v", "visibility")
+}
+
+JOINTS: dict[str, type] = {"frame": int, "person": int} | {f"{name}_{axis}": float for name in KEYPOINT_NAMES for axis in "xyz"}
+
+
+def people_columns(cameras: Iterable[str]) -> dict[str, type]:
+    """Columns of truth/people.csv; one more for every camera."""
+    return {"frame": int, "person": int, "x": float, "y": float, "z": float} | {f"visible_{camera}": float for camera in cameras}
+
+
+NEEDED = (
+    "README.md",
+    "calibration.json",
+    "detections.csv",
+    "odometry.csv",
+    "scenario.json",
+    "terrain.npz",
+    "truth/boxes.csv",
+    "truth/cameras.csv",
+    "truth/joints.csv",
+    "truth/keypoints.csv",
+    "truth/people.csv",
+    "truth/robots.csv",
+)
+
+README = """# A sequence made by pilsim
+
+World: right-handed, z up, metres, seconds, radians; the origin is the world's own. Bodies and cameras: x forward, y left, z up.
+Frames count from 0; time = frame · period. Pixels: u to the right, v down, counted from the image's corner: the first pixel's centre is (0.5, 0.5).
+Panorama of width W and height H = W/2: azimuth = π − 2πu/W, elevation = π/2 − πv/H; ahead is the middle, the seam is behind.
+Tsai's model (fixed cameras, PETS 2009) has the first pixel's centre at (0, 0) by its calibration: add 0.5 to what its formulas give.
+Quaternions are wxyz. Poses are T_world_robot unless it says otherwise: x, y, z [m], qw, qx, qy, qz.
+
+* `manifest.json`: schema version, versions of the programs, SHA-256 and size of every other file.
+* `scenario.json`: all that made this sequence; `calibration.json`: period [s], cameras (panorama, or tsai with the parameters of its file) and
+  where they sit on the robots (T_body_camera), where the robots start (pose and covariance 6×6 of the right tangent [translation m, rotation rad]),
+  the band of people's heights [m]. A fixed camera is a robot that never moves: it has no rows in odometry.csv.
+* `calibration/CAMERA.xml`: every fixed camera as PETS 2009 has it (Tsai; mm, radians; world to camera R = Rz Ry Rx, then t).
+* `terrain.npz`: `heights` (rows, columns) m, row 0 at the lowest y, `origin` x, y of heights[0, 0], `spacing` m; between grid points two
+  triangles a cell, split along (i, j)→(i+1, j+1). `tops`: the same grid with walls and furniture on it.
+* `odometry.csv`: motion of a robot's body since the frame before (T_before_now), covariance c00…c55 (upper triangle, right tangent),
+  up_x, up_y, up_z: up in the body's frame by the accelerometer, up_sigma its error [rad].
+* `detections.csv`: what the detector reports: bearing of the box's middle in the camera's frame (unit), its spans of azimuth (width) and
+  elevation (height) [rad], confidence, covariance of an edge [rad²] along azimuth and elevation.
+* `companions.csv`: other robots that a robot's camera sees: bearing of the middle of the seen robot's camera in the frame of the camera that sees it
+  (unit), covariance [rad²] along azimuth and elevation. Not there in sequences of older versions.
+* `truth/robots.csv`: poses of the robots' bodies; tipped is 1 where a robot has tipped over, else 0.
+* `truth/cameras.csv`: poses of the cameras (T_world_camera), ground [m]: the height of the terrain straight below, normal_x, normal_y, normal_z:
+  its unit normal there.
+* `truth/people.csv`: x, y, z [m] of the ground under the middle of the body and the visible fraction in each camera (pixels seen / pixels the body
+  would cover alone). `truth/joints.csv`: the 17 key points of COCO in the world [m], to 0.1 mm; they lie inside the body.
+* `truth/boxes.csv`: box [pixel] of what is seen (left, top, right, bottom; zeros where nothing is) and of the whole body (full_…); right may pass W
+  where a box lies over the seam of a panorama; other cameras' boxes end at the image's edge. visible: fraction as above; range [m] from
+  the camera to the middle between the hips. Who covers no pixel of a view, occluded or not, has no row in it.
+* `truth/keypoints.csv`: the key points in the image, u and v [pixel] to 0.01, and visibility as COCO has it: 2 visible, 1 hidden by something
+  or by the own body (by the instances and the range at that pixel), 0 not in the image (u = v = 0). The same people as in boxes.csv.
+* `images/CAMERA/FRAME.jpg`, or `.png` where images without loss were asked for: RGB, 8 bit; FRAME has six digits and counts from 0.
+* `instances/CAMERA/FRAME.png`: 16 bit, one channel; 0 nobody, else the person's id, which counts from 1 and is that of all tables.
+
+Only where they were asked for:
+
+* `range/CAMERA/FRAME.png`: 16 bit, one channel; distance from the camera along the ray of the pixel in units of 1/256 m; 0 where nothing is, or
+  where it is 256 m away or more.
+* `classes/CAMERA/FRAME.png`: 8 bit, one channel; the class of what is seen: its place, from 0, in the list `classes` of
+  scenario.json; 0 (sky) where nothing is.
+* `videos/CAMERA.mp4`: the images as MPEG-4, at the frame rate of the sequence; for looking at, they have lost more than the JPEG.
+* `terrain.glb`: the place without people and robots, as triangles with textures (glTF 2.0: metres, y up: x, y, z here are x, -z, y of the world).
+* `TABLE.npz` beside a large TABLE.csv: the same rows, an array a column, numbers in full (int64, float64) where the CSV has 9 digits.
+"""

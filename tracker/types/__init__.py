@@ -1,0 +1,37 @@
+"""The values that go into the tracker and come out of it: made once, checked at once, never changed.
+
+Read `ticks.py` first."""
+
+from tracker.types.detections import Detections, RobotDetections, Sightings
+from tracker.types.estimate import Estimate, LandmarkHistory, MapSnapshot
+from tracker.types.sequence import Sequence, Ticks, TicksInMemory, without_starts
+from tracker.types.setup import Mount, Setup, Start
+from tracker.types.ticks import Odometry, Tick, View
+from tracker.types.truth import HIDDEN, KEYPOINT_COUNT, KEYPOINT_NAMES, VISIBLE, Boxes, Keypoints, Truth, ViewTruth
+
+__all__ = [
+    "HIDDEN",
+    "KEYPOINT_COUNT",
+    "KEYPOINT_NAMES",
+    "VISIBLE",
+    "Boxes",
+    "Detections",
+    "Estimate",
+    "Keypoints",
+    "LandmarkHistory",
+    "MapSnapshot",
+    "Mount",
+    "Odometry",
+    "RobotDetections",
+    "Sequence",
+    "Setup",
+    "Sightings",
+    "Start",
+    "Tick",
+    "Ticks",
+    "TicksInMemory",
+    "Truth",
+    "View",
+    "ViewTruth",
+    "without_starts",
+]

@@ -1,0 +1,107 @@
+"""Detections of people, sightings of landmarks, and detections of other robots, as directions in the frame of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array, Ints, check_covariances, check_unit, set_array, set_ints
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """People seen by one camera in one frame, as directions: nothing can straddle a seam. Never a true id.
+
+    A box is a span of azimuth and one of elevation in the camera's frame (columns of a pinhole image are meridians, too).
+    bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: the spans of azimuth and elevation.
+    confidence (n,) in [0, 1]. covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
+    appearance (n, d).
+    """
+
+    bearing: Array
+    extent: Array
+    confidence: Array
+    covariance: Array
+    appearance: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.bearing)
+        set_array(self, "bearing", (n, 3))
+        set_array(self, "extent", (n, 2))
+        set_array(self, "confidence", (n,))
+        set_array(self, "covariance", (n, 2, 2))
+        set_array(self, "appearance", (n, None))
+        check_unit(self.bearing, "detection bearing")
+
+    @staticmethod
+    def none() -> Detections:
+        return Detections(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros((0, 0)))
+
+    def __len__(self) -> int:
+        return len(self.bearing)
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Landmarks seen by one camera in one frame.
+
+    bearing (n, 3) unit, camera frame; range (n,) m or NaN; subject (n,): which landmark, −1 where that must be found;
+    descriptor (n, d); covariance (n, 2, 2) rad² in the tangent plane.
+    """
+
+    bearing: Array
+    range: Array
+    subject: Ints
+    descriptor: NDArray[np.float32]
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.bearing)
+        set_array(self, "bearing", (n, 3))
+        set_array(self, "covariance", (n, 2, 2))
+        set_ints(self, "subject", n)
+        for name, dtype in (("range", np.float64), ("descriptor", np.float32)):
+            array = np.array(getattr(self, name), dtype=dtype)
+            if len(array) != n:
+                raise ValueError(f"{name} has {len(array)} rows, needs {n}")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        check_unit(self.bearing, "sighting bearing")
+        check_covariances(self.covariance, "covariance of sighting")
+        if not (np.isnan(self.range) | (self.range > 0)).all():
+            raise ValueError(f"sighting range is {np.nanmin(self.range):.6g} m, needs more than 0, or NaN where it is not measured")
+
+    def __len__(self) -> int:
+        return len(self.bearing)
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDetections:
+    """Other robots seen by one camera in one frame, each known by its name.
+
+    bearing (n, 3) unit, camera frame: to the middle of the seen robot's camera (Setup.mount_of); robot: names (n,), none twice; covariance
+    (n, 2, 2) rad² in the tangent plane.
+    """
+
+    bearing: Array
+    robot: tuple[str, ...]
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "robot", tuple(map(str, self.robot)))
+        n = len(self.robot)
+        set_array(self, "bearing", (n, 3))
+        set_array(self, "covariance", (n, 2, 2))
+        check_unit(self.bearing, "bearing of a companion")
+        check_covariances(self.covariance, "covariance of companion")
+        if len(set(self.robot)) < n:
+            raise ValueError(f"companions are {', '.join(self.robot)}, needs each robot once")
+
+    @staticmethod
+    def none() -> RobotDetections:
+        return RobotDetections(np.zeros((0, 3)), (), np.zeros((0, 2, 2)))
+
+    def __len__(self) -> int:
+        return len(self.robot)

@@ -1,0 +1,3 @@
+"""Meshes and the objects made of them: furniture, rooms, plants and rocks.
+
+Read `shapes.py` first."""

@@ -1,0 +1,158 @@
+"""Furniture and other things that stand on the ground.
+
+A piece stands around its own origin, its front looks along −y and its back is at +y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from worlds.props.shapes import Shape, box, column
+from worlds.terrain.heightfield import Array, Heightfield
+from worlds.terrain.polygons import rectangle, turned
+from worlds.textures.furniture_atlas import Surface
+
+COLOURS = (Surface.BLUE, Surface.RED, Surface.GREEN, Surface.YELLOW, Surface.DARK)
+# Things sink this far below the lowest ground under them: feet of furniture never hover.
+SINK = 0.02
+# Thickness of the painted foot of a pillar, m: enough for a depth buffer to tell it from the pillar.
+PAINT = 0.012
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A thing: its kind, its mesh, and size (width, depth) m of the rectangle that it stands on."""
+
+    kind: str
+    shape: Shape
+    size: tuple[float, float]
+
+    def footprint(self, position: ArrayLike, yaw: float) -> Array:
+        """Corners (4, 2) m of the rectangle when it stands at position (2,) m turned by yaw radians."""
+        return rectangle(position, self.size, yaw)
+
+    def stand(self, spec: mujoco.MjSpec, ground: Heightfield, name: str, position: ArrayLike, yaw: float) -> mujoco.MjsGeom:
+        """Put it on the ground at position (2,) m, turned by yaw radians, as a geom of that name made of the material "furniture"."""
+        x, y = np.asarray(position, dtype=np.float64)
+        offsets = np.array([(a, b) for a in np.linspace(-0.5, 0.5, 7) for b in np.linspace(-0.5, 0.5, 7)])
+        under = turned(offsets * np.array(self.size), yaw) + np.array([x, y])
+        return self.shape.add_to(spec, name, "furniture", [x, y, float(ground.height_at(under).min()) - SINK], yaw)
+
+
+def table(rng: np.random.Generator) -> Piece:
+    """A work table with things on it."""
+    w, d, h = rng.uniform(1.2, 1.8), rng.uniform(0.65, 0.85), rng.uniform(0.72, 0.8)
+    wood = (Surface.OAK, Surface.WALNUT, Surface.WHITE)[int(rng.integers(3))]
+    shape = box(rng, wood, (-w / 2, -d / 2, h - 0.04), (w / 2, d / 2, h))
+    for x in (-w / 2 + 0.03, w / 2 - 0.08):
+        for y in (-d / 2 + 0.03, d / 2 - 0.08):
+            shape += box(rng, Surface.DARK, (x, y, 0), (x + 0.05, y + 0.05, h - 0.04))
+    shape += box(rng, wood, (-w / 2 + 0.08, d / 2 - 0.06, 0.3), (w / 2 - 0.08, d / 2 - 0.04, h - 0.04))
+    return Piece("table", _laden(rng, shape, (-w / 2 + 0.05, w / 2 - 0.05), d, h), (w, d))
+
+
+def _laden(rng: np.random.Generator, shape: Shape, across: tuple[float, float], depth: float, top: float) -> Shape:
+    """The shape with screens, boxes and instruments side by side on its top."""
+    x = across[0]
+    while x < across[1] - 0.2:
+        w = min(rng.uniform(0.18, 0.5), across[1] - x)
+        kind = rng.uniform()
+        if kind < 0.35:
+            y = rng.uniform(0.05, min(0.2, depth / 2 - 0.03))
+            shape += box(rng, Surface.DARK, (x + 0.4 * w, y - 0.02, top), (x + 0.6 * w, y + 0.02, top + 0.15))
+            shape += box(rng, Surface.DARK, (x, y - 0.06, top + 0.12), (x + w, y - 0.02, top + 0.14 + 0.62 * w), front=Surface.SCREEN)
+        elif kind < 0.8:
+            d, h = rng.uniform(0.12, 0.3), rng.uniform(0.06, 0.3)
+            y = rng.uniform(-depth / 2 + 0.04, depth / 2 - d - 0.02)
+            surface = (*COLOURS, Surface.LABELS, Surface.STEEL, Surface.WHITE)[int(rng.integers(8))]
+            shape += box(rng, surface, (x, y, top), (x + w, y + d, top + h), front=Surface.PARTS if surface is Surface.STEEL else None)
+        x += w + rng.uniform(0.04, 0.3)
+    return shape
+
+
+def chair(rng: np.random.Generator) -> Piece:
+    """A chair that looks along +y."""
+    seat = (*COLOURS, Surface.OAK)[int(rng.integers(6))]
+    shape = box(rng, seat, (-0.21, -0.21, 0.43), (0.21, 0.21, 0.47)) + box(rng, seat, (-0.21, -0.23, 0.58), (0.21, -0.19, 0.9))
+    for x in (-0.21, 0.18):
+        shape += box(rng, Surface.STEEL, (x, -0.22, 0), (x + 0.03, -0.19, 0.85)) + box(rng, Surface.STEEL, (x, 0.18, 0), (x + 0.03, 0.21, 0.43))
+    return Piece("chair", shape, (0.46, 0.48))
+
+
+def shelf(rng: np.random.Generator) -> Piece:
+    """An open shelf: boards, uprights and what lies on them."""
+    w, d, h = rng.uniform(0.9, 1.6), rng.uniform(0.32, 0.45), rng.uniform(1.5, 2.1)
+    frame = (Surface.STEEL, Surface.OAK, Surface.BLUE)[int(rng.integers(3))]
+    back = (Surface.WHITE, Surface.STEEL, Surface.WALNUT)[int(rng.integers(3))]
+    shape = box(rng, back, (-w / 2, d / 2 - 0.02, 0.05), (w / 2, d / 2, h))
+    for x in (-w / 2, w / 2 - 0.04):
+        shape += box(rng, frame, (x, -d / 2, 0), (x + 0.04, d / 2 - 0.02, h))
+    levels = np.linspace(0.1, h - 0.03, int(rng.integers(4, 6)))
+    for level, above in zip(levels, np.append(levels[1:], h + 0.4), strict=True):
+        shape += box(rng, frame, (-w / 2 + 0.04, -d / 2, level), (w / 2 - 0.04, d / 2 - 0.02, level + 0.025))
+        shape = _stocked(rng, shape, (-w / 2 + 0.05, w / 2 - 0.05), d, (level + 0.025, above - 0.02))
+    return Piece("shelf", shape, (w, d))
+
+
+def _stocked(rng: np.random.Generator, shape: Shape, across: tuple[float, float], depth: float, tall: tuple[float, float]) -> Shape:
+    """The shape with boxes and rows of books on one board."""
+    low, high = tall
+    x = across[0]
+    while x < across[1] - 0.12:
+        w = min(rng.uniform(0.12, 0.5), across[1] - x)
+        h = min(rng.uniform(0.12, 0.36), 0.92 * (high - low))
+        surface = (*COLOURS, Surface.LABELS, Surface.LABELS, Surface.CARDBOARD, Surface.WHITE, Surface.BOOKS)[int(rng.integers(10))]
+        y = -depth / 2 + rng.uniform(0.01, 0.1)
+        if rng.uniform() < 0.85:
+            body = Surface.WHITE if surface is Surface.BOOKS else surface
+            shape += box(rng, body, (x, y, low), (x + w, depth / 2 - 0.03, low + h), front=surface)
+        x += w + rng.uniform(0.01, 0.12)
+    return shape
+
+
+def cabinet(rng: np.random.Generator) -> Piece:
+    """A closed cabinet or a chest of drawers, with things on top."""
+    w, d, h = rng.uniform(0.6, 1.3), rng.uniform(0.4, 0.6), rng.choice([0.85, 1.2, 1.75]) * rng.uniform(0.95, 1.05)
+    body = (Surface.STEEL, Surface.WHITE, Surface.OAK, Surface.GREEN, Surface.BLUE)[int(rng.integers(5))]
+    front = (Surface.DRAWERS, Surface.PARTS, body, Surface.BOOKS)[int(rng.integers(4))]
+    shape = box(rng, body, (-w / 2, -d / 2, 0), (w / 2, d / 2, h), front=front)
+    for x in np.arange(-w / 2, w / 2 - 0.35, 0.45):
+        shape += box(rng, Surface.DARK, (x + 0.3, -d / 2 - 0.02, 0.5 * h), (x + 0.32, -d / 2, 0.5 * h + 0.14))
+    return Piece("cabinet", _laden(rng, shape, (-w / 2 + 0.03, w / 2 - 0.03), d, h), (w, d + 0.04))
+
+
+def crates(rng: np.random.Generator) -> Piece:
+    """Boxes upon boxes."""
+    w, d = rng.uniform(0.5, 0.9), rng.uniform(0.45, 0.7)
+    kinds = (*COLOURS, Surface.LABELS, Surface.LABELS, Surface.CARDBOARD, Surface.OAK)
+    shape, z, a, b = None, 0.0, w, d
+    for _ in range(int(rng.integers(2, 5))):
+        h = rng.uniform(0.22, 0.45)
+        x, y = rng.uniform(-(w - a) / 2, (w - a) / 2 + 1e-9), rng.uniform(-(d - b) / 2, (d - b) / 2 + 1e-9)
+        crate = box(rng, kinds[int(rng.integers(len(kinds)))], (x - a / 2, y - b / 2, z), (x + a / 2, y + b / 2, z + h))
+        shape = crate if shape is None else shape + crate
+        z, a, b = z + h, a * rng.uniform(0.75, 1.0), b * rng.uniform(0.75, 1.0)
+    assert shape is not None
+    return Piece("crates", shape, (w, d))
+
+
+def pillar(rng: np.random.Generator, height: float) -> Piece:
+    """A column, round or square, up to a ceiling that is not drawn, with a painted foot."""
+    if rng.uniform() < 0.5:
+        r = rng.uniform(0.17, 0.25)
+        foot = column(rng, Surface.YELLOW, r + PAINT, rng.uniform(0.7, 1.1))
+        return Piece("pillar", column(rng, Surface.CONCRETE, r, height) + foot, (2 * r + 2 * PAINT, 2 * r + 2 * PAINT))
+    r = rng.uniform(0.16, 0.24)
+    shape = box(rng, Surface.CONCRETE, (-r, -r, 0), (r, r, height), front=Surface.LABELS if rng.uniform() < 0.3 else None)
+    shape += box(rng, Surface.YELLOW, (-r - PAINT, -r - PAINT, 0), (r + PAINT, r + PAINT, rng.uniform(0.5, 1.0)))
+    return Piece("pillar", shape, (2 * r + 2 * PAINT, 2 * r + 2 * PAINT))
+
+
+def barrel(rng: np.random.Generator) -> Piece:
+    """A drum of some liquid."""
+    r = rng.uniform(0.24, 0.3)
+    return Piece("barrel", column(rng, COLOURS[int(rng.integers(4))], r, rng.uniform(0.8, 0.95)), (2 * r, 2 * r))

@@ -1,0 +1,102 @@
+"""Boxes and columns with texture coordinates, joined into one mesh a piece."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from worlds.terrain.heightfield import Array
+from worlds.textures.furniture_atlas import Surface, crop
+
+SIDES = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A mesh: vertices (n, 3) m, faces (m, 3) anticlockwise from outside, texcoord (n, 2), v downwards in the picture."""
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    texcoord: Array
+
+    def __add__(self, other: Shape) -> Shape:
+        return Shape(
+            np.concatenate([self.vertices, other.vertices]),
+            np.concatenate([self.faces, other.faces + len(self.vertices)]),
+            np.concatenate([self.texcoord, other.texcoord]),
+        )
+
+    def add_to(self, spec: mujoco.MjSpec, name: str, material: str, pos: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> mujoco.MjsGeom:
+        """The shape as a mesh and a geom of that name in the world body, turned by yaw radians and put at pos (3,) m.
+
+        It is drawn and hit by rays as it is, and collides as its convex hull.
+        """
+        mesh = spec.add_mesh(name=name, uservert=self.vertices.ravel(), userface=self.faces.ravel(), usertexcoord=self.texcoord.ravel())
+        # Furniture is no watertight solid; nothing here moves, so that the hull's inertia will do.
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        quat = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
+        return spec.worldbody.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=np.asarray(pos, dtype=np.float64), quat=quat, material=material, group=1
+        )
+
+
+def quad(corners: ArrayLike, texture: Array) -> Shape:
+    """A plane of four corners (4, 3) m, anticlockwise from the lower left as it is looked at; texture [[u0, v0], [u1, v1]]."""
+    (u0, v0), (u1, v1) = texture
+    texcoord = np.array([[u0, v1], [u1, v1], [u1, v0], [u0, v0]])
+    return Shape(np.asarray(corners, dtype=np.float64), np.array([[0, 1, 2], [0, 2, 3]]), texcoord)
+
+
+def box(rng: np.random.Generator, surface: Surface, low: ArrayLike, high: ArrayLike, front: Surface | None = None) -> Shape:
+    """An upright box from low (3,) to high (3,) m, each face another piece of the surface; `front` is the one that looks along −y."""
+    (x0, y0, z0), (x1, y1, z1) = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    ring = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    shape = None
+    for k in range(4):
+        (ax, ay), (bx, by) = ring[k], ring[(k + 1) % 4]
+        face = front if front is not None and k == 0 else surface
+        texture = crop(rng, face, (abs(bx - ax) + abs(by - ay), z1 - z0))
+        side = quad([(ax, ay, z0), (bx, by, z0), (bx, by, z1), (ax, ay, z1)], texture)
+        shape = side if shape is None else shape + side
+    assert shape is not None
+    lids = [(x, y, z1) for x, y in ring], [(x, y, z0) for x, y in reversed(ring)]
+    for lid in lids:
+        shape += quad(lid, crop(rng, surface, (x1 - x0, y1 - y0)))
+    return shape
+
+
+def column(rng: np.random.Generator, surface: Surface, radius: float, height: float) -> Shape:
+    """A round column on the origin; its surface goes once around, with a seam behind."""
+    angle = np.linspace(-np.pi, np.pi, SIDES + 1)
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    (u0, v0), (u1, v1) = crop(rng, surface, (2 * np.pi * radius, height))
+    u = np.linspace(u0, u1, SIDES + 1)
+    low, high = np.column_stack([ring, np.zeros(SIDES + 1)]), np.column_stack([ring, np.full(SIDES + 1, height)])
+    vertices = np.concatenate([low, high, high[:-1]])
+    texcoord = np.concatenate([np.column_stack([u, np.full(SIDES + 1, v1)]), np.column_stack([u, np.full(SIDES + 1, v0)])])
+    middle = np.array([0.5 * (u0 + u1), 0.5 * (v0 + v1)])
+    lid = middle + 0.05 * ring[:-1] / radius * (u1 - u0)
+    k = np.arange(SIDES)
+    sides = np.concatenate([np.stack([k, k + 1, k + SIDES + 2], axis=1), np.stack([k, k + SIDES + 2, k + SIDES + 1], axis=1)])
+    top = 2 * SIDES + 2 + np.stack([np.zeros(SIDES - 2, dtype=np.int64), k[1:-1], k[2:]], axis=1)
+    return Shape(vertices, np.concatenate([sides, top]), np.concatenate([texcoord, lid]))
+
+
+def prism(corners: ArrayLike, low: float, high: float) -> Shape:
+    """An upright wall over four corners (4, 2) m, anticlockwise, of which the first edge carries the whole picture; the rest its rim.
+
+    The first edge goes from left to right as one who stands outside before it sees it.
+    """
+    ring = np.asarray(corners, dtype=np.float64)
+    rim = np.array([[0.0, 0.0], [0.02, 0.01]])
+    shape = None
+    for k in range(4):
+        (ax, ay), (bx, by) = ring[k], ring[(k + 1) % 4]
+        whole = np.array([[0.0, 0.0], [1.0, 1.0]])
+        side = quad([(ax, ay, low), (bx, by, low), (bx, by, high), (ax, ay, high)], whole if k == 0 else rim)
+        shape = side if shape is None else shape + side
+    assert shape is not None
+    return shape + quad([(x, y, high) for x, y in ring], rim) + quad([(x, y, low) for x, y in ring[::-1]], rim)

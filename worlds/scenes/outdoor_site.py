@@ -1,0 +1,129 @@
+"""What places in the open share: an embankment all around, sun and sky, things that stand apart, room to walk and to drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from worlds.props.plants import Plant
+from worlds.props.shapes import Shape
+from worlds.terrain.free_space import FEET, WHEELS, free_space
+from worlds.terrain.heightfield import Array, Heightfield, Mask
+from worlds.terrain.polygons import turned
+from worlds.terrain.relief import swell
+from worlds.terrain.spawn_areas import spawn_areas
+from worlds.textures.canvas import Canvas
+from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.world import World
+
+RIM = 3.0
+"""m: the embankment is that wide; nobody gets up on it."""
+ENTRANCES = 4
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Colours in [0, 1] of the sky at the zenith and at the horizon; low: m along the ground for every metre that the sun's rays go down."""
+
+    zenith: tuple[float, float, float]
+    horizon: tuple[float, float, float]
+    low: float
+    brightness: float = 1.0
+
+
+FAIR = Weather((0.36, 0.56, 0.84), (0.84, 0.89, 0.94), 0.75)
+
+
+def embankment(rng: np.random.Generator, nodes: Array, half: float, height: float) -> Array:
+    """(rows, columns) m: flat within, at its outer edge `height` m high and as uneven, over a square of half length `half` m."""
+    # Its foot wanders, so that the place is no square.
+    beyond = np.abs(nodes).max(axis=2) - (half - RIM) + swell(rng, nodes, 6.0, 0.8)
+    share = np.clip(beyond / RIM, 0, 1)
+    return height * share**1.3 + share * swell(rng, nodes, 3.0, 0.3 * height)
+
+
+@final
+class OutdoorSite:
+    """A scene in the open under work: what stands where, on the grid of the ground."""
+
+    def __init__(self, name: str, ground: Heightfield, half: float) -> None:
+        """half: half of the square's side, m."""
+        self.name, self.ground = name, ground
+        self.spec = mujoco.MjSpec()
+        self.spec.modelname = name
+        self.nodes = ground.nodes
+        self.blocked: Mask = np.abs(self.nodes).max(axis=2) > half - 0.6 * RIM
+        self._count: dict[str, int] = {}
+        set_view(self.spec, ground.extent)
+
+    def paint(self, pictures: dict[str, Canvas], sky: Weather, rng: np.random.Generator) -> None:
+        """The ground's own picture and other materials by name, the sky, and the sun from anywhere."""
+        for material, canvas in pictures.items():
+            add_material(self.spec, material, canvas, 0.04)
+        # Hills throw hardly a shadow that would be worth drawing them once more for.
+        self.ground.add_to(self.spec, "ground", "ground").castshadow = False
+        add_sky(self.spec, sky.zenith, sky.horizon)
+        add_light(self.spec, [*turned([sky.low, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], sky.brightness)
+
+    def name_of(self, kind: str) -> str:
+        """The next name of a kind: rock0, rock1 …"""
+        number = self._count.get(kind, 0)
+        self._count[kind] = number + 1
+        return f"{kind}{number}"
+
+    def spots(self, rng: np.random.Generator, count: int, gap: float, where: Mask | None = None) -> Array:
+        """At most `count` places (k, 2) m that are `gap` m from each other and from what stands there; where: grid points that may be chosen."""
+        room = ndimage.distance_transform_edt(~self.blocked) * self.ground.spacing > gap
+        candidates = rng.permutation(self.nodes[room if where is None else room & where])
+        return _apart(candidates, count, gap)
+
+    def rim(self, rng: np.random.Generator, count: int, gap: float) -> Array:
+        """At most `count` places (k, 2) m on the embankment, `gap` m apart."""
+        low, high = self.ground.extent
+        edge = np.minimum(self.nodes - low, high - self.nodes).min(axis=2)
+        candidates = rng.permutation(self.nodes[self.blocked & (edge > 0.3) & (edge < 0.6 * RIM)])
+        return _apart(candidates, count, gap)
+
+    def block(self, place: ArrayLike, radius: float) -> None:
+        """Something round stands at place (2,) m."""
+        self.blocked |= np.hypot(*np.moveaxis(self.nodes - np.asarray(place), -1, 0)) <= radius + 0.5 * self.ground.spacing
+
+    def lowest(self, place: ArrayLike, radius: float) -> float:
+        """m: the lowest ground within about that radius m."""
+        ring = np.asarray(place) + radius * np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
+        return float(self.ground.height_at(ring).min())
+
+    def plant(self, kind: str, plant: Plant, place: Array, yaw: float) -> None:
+        """Put a plant in the ground and block where it stands."""
+        plant.stand(self.spec, self.name_of(kind), [*place, self.lowest(place, plant.radius)], yaw)
+        self.block(place, plant.radius)
+
+    def stone(self, shape: Shape, place: Array, sunk: float) -> None:
+        """Put a stone down, `sunk` of its lower half in the ground, and block where it lies."""
+        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+        radius = 0.42 * float(np.hypot(*(high - low)[:2]))
+        z = self.lowest(place, 0.7 * radius) - low[2] * (1 - sunk)
+        shape.add_to(self.spec, self.name_of("rock"), "stone", [*place, z])
+        self.block(place, radius)
+
+    def world(self, rng: np.random.Generator, feet_area: float, wheels_area: float) -> World:
+        """The world as it stands. Raises ValueError where people or rovers have less room than that, m²."""
+        feet, wheels = (free_space(self.ground, self.blocked, limits) for limits in (FEET, WHEELS))
+        for walker, space, need in (("feet", feet, feet_area), ("wheels", wheels, wheels_area)):
+            if space.area < need:
+                raise ValueError(f"{space.area:.1f} m² of {self.name} are free for {walker}, need {need}")
+        return World(self.name, self.spec, self.ground, feet, wheels, spawn_areas(feet, rng, ENTRANCES))
+
+
+def _apart(candidates: Array, count: int, gap: float) -> Array:
+    """At most `count` of the candidates (n, 2) m, the first first, that are `gap` m from each other."""
+    chosen: list[Array] = []
+    while len(chosen) < count and len(candidates):
+        chosen.append(candidates[0])
+        candidates = candidates[np.hypot(*(candidates - candidates[0]).T) >= gap]
+    return np.array(chosen).reshape(-1, 2)

@@ -1,0 +1,141 @@
+"""A small indoor laboratory with an uneven floor: a platform with ramps and stairs, a ledge, a rough patch, furniture, three ways in.
+
+After the test site of the paper: some 14 x 11 m, four small robots and about ten people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from worlds.props import furniture
+from worlds.props.furniture import Piece
+from worlds.props.furniture_layout import Furnishing, Place
+from worlds.props.rooms import add_beam, add_frame, add_partition, add_walls
+from worlds.scenes.pilsun_plan import RAMP_WIDTH, WALL_HEIGHT, WALL_THICKNESS, PilsunPlan, draw
+from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, free_space
+from worlds.terrain.heightfield import Heightfield
+from worlds.terrain.polygons import rectangle, turned
+from worlds.terrain.relief import plateau, ramp, rubble, swell
+from worlds.textures.canvas import Canvas, tint
+from worlds.textures.floors import floor, hazards, lane, matting, planks
+from worlds.textures.furniture_atlas import atlas
+from worlds.textures.materials import add_light, add_material, add_sky, set_view
+from worlds.world import World
+
+Maker = Callable[[np.random.Generator], Piece]
+
+NAME = "pilsun"
+SPACING = 0.125
+# At least this share of the floor must be free for feet, and a room's worth of it for wheels.
+FREE_FOR_FEET, FREE_FOR_WHEELS = 0.6, 0.3
+
+
+def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
+    """A laboratory; no two of them alike. Raises ValueError where people or rovers could not get about in it."""
+    plan = draw(rng, difficulty)
+    ground = _ground(rng, plan, difficulty)
+    spec = mujoco.MjSpec()
+    spec.modelname = NAME
+    add_material(spec, "furniture", atlas(rng))
+    add_material(spec, "ground", _floor(rng, plan, ground), 0.15)
+    # The floor throws no shadow worth drawing it twice for.
+    ground.add_to(spec, "ground", "ground").castshadow = False
+    add_sky(spec, (0.60, 0.71, 0.84), (0.86, 0.89, 0.92))
+    add_light(spec, [*turned([0.55, 0.0], rng.uniform(-np.pi, np.pi)), -1.0], 1.0)
+    set_view(spec, ground.extent)
+    furnishing = _rooms(spec, rng, plan, ground)
+    _furnish(spec, rng, plan, furnishing, difficulty)
+    feet, wheels = (free_space(ground, furnishing.blocked, limits) for limits in (FEET, WHEELS))
+    _check(furnishing, feet, wheels)
+    return World(NAME, spec, ground, feet, wheels, plan.spawn)
+
+
+def _ground(rng: np.random.Generator, plan: PilsunPlan, difficulty: float) -> Heightfield:
+    low, high = plan.outline.min(axis=0) - 0.25, plan.outline.max(axis=0) + 0.25
+    ground = Heightfield.flat([np.floor(low * 4) / 4, np.ceil(high * 4) / 4], SPACING)
+    nodes = ground.nodes
+    built = [
+        plateau(nodes, plan.platform, plan.height),
+        plateau(nodes, plan.stair, plan.height / 2),
+        plateau(nodes, plan.ledge, 0.12 + 0.03 * difficulty),
+        *(ramp(nodes, foot, top, RAMP_WIDTH, plan.height) for foot, top in plan.ramps),
+        rubble(rng, nodes, plan.rough, 1.3, 0.02 + 0.04 * difficulty),
+    ]
+    uneven = swell(rng, nodes, 3.5, 0.02 + 0.06 * difficulty) + swell(rng, nodes, 1.4, 0.01 + 0.075 * np.sqrt(difficulty))
+    return ground.with_heights(np.maximum.reduce(built) + uneven)
+
+
+def _floor(rng: np.random.Generator, plan: PilsunPlan, ground: Heightfield) -> Canvas:
+    canvas = floor(rng, ground)
+    matting(canvas, rng, ground, plan.ledge, tint(rng, (104, 116, 122), 14))
+    for polygon in (plan.platform, plan.stair, *plan.ramp_areas):
+        planks(canvas, rng, ground, polygon)
+    for opening in plan.openings:
+        inwards = plan.middle - opening.mean(axis=0)
+        bay = opening + np.sign(inwards) * (np.ptp(opening, axis=0) == 0) * 1.2
+        lane(canvas, rng, ground, [opening[0], bay[0], bay[1], opening[1]], (206, 168, 52))
+    for _ in range(4):
+        corners = rectangle(rng.uniform((-4, -3), (4, 3)), rng.uniform((1.0, 1.0), (2.5, 1.8)))
+        lane(canvas, rng, ground, [*corners, corners[0]], tint(rng, ((210, 206, 198), (60, 96, 140), (168, 66, 54))[int(rng.integers(3))]))
+    hazards(canvas, ground)
+    return canvas
+
+
+def _rooms(spec: mujoco.MjSpec, rng: np.random.Generator, plan: PilsunPlan, ground: Heightfield) -> Furnishing:
+    """Walls and what is fixed to them, and what must stay clear of furniture."""
+    furnishing = Furnishing(ground, plan.outline)
+    add_walls(spec, rng, plan.outline, plan.doors, (WALL_THICKNESS, WALL_HEIGHT))
+    furnishing.take(add_partition(spec, rng, "partition", plan.partition, (0.16, 2.3)))
+    for k, opening in enumerate(plan.openings):
+        for post in add_frame(spec, rng, f"frame{k}", opening, WALL_HEIGHT):
+            furnishing.take(post)
+        furnishing.keep_clear(rectangle(opening.mean(axis=0), (0.2, 0.2)), 1.6)
+    for area in (plan.stair, *plan.ramp_areas):
+        furnishing.keep_clear(area, 0.9)
+    low, high = plan.outline.min(axis=0), plan.outline.max(axis=0)
+    for k, x in enumerate(np.linspace(-4.5, 4.5, 3) + rng.uniform(-0.8, 0.8, 3)):
+        add_beam(spec, rng, f"beam{k}", [(x, low[1] + 1.5), (x, high[1] + 0.1)], WALL_HEIGHT)
+    return furnishing
+
+
+def _furnish(spec: mujoco.MjSpec, rng: np.random.Generator, plan: PilsunPlan, furnishing: Furnishing, difficulty: float) -> None:
+    """Pillars first, then what stands along walls, then what stands about; what finds no place stays away."""
+    edges = np.stack([plan.outline, np.roll(plan.outline, -1, axis=0)], axis=1)
+    long = edges[np.hypot(*(edges[:, 1] - edges[:, 0]).T) > 2.2]
+    standing: list[Maker] = [lambda r: furniture.pillar(r, WALL_HEIGHT)] * 2
+    along: list[Maker] = [*[furniture.shelf, furniture.cabinet] * (3 + round(2 * difficulty)), furniture.table, furniture.table]
+    about: list[Maker] = [furniture.table, furniture.table, *[furniture.crates, furniture.barrel] * (1 + round(2 * difficulty))]
+    number = 0
+    for makers, at_wall in ((standing, False), (along, True), (about, False)):
+        for make in makers:
+            piece = make(rng)
+            place = furnishing.at_wall(rng, piece, long) if at_wall else furnishing.standing_free(rng, piece)
+            if place is None:
+                continue
+            _stand(spec, rng, furnishing, piece, place, number)
+            number += 1
+
+
+def _stand(spec: mujoco.MjSpec, rng: np.random.Generator, furnishing: Furnishing, piece: Piece, place: Place, number: int) -> None:
+    """Put a piece in its place, and chairs before a table."""
+    position, yaw = place
+    piece.stand(spec, furnishing.ground, f"{piece.kind}{number}", position, yaw)
+    furnishing.take(piece.footprint(position, yaw))
+    if piece.kind == "table":
+        width, depth = piece.size
+        for side in range(int(rng.integers(1, 3))):
+            seat = furniture.chair(rng)
+            where = position + turned([(side - 0.5) * 0.5 * width + rng.uniform(-0.1, 0.1), -depth / 2 - rng.uniform(0.05, 0.3)], yaw)
+            facing = yaw + rng.uniform(-0.5, 0.5)
+            seat.stand(spec, furnishing.ground, f"chair{number}-{side}", where, facing)
+            furnishing.take(seat.footprint(where, facing))
+
+
+def _check(furnishing: Furnishing, feet: FreeSpace, wheels: FreeSpace) -> None:
+    floor_area = float((~furnishing.walls).sum()) * SPACING**2
+    for name, space, share in (("feet", feet, FREE_FOR_FEET), ("wheels", wheels, FREE_FOR_WHEELS)):
+        if space.area < share * floor_area:
+            raise ValueError(f"{space.area:.1f} m² of {floor_area:.1f} m² of {NAME} are free for {name}, need {share:.0%}")

@@ -1,0 +1,42 @@
+"""Pieces of terrain. Each gives heights (rows, columns) m over grid points (rows, columns, 2) m, such as Heightfield.nodes: add
+them, or take the higher of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from worlds.terrain.heightfield import Array
+from worlds.terrain.noise import noise
+from worlds.terrain.polygons import signed_distance
+
+
+def swell(rng: np.random.Generator, nodes: Array, wavelength: float, height: float) -> Array:
+    """Smooth unevenness within ± height m, with a hump or a hollow about every `wavelength` m."""
+    spacing = float(nodes[0, 1, 0] - nodes[0, 0, 0])
+    rows, columns, _ = nodes.shape
+    return height * noise(rng, (rows, columns), wavelength / spacing).astype(np.float64)
+
+
+def plateau(nodes: Array, corners: ArrayLike, height: float) -> Array:
+    """`height` m within a polygon (k, 2) m, 0 outside: the edge is a step, one cell wide."""
+    return np.where(signed_distance(nodes, corners) <= 0, height, 0.0)
+
+
+def ramp(nodes: Array, foot: ArrayLike, top: ArrayLike, width: float, height: float) -> Array:
+    """A plane that rises from 0 at the foot (2,) m to `height` m at the top (2,) m, `width` m across; 0 beside, before and behind."""
+    start, end = np.asarray(foot, dtype=np.float64), np.asarray(top, dtype=np.float64)
+    length = float(np.hypot(*(end - start)))
+    ahead = (end - start) / length
+    along = (nodes - start) @ ahead
+    across = np.abs((nodes - start) @ np.array([-ahead[1], ahead[0]]))
+    on = (along >= 0) & (along <= length + 1e-9) & (across <= width / 2 + 1e-9)
+    return np.where(on, height * along / length, 0.0)
+
+
+def rubble(rng: np.random.Generator, nodes: Array, centre: ArrayLike, radius: float, height: float) -> Array:
+    """Broken ground up to `height` m, half a metre from lump to lump, within `radius` m of the centre (2,) m and fading to its edge."""
+    distance = np.hypot(*np.moveaxis(nodes - np.asarray(centre, dtype=np.float64), -1, 0))
+    fade = np.clip(1 - distance / radius, 0.0, 1.0)
+    lumps = 0.5 * (1 + swell(rng, nodes, 0.5, 1.0))
+    return height * lumps * np.minimum(1.0, 2 * fade)

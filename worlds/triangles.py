@@ -1,0 +1,110 @@
+"""A MuJoCo scene as plain triangles with textures, for programs that know nothing of MuJoCo."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+from trimesh.visual.color import ColorVisuals
+from trimesh.visual.material import PBRMaterial
+from trimesh.visual.texture import TextureVisuals
+
+from worlds.terrain.heightfield import Array
+
+DRAWN_GROUPS = (0, 1, 2, 3)
+
+
+def scenery(spec: mujoco.MjSpec) -> trimesh.Scene:
+    """What is drawn of a spec, a geom a node of the same name, in world coordinates: metres, z up."""
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    materials: dict[int, Any] = {}
+    scene = trimesh.Scene()
+    for geom in range(model.ngeom):
+        if model.geom_group[geom] not in DRAWN_GROUPS or model.geom_rgba[geom, 3] == 0:
+            continue
+        mesh = _mesh(model, geom)
+        turn = np.eye(4)
+        turn[:3, :3], turn[:3, 3] = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+        mesh.apply_transform(turn)
+        uv = mesh.metadata.pop("uv", None)
+        number = int(model.geom_matid[geom])
+        if number >= 0 and uv is not None:
+            if number not in materials:
+                materials[number] = _material(model, number, spec.modelname)
+            mesh.visual = TextureVisuals(uv=uv, material=materials[number])
+        else:
+            mesh.visual = ColorVisuals(mesh, face_colors=np.round(255 * model.geom_rgba[geom]).astype(np.uint8))
+        name = model.geom(geom).name or f"geom{geom}"
+        scene.add_geometry(mesh, node_name=name, geom_name=name)
+    return scene
+
+
+def _mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
+    """A geom in its own frame; texture coordinates, v upwards in the picture, as metadata "uv" where it has any.
+
+    Raises ValueError for what has no triangles.
+    """
+    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
+    number = int(model.geom_dataid[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
+        return _field(model, number)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return _compiled(model, number)
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return trimesh.creation.box(extents=2 * size)
+    if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
+        ball = trimesh.creation.icosphere(subdivisions=2)
+        ball.apply_scale(size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else np.repeat(size[0], 3))
+        return ball
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return trimesh.creation.cylinder(radius=size[0], height=2 * size[1])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return trimesh.creation.capsule(radius=size[0], height=2 * size[1])
+    raise ValueError(f"geom {model.geom(geom).name!r} is a {kind.name}, which has no triangles to export")
+
+
+def _compiled(model: mujoco.MjModel, number: int) -> trimesh.Trimesh:
+    """A mesh with a vertex of its own for every corner that has its own texture coordinates."""
+    first, count = model.mesh_faceadr[number], model.mesh_facenum[number]
+    faces = model.mesh_face[first : first + count]
+    vertices = model.mesh_vert[model.mesh_vertadr[number] : model.mesh_vertadr[number] + model.mesh_vertnum[number]]
+    start = model.mesh_texcoordadr[number]
+    if start < 0:
+        return trimesh.Trimesh(vertices, faces, process=False)
+    corners = model.mesh_facetexcoord[first : first + count]
+    pairs, inverse = np.unique(np.column_stack([faces.ravel(), corners.ravel()]), axis=0, return_inverse=True)
+    uv = model.mesh_texcoord[start + pairs[:, 1]] * [1, -1] + [0, 1]
+    return trimesh.Trimesh(vertices[pairs[:, 0]], inverse.reshape(-1, 3), process=False, metadata={"uv": uv})
+
+
+def _field(model: mujoco.MjModel, number: int) -> trimesh.Trimesh:
+    """The surface of a height field, its cells split as MuJoCo splits them; the texture lies once over all of it, north up."""
+    rows, columns, start = model.hfield_nrow[number], model.hfield_ncol[number], model.hfield_adr[number]
+    half_x, half_y, height, _ = model.hfield_size[number]
+    x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
+    z = height * model.hfield_data[start : start + rows * columns]
+    vertices: Array = np.column_stack([x.ravel(), y.ravel(), z])
+    node: NDArray[np.int64] = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = node[:-1, :-1].ravel(), node[:-1, 1:].ravel(), node[1:, 1:].ravel(), node[1:, :-1].ravel()
+    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    uv = np.column_stack([x.ravel() / (2 * half_x) + 0.5, y.ravel() / (2 * half_y) + 0.5])
+    return trimesh.Trimesh(vertices, faces, process=False, metadata={"uv": uv})
+
+
+def _material(model: mujoco.MjModel, number: int, owner: str) -> Any:
+    """The material, named after the model too: files of several worlds lie side by side."""
+    texture = int(model.mat_texid[number, mujoco.mjtTextureRole.mjTEXROLE_RGB])
+    colour = np.round(255 * model.mat_rgba[number]).astype(np.uint8)
+    image = None
+    if texture >= 0:
+        width, height, channels = model.tex_width[texture], model.tex_height[texture], model.tex_nchannel[texture]
+        start = model.tex_adr[texture]
+        image = Image.fromarray(model.tex_data[start : start + width * height * channels].reshape(height, width, channels))
+    name = f"{owner}-{model.mat(number).name}"
+    return PBRMaterial(name=name, baseColorFactor=colour, baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0)
