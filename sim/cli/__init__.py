@@ -1,1 +1,4 @@
-"""The commands of `pilsim`, one a file: a frozen dataclass of options with a method `run`. Modules are imported in `run`, so that help is fast."""
+"""The command `pilsim`: one command a file, with its options as a frozen dataclass and its work in `run`.
+
+Read `main.py` first. A command imports what it works with when it runs, so that `--help` is fast.
+"""
