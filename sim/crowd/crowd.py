@@ -12,10 +12,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.crowd.behavior import BehaviorState, Now, decide
+from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
 from sim.crowd.goals import GoalPlans
-from sim.crowd.social_force import GOAL, HEADING, PAUSE, PRESENT, STUCK, VISIT, VX, X, encounters
-from sim.crowd.steering import SteeringGrid, advance, wishes
+from sim.crowd.social_force import GOAL, HEADING, PAUSE, PRESENT, STUCK, VISIT, VX, X, interactions
+from sim.crowd.steering import SteeringGrid, advance, desired_motion
 from sim.pedestrian.gait import Terrain
 from tracker.geometry import Array, frozen
 from worlds.terrain.free_space import FreeSpace
@@ -78,7 +78,7 @@ class Obstacles:
     position: Array
     velocity: Array
     radius: Array
-    asks: Array | None = None
+    requested_velocity: Array | None = None
 
     @staticmethod
     def none() -> Obstacles:
@@ -87,11 +87,11 @@ class Obstacles:
     @cached_property
     def packed(self) -> Array:
         """(k, 7): x, y, vx, vy, radius, and the velocity asked for."""
-        asks = np.zeros_like(self.velocity) if self.asks is None else self.asks
-        return np.column_stack([self.position, self.velocity, self.radius, asks]).astype(np.float64)
+        requested_velocity = np.zeros_like(self.velocity) if self.requested_velocity is None else self.requested_velocity
+        return np.column_stack([self.position, self.velocity, self.radius, requested_velocity]).astype(np.float64)
 
 
-class Walkers(Protocol):
+class PedestrianModel(Protocol):
     """People who move: a crowd that goes where it wants, or the replay of given paths."""
 
     def step(self, state: CrowdState, obstacles: Obstacles, dt: float) -> CrowdState: ...
@@ -101,7 +101,7 @@ class Walkers(Protocol):
 class Crowd:
     """The people of one place. It holds what does not change; `step` gives the next state."""
 
-    feet: FreeSpace
+    free_space: FreeSpace
     ground: Terrain
     plans: GoalPlans
     _known: set[int] = field(default_factory=set, init=False, repr=False)
@@ -126,47 +126,47 @@ class Crowd:
         """The state `dt` s later."""
         if not len(state.body):
             return state
-        place, packed = self._place, obstacles.packed
-        wish, strange = wishes(state.body, place, self._company)
-        if strange:
-            self._learn(state.body[state.present, GOAL])
-            wish, strange = wishes(state.body, place, self._company)
-        met, close = encounters(state.body, wish, packed)
-        body = advance(state.body, wish, (met, close), packed, place, dt)
-        entered = decide(body, (wish, met, packed), place.goals, self._wants, Now(state.time, dt, state.entered, self.plans.at_once))
+        grid, packed = self._grid, obstacles.packed
+        desired, unknown = desired_motion(state.body, grid, self._groups)
+        if unknown:
+            self._compute_directions(state.body[state.present, GOAL])
+            desired, unknown = desired_motion(state.body, grid, self._groups)
+        effect, close_pairs = interactions(state.body, desired, packed)
+        body = advance(state.body, desired, (effect, close_pairs), packed, grid, dt)
+        entered = update_behavior(body, (desired, effect, packed), grid.goals, self._behavior, StepInput(state.time, dt, state.entered, self.plans.at_once))
         return CrowdState(body, state.time + dt, entered)
 
-    def _learn(self, goals: Array) -> None:
+    def _compute_directions(self, goals: Array) -> None:
         for number in map(int, np.unique(goals)):
             if number not in self._known:
-                way = self.feet.direction_at(self.feet.distance_to(self.plans.goals[number]), self._nodes)
-                self._place.ways[number] = way.reshape(*self.feet.free.shape, 2)
-                self._place.known[number] = True
+                direction = self.free_space.direction_at(self.free_space.distance_to(self.plans.goals[number]), self._nodes)
+                self._grid.directions[number] = direction.reshape(*self.free_space.free.shape, 2)
+                self._grid.known[number] = True
                 self._known.add(number)
 
     @property
     def _nodes(self) -> Array:
         """(rows · columns, 2) m: the grid points of free space."""
-        i, j = np.indices(self.feet.free.shape).reshape(2, -1)
-        return self.feet.origin + self.feet.spacing * np.stack([j, i], axis=1)
+        i, j = np.indices(self.free_space.free.shape).reshape(2, -1)
+        return self.free_space.origin + self.free_space.spacing * np.stack([j, i], axis=1)
 
     @cached_property
-    def _place(self) -> SteeringGrid:
-        nodes, shape = self._nodes, self.feet.free.shape
-        maps = np.column_stack([self.feet.clearance_at(nodes), self.feet.away_at(nodes), self.ground.height_at(nodes)])
+    def _grid(self) -> SteeringGrid:
+        nodes, shape = self._nodes, self.free_space.free.shape
+        maps = np.column_stack([self.free_space.clearance_at(nodes), self.free_space.away_at(nodes), self.ground.height_at(nodes)])
         count = len(self.plans.goals)
         # Ways are filled in when they are needed; until then these are only addresses.
-        ways, known = np.zeros((count, *shape, 2), dtype=np.float32), np.zeros(count, dtype=np.bool_)
-        frame = np.array([*self.feet.origin, self.feet.spacing])
-        return SteeringGrid(maps.reshape(*shape, 4).astype(np.float32), ways, known, np.ascontiguousarray(self.plans.goals, dtype=np.float64), frame)
+        directions, known = np.zeros((count, *shape, 2), dtype=np.float32), np.zeros(count, dtype=np.bool_)
+        frame = np.array([*self.free_space.origin, self.free_space.spacing])
+        return SteeringGrid(maps.reshape(*shape, 4).astype(np.float32), directions, known, np.ascontiguousarray(self.plans.goals, dtype=np.float64), frame)
 
     @cached_property
-    def _wants(self) -> BehaviorState:
+    def _behavior(self) -> BehaviorState:
         p = self.plans
         itinerary, group, leaving = (np.ascontiguousarray(a, dtype=np.int64) for a in (p.itinerary, p.group, p.exit))
         speed, pauses, entry, leave = (np.ascontiguousarray(a, dtype=np.float64) for a in (p.speed, p.pauses, p.entry, p.leave))
         return BehaviorState(itinerary, group, leaving, speed, pauses, entry, leave)
 
     @cached_property
-    def _company(self) -> tuple[NDArray[np.int64], Array]:
-        return self._wants.group, self._wants.speed
+    def _groups(self) -> tuple[NDArray[np.int64], Array]:
+        return self._behavior.group, self._behavior.speed

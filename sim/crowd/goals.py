@@ -13,7 +13,7 @@ from worlds.terrain.free_space import FreeSpace
 
 PREFERRED_SPEED, SPEED_SPREAD = 1.2, 0.2
 """m/s: mean and sigma of the speed that people walk at on level ground (1.3 in the open, less indoors)."""
-JOINING = 0.19
+GROUP_CHANCE = 0.19
 """The chance that somebody walks with the person before, in groups of at most LARGEST_GROUP: a third of all people then are in company."""
 LARGEST_GROUP = 3
 _GOALS = 32
@@ -56,13 +56,13 @@ class Schedule:
     duration: float
 
 
-def make_plans(feet: FreeSpace, rngs: list[np.random.Generator], goal_rng: np.random.Generator, visits: Schedule | None = None) -> GoalPlans:
+def make_plans(free_space: FreeSpace, rngs: list[np.random.Generator], goal_rng: np.random.Generator, schedule: Schedule | None = None) -> GoalPlans:
     """Plans for as many people as there are streams: each draws speed, goals and pauses from the own one, the goals are shared.
 
     Raises ValueError where free space is too small for goals.
     """
-    count = int(np.clip(feet.area / 8.0, 4, 12))
-    goals = feet.sample(goal_rng, count, 0.15, 0.5 * math.sqrt(feet.area / count))
+    count = int(np.clip(free_space.area / 8.0, 4, 12))
+    goals = free_space.sample(goal_rng, count, 0.15, 0.5 * math.sqrt(free_space.area / count))
     m = len(rngs)
     itinerary, pauses, speed = np.zeros((m, _GOALS), dtype=np.int64), np.zeros((m, _GOALS)), np.zeros(m)
     group = np.arange(m)
@@ -72,23 +72,23 @@ def make_plans(feet: FreeSpace, rngs: list[np.random.Generator], goal_rng: np.ra
         itinerary[i] = (rng.integers(count) + steps) % count
         # Half of the goals are only passed; at the others people stay for some seconds.
         pauses[i] = np.where(rng.random(_GOALS) < 0.5, 0.1, rng.uniform(1.5, 6.0, _GOALS))
-        if rng.random() < JOINING and i and i - group[i - 1] < LARGEST_GROUP:
+        if rng.random() < GROUP_CHANCE and i and i - group[i - 1] < LARGEST_GROUP:
             group[i] = group[i - 1]
             speed[i] = speed[group[i]]
     plans = GoalPlans.of(speed, goals, itinerary[group], pauses[group])
-    entry, leaving, leave, at_once = plans.entry, plans.exit, plans.leave, 0
-    if visits is not None and 0 < visits.at_once < m:
-        at_once = visits.at_once
-        areas = np.array([rng.integers(len(visits.areas), size=2) for rng in rngs])[group]
-        entry = np.array([rng.uniform(*visits.areas[a]) for rng, a in zip(rngs, areas[:, 0], strict=True)])
-        leaving = count + areas[:, 1]
+    entry, exits, leave, at_once = plans.entry, plans.exit, plans.leave, 0
+    if schedule is not None and 0 < schedule.at_once < m:
+        at_once = schedule.at_once
+        areas = np.array([rng.integers(len(schedule.areas), size=2) for rng in rngs])[group]
+        entry = np.array([rng.uniform(*schedule.areas[a]) for rng, a in zip(rngs, areas[:, 0], strict=True)])
+        exits = count + areas[:, 1]
         # One leaves and one comes at even times, the last of all just before the end: everybody has come by then, and nearly as many stay.
-        leave = ((np.arange(m) + 1) * visits.duration / (m - at_once + 1))[group]
-        goals = np.concatenate([goals, visits.areas.mean(axis=1)])
-    return GoalPlans(speed, goals, plans.itinerary, plans.pauses, group, entry, leaving, leave, at_once)
+        leave = ((np.arange(m) + 1) * schedule.duration / (m - at_once + 1))[group]
+        goals = np.concatenate([goals, schedule.areas.mean(axis=1)])
+    return GoalPlans(speed, goals, plans.itinerary, plans.pauses, group, entry, exits, leave, at_once)
 
 
-def in_company(places: Array, group: NDArray[np.int64]) -> Array:
+def order_by_group(places: Array, group: NDArray[np.int64]) -> Array:
     """places (m, 2) m in an order in which the people of a group (m,) get places near their first one."""
     left = list(range(len(places)))
     chosen: list[int] = []

@@ -85,17 +85,17 @@ class Replay:
     """
 
     paths: Paths
-    feet: FreeSpace
+    free_space: FreeSpace
 
     def __post_init__(self) -> None:
         position = self.paths.position
         rows, frames = np.nonzero(~np.isnan(position).any(axis=2))
         places = position[rows, frames]
-        size = np.array(self.feet.free.shape[::-1]) - 1
-        beyond = np.maximum(self.feet.origin - places, places - self.feet.origin - self.feet.spacing * size).max(axis=1, initial=-np.inf)
+        size = np.array(self.free_space.free.shape[::-1]) - 1
+        beyond = np.maximum(self.free_space.origin - places, places - self.free_space.origin - self.free_space.spacing * size).max(axis=1, initial=-np.inf)
         outside = beyond > 0
         # Free space has the half width of a body taken off.
-        walled = self.feet.clearance_at(places) < -FEET.half_width
+        walled = self.free_space.clearance_at(places) < -FEET.half_width
         if (outside | walled).any():
             k = int(np.argmax(outside | walled))
             fault = "is outside the world" if outside[k] else "is inside a wall or an obstacle"
@@ -123,13 +123,13 @@ class Replay:
 
     def _moved(self, body: Array, time: float) -> CrowdState:
         """Everybody at his place at `time` s; who has just come faces where he goes."""
-        there = body[:, PRESENT] > 0
+        present = body[:, PRESENT] > 0
         body[:, PRESENT] = body[:, VX] = body[:, VX + 1] = body[:, GOAL] = 0.0
         for walk in self._walks:
             if walk.first - 1e-6 <= time <= walk.last + 1e-6:
                 body[walk.row, X : X + 2], body[walk.row, VX : VX + 2] = walk.at(time)
                 body[walk.row, PRESENT] = 1.0
-                if not there[walk.row]:
+                if not present[walk.row]:
                     body[walk.row, HEADING] = _facing(walk)
         return CrowdState(body, time, len(body))
 

@@ -13,26 +13,26 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sim.crowd.social_force import (  # fmt: skip
-    ASKED,
+    ASKED_TO_YIELD,
     BODY_RADIUS,
-    EAST,
-    FREE,
-    GATE,
+    DIRECTION_X,
+    HEADWAY_SPEED,
+    BEFORE_BOTTLENECK,
     GOAL,
     HEADING,
-    NARROW,
-    NORTH,
+    IN_BOTTLENECK,
+    DIRECTION_Y,
     PAUSE,
     PRESENT,
-    PUSH_X,
-    PUSH_Y,
-    ROOM,
+    FORCE_X,
+    FORCE_Y,
+    CLEARANCE,
     SPEED,
     STUCK,
     VISIT,
     VX,
     VY,
-    YIELD,
+    YIELDS,
     Number,
     Numbers,
     Pairs,
@@ -45,9 +45,9 @@ RELAXATION = 0.54
 """s in which a walker takes up the speed that he wants (Moussaïd et al.)."""
 TURN_RATE = 2.5
 """rad/s: how fast a body turns to where it goes."""
-GATE_AHEAD, HALF_GATE = 0.7, 0.4
+BOTTLENECK_AHEAD, BOTTLENECK_HALF_WIDTH = 0.7, 0.4
 """m ahead at which a narrow place is seen; a place is narrow where this far to both sides is not free."""
-APART_IN_COMPANY = 0.8
+GROUP_DISTANCE = 0.8
 """m from the middle of the others of a group beyond which one waits for them or hurries."""
 _WALL_PUSH, _WALL_RANGE = 3.0, 0.1
 _CLEAR = 0.02
@@ -59,55 +59,55 @@ class SteeringGrid(NamedTuple):
     columns, 2) to each goal, as far as they are known (g,); goals (g, 2) m; frame: origin x, y and spacing m."""
 
     maps: NDArray[np.float32]
-    ways: NDArray[np.float32]
+    directions: NDArray[np.float32]
     known: NDArray[np.bool_]
     goals: Array
     frame: Array
 
 
 @njit(cache=True)
-def advance(body: Array, wish: Array, met: tuple[Array, Pairs], obstacle: Array, place: SteeringGrid, dt: float) -> Array:
+def advance(body: Array, desired: Array, effect: tuple[Array, Pairs], obstacle: Array, grid: SteeringGrid, dt: float) -> Array:
     """Bodies (m, 10) `dt` s later, with their wishes (m, 6) and what they met: the others' effect (m, 5) and close pairs (p, 2)."""
     out = body.copy()
-    here = np.flatnonzero(body[:, PRESENT] > 0)
-    for i in here:
-        _walk(out, i, (wish[i], met[0][i]), place, dt)
+    present = np.flatnonzero(body[:, PRESENT] > 0)
+    for i in present:
+        _accelerate(out, i, (desired[i], effect[0][i]), grid, dt)
     for _ in range(4):
-        _keep_apart(out, met[1], obstacle)
-        for i in here:
+        _separate_bodies(out, effect[1], obstacle)
+        for i in present:
             # Nobody moves half a metre in a step.
-            if wish[i, ROOM] < 0.5 + _CLEAR:
-                _keep_free(out, i, body, place)
-    for i in here:
-        _settle(out, i, body, dt)
+            if desired[i, CLEARANCE] < 0.5 + _CLEAR:
+                _stay_in_free_space(out, i, body, grid)
+    for i in present:
+        _update_motion(out, i, body, dt)
     return out
 
 
 @njit(cache=True)
-def _cell(place: SteeringGrid, x: float, y: float) -> tuple[int, int, float, float]:
+def _cell(grid: SteeringGrid, x: float, y: float) -> tuple[int, int, float, float]:
     """Row and column of the cell at (x, y) m, and how far into it, in [0, 1]; the nearest inside outside."""
-    rows, columns = place.maps.shape[0], place.maps.shape[1]
-    u = min(max((x - place.frame[0]) / place.frame[2], 0.0), columns - 1.0)
-    v = min(max((y - place.frame[1]) / place.frame[2], 0.0), rows - 1.0)
+    rows, columns = grid.maps.shape[0], grid.maps.shape[1]
+    u = min(max((x - grid.frame[0]) / grid.frame[2], 0.0), columns - 1.0)
+    v = min(max((y - grid.frame[1]) / grid.frame[2], 0.0), rows - 1.0)
     j, i = min(int(u), columns - 2), min(int(v), rows - 2)
     return i, j, u - j, v - i
 
 
 @njit(cache=True)
-def _at(place: SteeringGrid, x: float, y: float, k: int) -> float:
+def _map_value(grid: SteeringGrid, x: float, y: float, k: int) -> float:
     """The k-th of place.maps at (x, y) m."""
-    i, j, u, v = _cell(place, x, y)
-    m = place.maps
+    i, j, u, v = _cell(grid, x, y)
+    m = grid.maps
     return (1 - v) * ((1 - u) * m[i, j, k] + u * m[i, j + 1, k]) + v * ((1 - u) * m[i + 1, j, k] + u * m[i + 1, j + 1, k])
 
 
 @njit(cache=True)
-def _way(place: SteeringGrid, goal: int, x: float, y: float) -> tuple[float, float]:
+def _goal_direction(grid: SteeringGrid, goal: int, x: float, y: float) -> tuple[float, float]:
     """The unit direction at (x, y) m to that goal; straight for the last half metre."""
-    ex, ey = place.goals[goal, 0] - x, place.goals[goal, 1] - y
+    ex, ey = grid.goals[goal, 0] - x, grid.goals[goal, 1] - y
     if ex * ex + ey * ey > 0.25:
-        i, j, u, v = _cell(place, x, y)
-        w = place.ways[goal]
+        i, j, u, v = _cell(grid, x, y)
+        w = grid.directions[goal]
         ex = (1 - v) * ((1 - u) * w[i, j, 0] + u * w[i, j + 1, 0]) + v * ((1 - u) * w[i + 1, j, 0] + u * w[i + 1, j + 1, 0])
         ey = (1 - v) * ((1 - u) * w[i, j, 1] + u * w[i, j + 1, 1]) + v * ((1 - u) * w[i + 1, j, 1] + u * w[i + 1, j + 1, 1])
     length = max(math.hypot(ex, ey), 1e-9)
@@ -115,46 +115,46 @@ def _way(place: SteeringGrid, goal: int, x: float, y: float) -> tuple[float, flo
 
 
 @njit(cache=True)
-def wishes(body: Array, place: SteeringGrid, company: tuple[Numbers, Array]) -> tuple[Array, bool]:
+def desired_motion(body: Array, grid: SteeringGrid, groups: tuple[Numbers, Array]) -> tuple[Array, bool]:
     """(m, 6): how everybody would walk without the others, and whether somebody's way is not known; company: group (m,), speed (m,) m/s.
 
     Who stands wants no direction.
     """
-    group, speed = company
-    wish = np.zeros((len(body), 6))
+    group, speed = groups
+    desired = np.zeros((len(body), 6))
     for i in np.flatnonzero(body[:, PRESENT] > 0):
-        if not place.known[int(body[i, GOAL])]:
-            return wish, True
+        if not grid.known[int(body[i, GOAL])]:
+            return desired, True
         x, y = body[i, X], body[i, Y]
-        wish[i, ROOM] = _at(place, x, y, 0)
+        desired[i, CLEARANCE] = _map_value(grid, x, y, 0)
         if body[i, PAUSE] > 0:
             continue
-        ex, ey = _way(place, int(body[i, GOAL]), x, y)
-        ex, ey, pace = _in_company(body, i, group, (ex, ey))
+        ex, ey = _goal_direction(grid, int(body[i, GOAL]), x, y)
+        ex, ey, pace = _group_cohesion(body, i, group, (ex, ey))
         # Tobler (1993): walking speed goes with exp(−3.5 |slope + 0.05|), here of the slope of the next stride, and one on the level.
-        rise = _at(place, x + 0.5 * ex, y + 0.5 * ey, 3) - _at(place, x - 0.2 * ex, y - 0.2 * ey, 3)
+        rise = _map_value(grid, x + 0.5 * ex, y + 0.5 * ey, 3) - _map_value(grid, x - 0.2 * ex, y - 0.2 * ey, 3)
         slope = max(math.exp(-3.5 * (abs(rise / 0.7 + 0.05) - 0.05)), 0.3)
-        wish[i, EAST], wish[i, NORTH], wish[i, SPEED] = ex, ey, speed[i] * slope * pace
-        if wish[i, ROOM] > GATE_AHEAD + HALF_GATE:
+        desired[i, DIRECTION_X], desired[i, DIRECTION_Y], desired[i, SPEED] = ex, ey, speed[i] * slope * pace
+        if desired[i, CLEARANCE] > BOTTLENECK_AHEAD + BOTTLENECK_HALF_WIDTH:
             continue
-        if _narrow(place, x, y, (ex, ey)):
-            wish[i, NARROW] = 1.0
-        elif _narrow(place, x + GATE_AHEAD * ex, y + GATE_AHEAD * ey, (ex, ey)):
-            wish[i, GATE] = 1.0
-    return wish, False
+        if _is_bottleneck(grid, x, y, (ex, ey)):
+            desired[i, IN_BOTTLENECK] = 1.0
+        elif _is_bottleneck(grid, x + BOTTLENECK_AHEAD * ex, y + BOTTLENECK_AHEAD * ey, (ex, ey)):
+            desired[i, BEFORE_BOTTLENECK] = 1.0
+    return desired, False
 
 
 @njit(cache=True)
-def _narrow(place: SteeringGrid, x: float, y: float, way: tuple[float, float]) -> bool:
+def _is_bottleneck(grid: SteeringGrid, x: float, y: float, direction: tuple[float, float]) -> bool:
     """Whether two cannot pass each other at (x, y) m on their way."""
-    aside_x, aside_y = -HALF_GATE * way[1], HALF_GATE * way[0]
-    return _at(place, x + aside_x, y + aside_y, 0) <= 0 and _at(place, x - aside_x, y - aside_y, 0) <= 0
+    aside_x, aside_y = -BOTTLENECK_HALF_WIDTH * direction[1], BOTTLENECK_HALF_WIDTH * direction[0]
+    return _map_value(grid, x + aside_x, y + aside_y, 0) <= 0 and _map_value(grid, x - aside_x, y - aside_y, 0) <= 0
 
 
 @njit(cache=True)
-def _in_company(body: Array, i: Number, group: Numbers, way: tuple[float, float]) -> tuple[float, float, float]:
+def _group_cohesion(body: Array, i: Number, group: Numbers, direction: tuple[float, float]) -> tuple[float, float, float]:
     """The direction and the share of the speed at which i stays with the group: nearer to its middle, slower ahead of it, faster behind it."""
-    ex, ey = way
+    ex, ey = direction
     x = y = 0.0
     others = 0
     first = group[i]
@@ -168,45 +168,45 @@ def _in_company(body: Array, i: Number, group: Numbers, way: tuple[float, float]
     dx, dy = x / others - body[i, X], y / others - body[i, Y]
     distance = math.hypot(dx, dy)
     # Who has lost the others walks alone to where they will be.
-    if distance < APART_IN_COMPANY or distance > 8.0:
+    if distance < GROUP_DISTANCE or distance > 8.0:
         return ex, ey, 1.0
     ahead = dx * ex + dy * ey
     if distance < 3.0:
-        pull = 0.5 * min(distance - APART_IN_COMPANY, 1.0) / distance
+        pull = 0.5 * min(distance - GROUP_DISTANCE, 1.0) / distance
         ex, ey = ex + pull * (dx - ahead * ex), ey + pull * (dy - ahead * ey)
         length = max(math.hypot(ex, ey), 1e-9)
         ex, ey = ex / length, ey / length
-    if ahead > APART_IN_COMPANY:
+    if ahead > GROUP_DISTANCE:
         return ex, ey, 1.15
-    return ex, ey, min(max(1.0 + 0.35 * (ahead + APART_IN_COMPANY), 0.35), 1.0)
+    return ex, ey, min(max(1.0 + 0.35 * (ahead + GROUP_DISTANCE), 0.35), 1.0)
 
 
 @njit(cache=True)
-def _walk(out: Array, i: Number, mind: tuple[Array, Array], place: SteeringGrid, dt: float) -> None:
+def _accelerate(out: Array, i: Number, inputs: tuple[Array, Array], grid: SteeringGrid, dt: float) -> None:
     """Body i on, with its wish and what others do to it."""
-    wish, met = mind
-    ex, ey, speed = wish[EAST], wish[NORTH], min(wish[SPEED], met[FREE])
-    if met[YIELD] > 0:
+    desired, effect = inputs
+    ex, ey, speed = desired[DIRECTION_X], desired[DIRECTION_Y], min(desired[SPEED], effect[HEADWAY_SPEED])
+    if effect[YIELDS] > 0:
         # One steps to the right to let others through.
-        ex, ey, speed = ey, -ex, 0.4 * (_at(place, out[i, X] + 0.3 * ey, out[i, Y] - 0.3 * ex, 0) > 0.1)
-    if met[ASKED] > 0:
+        ex, ey, speed = ey, -ex, 0.4 * (_map_value(grid, out[i, X] + 0.3 * ey, out[i, Y] - 0.3 * ex, 0) > 0.1)
+    if effect[ASKED_TO_YIELD] > 0:
         speed = 0.0
-    ax = (ex * speed - out[i, VX]) / RELAXATION + met[PUSH_X]
-    ay = (ey * speed - out[i, VY]) / RELAXATION + met[PUSH_Y]
+    ax = (ex * speed - out[i, VX]) / RELAXATION + effect[FORCE_X]
+    ay = (ey * speed - out[i, VY]) / RELAXATION + effect[FORCE_Y]
     # Ten ranges off, nothing is left of a wall's push.
-    if wish[ROOM] < 10 * _WALL_RANGE:
-        wall = _WALL_PUSH * math.exp(-max(wish[ROOM], 0.0) / _WALL_RANGE)
-        ax += wall * _at(place, out[i, X], out[i, Y], 1)
-        ay += wall * _at(place, out[i, X], out[i, Y], 2)
+    if desired[CLEARANCE] < 10 * _WALL_RANGE:
+        wall = _WALL_PUSH * math.exp(-max(desired[CLEARANCE], 0.0) / _WALL_RANGE)
+        ax += wall * _map_value(grid, out[i, X], out[i, Y], 1)
+        ay += wall * _map_value(grid, out[i, X], out[i, Y], 2)
     vx, vy = out[i, VX] + ax * dt, out[i, VY] + ay * dt
     pace = math.hypot(vx, vy)
     along = (vx * math.cos(out[i, HEADING]) + vy * math.sin(out[i, HEADING])) / max(pace, 1e-9)
     # People turn first: sideways and backwards is slow. In a queue nobody is pushed faster than it goes.
-    top = 1.3 * max(min(wish[SPEED], met[FREE]), 0.3) * min(max(0.3 + 0.7 * along, 0.3), 1.0)
+    top = 1.3 * max(min(desired[SPEED], effect[HEADWAY_SPEED]), 0.3) * min(max(0.3 + 0.7 * along, 0.3), 1.0)
     if out[i, PAUSE] > 0:
         top = 0.5
         # Who stands is not pushed about by people that only pass.
-        if pace < 0.12 and met[ASKED] <= 0:
+        if pace < 0.12 and effect[ASKED_TO_YIELD] <= 0:
             top = 0.0
     share = min(1.0, top / max(pace, 1e-9))
     out[i, X] += vx * share * dt
@@ -214,22 +214,22 @@ def _walk(out: Array, i: Number, mind: tuple[Array, Array], place: SteeringGrid,
 
 
 @njit(cache=True)
-def _keep_free(out: Array, i: Number, body: Array, place: SteeringGrid) -> None:
+def _stay_in_free_space(out: Array, i: Number, body: Array, grid: SteeringGrid) -> None:
     """Body i brought back to free space where it has left it; to where it was where that fails."""
-    short = _CLEAR - _at(place, out[i, X], out[i, Y], 0)
+    short = _CLEAR - _map_value(grid, out[i, X], out[i, Y], 0)
     tries = 0
     while short > 0 and tries < 3:
         x, y = out[i, X], out[i, Y]
-        out[i, X] += (short + 0.01) * _at(place, x, y, 1)
-        out[i, Y] += (short + 0.01) * _at(place, x, y, 2)
-        short = _CLEAR - _at(place, out[i, X], out[i, Y], 0)
+        out[i, X] += (short + 0.01) * _map_value(grid, x, y, 1)
+        out[i, Y] += (short + 0.01) * _map_value(grid, x, y, 2)
+        short = _CLEAR - _map_value(grid, out[i, X], out[i, Y], 0)
         tries += 1
     if short >= _CLEAR:
         out[i, X], out[i, Y] = body[i, X], body[i, Y]
 
 
 @njit(cache=True)
-def _settle(out: Array, i: Number, body: Array, dt: float) -> None:
+def _update_motion(out: Array, i: Number, body: Array, dt: float) -> None:
     """Velocity, heading and pause of body i after it has moved."""
     vx, vy = (out[i, X] - body[i, X]) / dt, (out[i, Y] - body[i, Y]) / dt
     pace = math.hypot(vx, vy)
@@ -250,7 +250,7 @@ def _settle(out: Array, i: Number, body: Array, dt: float) -> None:
 
 
 @njit(cache=True)
-def _keep_apart(body: Array, pairs: Pairs, obstacle: Array) -> None:
+def _separate_bodies(body: Array, pairs: Pairs, obstacle: Array) -> None:
     """Move bodies that overlap apart, half of the way each; from an obstacle (k, 7) x, y, vx, vy, radius, …, all of it. `pairs`: who may touch."""
     for p in range(len(pairs)):
         i, j = pairs[p]

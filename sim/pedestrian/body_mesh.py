@@ -55,7 +55,7 @@ def parts(outfit: Outfit) -> dict[str, list[Part]]:
     return out
 
 
-def _stout(rows: Array, girth: float) -> Array:
+def _scaled_girth(rows: Array, girth: float) -> Array:
     """The sections with depths and breadths scaled."""
     rows[:, 1:3] *= girth
     return rows
@@ -68,7 +68,7 @@ def _pelvis(o: Outfit) -> list[Part]:
     )  # fmt: skip
     if not o.tucked:
         rows[-3:, 1:3] *= [[0.93], [0.80], [0.70]]
-    out = [Part(_stout(rows, o.girth), region(o.bottom, (0.0, 0.0, 1.0, 0.30)), TRUNK)]
+    out = [Part(_scaled_girth(rows, o.girth), region(o.bottom, (0.0, 0.0, 1.0, 0.30)), TRUNK)]
     if o.legs in ("skirt", "coat"):
         tile, v0 = (o.bottom, 0.1) if o.legs == "skirt" else (o.top, 0.72)
         hem = -0.19 if o.legs == "skirt" else -0.15
@@ -76,7 +76,7 @@ def _pelvis(o: Outfit) -> list[Part]:
             (hem, 0.104, 0.116, 0.006), (-0.08, 0.088, 0.108), (-0.02, 0.077, 0.107, -0.004), (0.03, 0.068, 0.098),
             (0.07, 0.050 + 0.016 * o.tucked, 0.070 + 0.020 * o.tucked),
         )  # fmt: skip
-        out.append(Part(_stout(cloth, o.girth), region(tile, (0.0, v0, 1.0, 0.97)), TRUNK))
+        out.append(Part(_scaled_girth(cloth, o.girth), region(tile, (0.0, v0, 1.0, 0.97)), TRUNK))
     return out
 
 
@@ -181,9 +181,9 @@ def _upper_arm(o: Outfit) -> list[Part]:
     cloth = region(o.top, (0.03, 0.42, 0.30, 0.80))
     if o.sleeves == "long":
         rows[:, 1:3] *= 1.08
-        return [Part(_stout(rows, o.girth), cloth, LIMB, balls=(1, 2))]
+        return [Part(_scaled_girth(rows, o.girth), cloth, LIMB, rounding=(1, 2))]
     sleeve = sections((-0.105, 0.0325, 0.031), (-0.045, 0.0310, 0.0295), (-0.006, 0.0300, 0.027), (0.010, 0.023, 0.020), (0.019, 0.009, 0.008))
-    return [Part(_stout(rows[:4], o.girth), region(o.head, SKIN), LIMB, balls=(1, 0)), Part(_stout(sleeve, o.girth), cloth, LIMB, balls=(0, 2))]
+    return [Part(_scaled_girth(rows[:4], o.girth), region(o.head, SKIN), LIMB, rounding=(1, 0)), Part(_scaled_girth(sleeve, o.girth), cloth, LIMB, rounding=(0, 2))]
 
 
 def _forearm(o: Outfit, sign: float) -> list[Part]:
@@ -193,9 +193,9 @@ def _forearm(o: Outfit, sign: float) -> list[Part]:
     bare = region(o.head, SKIN)
     if o.sleeves == "long":
         rows[:, 1:3] *= 1.12
-        forearm = Part(_stout(rows, o.girth), region(o.top, (0.03, 0.60, 0.30, 0.95)), LIMB, balls=(0, 1))
+        forearm = Part(_scaled_girth(rows, o.girth), region(o.top, (0.03, 0.60, 0.30, 0.95)), LIMB, rounding=(0, 1))
     else:
-        forearm = Part(_stout(rows, o.girth), bare, LIMB, balls=(0, 1))
+        forearm = Part(_scaled_girth(rows, o.girth), bare, LIMB, rounding=(0, 1))
     tip = -FOREARM - HAND
     hand = sections(
         (tip, 0.007, 0.0035, 0.018, -0.010 * sign), (tip + 0.012, 0.016, 0.006, 0.014, -0.008 * sign),
@@ -206,7 +206,7 @@ def _forearm(o: Outfit, sign: float) -> list[Part]:
         (tip + 0.028, 0.004, 0.004, 0.034, -0.008 * sign), (tip + 0.045, 0.0068, 0.0065, 0.031, -0.007 * sign),
         (tip + 0.08, 0.009, 0.009, 0.014, -0.002 * sign),
     )  # fmt: skip
-    return [forearm, Part(hand, bare, SMALL, closed=True, balls=(1, 0)), Part(thumb, bare, (6, 0, 0), closed=True)]
+    return [forearm, Part(hand, bare, SMALL, closed=True, rounding=(1, 0)), Part(thumb, bare, (6, 0, 0), closed=True)]
 
 
 def _thigh(o: Outfit, sign: float) -> list[Part]:
@@ -218,19 +218,19 @@ def _thigh(o: Outfit, sign: float) -> list[Part]:
     )  # fmt: skip
     cloth, bare = region(o.bottom, (0.05, 0.30, 0.45, 0.68)), region(o.head, SKIN)
     if o.legs in ("long", "coat"):
-        return [Part(_stout(rows, o.girth), cloth, LIMB, balls=(1, 2))]
-    legs = Part(_stout(rows, 0.94 * o.girth), bare, LIMB, balls=(1, 2))
+        return [Part(_scaled_girth(rows, o.girth), cloth, LIMB, rounding=(1, 2))]
+    legs = Part(_scaled_girth(rows, 0.94 * o.girth), bare, LIMB, rounding=(1, 2))
     if o.legs == "short":
         hem = sections(
             (-0.195, 0.049, 0.047), (-0.11, 0.051, 0.048), (-0.045, 0.055, 0.050, -0.003, -0.004 * sign),
             (0.0, 0.056, 0.049, -0.004, -0.004 * sign), (0.03, 0.04, 0.036, -0.004),
         )  # fmt: skip
-        return [legs, Part(_stout(hem, o.girth), cloth, LIMB, balls=(0, 1))]
+        return [legs, Part(_scaled_girth(hem, o.girth), cloth, LIMB, rounding=(0, 1))]
     fold = sections(
         (-0.19, 0.066, 0.052, 0.0, -0.006 * sign), (-0.10, 0.061, 0.051, 0.0, -0.005 * sign), (0.0, 0.058, 0.049, -0.004, -0.004 * sign),
         (0.03, 0.04, 0.036, -0.004),
     )  # fmt: skip
-    return [legs, Part(_stout(fold, o.girth), region(o.bottom, (0.05, 0.30, 0.95, 0.97)), LIMB, balls=(0, 1))]
+    return [legs, Part(_scaled_girth(fold, o.girth), region(o.bottom, (0.05, 0.30, 0.95, 0.97)), LIMB, rounding=(0, 1))]
 
 
 def _shin(o: Outfit) -> list[Part]:
@@ -241,13 +241,13 @@ def _shin(o: Outfit) -> list[Part]:
         (0.0, 0.0315, 0.0305, 0.002), (0.020, 0.021, 0.021, 0.002), (0.029, 0.009, 0.009, 0.002),
     )  # fmt: skip
     if bare:
-        return [Part(_stout(rows, 0.96 * o.girth), region(o.head, SKIN), LIMB, balls=(0, 2))]
+        return [Part(_scaled_girth(rows, 0.96 * o.girth), region(o.head, SKIN), LIMB, rounding=(0, 2))]
     cloth = sections(
         (-0.236, 0.0335, 0.031, -0.003), (-0.16, 0.032, 0.030, -0.004), (-0.085, 0.036, 0.033, -0.006), (0.0, 0.0335, 0.0325, 0.002),
         (0.020, 0.022, 0.022, 0.002), (0.030, 0.009, 0.009, 0.002),
     )  # fmt: skip
     sock = sections((-SHIN - 0.012, 0.020, 0.018), (-0.20, 0.021, 0.019))
-    leg = Part(_stout(cloth, o.girth), region(o.bottom, (0.05, 0.55, 0.45, 0.95)), LIMB, balls=(0, 2))
+    leg = Part(_scaled_girth(cloth, o.girth), region(o.bottom, (0.05, 0.55, 0.45, 0.95)), LIMB, rounding=(0, 2))
     return [leg, Part(sock, region(o.shoes, (0.45, 0.1, 0.55, 0.2)), TINY)]
 
 
@@ -268,4 +268,4 @@ def _shoe(o: Outfit, sign: float) -> list[Part]:
     collar = sections((-0.020, 0.026, 0.022, -0.004), (0.004, 0.027, 0.0225, -0.003), (0.016, 0.024, 0.0215, -0.003))
     tile = region(o.shoes, (0.0, 0.02, 1.0, 0.98))
     around = Part(collar, region(o.shoes, (0.35, 0.05, 0.65, 0.3)), DETAIL)
-    return [Part(upper, tile, SMALL, power=3.0, closed=True, axes=FORWARD, balls=(1, 1)), around]
+    return [Part(upper, tile, SMALL, power=3.0, closed=True, axes=FORWARD, rounding=(1, 1)), around]

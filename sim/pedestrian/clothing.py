@@ -23,14 +23,14 @@ _GIRTH = (0.92, 1.12)
 
 
 def add_person(spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Generator) -> None:
-    """Add the limbs (mocap bodies `name/limb`) to the world body of `spec`, which has the fabrics already (fabrics.add_fabrics)."""
-    shapes = body_mesh.parts(draw(rng))
+    """Add the limbs (mocap bodies `name/limb`) to the world body of `spec`, which has the fabrics already (fabrics.add_clothing_textures)."""
+    shapes = body_mesh.parts(draw_outfit(rng))
     size = {limb: float(trunk_size(np.array(stature))) for limb in LIMBS} | {"head": float(head_size(np.array(stature)))}
     for limb in LIMBS:
         _add_meshes(spec, f"{name}/{limb}", shapes[limb], size[limb])
         mocap = spec.worldbody.add_body(name=f"{name}/{limb}", mocap=True)
-        looks = {"material": clothing_textures.NAME, "contype": 0, "conaffinity": 0, "group": 2}
-        mocap.add_geom(name=f"{name}/{limb}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}/{limb}", **looks)
+        attributes = {"material": clothing_textures.NAME, "contype": 0, "conaffinity": 0, "group": 2}
+        mocap.add_geom(name=f"{name}/{limb}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"{name}/{limb}", **attributes)
 
 
 def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
@@ -43,7 +43,7 @@ def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
     )  # fmt: skip
 
 
-def draw(rng: np.random.Generator) -> Outfit:
+def draw_outfit(rng: np.random.Generator) -> Outfit:
     """Clothes, hair and luggage by chance."""
 
     def one(options: dict[str, float]) -> str:
@@ -69,7 +69,7 @@ def draw(rng: np.random.Generator) -> Outfit:
     )
 
 
-def skins(parts: list[Part], size: float) -> list[Skin]:
+def limb_meshes(parts: list[Part], size: float) -> list[Skin]:
     """A limb of `size` m of stature at all levels of detail, m."""
     out = []
     for level in range(LEVELS):
@@ -79,8 +79,8 @@ def skins(parts: list[Part], size: float) -> list[Skin]:
 
 
 def _add_meshes(spec: mujoco.MjSpec, name: str, parts: list[Part], size: float) -> None:
-    levels = skins(parts, size)
-    corners = _box(np.concatenate([skin.vertices for skin in levels]))
+    levels = limb_meshes(parts, size)
+    corners = _inertia_box(np.concatenate([skin.vertices for skin in levels]))
     for level, skin in enumerate(levels):
         mesh = spec.add_mesh(
             name=f"{name}@{level}" if level else name,
@@ -92,7 +92,7 @@ def _add_meshes(spec: mujoco.MjSpec, name: str, parts: list[Part], size: float) 
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
 
 
-def _box(points: Array) -> Array:
+def _inertia_box(points: Array) -> Array:
     """Corners (8, 3) of a box about the points (n, 3), no two of its edges nearly alike: its axes of inertia are its own."""
     low, high = points.min(axis=0) - 1e-3, points.max(axis=0) + 1e-3
     order = np.argsort(high - low)

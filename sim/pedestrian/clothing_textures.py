@@ -34,16 +34,16 @@ _LEATHER = ((28, 26, 26), (226, 224, 220), (92, 54, 34), (150, 36, 38), (56, 68,
 Colour = tuple[int, int, int]
 
 
-def add_fabrics(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
+def add_clothing_textures(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
     """Add the texture and the material NAME to `spec`, painted by `rng`."""
     side = TILE * ACROSS
     texture = spec.add_texture(name=NAME, type=mujoco.mjtTexture.mjTEXTURE_2D, width=side, height=side, nchannel=3)
-    texture.data = atlas(rng).tobytes()
+    texture.data = texture_atlas(rng).tobytes()
     material = spec.add_material(name=NAME, specular=0.08, shininess=0.1)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = NAME
 
 
-def atlas(rng: np.random.Generator) -> NDArray[np.uint8]:
+def texture_atlas(rng: np.random.Generator) -> NDArray[np.uint8]:
     """The picture (2048, 2048, 3): tile k in row k // ACROSS from the top, column k % ACROSS."""
     side = TILE * ACROSS
     picture = np.zeros((side, side, 3), np.uint8)
@@ -68,7 +68,7 @@ def region(tile: int, part: tuple[float, float, float, float]) -> Array:
 
 def _head(rng: np.random.Generator, k: int) -> Pattern:
     """Strands of hair on top, then the head laid flat with the face in the middle, then skin."""
-    skin, hair = _near(rng, _SKINS[k % len(_SKINS)], 6), _near(rng, _HAIRS[int(rng.integers(len(_HAIRS)))], 4)
+    skin, hair = _varied_colour(rng, _SKINS[k % len(_SKINS)], 6), _varied_colour(rng, _HAIRS[int(rng.integers(len(_HAIRS)))], 4)
     tile = _cloth(rng, skin, 0.05)
     strands = hair * (1 + 0.35 * noise(rng, (TILE, TILE), (60.0, 2.2)) + 0.15 * noise(rng, (TILE, TILE), (20.0, 6.0)))[..., None]
     rows, columns = np.mgrid[0:TILE, 0:TILE]
@@ -81,7 +81,7 @@ def _head(rng: np.random.Generator, k: int) -> Pattern:
     tile[: round(0.138 * TILE)] = strands[: round(0.138 * TILE)]
     beard = rng.random() < 0.3
     if beard:
-        chin = (np.abs(columns - 127.5) < 44) & (rows > _row(0.094)) & (rows < _row(0.052)) & ~_oval((127.5, _row(0.081)), (15, 7))
+        chin = (np.abs(columns - 127.5) < 44) & (rows > _row(0.094)) & (rows < _row(0.052)) & ~_ellipse((127.5, _row(0.081)), (15, 7))
         tile[chin] = 0.45 * tile[chin] + 0.55 * strands[chin]
     _face(tile, skin, 0.7 * hair if k % BALD else 0.5 * skin)
     return tile
@@ -104,19 +104,19 @@ def _face(tile: Pattern, skin: Pattern, brow: Pattern) -> None:
             ((127.5 + 30 * side, _row(0.098)), (13, 14), skin * [1.0, 0.9, 0.88], 0.35),
             ((127.5 + 7 * side, nose), (3.0, 6.0), skin * 0.82, 0.5),
         ):
-            mask = _oval(centre, radii)
+            mask = _ellipse(centre, radii)
             tile[mask] += opacity * (np.asarray(colour, dtype=np.float32) - tile[mask])
     for centre, radii, colour in (
         ((127.5, mouth), (13, 4.2), lips),
         ((127.5, mouth - 0.3), (13, 0.9), 0.6 * lips),
         ((127.5, mouth + 9), (8, 2), skin * 0.85),
     ):
-        tile[_oval(centre, radii)] = colour
+        tile[_ellipse(centre, radii)] = colour
 
 
 def _top(rng: np.random.Generator, k: int) -> Pattern:
     """Shirts, jumpers, jackets. A third has something of its own in front."""
-    base, other = (_near(rng, _CLOTHS[i], 10) for i in rng.choice(len(_CLOTHS), 2, replace=False))
+    base, other = (_varied_colour(rng, _CLOTHS[i], 10) for i in rng.choice(len(_CLOTHS), 2, replace=False))
     style = (k - TOPS.start) % 8
     tile = _cloth(rng, base, 0.13)
     rows, columns = np.mgrid[0:TILE, 0:TILE]
@@ -163,7 +163,7 @@ def _buttons(tile: Pattern) -> None:
     tile[:, 121:123] *= 0.75
     tile[:, 133:135] *= 0.75
     for row in range(16, 200, 24):
-        tile[_oval((128, row), (2.6, 2.6))] = 240
+        tile[_ellipse((128, row), (2.6, 2.6))] = 240
     tile[:14, 96:160] *= 1.15
     tile[14:16, 96:160] *= 0.6
     tile[74:76, 150:180] *= 0.65
@@ -172,7 +172,7 @@ def _buttons(tile: Pattern) -> None:
 
 def _bottom(rng: np.random.Generator, k: int) -> Pattern:
     """Trousers and skirts, a belt along the upper edge."""
-    base = _near(rng, _LEGS[int(rng.integers(len(_LEGS)))], 9)
+    base = _varied_colour(rng, _LEGS[int(rng.integers(len(_LEGS)))], 9)
     tile = _cloth(rng, base, 0.14)
     rows, columns = np.mgrid[0:TILE, 0:TILE]
     style = (k - BOTTOMS.start) % 4
@@ -185,14 +185,14 @@ def _bottom(rng: np.random.Generator, k: int) -> Pattern:
     elif style == 3:
         tile *= (1 + 0.12 * np.sign(np.sin(columns * 0.9)))[..., None]
     tile[:, [2, 64, 192]] *= 0.7
-    tile[6:17] = _near(rng, _LEATHER[int(rng.integers(3))], 8)
+    tile[6:17] = _varied_colour(rng, _LEATHER[int(rng.integers(3))], 8)
     tile[7:16, 122:134] = (190, 180, 150)
     return tile
 
 
 def _shoe(rng: np.random.Generator, k: int) -> Pattern:
     """The instep in the middle with laces, the sole along both edges."""
-    tile = _cloth(rng, _near(rng, _LEATHER[(k - SHOES.start) % len(_LEATHER)], 8), 0.08)
+    tile = _cloth(rng, _varied_colour(rng, _LEATHER[(k - SHOES.start) % len(_LEATHER)], 8), 0.08)
     light = np.full(3, 225 if k % 2 else 60, np.float32)
     for row in range(110, 200, 14):
         tile[row : row + 4, 108:148] = light
@@ -202,7 +202,7 @@ def _shoe(rng: np.random.Generator, k: int) -> Pattern:
 
 def _bag(rng: np.random.Generator, k: int) -> Pattern:
     """Cloth of one colour with zips and seams; the first one is knitted."""
-    tile = _cloth(rng, _near(rng, _CLOTHS[int(rng.integers(len(_CLOTHS)))], 12), 0.1)
+    tile = _cloth(rng, _varied_colour(rng, _CLOTHS[int(rng.integers(len(_CLOTHS)))], 12), 0.1)
     rows, columns = np.mgrid[0:TILE, 0:TILE]
     if k == BAGS.start:
         tile *= (1 + 0.25 * np.sign(np.sin(columns * 0.6)) * np.cos(rows * 0.7))[..., None]
@@ -219,7 +219,7 @@ def _cloth(rng: np.random.Generator, colour: Pattern, folds: float) -> Pattern:
     return np.asarray(colour * (1 + shade)[..., None], dtype=np.float32)
 
 
-def _near(rng: np.random.Generator, colour: Colour, spread: float) -> Pattern:
+def _varied_colour(rng: np.random.Generator, colour: Colour, spread: float) -> Pattern:
     return np.clip(np.asarray(colour) + rng.normal(0.0, spread, 3), 6, 250).astype(np.float32)
 
 
@@ -228,7 +228,7 @@ def _row(z: float) -> float:
     return TILE * float(FACE[1] + (FACE[3] - FACE[1]) * (CROWN - z) / (CROWN - THROAT))
 
 
-def _oval(centre: tuple[float, float], radii: tuple[float, float]) -> NDArray[np.bool_]:
+def _ellipse(centre: tuple[float, float], radii: tuple[float, float]) -> NDArray[np.bool_]:
     """(TILE, TILE): within the oval about (column, row)."""
     rows, columns = np.ogrid[0:TILE, 0:TILE]
     return ((columns - centre[0]) / radii[0]) ** 2 + ((rows - centre[1]) / radii[1]) ** 2 <= 1

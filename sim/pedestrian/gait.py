@@ -20,16 +20,16 @@ SWING = 0.4
 WALK_RATIO = 0.39
 """Step length over step rate, m s: nearly the same at all speeds of a person from some 1 m/s on (Sekiya & Nagasaki 1998: 0.0065 m/(steps/min);
 Murakami & Otaka 2017 for the bound)."""
-AHEAD = 0.21
+LANDING_LEAD = 0.21
 """The share of a stride by which a foot lands before the body."""
 HALF_WIDTH = 0.032
 """Half the step width as a share of stature."""
 _SHORTEST_STEP = 0.25
 _ADJUSTING_RATE = 0.9
 """Strides/s of somebody who stands and only sets the feet right."""
-_FASTEST = 1.9
+_FASTEST_RATE = 1.9
 """Strides/s of the quickest small steps."""
-_OUTWARD = 0.6
+_HIP_ROTATION = 0.6
 """rad that a leg rotates in the hip (35°; Roaas & Andersson 1982 measured 33° both ways)."""
 
 
@@ -63,27 +63,27 @@ class Footing:
             object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
 
     @property
-    def since(self) -> Array:
+    def foot_phase(self) -> Array:
         """(m, 2) in [0, 1): the share of a stride since each foot left the ground."""
-        return _own_phase(self.phase)
+        return _foot_phases(self.phase)
 
     @property
     def swing(self) -> Array:
         """(m, 2) in [0, 1): how much of its swing each foot has done, 0 where it stands."""
-        own = _own_phase(self.phase)
+        own = _foot_phases(self.phase)
         return np.where(own < SWING, own / SWING, 0.0)
 
     @property
     def standing(self) -> Mask:
         """(m, 2) bool: whether each foot is on the ground."""
-        return _own_phase(self.phase) >= SWING
+        return _foot_phases(self.phase) >= SWING
 
 
 def stand(position: Array, heading: Array, stature: Array) -> Footing:
     """Feet side by side under position (m, 2) m, towards heading (m,) rad, for people of stature (m,) m."""
-    places = _beside(position, heading, stature)
+    foot_positions = _neutral_places(position, heading, stature)
     yaw = np.repeat(heading[:, None], 2, axis=1)
-    return Footing(np.full(len(position), 0.45), places, yaw, places, yaw)
+    return Footing(np.full(len(position), 0.45), foot_positions, yaw, foot_positions, yaw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class Bodies:
     stature: Array
 
 
-def chosen(rows: Mask, footing: Footing, otherwise: Footing) -> Footing:
+def select_rows(rows: Mask, footing: Footing, otherwise: Footing) -> Footing:
     """The feet of `footing` in these rows (m,), and those of `otherwise` in the others."""
     pairs = ((getattr(footing, f.name), getattr(otherwise, f.name)) for f in fields(Footing))
     return Footing(*(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
@@ -110,34 +110,34 @@ def walk(footing: Footing, bodies: Bodies, dt: float) -> Footing:
     """
     rate = _stride_rate(footing, bodies)
     phase = np.mod(footing.phase + rate * dt, 1.0)
-    before, own = _own_phase(footing.phase), _own_phase(phase)
+    before, own = _foot_phases(footing.phase), _foot_phases(phase)
     leaving = (own < SWING) & (before >= SWING)
     lifted = np.where(leaving[..., None], footing.planted, footing.lifted)
     lifted_yaw = np.where(leaving, footing.planted_yaw, footing.lifted_yaw)
     # Where the body will be when the foot lands, and the part of a stride by which the foot is then before it.
     safe = np.maximum(rate, 1e-6)[:, None]
-    wait = np.clip((SWING - own) / safe, 0.0, 0.6) + AHEAD / safe * (rate[:, None] > 0)
-    target = _beside(bodies.position, bodies.heading, bodies.stature) + bodies.velocity[:, None] * wait[..., None]
+    wait = np.clip((SWING - own) / safe, 0.0, 0.6) + LANDING_LEAD / safe * (rate[:, None] > 0)
+    target = _neutral_places(bodies.position, bodies.heading, bodies.stature) + bodies.velocity[:, None] * wait[..., None]
     swinging = own < SWING
     planted = np.where(swinging[..., None], target, footing.planted)
-    planted_yaw = np.where(swinging, _into_the_turn(bodies)[:, None], footing.planted_yaw)
+    planted_yaw = np.where(swinging, _foot_yaw(bodies)[:, None], footing.planted_yaw)
     return replace(footing, phase=phase, planted=planted, planted_yaw=planted_yaw, lifted=lifted, lifted_yaw=lifted_yaw)
 
 
-def places(footing: Footing) -> tuple[Array, Array]:
+def foot_positions(footing: Footing) -> tuple[Array, Array]:
     """Where the feet are now: (m, 2, 2) m in the plane, (m, 2) yaw rad."""
-    share = _smooth(footing.swing)
+    share = _smoothstep(footing.swing)
     moving = ~footing.standing
     place = np.where(moving[..., None], footing.lifted + share[..., None] * (footing.planted - footing.lifted), footing.planted)
     turn = wrap(footing.planted_yaw - footing.lifted_yaw)
     return place, np.where(moving, footing.lifted_yaw + share * turn, footing.planted_yaw)
 
 
-def way_to_landing(footing: Footing, position: Array, heading: Array, stature: Array) -> Array:
+def displacement_to_landing(footing: Footing, position: Array, heading: Array, stature: Array) -> Array:
     """(m, 2, 2) m that the body goes until each swinging foot lands, as `walk` foresaw; 0 for feet that stand."""
-    left = SWING - footing.since
-    share = np.where(footing.standing, 0.0, left / (left + AHEAD))
-    return share[..., None] * (footing.planted - _beside(position, heading, stature))
+    left = SWING - footing.foot_phase
+    share = np.where(footing.standing, 0.0, left / (left + LANDING_LEAD))
+    return share[..., None] * (footing.planted - _neutral_places(position, heading, stature))
 
 
 def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
@@ -145,7 +145,7 @@ def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
     speed = np.hypot(*bodies.velocity.T)
     size = bodies.stature / 1.75
     step = np.maximum(np.sqrt(WALK_RATIO * speed), _SHORTEST_STEP) * np.sqrt(size)
-    offset = np.linalg.norm(footing.planted - _beside(bodies.position, bodies.heading, bodies.stature), axis=2)
+    offset = np.linalg.norm(footing.planted - _neutral_places(bodies.position, bodies.heading, bodies.stature), axis=2)
     turned = np.abs(wrap(footing.planted_yaw - bodies.heading[:, None]))
     unsettled = ~footing.standing.all(axis=1) | (offset.max(axis=1) > 0.08) | (turned.max(axis=1) > 0.4)
     # Who stops in the middle of a stride pulls the far foot up at once.
@@ -153,35 +153,35 @@ def _stride_rate(footing: Footing, bodies: Bodies) -> Array:
     rate = np.maximum(speed / (2 * step), adjusting * unsettled * np.clip((0.4 - speed) / 0.3, 0.0, 1.0))
     # A foot is left behind by (1 − SWING − AHEAD) of a stride. What is more, as when somebody brakes or is pushed, hastens the next step, and so
     # does a body that turns away from the feet: one turns in short steps.
-    behind = np.where(footing.standing, offset, 0.0).max(axis=1) / ((1 - SWING - AHEAD) * 2 * step)
+    behind = np.where(footing.standing, offset, 0.0).max(axis=1) / ((1 - SWING - LANDING_LEAD) * 2 * step)
     askew = np.where(footing.standing, turned, 0.0).max(axis=1)
     hurried = rate * (1 + np.clip(np.maximum(3 * (behind - 1.1), 2.5 * (askew - 0.4)), 0.0, 2.5))
-    return np.maximum(rate, np.minimum(hurried, _FASTEST))
+    return np.maximum(rate, np.minimum(hurried, _FASTEST_RATE))
 
 
-def _into_the_turn(bodies: Bodies) -> Array:
+def _foot_yaw(bodies: Bodies) -> Array:
     """(m,) rad: where feet are set down to: ahead, or towards where the body goes and is going to turn, as far as hips rotate."""
     vx, vy = bodies.velocity.T
     turn = wrap(np.arctan2(vy, vx) - bodies.heading)
-    return bodies.heading + np.clip(turn, -_OUTWARD, _OUTWARD) * np.clip(np.hypot(vx, vy) / 0.3 - 0.5, 0.0, 1.0)
+    return bodies.heading + np.clip(turn, -_HIP_ROTATION, _HIP_ROTATION) * np.clip(np.hypot(vx, vy) / 0.3 - 0.5, 0.0, 1.0)
 
 
-def _own_phase(phase: Array) -> Array:
+def _foot_phases(phase: Array) -> Array:
     """(m,) → (m, 2): each foot's phase since it left the ground."""
     return np.mod(phase[:, None] + np.array([0.0, 0.5]), 1.0)
 
 
-def _beside(position: Array, heading: Array, stature: Array) -> Array:
+def _neutral_places(position: Array, heading: Array, stature: Array) -> Array:
     """Where feet stand beside each other under a body: (m, 2, 2) m."""
     left = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * (HALF_WIDTH * stature)[:, None]
     return position[:, None] + left[:, None] * np.array([1.0, -1.0])[:, None]
 
 
-def _smooth(share: Array) -> Array:
+def _smoothstep(share: Array) -> Array:
     """0 to 1 with no speed at both ends: 3 s² − 2 s³."""
     return share * share * (3 - 2 * share)
 
 
-def lift(footing: Footing, stature: Array) -> Array:
+def foot_lift(footing: Footing, stature: Array) -> Array:
     """(m, 2) m: how high the swinging feet are above the line between their footfalls."""
     return 0.035 * stature[:, None] * np.sin(math.pi * footing.swing) * ~footing.standing

@@ -14,16 +14,16 @@ from sim.pedestrian.gait import Bodies
 from sim.pedestrian.skeleton import LIMBS, Poses
 from tracker.geometry import Array, rotation_z, wrap
 
-FASTEST, FARTHEST = 2.5, 1.2
+FASTEST_TURN, LARGEST_TURN = 2.5, 1.2
 """rad/s and rad."""
-NEAR = 8.0
+GAZE_RANGE = 8.0
 """m: what is farther off is not looked at."""
-STANDS = 0.25
+STANDING_SPEED = 0.25
 """m/s: who is slower looks around."""
 _FACE = slice(0, 5)
 
 
-def look(yaw: Array, bodies: Bodies, points: Array, dt: float) -> Array:
+def head_yaw(yaw: Array, bodies: Bodies, points: Array, dt: float) -> Array:
     """How far heads are turned to the left (m,) rad, `dt` s after they were at `yaw` (m,).
 
     Who stands turns it to the nearest of points (k, 2) m that a neck can turn to.
@@ -35,14 +35,14 @@ def look(yaw: Array, bodies: Bodies, points: Array, dt: float) -> Array:
         angle = wrap(np.arctan2(away[..., 1], away[..., 0]) - bodies.heading[:, None])
         distance = np.hypot(away[..., 0], away[..., 1])
         # Oneself is among the points.
-        distance = np.where((distance < 0.1) | (np.abs(angle) > FARTHEST), np.inf, distance)
+        distance = np.where((distance < 0.1) | (np.abs(angle) > LARGEST_TURN), np.inf, distance)
         nearest = distance.argmin(axis=1)[:, None]
-        sees = (np.take_along_axis(distance, nearest, axis=1)[:, 0] < NEAR) & (np.hypot(*bodies.velocity.T) < STANDS)
+        sees = (np.take_along_axis(distance, nearest, axis=1)[:, 0] < GAZE_RANGE) & (np.hypot(*bodies.velocity.T) < STANDING_SPEED)
         wanted = np.where(sees, np.take_along_axis(angle, nearest, axis=1)[:, 0], 0.0)
-    return yaw + np.clip(wanted - yaw, -FASTEST * dt, FASTEST * dt)
+    return yaw + np.clip(wanted - yaw, -FASTEST_TURN * dt, FASTEST_TURN * dt)
 
 
-def turned(poses: Poses, yaw: Array) -> Poses:
+def with_head_yaw(poses: Poses, yaw: Array) -> Poses:
     """The poses with the heads turned by yaw (m,) rad about their own upright axes, faces with them."""
     if not len(yaw):
         return poses

@@ -16,36 +16,36 @@ from tracker.geometry import Array
 
 THIGH, SHIN = 0.245, 0.246
 """Hip to knee, knee to ankle; shares of stature (Drillis & Contini 1966, in Winter 2009, fig. 4.1)."""
-_STRETCHED = 0.996
+_LARGEST_STRETCH = 0.996
 """The share of its length to which a leg is stretched."""
-_LEAVING = 0.25
+_RISE_AFTER_LIFT_OFF = 0.25
 """Shares of size by which the hips rise in a swing at most, over what the leg behind let them."""
-_SINKING = 0.08, 0.17
+_DESCENT_BEFORE_LANDING = 0.08, 0.17
 """Shares of size by which hips are higher than a landing leg lets them at most, to the first and the second power of what is left of the swing."""
-_SOFT = 0.012
+_BLEND = 0.012
 """Share of size within which one leg takes over from the other."""
 
 
-def hip_height(size: Array, shoes: Feet, footing: Footing, hips: Array) -> Array:
+def hip_height(size: Array, feet: Feet, footing: Footing, hips: Array) -> Array:
     """(m,) m: the height at which both legs of people of size (m,) m reach their feet from hips over (m, 2, 2) m, hardly bent.
 
     It has no jumps: a foot in the air holds the body down less and less after it has left the ground, and more and more before it lands.
     """
-    upright = shoes.toe[..., 2] + (ANKLE + _STRETCHED * (THIGH + SHIN)) * size[:, None]
+    upright = feet.toe[..., 2] + (ANKLE + _LARGEST_STRETCH * (THIGH + SHIN)) * size[:, None]
     # A heel rises to let the body go on, not to lift it.
-    held = np.maximum(_reach(size, shoes.ankle, hips), np.minimum(_reach(size, shoes.rolled(shoes.further).ankle, hips), upright))
+    held = np.maximum(_highest_hips(size, feet.ankle, hips), np.minimum(_highest_hips(size, feet.rolled(feet.remaining_roll).ankle, hips), upright))
     left = 1 - footing.swing
-    leaving = held + _LEAVING * size[:, None] * footing.swing
-    coming = _reach(size, shoes.landing, hips) + size[:, None] * (_SINKING[0] * left + _SINKING[1] * left**2)
+    leaving = held + _RISE_AFTER_LIFT_OFF * size[:, None] * footing.swing
+    coming = _highest_hips(size, feet.landing, hips) + size[:, None] * (_DESCENT_BEFORE_LANDING[0] * left + _DESCENT_BEFORE_LANDING[1] * left**2)
     a, b = np.where(footing.standing, held, np.minimum(leaving, coming)).T
-    return np.minimum(a, b) - np.maximum(_SOFT * size - np.abs(a - b), 0.0) ** 2 / (4 * _SOFT * size)
+    return np.minimum(a, b) - np.maximum(_BLEND * size - np.abs(a - b), 0.0) ** 2 / (4 * _BLEND * size)
 
 
-def within_reach(size: Array, hips: Array, shoes: Feet) -> Feet:
+def raise_heels(size: Array, hips: Array, feet: Feet) -> Feet:
     """The feet with heels as high as legs from hips (m, 2, 3) m need; ankles that they do not reach even so are drawn up."""
-    leg = _STRETCHED * (THIGH + SHIN) * size[:, None]
-    arm, off = shoes.ankle - shoes.toe, hips - shoes.toe
-    y = shoes.rotation[..., 1]
+    leg = _LARGEST_STRETCH * (THIGH + SHIN) * size[:, None]
+    arm, off = feet.ankle - feet.toe, hips - feet.toe
+    y = feet.rotation[..., 1]
     across = np.einsum("...i,...i->...", arm, y)
     # |off − arm rolled by an angle|² = constant − 2 (p cos + q sin).
     constant = (off**2).sum(-1) + (arm**2).sum(-1) - 2 * across * np.einsum("...i,...i->...", off, y)
@@ -53,40 +53,40 @@ def within_reach(size: Array, hips: Array, shoes: Feet) -> Feet:
     q = np.einsum("...i,...i->...", off, np.cross(y, arm))
     cosine = np.clip((constant - leg**2) / (2 * np.maximum(np.hypot(p, q), 1e-9)), -1.0, 1.0)
     angle = np.arctan2(q, p) - np.arccos(cosine)
-    shoes = shoes.rolled(np.clip(np.where(angle < -np.pi, angle + 2 * np.pi, angle), 0.0, shoes.further))
-    down = shoes.ankle - hips
+    feet = feet.rolled(np.clip(np.where(angle < -np.pi, angle + 2 * np.pi, angle), 0.0, feet.remaining_roll))
+    down = feet.ankle - hips
     share = np.minimum(1.0, 0.999 * (THIGH + SHIN) * size[:, None] / np.linalg.norm(down, axis=2))
-    return replace(shoes, ankle=hips + share[..., None] * down)
+    return replace(feet, ankle=hips + share[..., None] * down)
 
 
-def bent(size: Array, hips: Array, shoes: Feet) -> tuple[Array, Array, Array]:
+def solve_knees(size: Array, hips: Array, feet: Feet) -> tuple[Array, Array, Array]:
     """Knees (m, 2, 3) m, rotations of thighs and shins (m, 2, 3, 3): two links, the knee to the front, between hips (m, 2, 3) m and feet."""
     thigh, shin = THIGH * size[:, None], SHIN * size[:, None]
-    down = shoes.ankle - hips
+    down = feet.ankle - hips
     length = np.linalg.norm(down, axis=2)
     along = down / length[..., None]
-    front = _across(shoes.rotation[..., 0], along)
+    front = _perpendicular(feet.rotation[..., 0], along)
     reach = np.minimum(length, 0.9995 * (thigh + shin))
     cosine = np.clip((thigh**2 + reach**2 - shin**2) / (2 * thigh * reach), -1.0, 1.0)
     knees = hips + thigh[..., None] * (cosine[..., None] * along + np.sqrt(1 - cosine**2)[..., None] * front)
-    return knees, _limb(hips - knees, front), _limb(knees - shoes.ankle, front)
+    return knees, _limb_rotations(hips - knees, front), _limb_rotations(knees - feet.ankle, front)
 
 
-def _reach(size: Array, ankle: Array, hips: Array) -> Array:
+def _highest_hips(size: Array, ankle: Array, hips: Array) -> Array:
     """(m, 2) m: the height over which hips over (m, 2, 2) m do not get away from ankles (m, 2, 3) m."""
-    leg = _STRETCHED * (THIGH + SHIN) * size[:, None]
+    leg = _LARGEST_STRETCH * (THIGH + SHIN) * size[:, None]
     across = np.linalg.norm(hips - ankle[..., :2], axis=2)
     return ankle[..., 2] + np.sqrt(np.maximum(leg**2 - across**2, (0.4 * leg) ** 2))
 
 
-def _across(direction: Array, axis: Array) -> Array:
+def _perpendicular(direction: Array, axis: Array) -> Array:
     """The part of `direction` across the unit `axis`, of length 1."""
     rest = direction - np.einsum("...i,...i->...", direction, axis)[..., None] * axis
     return rest / np.maximum(np.linalg.norm(rest, axis=-1), 1e-9)[..., None]
 
 
-def _limb(up: Array, front: Array) -> Array:
+def _limb_rotations(up: Array, front: Array) -> Array:
     """Rotations (..., 3, 3) with z along `up` and x towards `front`."""
     z = up / np.maximum(np.linalg.norm(up, axis=-1), 1e-9)[..., None]
-    x = _across(front, z)
+    x = _perpendicular(front, z)
     return np.stack([x, np.cross(z, x), z], axis=-1)

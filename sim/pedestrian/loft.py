@@ -54,7 +54,7 @@ class Part:
     power: float = 2.3
     closed: bool = False
     axes: Array = field(default_factory=lambda: UPRIGHT)
-    balls: tuple[int, int] = (0, 0)
+    rounding: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sections", frozen(self.sections, (None, 7), "sections"))
@@ -63,8 +63,8 @@ class Part:
     def skin(self, level: int) -> Skin | None:
         """The part at a level of detail; None where it is left out."""
         n = self.around[level]
-        rows = self.sections[self.balls[0] : len(self.sections) - self.balls[1]] if level == LEVELS - 1 else self.sections
-        return _loft(self, rows[_needed(rows, TOLERANCE[level])], n) if n else None
+        rows = self.sections[self.rounding[0] : len(self.sections) - self.rounding[1]] if level == LEVELS - 1 else self.sections
+        return _loft(self, rows[_simplified(rows, TOLERANCE[level])], n) if n else None
 
 
 def sections(*rows: ArrayLike) -> Array:
@@ -101,12 +101,12 @@ def _loft(part: Part, rows: Array, n: int) -> Skin:
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     skin = Skin(points.reshape(-1, 3), normals.reshape(-1, 3), texcoord.reshape(-1, 2), faces)
     if part.closed:
-        skin = _with_lids(skin, points, texcoord, sign)
+        skin = _with_end_caps(skin, points, texcoord, sign)
     length = np.maximum(np.linalg.norm(skin.normals, axis=1), 1e-12)
     return Skin(skin.vertices @ part.axes.T, skin.normals / length[:, None] @ part.axes.T, skin.texcoord, skin.faces)
 
 
-def _with_lids(skin: Skin, points: Array, texcoord: Array, sign: float) -> Skin:
+def _with_end_caps(skin: Skin, points: Array, texcoord: Array, sign: float) -> Skin:
     """The skin with a fan over each of its ends."""
     rings, n = points.shape[0], points.shape[1] - 1
     total = len(skin.vertices)
@@ -125,7 +125,7 @@ def _with_lids(skin: Skin, points: Array, texcoord: Array, sign: float) -> Skin:
     )
 
 
-def _needed(rows: Array, tolerance: float) -> NDArray[np.int64]:
+def _simplified(rows: Array, tolerance: float) -> NDArray[np.int64]:
     """Which sections are kept (Douglas & Peucker 1973, on how middle and widths change with height)."""
     if tolerance <= 0 or len(rows) < 3:
         return np.arange(len(rows))
@@ -135,5 +135,5 @@ def _needed(rows: Array, tolerance: float) -> NDArray[np.int64]:
     worst = int(np.argmax(off))
     if off[worst] <= tolerance:
         return np.array([0, len(rows) - 1])
-    low, high = _needed(rows[: worst + 1], tolerance), _needed(rows[worst:], tolerance) + worst
+    low, high = _simplified(rows[: worst + 1], tolerance), _simplified(rows[worst:], tolerance) + worst
     return np.concatenate([low, high[1:]])

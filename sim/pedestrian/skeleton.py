@@ -13,10 +13,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.pedestrian import leg_kinematics
-from sim.pedestrian.foot_contact import feet, turn
+from sim.pedestrian.foot_contact import foot_poses, rotation_matrices
 from sim.pedestrian.gait import Footing, Terrain
 from sim.pedestrian.leg_kinematics import SHIN, THIGH
 from tracker.geometry import Array, frozen
+from tracker.types import KEYPOINT_NAMES
 
 HIP_HEIGHT, SHOULDER_HEIGHT = 0.530, 0.818
 UPPER_ARM, FOREARM, HAND = 0.186, 0.146, 0.108
@@ -32,11 +33,6 @@ LIMBS = (
     "left_thigh", "right_thigh", "left_shin", "right_shin", "left_shoe", "right_shoe",
 )  # fmt: skip
 """The limbs in the order of every array of poses; each is a mocap body `person_7/head`."""
-COCO = (
-    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
-    "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
-)  # fmt: skip
-"""The order of key points (Lin et al. 2014, COCO)."""
 
 _SIDES = np.array([1.0, -1.0])
 _FACE = np.array([[0.070, 0.0, 0.103], [0.053, 0.018, 0.124], [0.053, -0.018, 0.124], [0.0, 0.046, 0.117], [0.0, -0.046, 0.117]])
@@ -54,7 +50,7 @@ class Poses:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(self.position, (None, len(LIMBS), 3), "position"))
         object.__setattr__(self, "quaternion", frozen(self.quaternion, (None, len(LIMBS), 4), "quaternion"))
-        object.__setattr__(self, "joints", frozen(self.joints, (None, len(COCO), 3), "joints"))
+        object.__setattr__(self, "joints", frozen(self.joints, (None, len(KEYPOINT_NAMES), 3), "joints"))
 
 
 def statures(rng: np.random.Generator, n: int, children: float = 0.0) -> Array:
@@ -79,38 +75,38 @@ def trunk_size(stature: Array) -> Array:
     return (stature - (1 - SHOULDER_HEIGHT) * head_size(stature)) / SHOULDER_HEIGHT
 
 
-def pose(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> Poses:
+def limb_poses(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> Poses:
     """The limbs of m people of stature (m,) m whose middle is over position (m, 2) m, heading (m,) rad, with these feet on that ground.
 
     Legs are two links from hip to ankle (legs.py), and pelvis, shoulders and arms swing with the distance between the feet: who stands hangs
     the arms.
     """
     size = trunk_size(stature)
-    shoes = feet(size, footing, position, heading, ground)
+    feet = foot_poses(size, footing, position, heading, ground)
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     # How far the right foot is ahead of the left one, as an angle of the legs.
-    stagger = np.einsum("mi,mi->m", shoes.ankle[:, 1, :2] - shoes.ankle[:, 0, :2], forward) / (2 * (THIGH + SHIN) * size)
+    stagger = np.einsum("mi,mi->m", feet.ankle[:, 1, :2] - feet.ankle[:, 0, :2], forward) / (2 * (THIGH + SHIN) * size)
     none = np.zeros_like(heading)
-    pelvis_turn = turn(heading + 0.25 * stagger, none, none)
+    pelvis_turn = rotation_matrices(heading + 0.25 * stagger, none, none)
     hip_offset = pelvis_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_HIPS * size)[:, None, None])
-    pelvis = np.column_stack([position, leg_kinematics.hip_height(size, shoes, footing, position[:, None] + hip_offset[..., :2])])
+    pelvis = np.column_stack([position, leg_kinematics.hip_height(size, feet, footing, position[:, None] + hip_offset[..., :2])])
     hips = pelvis[:, None] + hip_offset
-    shoes = leg_kinematics.within_reach(size, hips, shoes)
-    knees, thighs, shins = leg_kinematics.bent(size, hips, shoes)
+    feet = leg_kinematics.raise_heels(size, hips, feet)
+    knees, thighs, shins = leg_kinematics.solve_knees(size, hips, feet)
     lean = 0.03 + 0.12 * np.abs(stagger)
-    torso_turn = turn(heading - 0.3 * stagger, lean, none)
+    torso_turn = rotation_matrices(heading - 0.3 * stagger, lean, none)
     shoulders_middle = pelvis + torso_turn[:, :, 2] * ((SHOULDER_HEIGHT - HIP_HEIGHT) * size)[:, None]
     shoulders = shoulders_middle[:, None] + torso_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_SHOULDERS * size)[:, None, None])
     upper, fore = _arms(heading, stagger)
     elbows = shoulders - upper[..., 2] * (UPPER_ARM * size)[:, None, None]
     wrists = elbows - fore[..., 2] * (FOREARM * size)[:, None, None]
-    head_turn = turn(heading, 0.4 * lean, none)
+    head_turn = rotation_matrices(heading, 0.4 * lean, none)
     face = shoulders_middle[:, None] + np.einsum("mij,kj->mki", head_turn, _FACE) * head_size(stature)[:, None, None]
-    origins = [pelvis[:, None], pelvis[:, None], shoulders_middle[:, None], shoulders, elbows, hips, knees, shoes.ankle]
-    turns = [pelvis_turn[:, None], torso_turn[:, None], head_turn[:, None], upper, fore, thighs, shins, shoes.rotation]
+    origins = [pelvis[:, None], pelvis[:, None], shoulders_middle[:, None], shoulders, elbows, hips, knees, feet.ankle]
+    turns = [pelvis_turn[:, None], torso_turn[:, None], head_turn[:, None], upper, fore, thighs, shins, feet.rotation]
     rotation = np.concatenate(turns, axis=1)
     quaternion = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(-1, len(LIMBS), 4)
-    joints = np.concatenate([face, shoulders, elbows, wrists, hips, knees, shoes.ankle], axis=1)
+    joints = np.concatenate([face, shoulders, elbows, wrists, hips, knees, feet.ankle], axis=1)
     return Poses(np.concatenate(origins, axis=1), quaternion, joints)
 
 
@@ -120,4 +116,4 @@ def _arms(heading: Array, stagger: Array) -> tuple[Array, Array]:
     bend = 0.18 + 0.4 * np.maximum(swing, 0.0) + 0.3 * np.abs(stagger[:, None])
     away = np.broadcast_to(0.09 * _SIDES, swing.shape)
     yaw = np.repeat(heading[:, None], 2, axis=1)
-    return turn(yaw, -swing, away), turn(yaw, -swing - bend, 0.5 * away)
+    return rotation_matrices(yaw, -swing, away), rotation_matrices(yaw, -swing - bend, 0.5 * away)

@@ -54,7 +54,7 @@ class Pictures:
         scenario, spec = Scenario(seed=place.key.seed), place.world.spec.copy()
         for k in range(self.config.robots):
             rover.add_rover(spec, f"robot_{k}", k, self.config.camera_height)
-        clothing_textures.add_fabrics(spec, scenario.stream("fabrics"))
+        clothing_textures.add_clothing_textures(spec, scenario.stream("fabrics"))
         for k, stature in enumerate(place.stature, start=1):
             rng = scenario.stream(f"person_{k}")
             skeleton.statures(rng, 1, 0.0)
@@ -75,6 +75,6 @@ class Pictures:
             # Feet as of somebody who stands there and takes half a second's step: what they did before is not kept.
             bodies = gait.Bodies(crowd.position, crowd.velocity, crowd.heading, place.stature)
             footing = gait.walk(gait.stand(crowd.position, crowd.heading, place.stature), bodies, 0.25)
-            poses = skeleton.pose(place.stature, footing, crowd.position, crowd.heading, place.world.terrain)
+            poses = skeleton.limb_poses(place.stature, footing, crowd.position, crowd.heading, place.world.terrain)
             self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = poses.position, poses.quaternion
         mujoco.mj_forward(self._model, self._data)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.recording.tracker_setup import Fixed, setup_of
-from sim.rendering.panorama import PanoramaRenderer, Shot
+from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from sim.rendering.semantic_labels import classes
 from sim.scenario import Scenario
 from sim.sensors.exposure import Exposure
@@ -67,7 +67,7 @@ def run(scenario: Scenario, simulation: Simulation, setup: Setup, renderer: Pano
         for name, mount in setup.mounts.items():
             found = detector.detect(mount.camera, true[name], streams[name])
             image = drifts[name].take(shots[name].colour)
-            views.append(View(name, found, odometry=odometry.get(mount.robot), image=image, companions=spotter.spot(name)))
+            views.append(View(name, found, odometry=odometry.get(mount.robot), image=image, robot_detections=spotter.spot(name)))
         tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
         truth = Truth(index, robots, people.person, simulation.feet(), fractions_of(people.person, true), people.joints, tipped)
         instances = {name: sight.instances for name, sight in sights.items()}
@@ -90,15 +90,15 @@ def poses_of(simulation: Simulation, setup: Setup) -> dict[str, Pose]:
 
 def _look(
     simulation: Simulation, setup: Setup, renderer: PanoramaRenderer, people: People
-) -> tuple[dict[str, Sight], dict[str, Shot], dict[str, ViewTruth]]:
+) -> tuple[dict[str, Sight], dict[str, RenderedImage], dict[str, ViewTruth]]:
     """By camera, all of one moment: what it shows, with colours and classes, and what is true of it."""
     robots = poses_of(simulation, setup)
     poses = [robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
     which = [renderer.cameras.index(mount.camera) for mount in setup.mounts.values()]
     shots = renderer.render(simulation.data, poses, which)
-    alone = renderer.alone(simulation.data, poses, people.person.tolist(), which)
+    unoccluded = renderer.unoccluded(simulation.data, poses, people.person.tolist(), which)
     sights, true = {}, {}
-    for name, shot, pose, bodies in zip(setup.mounts, shots, poses, alone, strict=True):
+    for name, shot, pose, bodies in zip(setup.mounts, shots, poses, unoccluded, strict=True):
         sights[name] = Sight(setup.mounts[name].camera, pose, shot.instances, shot.range)
         true[name] = true_view(sights[name], people, bodies, simulation.world)
     return sights, dict(zip(setup.mounts, shots, strict=True)), true

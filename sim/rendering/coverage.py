@@ -15,7 +15,7 @@ BITS = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Alone:
+class UnoccludedExtent:
     """What one instance covers where nothing else is there.
 
     pixels: their number; box (4,) u0, v0, u1, v1 px around them; of a panorama with u0 in [0, W) and u1 in (u0, u0 + W], beyond W where it
@@ -26,19 +26,19 @@ class Alone:
     box: Array
 
 
-def covered(bits: NDArray[np.uint32], nearest: NDArray[np.int32], count: int, around: bool) -> list[Alone]:
+def covered(slot_bits: NDArray[np.uint32], nearest: NDArray[np.int32], count: int, wraps: bool) -> list[UnoccludedExtent]:
     """What each of `count` ≤ BITS bodies covers; nearest (H, W): every pixel's texel in bits; around: whether the picture closes in itself."""
-    pixels, rows, columns = _count(bits.ravel(), nearest, count)
-    return [Alone(int(pixels[k]), _box(rows[k], columns[k], around)) for k in range(count)]
+    pixels, rows, columns = _count(slot_bits.ravel(), nearest, count)
+    return [UnoccludedExtent(int(pixels[k]), _bounding_box(rows[k], columns[k], wraps)) for k in range(count)]
 
 
-def _box(rows: NDArray[np.int64], columns: NDArray[np.bool_], around: bool) -> Array:
+def _bounding_box(rows: NDArray[np.int64], columns: NDArray[np.bool_], wraps: bool) -> Array:
     """The smallest box from the first and last row (2,) and the columns (W,) that are used; around the seam it starts after the widest gap."""
     across = np.flatnonzero(columns)
     if not len(across):
         return np.full(4, np.nan)
     first, last = int(across[0]), int(across[-1]) + 1
-    if around:
+    if wraps:
         width = len(columns)
         gaps = np.diff(across, append=across[0] + width)
         widest = len(gaps) - 1 - int(np.argmax(gaps[::-1]))
@@ -48,14 +48,14 @@ def _box(rows: NDArray[np.int64], columns: NDArray[np.bool_], around: bool) -> A
 
 
 @numba.njit(cache=True)
-def _count(bits, nearest, count):  # type: ignore[no-untyped-def]
+def _count(slot_bits, nearest, count):  # type: ignore[no-untyped-def]
     height, width = nearest.shape
     pixels = np.zeros(count, np.int64)
     rows = np.zeros((count, 2), np.int64)
     columns = np.zeros((count, width), np.bool_)
     for i in range(height):
         for j in range(width):
-            left = bits[nearest[i, j]]
+            left = slot_bits[nearest[i, j]]
             k = 0
             while left:
                 if left & np.uint32(1):

@@ -28,7 +28,7 @@ DENSITY = 1.0
 """Texels along a pixel, where a face is coarsest: below 1 pixels would go unseen, above 1 what is sampled is smoother."""
 NARROW = 1.2
 """The greatest tangent off the middle of a field that one face takes; a wider one is cheaper by the faces of a cube."""
-MOST_BLIND = 0.5
+LARGEST_BLIND_SHARE = 0.5
 """Of an image: a lens that leaves more of it without a direction was not calibrated for it."""
 BLIND_ROWS = 2
 """Rows of an atlas that hold nothing, for pixels that see nothing: two, for what is interpolated there."""
@@ -69,7 +69,7 @@ class Face:
             object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
 
     @property
-    def fineness(self) -> float:
+    def resolution(self) -> float:
         """Texels a radian in the middle."""
         return float((np.array([self.width, self.height]) / (self.high - self.low)).max())
 
@@ -99,9 +99,9 @@ class FaceTable:
     width: int
     height: int
     first: NDArray[np.uint32]
-    part: NDArray[np.uint16]
+    fraction: NDArray[np.uint16]
     nearest: NDArray[np.int32]
-    stretch: NDArray[np.float32]
+    range_per_depth: NDArray[np.float32]
     colour_maps: tuple[Any, Any]
 
     @staticmethod
@@ -119,8 +119,8 @@ class FaceTable:
         scale = np.array([[face.width, face.height] / (face.high - face.low) for face in faces])
         offset = np.array([[0, face.row] - scale[k] * face.low - 0.5 for k, face in enumerate(faces)])
         shape = (camera.height, camera.width)
-        first, part, nearest = np.empty(shape, np.uint32), np.empty((*shape, 2), np.uint16), np.empty(shape, np.int32)
-        stretch = np.empty(shape, np.float32)
+        first, fraction, nearest = np.empty(shape, np.uint32), np.empty((*shape, 2), np.uint16), np.empty(shape, np.int32)
+        range_per_depth = np.empty(shape, np.float32)
         for rows, bearings, blind in _strips(camera):
             number = np.argmax(bearings @ axes[:, 0].T, axis=1)
             forward, right, up = (np.einsum("ni,ni->n", bearings, axes[number, k]) for k in range(3))
@@ -129,17 +129,17 @@ class FaceTable:
             fixed = np.floor(65536 * at + 0.5).astype(np.int64).reshape(-1, camera.width, 2)
             first[rows] = (fixed >> 16) @ [1, width]
             nearest[rows] = ((fixed + 32768) >> 16) @ [1, width]
-            part[rows] = fixed & 65535
-            stretch[rows] = (1 / forward).reshape(-1, camera.width)
-        x, y = (whole + part[..., k] / np.float32(65536) for k, whole in enumerate((first % width, first // width)))
+            fraction[rows] = fixed & 65535
+            range_per_depth[rows] = (1 / forward).reshape(-1, camera.width)
+        x, y = (whole + fraction[..., k] / np.float32(65536) for k, whole in enumerate((first % width, first // width)))
         maps = cv2.convertMaps(x.astype(np.float32), y.astype(np.float32), cv2.CV_16SC2)
-        for array in (first, part, nearest, stretch, *maps):
+        for array in (first, fraction, nearest, range_per_depth, *maps):
             array.flags.writeable = False
-        return FaceTable(faces, width, height, first, part, nearest, stretch, maps)
+        return FaceTable(faces, width, height, first, fraction, nearest, range_per_depth, maps)
 
-    def places(self) -> Array:
+    def texel_positions(self) -> Array:
         """(H, W, 2) texels across and up in the atlas, a texel's centre at whole numbers."""
-        return np.stack([self.first % self.width, self.first // self.width], axis=-1) + self.part / 65536
+        return np.stack([self.first % self.width, self.first // self.width], axis=-1) + self.fraction / 65536
 
     def sample(self, atlas: Atlas, limits: tuple[float, float], lookups: Sequence[NDArray[Any]]) -> Sampled:
         """Atlas → colour, bilinear; range, inf where the code is 0; and of every lookup (codes,) the value of the nearest texel's code.
@@ -147,7 +147,7 @@ class FaceTable:
         A code is one geom. Depth is OpenGL's, reversed: 1 at limits[0], 0 at limits[1] m, linear in the inverse of the planar depth, hence
         interpolated as it is, which is exact on planes, where the four neighbours are of one geom; the nearest elsewhere.
         """
-        seen, distance = codes_and_ranges(atlas, (self.first, self.part, self.stretch), limits)
+        seen, distance = codes_and_ranges(atlas, (self.first, self.fraction, self.range_per_depth), limits)
         colour = cv2.cvtColor(cv2.remap(atlas.colour, *self.colour_maps, interpolation=cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB)
         return Sampled(np.asarray(colour, dtype=np.uint8), distance, tuple(lookup.take(seen) for lookup in lookups))
 
@@ -169,10 +169,10 @@ def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
     """One face, or those of the cube through which the camera sees, one above the other."""
     count = camera.width * camera.height
     unseen = sum(int(blind.sum()) for _, _, blind in _strips(camera)) / count
-    if unseen > MOST_BLIND:
-        raise ValueError(f"{unseen:.0%} of the pixels of {camera} lie past the fold of its lens, needs {MOST_BLIND:.0%} at most")
+    if unseen > LARGEST_BLIND_SHARE:
+        raise ValueError(f"{unseen:.0%} of the pixels of {camera} lie past the fold of its lens, needs {LARGEST_BLIND_SHARE:.0%} at most")
     mean = np.sum([bearings[~blind].sum(axis=0) for _, bearings, blind in _strips(camera)], axis=0) / ((1 - unseen) * count)
-    for axes in [*([_around(mean)[None]] if np.linalg.norm(mean) > 0.3 else []), CUBE]:
+    for axes in [*([_axes_along(mean)[None]] if np.linalg.norm(mean) > 0.3 else []), CUBE]:
         low, high, pitch = _bounds(camera, axes)
         if len(axes) > 1 or max(-low.min(), high.max()) < NARROW:
             break
@@ -189,7 +189,7 @@ def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
     return tuple(faces)
 
 
-def _around(mean: Array) -> Array:
+def _axes_along(mean: Array) -> Array:
     """Axes (3, 3) of a face that looks along `mean`, upright as the camera is."""
     forward = mean / np.linalg.norm(mean)
     right = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.99 else [1.0, 0.0, 0.0])
@@ -210,7 +210,7 @@ def _bounds(camera: Camera, axes: Array) -> tuple[Array, Array, Array]:
         number = np.where(blind, -1, np.argmax(bearings @ axes[:, 0].T, axis=1))
         for k in np.unique(number[~blind]):
             mine = number == k
-            at, across, along = (_tangents(ways[mine], axes[k]) for ways in (bearings, beside, below))
+            at, across, along = (_tangents(components[mine], axes[k]) for components in (bearings, beside, below))
             step = np.stack([np.linalg.norm(across - at, axis=1), np.linalg.norm(along - at, axis=1)], axis=1)
             reach = np.abs(across - at) + np.abs(along - at)
             low[k], high[k] = np.minimum(low[k], (at - reach).min(axis=0)), np.maximum(high[k], (at + reach).max(axis=0))
@@ -219,5 +219,5 @@ def _bounds(camera: Camera, axes: Array) -> tuple[Array, Array, Array]:
 
 
 def _tangents(bearings: Array, axes: Array) -> Array:
-    ways = bearings @ axes.T
-    return np.asarray(ways[:, 1:] / np.maximum(ways[:, :1], 1e-3))
+    components = bearings @ axes.T
+    return np.asarray(components[:, 1:] / np.maximum(components[:, :1], 1e-3))

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.geometry import DRAWN, G, Solids
+from sim.rendering.geometry import DRAWN, G, ShapeBuffers
 from tracker.geometry import Array, Pose
 
 Indices = NDArray[np.int64]
@@ -21,12 +21,12 @@ GROUPS = (0, 1, 2, 3)
 """Geom groups that are drawn: ground, props, people, robots; 4 holds invisible collision shapes."""
 ABSENT = 5
 """The group of what is not drawn now and may be later: a geom may go from here to GROUPS and back from one moment to the next."""
-EXACTNESS = 5.0
+TRIANGLES_PER_PIXEL = 5.0
 """Triangles of a round shape per pixel of its radius: a ball of n triangles is off by 3.6 r / n, so by 0.7 pixel at most."""
-SLACK = 1e-3
+CULLING_MARGIN = 1e-3
 """m: what is so near to a face's edge is drawn, for rounding."""
 OPAQUE = 0.995
-PLAIN, PICTURE, CUBE, FACETS, PICTURE_FACETS = range(5)
+PLAIN, TEXTURED, CUBE_MAPPED, FACETS, TEXTURED_FACETS = range(5)
 """Kinds of surface: without a texture, with a flat one, with one on a cube about the shape; and the first two where triangles are lit flat."""
 
 RECORD = np.dtype(
@@ -50,7 +50,7 @@ class Batch:
 
 
 @dataclass(frozen=True, eq=False)
-class Strokes:
+class DrawCommands:
     """What is drawn through one face, near things first: commands, and in which batches."""
 
     commands: NDArray[np.void]
@@ -63,28 +63,28 @@ class DrawList:
     def __init__(self, model: mujoco.MjModel) -> None:
         if model.nflex or model.nskin:
             raise ValueError(f"the model has {model.nflex} flexes and {model.nskin} skins, which are not drawn: needs 0")
-        self.solids = Solids.of(model)
-        shown = np.isin(model.geom_group, (*GROUPS, ABSENT)) & np.isin(model.geom_type, [int(kind) for kind in DRAWN])
+        self.buffers = ShapeBuffers.of(model)
+        drawn = np.isin(model.geom_group, (*GROUPS, ABSENT)) & np.isin(model.geom_type, [int(kind) for kind in DRAWN])
         colour = _colours(model)
-        shown &= colour[:, 3] > 0
-        shapes = [_shapes(model, self.solids, k) if shown[k] else [] for k in range(model.ngeom)]
+        drawn &= colour[:, 3] > 0
+        shapes = [_shapes(model, self.buffers, k) if drawn[k] else [] for k in range(model.ngeom)]
         self._groups = model.geom_group
         self.geom = np.repeat(np.arange(model.ngeom), [len(of) for of in shapes])
         self._shape = np.array([shape for of in shapes for shape in of], dtype=np.int64)
         self.records = np.zeros(len(self.geom), RECORD)
         self.records["rgba"] = colour[self.geom]
         self.records["code"] = self.geom + 1
-        self.kind, self.texture = _surfaces(model, self.geom, self.records, colour)
+        self.kind, self.texture = _materials(model, self.geom, self.records, colour)
         self.blended = colour[self.geom, 3] < OPAQUE
-        self.casting = model.geom_castshadow[self.geom].astype(bool) & ~self.blended
-        self._family = self.solids.family[self._shape]
-        self._triangles = self.solids.count[self._family] // 3
-        self._boxes = np.where(np.isnan(self.solids.boxes[self._shape]), model.geom_aabb[self.geom], self.solids.boxes[self._shape])
+        self.casts_shadow = model.geom_castshadow[self.geom].astype(bool) & ~self.blended
+        self._levels = self.buffers.levels[self._shape]
+        self._triangles = self.buffers.count[self._levels] // 3
+        self._boxes = np.where(np.isnan(self.buffers.boxes[self._shape]), model.geom_aabb[self.geom], self.buffers.boxes[self._shape])
         flat = model.geom_type[self.geom] == G.mjGEOM_PLANE
         # MuJoCo's box of a plane is all that lies below it, and 0 stands for a plane without an edge.
         edges = np.where(model.geom_size[self.geom, :2] > 0, model.geom_size[self.geom, :2], 2 * model.vis.map.zfar * model.stat.extent)
         self._boxes[flat] = np.concatenate([np.zeros((flat.sum(), 3)), edges[flat], np.zeros((flat.sum(), 1))], axis=1)
-        self.endless = flat & (model.geom_size[self.geom, :2] <= 0).any(axis=1)
+        self.infinite = flat & (model.geom_size[self.geom, :2] <= 0).any(axis=1)
         self.records["scale"] = _scales(model, self.geom)
         self.records["scale"][flat, :2] = edges[flat]
 
@@ -98,7 +98,7 @@ class DrawList:
         self.halves = rotation * self._boxes[:, None, 3:]
         self.radius = np.linalg.norm(self._boxes[:, 3:], axis=1)
 
-    def seen_from(self, pose: Pose, planes: Array, fineness: float, among: Indices | None = None) -> list[Strokes]:
+    def visible_from(self, pose: Pose, planes: Array, resolution: float, among: Indices | None = None) -> list[DrawCommands]:
         """What each face, of planes (n, 5, 3), of a camera at `pose` (T_world_camera) sees, near things first.
 
         fineness: pixels a radian. among: the records to choose from, all where None.
@@ -108,39 +108,39 @@ class DrawList:
         away = self.centres[records] - pose.translation
         spans = np.abs(self.halves[records].transpose(0, 2, 1).reshape(-1, 3) @ normals.T).reshape(len(records), 3, len(normals))
         reach = away @ normals.T + spans.sum(axis=1)
-        seen = (reach.reshape(len(records), len(planes), 5) > -SLACK).all(axis=2)
+        seen = (reach.reshape(len(records), len(planes), 5) > -CULLING_MARGIN).all(axis=2)
         distance = np.maximum(np.linalg.norm(away, axis=1) - self.radius[records], 1e-3)
-        commands = self.commands(records, fineness * self.radius[records] / distance)
-        order = _ordered(self.kind[records], self.texture[records], self.blended[records], distance)
-        return [self._strokes(commands[chosen], records[chosen]) for chosen in (order[face[order]] for face in seen.T)]
+        commands = self.commands(records, resolution * self.radius[records] / distance)
+        draw_order = _draw_order(self.kind[records], self.texture[records], self.blended[records], distance)
+        return [self._draw_commands(commands[chosen], records[chosen]) for chosen in (draw_order[face[draw_order]] for face in seen.T)]
 
     def commands(self, records: Indices, pixels: Array) -> NDArray[np.void]:
         """How the records are drawn whose radius takes so many pixels each: in the coarsest form that is exact enough."""
-        needed = EXACTNESS * np.minimum(pixels, 1e6)
+        needed = TRIANGLES_PER_PIXEL * np.minimum(pixels, 1e6)
         enough = (self._triangles[records] >= needed[:, None]).sum(axis=1)
-        shape = self._family[records, np.maximum(enough - 1, 0)]
+        shape = self._levels[records, np.maximum(enough - 1, 0)]
         commands = np.zeros(len(records), COMMAND)
-        commands["count"], commands["first"], commands["base"] = self.solids.count[shape], self.solids.first[shape], self.solids.base[shape]
+        commands["count"], commands["first"], commands["base"] = self.buffers.count[shape], self.buffers.first[shape], self.buffers.base[shape]
         commands["instances"], commands["record"] = 1, records
         return commands
 
-    def _strokes(self, commands: NDArray[np.void], records: Indices) -> Strokes:
+    def _draw_commands(self, commands: NDArray[np.void], records: Indices) -> DrawCommands:
         key = np.stack([self.kind[records], self.texture[records], self.blended[records]], axis=1)
         cuts = np.flatnonzero((key[1:] != key[:-1]).any(axis=1)) + 1
         bounds = [0, *cuts, len(records)] if len(records) else [0]
         batches = [Batch(int(key[a, 0]), int(key[a, 1]), bool(key[a, 2]), int(a), int(b)) for a, b in pairwise(bounds)]
-        return Strokes(commands, tuple(batches))
+        return DrawCommands(commands, tuple(batches))
 
 
-def _ordered(kind: Indices, texture: Indices, blended: NDArray[np.bool_], distance: Array) -> Indices:
+def _draw_order(kind: Indices, texture: Indices, blended: NDArray[np.bool_], distance: Array) -> Indices:
     """An order in which what shares its surface is together, surfaces and things in them go from near to far, and what is seen through is last."""
     group = (texture + 1) * 5 + kind
     nearest = np.full(group.max(initial=0) + 1, np.inf)
     np.minimum.at(nearest, group[~blended], distance[~blended])
-    order = np.lexsort((distance, group, nearest[group], blended))
+    draw_order = np.lexsort((distance, group, nearest[group], blended))
     last = np.flatnonzero(blended)
     # Far to near, whatever the surface: each is laid over what is behind it.
-    return np.concatenate([order[: len(order) - len(last)], last[np.argsort(-distance[last], kind="stable")]])
+    return np.concatenate([draw_order[: len(draw_order) - len(last)], last[np.argsort(-distance[last], kind="stable")]])
 
 
 def _colours(model: mujoco.MjModel) -> NDArray[np.float32]:
@@ -153,11 +153,11 @@ def _colours(model: mujoco.MjModel) -> NDArray[np.float32]:
     return colours
 
 
-def _shapes(model: mujoco.MjModel, solids: Solids, geom: int) -> list[int]:
+def _shapes(model: mujoco.MjModel, shapes: ShapeBuffers, geom: int) -> list[int]:
     kind, number = int(model.geom_type[geom]), int(model.geom_dataid[geom])
     if kind == G.mjGEOM_HFIELD:
-        return solids.hfield[number]
-    return [int(solids.mesh[number])] if kind == G.mjGEOM_MESH else [solids.plain[kind]]
+        return shapes.hfield[number]
+    return [int(shapes.mesh[number])] if kind == G.mjGEOM_MESH else [shapes.plain[kind]]
 
 
 def _scales(model: mujoco.MjModel, geom: Indices) -> Array:
@@ -172,7 +172,7 @@ def _scales(model: mujoco.MjModel, geom: Indices) -> Array:
     return scale
 
 
-def _surfaces(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], colour: NDArray[np.float32]) -> tuple[Indices, Indices]:
+def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], colour: NDArray[np.float32]) -> tuple[Indices, Indices]:
     """Kind and texture (m,) of every record; fills in shine and mapping as MuJoCo has them."""
     material, kind = model.geom_matid[geom], model.geom_type[geom]
     has = material >= 0
@@ -195,7 +195,7 @@ def _surfaces(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], c
     own[own] = model.mesh_texcoordadr[model.geom_dataid[geom[own]]] >= 0
     records["mapping"][:, 3] = ~own
     records["mapping"][cubic, :3] = np.where(uniform, size, 1)[cubic]
-    surface = np.where(texture < 0, PLAIN, np.where(cubic & ~own, CUBE, PICTURE))
-    faceted = field & (surface != CUBE)
-    surface[faceted] = np.where(texture[faceted] < 0, FACETS, PICTURE_FACETS)
+    surface = np.where(texture < 0, PLAIN, np.where(cubic & ~own, CUBE_MAPPED, TEXTURED))
+    faceted = field & (surface != CUBE_MAPPED)
+    surface[faceted] = np.where(texture[faceted] < 0, FACETS, TEXTURED_FACETS)
     return surface, texture

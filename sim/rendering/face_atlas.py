@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-EVEN = np.uint32(1 << 31)
+UNIFORM = np.uint32(1 << 31)
 """Marks the code of a texel whose neighbours to the right, above, and both have it too."""
 
 
@@ -45,18 +45,18 @@ def codes_and_ranges(
     of the planar depth, hence interpolated as it is, which is exact on planes, where the four neighbours are of one geom; the nearest elsewhere.
     """
     tags, seen = np.empty(atlas.codes.shape, np.uint32), np.empty(table[0].shape, np.uint32)
-    _tagged(atlas.codes, tags)
+    _mark_uniform(atlas.codes, tags)
     return seen, _ranges((tags, atlas.depth), table, np.array(inverse_depth(*limits), np.float32), seen)
 
 
 @numba.njit(cache=True)
-def _tagged(codes, out):  # type: ignore[no-untyped-def]
+def _mark_uniform(codes, out):  # type: ignore[no-untyped-def]
     """Writes the codes (height, width) into `out`, with EVEN set where the neighbours to the right, above, and both share a texel's code."""
     flat, tags, pitch = codes.ravel(), out.ravel(), codes.shape[1]
     for k in range(flat.size - pitch - 1):
         code = flat[k]
         other = (flat[k + 1] ^ code) | (flat[k + pitch] ^ code) | (flat[k + pitch + 1] ^ code)
-        tags[k] = code | (EVEN if other == 0 else np.uint32(0))
+        tags[k] = code | (UNIFORM if other == 0 else np.uint32(0))
     # The last have no such neighbours.
     for k in range(max(flat.size - pitch - 1, 0), flat.size):
         tags[k] = flat[k]
@@ -66,16 +66,16 @@ def _tagged(codes, out):  # type: ignore[no-untyped-def]
 def _ranges(atlas, table, inverse, seen):  # type: ignore[no-untyped-def]
     """Fills in the codes that are seen (H, W); returns range (H, W). Unsigned indices need no look at their sign."""
     tags, depth = atlas[0].ravel(), atlas[1].ravel()
-    first, part, stretch = table
+    first, fraction, range_per_depth = table
     pitch, one, half = np.uint64(atlas[0].shape[1]), np.uint64(1), np.uint32(15)
     height, width = first.shape
     distance = np.empty((height, width), np.float32)
     slope, offset, whole = inverse[0], inverse[1], np.float32(1 / 65536)
     for i in range(height):
         for j in range(width):
-            at, a, b = np.uint64(first[i, j]), np.uint32(part[i, j, 0]), np.uint32(part[i, j, 1])
+            at, a, b = np.uint64(first[i, j]), np.uint32(fraction[i, j, 0]), np.uint32(fraction[i, j, 1])
             code = tags[at]
-            if code > EVEN:
+            if code > UNIFORM:
                 c, e = depth[at], depth[at + pitch]
                 across = whole * np.float32(a)
                 bottom, top = c + across * (depth[at + one] - c), e + across * (depth[at + pitch + one] - e)
@@ -83,7 +83,7 @@ def _ranges(atlas, table, inverse, seen):  # type: ignore[no-untyped-def]
             else:
                 near = at + np.uint64(a >> half) + pitch * np.uint64(b >> half)
                 code, deep = tags[near], depth[near]
-            code &= ~EVEN
+            code &= ~UNIFORM
             seen[i, j] = code
-            distance[i, j] = stretch[i, j] / (slope * deep + offset) if code else np.float32(np.inf)
+            distance[i, j] = range_per_depth[i, j] / (slope * deep + offset) if code else np.float32(np.inf)
     return distance

@@ -105,7 +105,7 @@ Indices = NDArray[np.uint32]
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Shape:
     """One shape: vertices (n, 9) x, y, z, away (0 or ±1), normal, texture u, v; triangles (t, 3), anticlockwise from outside."""
 
     vertices: Floats
@@ -113,7 +113,7 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
-class Solids:
+class ShapeBuffers:
     """All shapes of a model one after the other.
 
     vertices (n, 9), indices (m,): as Solid has them. first, count, base (s,): of every shape its first index, their number, its first vertex.
@@ -126,89 +126,89 @@ class Solids:
     first: NDArray[np.int64]
     count: NDArray[np.int64]
     base: NDArray[np.int64]
-    family: NDArray[np.int64]
+    levels: NDArray[np.int64]
     boxes: Array
     plain: dict[int, int]
     mesh: NDArray[np.int64]
     hfield: list[list[int]]
 
     @staticmethod
-    def of(model: mujoco.MjModel) -> Solids:
-        solids: list[Solid] = []
-        families: dict[int, list[int]] = {}
+    def of(model: mujoco.MjModel) -> ShapeBuffers:
+        shapes: list[Shape] = []
+        levels_of: dict[int, list[int]] = {}
         boxes: dict[int, Array] = {}
         plain = {}
         for kind, make in ((G.mjGEOM_SPHERE, sphere), (G.mjGEOM_CAPSULE, capsule), (G.mjGEOM_CYLINDER, cylinder)):
-            plain[int(kind)] = len(solids)
-            families[len(solids)] = list(range(len(solids), len(solids) + len(SLICES)))
-            solids += [make(*fineness) for fineness in SLICES]
+            plain[int(kind)] = len(shapes)
+            levels_of[len(shapes)] = list(range(len(shapes), len(shapes) + len(SLICES)))
+            shapes += [make(*resolution) for resolution in SLICES]
         plain[int(G.mjGEOM_ELLIPSOID)] = plain[int(G.mjGEOM_SPHERE)]
-        for kind, solid in ((G.mjGEOM_BOX, box()), (G.mjGEOM_PLANE, plane())):
-            plain[int(kind)] = len(solids)
-            solids.append(solid)
-        meshes = np.arange(len(solids), len(solids) + model.nmesh)
-        solids += [mesh(model, k) for k in range(model.nmesh)]
-        for fine, forms in _forms(model).items():
-            families[int(meshes[fine])] = [int(meshes[k]) for k in forms]
-        fields = []
+        for kind, shape in ((G.mjGEOM_BOX, box()), (G.mjGEOM_PLANE, plane())):
+            plain[int(kind)] = len(shapes)
+            shapes.append(shape)
+        meshes = np.arange(len(shapes), len(shapes) + model.nmesh)
+        shapes += [mesh(model, k) for k in range(model.nmesh)]
+        for fine, levels in _levels_of_detail(model).items():
+            levels_of[int(meshes[fine])] = [int(meshes[k]) for k in levels]
+        hfields = []
         for k in range(model.nhfield):
-            fields.append(list(range(len(solids), len(solids) + len(tiles := tiles_of(model, k)))))
+            hfields.append(list(range(len(shapes), len(shapes) + len(tiles := tiles_of(model, k)))))
             for tile in tiles:
-                boxes[len(solids)] = tile.box
-                solids.append(_sharing(tile))
-        return _joined(solids, _Kinds(plain, meshes, fields, families, boxes))
+                boxes[len(shapes)] = tile.box
+                shapes.append(_tile_shape(tile))
+        return _joined(shapes, _ShapeIndices(plain, meshes, hfields, levels_of, boxes))
 
 
 @dataclass(frozen=True, eq=False)
-class _Kinds:
+class _ShapeIndices:
     """Where in a list of solids what is: by geom type, mesh, and height field's tile; forms of families; boxes of tiles."""
 
     plain: dict[int, int]
     mesh: NDArray[np.int64]
     hfield: list[list[int]]
-    families: dict[int, list[int]]
+    levels_of: dict[int, list[int]]
     boxes: dict[int, Array]
 
 
-def _joined(solids: list[Solid], kinds: _Kinds) -> Solids:
-    count = np.array([3 * len(solid.triangles) for solid in solids])
-    sizes = np.array([len(solid.vertices) for solid in solids])
-    forms = max([1, *(len(family) for family in kinds.families.values())])
-    family = np.tile(np.arange(len(solids))[:, None], (1, forms))
-    for solid, members in kinds.families.items():
-        family[solid] = [*members, *[members[-1]] * (forms - len(members))]
-    extents = np.full((len(solids), 6), np.nan)
-    for solid, extent in kinds.boxes.items():
-        extents[solid] = extent
-    vertices = np.concatenate([solid.vertices for solid in solids]).astype(np.float32)
-    indices = np.concatenate([solid.triangles.ravel() for solid in solids]).astype(np.uint32)
+def _joined(shapes: list[Shape], indices_of: _ShapeIndices) -> ShapeBuffers:
+    count = np.array([3 * len(shape.triangles) for shape in shapes])
+    sizes = np.array([len(shape.vertices) for shape in shapes])
+    levels = max([1, *(len(levels) for levels in indices_of.levels_of.values())])
+    levels = np.tile(np.arange(len(shapes))[:, None], (1, levels))
+    for shape, members in indices_of.levels_of.items():
+        levels[shape] = [*members, *[members[-1]] * (levels - len(members))]
+    extents = np.full((len(shapes), 6), np.nan)
+    for shape, extent in indices_of.boxes.items():
+        extents[shape] = extent
+    vertices = np.concatenate([shape.vertices for shape in shapes]).astype(np.float32)
+    indices = np.concatenate([shape.triangles.ravel() for shape in shapes]).astype(np.uint32)
     first, base = np.cumsum(count) - count, np.cumsum(sizes) - sizes
-    return Solids(vertices, indices, first, count, base, family, extents, kinds.plain, kinds.mesh, kinds.hfield)
+    return ShapeBuffers(vertices, indices, first, count, base, levels, extents, indices_of.plain, indices_of.mesh, indices_of.hfield)
 
 
-def _forms(model: mujoco.MjModel) -> dict[int, list[int]]:
+def _levels_of_detail(model: mujoco.MjModel) -> dict[int, list[int]]:
     """Meshes that have coarser forms, and the numbers of all their forms, finest first."""
     number = {model.mesh(k).name: k for k in range(model.nmesh)}
-    forms = {}
+    levels = {}
     for name, fine in number.items():
         coarser = [number[other] for level in range(1, 10) if (other := f"{name}@{level}") in number]
         if coarser:
-            forms[fine] = [fine, *coarser]
-    return forms
+            levels[fine] = [fine, *coarser]
+    return levels
 
 
-def sphere(around: int, along: int) -> Solid:
+def sphere(around: int, along: int) -> Shape:
     """The unit sphere."""
-    return _turned(np.linspace(np.pi / 2, -np.pi / 2, along + 1), np.zeros(along + 1), around)
+    return _revolved(np.linspace(np.pi / 2, -np.pi / 2, along + 1), np.zeros(along + 1), around)
 
 
-def capsule(around: int, along: int) -> Solid:
+def capsule(around: int, along: int) -> Shape:
     """Two unit half spheres, to be moved apart, and what is between them."""
     half = np.linspace(0, np.pi / 2, along // 2 + 1)
-    return _turned(np.concatenate([half[::-1], -half]), np.concatenate([np.ones(len(half)), -np.ones(len(half))]), around)
+    return _revolved(np.concatenate([half[::-1], -half]), np.concatenate([np.ones(len(half)), -np.ones(len(half))]), around)
 
 
-def _turned(elevation: Array, away: Array, around: int) -> Solid:
+def _revolved(elevation: Array, away: Array, around: int) -> Shape:
     """Rings of a unit sphere at these elevations, from the top on."""
     turn = np.arange(around) * 2 * np.pi / around
     ring = np.stack([np.cos(turn), np.sin(turn), np.ones(around)], axis=1)
@@ -222,7 +222,7 @@ def _turned(elevation: Array, away: Array, around: int) -> Solid:
     corners = vertices.reshape(-1, 9)[triangles][:, :, :4]
     area = np.linalg.norm(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]), axis=1)
     # At the poles half of every quadrilateral is nothing; the ring between a capsule's halves is not, once it is drawn.
-    return Solid(vertices.reshape(-1, 9), triangles[(area > 1e-9) | (np.ptp(corners[:, :, 3], axis=1) > 0)].astype(np.uint32))
+    return Shape(vertices.reshape(-1, 9), triangles[(area > 1e-9) | (np.ptp(corners[:, :, 3], axis=1) > 0)].astype(np.uint32))
 
 
 def _quad(a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], d: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -230,7 +230,7 @@ def _quad(a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], d: N
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
-def cylinder(around: int, along: int) -> Solid:
+def cylinder(around: int, along: int) -> Shape:
     """Radius 1, from z = −1 to 1; `along` is of no matter."""
     turn = np.arange(around) * 2 * np.pi / around
     ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -241,10 +241,10 @@ def cylinder(around: int, along: int) -> Solid:
     nxt, fan = (k + 1) % around, np.arange(1, around - 1)
     top = np.stack([np.zeros_like(fan), fan, fan + 1], axis=1)
     side = _quad(around + k, 2 * around + k, 2 * around + nxt, around + nxt)
-    return Solid(vertices.reshape(-1, 9), np.concatenate([top, side, 3 * around + top[:, ::-1]]).astype(np.uint32))
+    return Shape(vertices.reshape(-1, 9), np.concatenate([top, side, 3 * around + top[:, ::-1]]).astype(np.uint32))
 
 
-def box() -> Solid:
+def box() -> Shape:
     """From −1 to 1 along every axis."""
     corners, normals = [], []
     for axis in range(3):
@@ -253,29 +253,29 @@ def box() -> Solid:
             normal[axis], a[(axis + 1) % 3], b[(axis + 2) % 3] = side, 1.0, side
             corners += [[normal - a - b, normal + a - b, normal + a + b], [normal - a - b, normal + a + b, normal - a + b]]
             normals += [[normal] * 3] * 2
-    return _loose(np.array(corners), np.array(normals))
+    return _separate_triangles(np.array(corners), np.array(normals))
 
 
-def plane() -> Solid:
+def plane() -> Shape:
     """From −1 to 1 along x and y, seen from above."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1, -1, 0], [1, 1, 0], [-1, 1, 0]]], np.float32)
-    return _loose(corners, np.broadcast_to(np.array([0.0, 0.0, 1.0]), corners.shape))
+    return _separate_triangles(corners, np.broadcast_to(np.array([0.0, 0.0, 1.0]), corners.shape))
 
 
-def _loose(corners: Array | Floats, normals: Array | Floats) -> Solid:
+def _separate_triangles(corners: Array | Floats, normals: Array | Floats) -> Shape:
     """Corners and normals (t, 3, 3) of triangles that share no vertex, but where all of it is the same."""
     vertices = np.zeros((3 * len(corners), 9), np.float32)
     vertices[:, :3], vertices[:, 4:7] = corners.reshape(-1, 3), normals.reshape(-1, 3)
-    return Solid(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
+    return Shape(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
 
 
-def _sharing(tile: Tile) -> Solid:
+def _tile_shape(tile: Tile) -> Shape:
     vertices = np.zeros((len(tile.points), 9), np.float32)
     vertices[:, :3], vertices[:, 4:7] = tile.points, tile.normals
-    return Solid(vertices, tile.triangles.astype(np.uint32))
+    return Shape(vertices, tile.triangles.astype(np.uint32))
 
 
-def mesh(model: mujoco.MjModel, number: int) -> Solid:
+def mesh(model: mujoco.MjModel, number: int) -> Shape:
     """A mesh of the model, in the frame of its geoms; vertices that differ in normal or texture are apart."""
     faces = slice(model.mesh_faceadr[number], model.mesh_faceadr[number] + model.mesh_facenum[number])
     points = model.mesh_vert[model.mesh_vertadr[number] :][: model.mesh_vertnum[number]]
@@ -287,4 +287,4 @@ def mesh(model: mujoco.MjModel, number: int) -> Solid:
     unique, inverse = np.unique(corners, axis=0, return_inverse=True)
     vertices = np.zeros((len(unique), 9), np.float32)
     vertices[:, :3], vertices[:, 4:7], vertices[:, 7:] = points[unique[:, 0]], normals[unique[:, 1]], places[unique[:, 2]]
-    return Solid(vertices, inverse.reshape(-1, 3).astype(np.uint32))
+    return Shape(vertices, inverse.reshape(-1, 3).astype(np.uint32))

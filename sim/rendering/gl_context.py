@@ -24,48 +24,48 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-SECONDS = 120.0
+TIME_LIMIT = 120.0
 """What the slowest computer takes for one picture, many times over."""
 
 STATUS = 2
 
-_watch: _Watch | None = None
+_watchdog: _Watchdog | None = None
 
 
-class _Watch(threading.Thread):
+class _Watchdog(threading.Thread):
     """Looks now and then whether the deadline of what goes on has passed."""
 
     def __init__(self) -> None:
         super().__init__(name="watchdog", daemon=True)
-        self.process, self.doing, self.deadline = os.getpid(), "", float("inf")
+        self.process, self.operation, self.deadline = os.getpid(), "", float("inf")
 
     def run(self) -> None:
         while True:
             left = self.deadline - time.monotonic()
             if left <= 0:
-                said = f"error: the OpenGL driver hangs: {self.doing} took more than {SECONDS:g} s\n"
+                said = f"error: the OpenGL driver hangs: {self.operation} took more than {TIME_LIMIT:g} s\n"
                 # Past Python's buffers, whose locks another thread may hold.
                 os.write(2, said.encode())
                 os._exit(STATUS)
-            time.sleep(min(left, SECONDS / 10, 1.0))
+            time.sleep(min(left, TIME_LIMIT / 10, 1.0))
 
 
 @contextmanager
-def watched(doing: str) -> Iterator[None]:
+def watched(operation: str) -> Iterator[None]:
     """What is done in this context takes at most SECONDS, else the process ends with one line on its standard error and exit status 2.
 
     The calls within must let other threads run, as those of ctypes do, by which PyOpenGL calls the driver.
     """
-    global _watch
-    if _watch is None or _watch.process != os.getpid():
-        _watch = _Watch()
-        _watch.start()
-    watch, before = _watch, (_watch.doing, _watch.deadline)
-    watch.doing, watch.deadline = doing, time.monotonic() + SECONDS
+    global _watchdog
+    if _watchdog is None or _watchdog.process != os.getpid():
+        _watchdog = _Watchdog()
+        _watchdog.start()
+    watchdog, before = _watchdog, (_watchdog.operation, _watchdog.deadline)
+    watchdog.operation, watchdog.deadline = operation, time.monotonic() + TIME_LIMIT
     try:
         yield
     finally:
-        watch.doing, watch.deadline = before
+        watchdog.operation, watchdog.deadline = before
 
 
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering import gl_objects, shaders
-from sim.rendering.draw_list import COMMAND, CUBE, RECORD, Batch, DrawList, Strokes
+from sim.rendering.draw_list import COMMAND, CUBE_MAPPED, RECORD, Batch, DrawList, DrawCommands
 from sim.rendering.face_atlas import Atlas
 from sim.rendering.gl_context import largest_buffer, use_reversed_depth
-from sim.rendering.shaders import Lamps
+from sim.rendering.shaders import Lights
 from tracker.geometry import Array
 
-SHADOW = 2048
+SHADOW_SIZE = 2048
 """Texels along a shadow map's edge. It is drawn once a moment for all cameras."""
-SHADOW_LIFT = 1.5
+SHADOW_BIAS = 1.5
 """Texels of the shadow map that a surface is lifted by before it is looked up: else it would shade itself."""
 
 Place = tuple[int, int, int, int]
@@ -44,78 +44,78 @@ class OpenGLRenderer:
 
         self._gl: Any = GL
         gl_objects.check(GL)
-        self._model, self._drawn, self._size = model, drawn, size
-        self.lamps = Lamps.of(model)
-        self._places: dict[tuple[int, str], int] = {}
-        self._atlases: dict[tuple[int, int], Atlas] = {}
-        self._load_shapes()
-        texts = shaders.programs(len(self.lamps.number), self.lamps.shadows)
+        self._model, self._draw_list, self._size = model, drawn, size
+        self.lights = Lights.of(model)
+        self._uniform_locations: dict[tuple[int, str], int] = {}
+        self._atlas_buffers: dict[tuple[int, int], Atlas] = {}
+        self._upload_shapes()
+        texts = shaders.programs(len(self.lights.index), self.lights.shadows)
         self._programs = {kind: gl_objects.program(GL, *text) for kind, text in texts.items()}
-        self._dark = gl_objects.program(GL, shaders.INPUTS + shaders.DARK, shaders.NOTHING)
-        self._marks = gl_objects.program(GL, shaders.INPUTS + shaders.MARKED, shaders.MARK)
-        self._sky_program = gl_objects.program(GL, shaders.ALL_OVER, shaders.SKY)
+        self._depth_program = gl_objects.program(GL, shaders.INPUTS + shaders.DEPTH_VERTEX, shaders.DEPTH_FRAGMENT)
+        self._mark_program = gl_objects.program(GL, shaders.INPUTS + shaders.MARK_VERTEX, shaders.MARK_FRAGMENT)
+        self._sky_program = gl_objects.program(GL, shaders.SKY_VERTEX, shaders.SKY_FRAGMENT)
         self._textures = [gl_objects.texture_of(GL, model, k) for k in range(model.ntex)]
         skies = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
         self._sky = self._textures[skies[0]] if len(skies) else None
-        self._load_buffers()
+        self._make_framebuffers()
 
-    def take(self, data: mujoco.MjData) -> None:
+    def update(self, data: mujoco.MjData) -> None:
         """Take in a moment: the records as they are in the draw list now, and the shadows."""
         GL = self._gl
-        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._records)
-        GL.glBufferData(GL.GL_ARRAY_BUFFER, self._drawn.records.nbytes, self._drawn.records, GL.GL_STREAM_DRAW)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._record_buffer)
+        GL.glBufferData(GL.GL_ARRAY_BUFFER, self._draw_list.records.nbytes, self._draw_list.records, GL.GL_STREAM_DRAW)
         self._data = data
         self._cast_shadows(data)
 
     def begin(self, eye: Array) -> None:
         """Clear the buffer, and light the scene as seen from `eye` (3,) m."""
         GL = self._gl
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
         GL.glViewport(0, 0, *self._size)
         GL.glClearBufferfv(GL.GL_COLOR, 0, np.zeros(4, np.float32))
         GL.glClearBufferuiv(GL.GL_COLOR, 1, np.zeros(4, np.uint32))
         GL.glClearBufferfv(GL.GL_DEPTH, 0, np.zeros(1, np.float32))
-        numbers = self.lamps.placed(self._data, eye)
-        numbers[: self.lamps.shadows, 2, 3] = self._lifts
+        parameters = self.lights.parameters_at(self._data, eye)
+        parameters[: self.lights.shadows, 2, 3] = self._shadow_biases
         for program in self._programs.values():
             GL.glUseProgram(program)
-            GL.glUniform4fv(self._at(program, "lights"), numbers.size // 4, numbers)
-            GL.glUniform4f(self._at(program, "eye"), *eye, self.lamps.gloom)
-            if self.lamps.shadows:
-                GL.glUniformMatrix4fv(self._at(program, "shadows"), self.lamps.shadows, GL.GL_TRUE, self._lookups)
+            GL.glUniform4fv(self._uniform_location(program, "lights"), parameters.size // 4, parameters)
+            GL.glUniform4f(self._uniform_location(program, "eye"), *eye, self.lights.ambient)
+            if self.lights.shadows:
+                GL.glUniformMatrix4fv(self._uniform_location(program, "shadows"), self.lights.shadows, GL.GL_TRUE, self._shadow_matrices)
 
-    def draw(self, place: Place, matrix: Array, strokes: Strokes) -> None:
+    def draw(self, place: Place, matrix: Array, draw_commands: DrawCommands) -> None:
         """Draw what is listed into `place` (left, bottom, width, height) of the buffer; matrix (4, 4) is its projection."""
         GL = self._gl
         GL.glViewport(*place)
-        self._command(strokes.commands)
-        seen_through, kind, placed = False, -1, set[int]()
-        for batch in strokes.batches:
-            if batch.blended and not seen_through:
-                seen_through = True
+        self._upload_commands(draw_commands.commands)
+        blending, kind, placed = False, -1, set[int]()
+        for batch in draw_commands.batches:
+            if batch.blended and not blending:
+                blending = True
                 GL.glEnablei(GL.GL_BLEND, 0)
                 GL.glBlendFunc(GL.GL_SRC_ALPHA, GL.GL_ONE_MINUS_SRC_ALPHA)
             if batch.kind != kind:
                 kind = batch.kind
-                self._use(self._programs[kind], None if kind in placed else matrix)
+                self._use_program(self._programs[kind], None if kind in placed else matrix)
                 placed.add(kind)
             if batch.texture >= 0:
                 GL.glActiveTexture(GL.GL_TEXTURE0)
-                target = GL.GL_TEXTURE_CUBE_MAP if batch.kind == CUBE else GL.GL_TEXTURE_2D
+                target = GL.GL_TEXTURE_CUBE_MAP if batch.kind == CUBE_MAPPED else GL.GL_TEXTURE_2D
                 GL.glBindTexture(target, self._textures[batch.texture])
-            self._multi(batch)
-        if seen_through:
+            self._draw_batch(batch)
+        if blending:
             GL.glDisablei(GL.GL_BLEND, 0)
 
-    def sky(self, place: Place, ways: Array, edges: Array) -> None:
+    def draw_sky(self, place: Place, ways: Array, edges: Array) -> None:
         """Fill what is still empty of `place` with the sky. ways (3, 3): columns forward, right, up, world; edges (4,): as of `projection`."""
         if self._sky is None:
             return
         GL = self._gl
         GL.glViewport(*place)
         GL.glUseProgram(self._sky_program)
-        GL.glUniformMatrix3fv(self._at(self._sky_program, "ways"), 1, GL.GL_TRUE, np.ascontiguousarray(ways, dtype=np.float32))
-        GL.glUniform4f(self._at(self._sky_program, "window"), *edges)
+        GL.glUniformMatrix3fv(self._uniform_location(self._sky_program, "ways"), 1, GL.GL_TRUE, np.ascontiguousarray(ways, dtype=np.float32))
+        GL.glUniform4f(self._uniform_location(self._sky_program, "window"), *edges)
         GL.glActiveTexture(GL.GL_TEXTURE0)
         GL.glBindTexture(GL.GL_TEXTURE_CUBE_MAP, self._sky)
         GL.glDepthFunc(GL.GL_EQUAL)
@@ -125,11 +125,11 @@ class OpenGLRenderer:
     def read(self, width: int, height: int) -> Atlas:
         """What has been drawn since `begin`, the lower left of the buffer; valid until it is called again."""
         GL = self._gl
-        if (width, height) not in self._atlases:
+        if (width, height) not in self._atlas_buffers:
             arrays = np.empty((height, width, 4), np.uint8), np.empty((height, width), np.uint32), np.empty((height, width), np.float32)
-            self._atlases[width, height] = Atlas(*arrays)
-        atlas = self._atlases[width, height]
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
+            self._atlas_buffers[width, height] = Atlas(*arrays)
+        atlas = self._atlas_buffers[width, height]
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0)
         GL.glReadPixels(0, 0, width, height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, atlas.colour)
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT1)
@@ -137,25 +137,25 @@ class OpenGLRenderer:
         GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, atlas.depth)
         return atlas
 
-    def mark(self, slots: NDArray[np.uint32], faces: Sequence[tuple[Place, Array, Strokes]], size: tuple[int, int]) -> NDArray[np.uint32]:
+    def coverage_bits(self, slots: NDArray[np.uint32], faces: Sequence[tuple[Place, Array, DrawCommands]], size: tuple[int, int]) -> NDArray[np.uint32]:
         """Bits (height, width) of all that covers a texel, near or far: every record (m,) leaves those of its slot.
 
         faces: of each its place in the buffer, its projection, and what is drawn, as for `draw`.
         """
         GL = self._gl
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._mark_frame)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._mark_framebuffer)
         GL.glClearBufferuiv(GL.GL_COLOR, 0, np.zeros(4, np.uint32))
-        self._drawn.records["slot"] = slots
-        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._records)
-        GL.glBufferData(GL.GL_ARRAY_BUFFER, self._drawn.records.nbytes, self._drawn.records, GL.GL_STREAM_DRAW)
+        self._draw_list.records["slot"] = slots
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._record_buffer)
+        GL.glBufferData(GL.GL_ARRAY_BUFFER, self._draw_list.records.nbytes, self._draw_list.records, GL.GL_STREAM_DRAW)
         GL.glDisable(GL.GL_DEPTH_TEST)
         GL.glEnable(GL.GL_COLOR_LOGIC_OP)
         GL.glLogicOp(GL.GL_OR)
-        for place, matrix, strokes in faces:
+        for place, matrix, draw_commands in faces:
             GL.glViewport(*place)
-            self._use(self._marks, matrix)
-            self._command(strokes.commands)
-            self._multi(Batch(0, -1, False, 0, len(strokes.commands)))
+            self._use_program(self._mark_program, matrix)
+            self._upload_commands(draw_commands.commands)
+            self._draw_batch(Batch(0, -1, False, 0, len(draw_commands.commands)))
         GL.glDisable(GL.GL_COLOR_LOGIC_OP)
         GL.glEnable(GL.GL_DEPTH_TEST)
         bits = np.empty(size[::-1], np.uint32)
@@ -164,69 +164,69 @@ class OpenGLRenderer:
 
     def _cast_shadows(self, data: mujoco.MjData) -> None:
         """Draw the shadow maps of the moment."""
-        GL, drawn = self._gl, self._drawn
-        bounded = drawn.present & ~drawn.endless
+        GL, drawn = self._gl, self._draw_list
+        bounded = drawn.present & ~drawn.infinite
         signs = np.mgrid[-1:2:2, -1:2:2, -1:2:2].reshape(3, -1).T
         around = drawn.centres[bounded] + signs[:, None] * np.abs(drawn.halves[bounded]).sum(axis=2)
         corners = around.reshape(-1, 3)
-        casting = np.flatnonzero(drawn.casting & bounded)
-        self._lookups, self._lifts = np.zeros((self.lamps.shadows, 4, 4), np.float32), np.zeros(self.lamps.shadows, np.float32)
-        for k in range(self.lamps.shadows):
-            light = int(self.lamps.number[k])
-            beam = None if self.lamps.directional[k] else float(np.radians(self._model.light_cutoff[light]))
+        casting = np.flatnonzero(drawn.casts_shadow & bounded)
+        self._shadow_matrices, self._shadow_biases = np.zeros((self.lights.shadows, 4, 4), np.float32), np.zeros(self.lights.shadows, np.float32)
+        for k in range(self.lights.shadows):
+            light = int(self.lights.index[k])
+            beam = None if self.lights.directional[k] else float(np.radians(self._model.light_cutoff[light]))
             matrix = shaders.shadow_view(np.concatenate([data.light_xpos[light], data.light_xdir[light]]), beam, corners)
-            per_metre = SHADOW / 2 * np.linalg.norm(matrix[:2, :3], axis=1).max()
-            self._lifts[k] = SHADOW_LIFT / per_metre if beam is None else 0.01
-            self._lookups[k] = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]]) @ matrix
+            per_metre = SHADOW_SIZE / 2 * np.linalg.norm(matrix[:2, :3], axis=1).max()
+            self._shadow_biases[k] = SHADOW_BIAS / per_metre if beam is None else 0.01
+            self._shadow_matrices[k] = np.array([[0.5, 0, 0, 0.5], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]]) @ matrix
             GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._shadow_frames[k])
-            GL.glViewport(0, 0, SHADOW, SHADOW)
+            GL.glViewport(0, 0, SHADOW_SIZE, SHADOW_SIZE)
             GL.glClearBufferfv(GL.GL_DEPTH, 0, np.ones(1, np.float32))
-            self._use(self._dark, matrix)
+            self._use_program(self._depth_program, matrix)
             # Thin sheets throw shadows whichever side they turn to the light.
             GL.glDisable(GL.GL_CULL_FACE)
             GL.glDepthFunc(GL.GL_LESS)
-            self._command(drawn.commands(casting, drawn.radius[casting] * per_metre / SHADOW_LIFT / 2))
-            self._multi(Batch(0, -1, False, 0, len(casting)))
+            self._upload_commands(drawn.commands(casting, drawn.radius[casting] * per_metre / SHADOW_BIAS / 2))
+            self._draw_batch(Batch(0, -1, False, 0, len(casting)))
             GL.glDepthFunc(GL.GL_GREATER)
             GL.glEnable(GL.GL_CULL_FACE)
 
-    def _command(self, commands: NDArray[np.void]) -> None:
+    def _upload_commands(self, commands: NDArray[np.void]) -> None:
         GL = self._gl
-        GL.glBindBuffer(GL.GL_DRAW_INDIRECT_BUFFER, self._commands)
+        GL.glBindBuffer(GL.GL_DRAW_INDIRECT_BUFFER, self._command_buffer)
         GL.glBufferData(GL.GL_DRAW_INDIRECT_BUFFER, commands.nbytes, np.ascontiguousarray(commands), GL.GL_STREAM_DRAW)
 
-    def _multi(self, batch: Batch) -> None:
+    def _draw_batch(self, batch: Batch) -> None:
         GL = self._gl
         if batch.last > batch.first:
             start = ctypes.c_void_p(batch.first * COMMAND.itemsize)
             GL.glMultiDrawElementsIndirect(GL.GL_TRIANGLES, GL.GL_UNSIGNED_INT, start, batch.last - batch.first, COMMAND.itemsize)
 
-    def _use(self, program: int, matrix: Array | None) -> None:
+    def _use_program(self, program: int, matrix: Array | None) -> None:
         """Take a program; matrix: its projection, as it is where None."""
         GL = self._gl
         GL.glUseProgram(program)
         if matrix is not None:
-            GL.glUniformMatrix4fv(self._at(program, "projection"), 1, GL.GL_TRUE, np.ascontiguousarray(matrix, dtype=np.float32))
+            GL.glUniformMatrix4fv(self._uniform_location(program, "projection"), 1, GL.GL_TRUE, np.ascontiguousarray(matrix, dtype=np.float32))
 
-    def _at(self, program: int, name: str) -> int:
+    def _uniform_location(self, program: int, name: str) -> int:
         key = program, name
-        if key not in self._places:
-            self._places[key] = self._gl.glGetUniformLocation(program, name)
-        return self._places[key]
+        if key not in self._uniform_locations:
+            self._uniform_locations[key] = self._gl.glGetUniformLocation(program, name)
+        return self._uniform_locations[key]
 
-    def _load_shapes(self) -> None:
+    def _upload_shapes(self) -> None:
         """Vertices, indices and records, and how programs read them."""
-        GL, solids = self._gl, self._drawn.solids
+        GL, buffers = self._gl, self._draw_list.buffers
         GL.glBindVertexArray(GL.glGenVertexArrays(1))
-        vertices, indices, self._records, self._commands = (int(name) for name in GL.glGenBuffers(4))
+        vertices, indices, self._record_buffer, self._command_buffer = (int(name) for name in GL.glGenBuffers(4))
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, vertices)
-        GL.glBufferData(GL.GL_ARRAY_BUFFER, solids.vertices.nbytes, solids.vertices, GL.GL_STATIC_DRAW)
+        GL.glBufferData(GL.GL_ARRAY_BUFFER, buffers.vertices.nbytes, buffers.vertices, GL.GL_STATIC_DRAW)
         for place, (size, start) in enumerate(((4, 0), (3, 4), (2, 7))):
             GL.glEnableVertexAttribArray(place)
             GL.glVertexAttribPointer(place, size, GL.GL_FLOAT, False, 36, ctypes.c_void_p(4 * start))
         GL.glBindBuffer(GL.GL_ELEMENT_ARRAY_BUFFER, indices)
-        GL.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, solids.indices.nbytes, solids.indices, GL.GL_STATIC_DRAW)
-        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._records)
+        GL.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, buffers.indices.nbytes, buffers.indices, GL.GL_STATIC_DRAW)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._record_buffer)
         for place in range(3, 11):
             GL.glEnableVertexAttribArray(place)
             GL.glVertexAttribDivisor(place, 1)
@@ -236,16 +236,16 @@ class OpenGLRenderer:
             else:
                 GL.glVertexAttribIPointer(place, 2, GL.GL_UNSIGNED_INT, RECORD.itemsize, offset)
 
-    def _load_buffers(self) -> None:
+    def _make_framebuffers(self) -> None:
         """The buffers that are drawn into, and what stays as it is while drawing."""
         GL = self._gl
-        self._frame = gl_objects.framebuffer(GL, self._size, [GL.GL_RGBA8, GL.GL_R32UI], GL.GL_DEPTH_COMPONENT32F)
-        self._mark_frame = gl_objects.framebuffer(GL, self._size, [GL.GL_R32UI], None)
-        self._shadow_frames = [gl_objects.shadow_map(GL, 1 + k, SHADOW) for k in range(self.lamps.shadows)]
+        self._framebuffer = gl_objects.framebuffer(GL, self._size, [GL.GL_RGBA8, GL.GL_R32UI], GL.GL_DEPTH_COMPONENT32F)
+        self._mark_framebuffer = gl_objects.framebuffer(GL, self._size, [GL.GL_R32UI], None)
+        self._shadow_frames = [gl_objects.shadow_map(GL, 1 + k, SHADOW_SIZE) for k in range(self.lights.shadows)]
         for program in self._programs.values():
             GL.glUseProgram(program)
-            if self.lamps.shadows:
-                GL.glUniform1iv(self._at(program, "hidden"), self.lamps.shadows, np.arange(1, 1 + self.lamps.shadows, dtype=np.int32))
+            if self.lights.shadows:
+                GL.glUniform1iv(self._uniform_location(program, "hidden"), self.lights.shadows, np.arange(1, 1 + self.lights.shadows, dtype=np.int32))
         use_reversed_depth()
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthFunc(GL.GL_GREATER)

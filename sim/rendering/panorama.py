@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.coverage import BITS, Alone, covered
+from sim.rendering.coverage import BITS, UnoccludedExtent, covered
 from sim.rendering.cubemap import DENSITY, Face, FaceTable
 from sim.rendering.draw_list import DrawList
 from sim.rendering.gl_context import GLInformation, gl_information, open_context, watched
@@ -34,7 +34,7 @@ NEAR = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class RenderedImage:
     """One picture: colour (H, W, 3) RGB; instances (H, W) with 0 for the background; range (H, W) m along the ray, inf where nothing is;
     classes (H, W) of worlds.semantics, 0 where nothing is, or None where the renderer was not told them."""
 
@@ -61,15 +61,15 @@ class PanoramaRenderer:
         *,
         density: float = DENSITY,
     ) -> None:
-        self._instance_of_code = _by_code(model, "instance_of_geom", instance_of_geom, np.uint16)
-        self._class_of_code = None if class_of_geom is None else _by_code(model, "class_of_geom", class_of_geom, np.uint8)
+        self._instance_of_code = _table_by_code(model, "instance_of_geom", instance_of_geom, np.uint16)
+        self._class_of_code = None if class_of_geom is None else _table_by_code(model, "class_of_geom", class_of_geom, np.uint8)
         self.cameras: tuple[Camera, ...] = tuple(cameras) if isinstance(cameras, Sequence) else (cameras,)
         if not self.cameras:
             raise ValueError("there are 0 cameras, needs at least 1")
         self._tables = [FaceTable.make(camera, density) for camera in self.cameras]
         self._planes = [np.stack([face.planes for face in table.faces]) for table in self._tables]
-        self._fineness = [max(face.fineness for face in table.faces) for table in self._tables]
-        self._list = DrawList(model)
+        self._resolution = [max(face.resolution for face in table.faces) for table in self._tables]
+        self._draw_list = DrawList(model)
         self._far = float(model.vis.map.zfar * model.stat.extent)
         self._gl = open_context()
         # Bound to neither self nor its methods, or the renderer would never be collected. It must also run before the backend's own
@@ -80,7 +80,7 @@ class PanoramaRenderer:
         size = max(table.width for table in self._tables), max(table.height for table in self._tables)
         try:
             with watched("preparing to draw"):
-                self._painter = OpenGLRenderer(self._gl, model, self._list, size)
+                self._renderer = OpenGLRenderer(self._gl, model, self._draw_list, size)
         except Exception:
             self.close()
             raise
@@ -99,22 +99,22 @@ class PanoramaRenderer:
     @property
     def information(self) -> GLInformation:
         """Who draws."""
-        self._enter()
+        self._make_current()
         return gl_information(self._gl)
 
-    def render(self, data: mujoco.MjData, poses: Sequence[Pose], which: Sequence[int] | None = None) -> list[Shot]:
+    def render(self, data: mujoco.MjData, poses: Sequence[Pose], which: Sequence[int] | None = None) -> list[RenderedImage]:
         """What cameras at `poses` (T_world_camera) see of `data`, which has been brought up to date (mj_forward, mj_step or mj_kinematics).
 
         which: per pose the number of its camera in `cameras`; the first for all where None.
         """
-        numbers = self._numbers(poses, which)
-        self._enter()
-        self._list.update(data)
+        indices = self._camera_indices(poses, which)
+        self._make_current()
+        self._draw_list.update(data)
         with watched("drawing"):
-            self._painter.take(data)
-        return [self._shot(pose, number) for pose, number in zip(poses, numbers, strict=True)]
+            self._renderer.update(data)
+        return [self._render_camera(pose, index) for pose, index in zip(poses, indices, strict=True)]
 
-    def alone(self, data: mujoco.MjData, poses: Sequence[Pose], instances: Sequence[int], which: Sequence[int] | None = None) -> list[list[Alone]]:
+    def unoccluded(self, data: mujoco.MjData, poses: Sequence[Pose], instances: Sequence[int], which: Sequence[int] | None = None) -> list[list[UnoccludedExtent]]:
         """Per pose and per instance, what the instance would cover if nothing else were there; which: as in `render`.
 
         The faces are drawn as in `render`, by the same numbers: a pixel where `render` shows the instance is always among them.
@@ -122,58 +122,58 @@ class PanoramaRenderer:
         for instance in instances:
             if not 0 < instance < 1 << 16:
                 raise ValueError(f"instance is {instance}, needs 1 to {(1 << 16) - 1}")
-        numbers = self._numbers(poses, which)
-        self._enter()
-        self._list.update(data)
+        indices = self._camera_indices(poses, which)
+        self._make_current()
+        self._draw_list.update(data)
         groups = [list(instances[k : k + BITS]) for k in range(0, len(instances), BITS)]
-        return [[body for group in groups for body in self._alone(pose, group, number)] for pose, number in zip(poses, numbers, strict=True)]
+        return [[body for group in groups for body in self._unoccluded(pose, group, index)] for pose, index in zip(poses, indices, strict=True)]
 
-    def _numbers(self, poses: Sequence[Pose], which: Sequence[int] | None) -> Sequence[int]:
-        numbers = [0] * len(poses) if which is None else which
-        if len(numbers) != len(poses) or any(not 0 <= number < len(self.cameras) for number in numbers):
-            raise ValueError(f"which is {list(numbers)}, needs {len(poses)} numbers of cameras, 0 to {len(self.cameras) - 1}")
-        return numbers
+    def _camera_indices(self, poses: Sequence[Pose], which: Sequence[int] | None) -> Sequence[int]:
+        indices = [0] * len(poses) if which is None else which
+        if len(indices) != len(poses) or any(not 0 <= index < len(self.cameras) for index in indices):
+            raise ValueError(f"which is {list(indices)}, needs {len(poses)} numbers of cameras, 0 to {len(self.cameras) - 1}")
+        return indices
 
-    def _enter(self) -> None:
+    def _make_current(self) -> None:
         if not self._finalizer.alive:
             raise ValueError("renderer is closed, needs to be open")
         self._gl.make_current()
 
-    def _shot(self, pose: Pose, number: int) -> Shot:
-        table, painter = self._tables[number], self._painter
-        strokes = self._list.seen_from(pose, self._planes[number], self._fineness[number])
+    def _render_camera(self, pose: Pose, index: int) -> RenderedImage:
+        table, renderer = self._tables[index], self._renderer
+        draw_commands = self._draw_list.visible_from(pose, self._planes[index], self._resolution[index])
         with watched("drawing"):
-            painter.begin(pose.translation)
-            for face, listed in zip(table.faces, strokes, strict=True):
+            renderer.begin(pose.translation)
+            for face, listed in zip(table.faces, draw_commands, strict=True):
                 edges = np.concatenate([face.low, face.high])
-                painter.draw(_place(face), self._projection(pose, face), listed)
-                painter.sky(_place(face), (face.axes @ pose.rotation.T).T, edges)
-            atlas = painter.read(table.width, table.height)
+                renderer.draw(_viewport(face), self._projection(pose, face), listed)
+                renderer.draw_sky(_viewport(face), (face.axes @ pose.rotation.T).T, edges)
+            atlas = renderer.read(table.width, table.height)
         known = [self._instance_of_code] if self._class_of_code is None else [self._instance_of_code, self._class_of_code]
         sampled = table.sample(atlas, (NEAR, self._far), known)
-        return Shot(sampled.colour, sampled.values[0], sampled.range, None if self._class_of_code is None else sampled.values[1])
+        return RenderedImage(sampled.colour, sampled.values[0], sampled.range, None if self._class_of_code is None else sampled.values[1])
 
-    def _alone(self, pose: Pose, instances: Sequence[int], number: int) -> list[Alone]:
-        table, camera = self._tables[number], self.cameras[number]
-        owner = self._instance_of_code[self._list.records["code"]]
+    def _unoccluded(self, pose: Pose, instances: Sequence[int], index: int) -> list[UnoccludedExtent]:
+        table, camera = self._tables[index], self.cameras[index]
+        owner = self._instance_of_code[self._draw_list.records["code"]]
         slots = np.zeros(len(owner), np.uint32)
         for k, instance in enumerate(instances):
             slots[owner == instance] = 1 << k
-        strokes = self._list.seen_from(pose, self._planes[number], self._fineness[number], np.flatnonzero(slots))
-        faces = [(_place(face), self._projection(pose, face), of) for face, of in zip(table.faces, strokes, strict=True) if len(of.commands)]
+        draw_commands = self._draw_list.visible_from(pose, self._planes[index], self._resolution[index], np.flatnonzero(slots))
+        faces = [(_viewport(face), self._projection(pose, face), of) for face, of in zip(table.faces, draw_commands, strict=True) if len(of.commands)]
         with watched("drawing"):
-            bits = self._painter.mark(slots, faces, (table.width, table.height))
+            bits = self._renderer.coverage_bits(slots, faces, (table.width, table.height))
         return covered(bits, table.nearest, len(instances), isinstance(camera, Panorama))
 
     def _projection(self, pose: Pose, face: Face) -> Array:
         return projection(pose, face.axes, np.concatenate([face.low, face.high]), (NEAR, self._far))
 
 
-def _place(face: Face) -> tuple[int, int, int, int]:
+def _viewport(face: Face) -> tuple[int, int, int, int]:
     return 0, face.row, face.width, face.height
 
 
-def _by_code(model: mujoco.MjModel, name: str, of_geom: NDArray[Any], kind: type) -> NDArray[Any]:
+def _table_by_code(model: mujoco.MjModel, name: str, of_geom: NDArray[Any], kind: type) -> NDArray[Any]:
     """What every code stands for: 0 for none, then the geoms in their order."""
     values = np.asarray(of_geom)
     if values.shape != (model.ngeom,) or values.dtype != kind:

@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.draw_list import CUBE, FACETS, PICTURE, PICTURE_FACETS, PLAIN
+from sim.rendering.draw_list import CUBE_MAPPED, FACETS, TEXTURED, TEXTURED_FACETS, PLAIN
 from tracker.geometry import Array, Pose
 
-MOST = 8
+MOST_LIGHTS = 8
 """Lights at once, as in MuJoCo."""
 
 INPUTS = """#version 430
@@ -38,7 +38,7 @@ vec3 placed() {
 }
 """
 
-LIT = """
+LIT_VERTEX = """
 struct Light { vec4 place; vec4 way; vec4 ambient; vec4 diffuse; vec4 specular; vec4 fading; };
 uniform vec4 lights[6 * LIGHTS + 1];
 uniform mat4 shadows[SHADOWS + 1];
@@ -81,7 +81,7 @@ void main() {
 }
 """
 
-PIXEL = """#version 430
+LIT_FRAGMENT = """#version 430
 LEVEL in vec3 steady;
 LEVEL in vec3 shadowed[SHADOWS + 1];
 in vec4 fallen[SHADOWS + 1];
@@ -106,11 +106,11 @@ void main() {
 }
 """
 
-DARK = "\nvoid main() { gl_Position = projection * vec4(placed(), 1); }\n"
-NOTHING = "#version 430\nvoid main() {}\n"
-MARKED = "\nflat out uint mark;\nvoid main() { gl_Position = projection * vec4(placed(), 1); mark = marks.y; }\n"
-MARK = "#version 430\nflat in uint mark;\nlayout(location = 0) out uint bits;\nvoid main() { bits = mark; }\n"
-ALL_OVER = """#version 430
+DEPTH_VERTEX = "\nvoid main() { gl_Position = projection * vec4(placed(), 1); }\n"
+DEPTH_FRAGMENT = "#version 430\nvoid main() {}\n"
+MARK_VERTEX = "\nflat out uint mark;\nvoid main() { gl_Position = projection * vec4(placed(), 1); mark = marks.y; }\n"
+MARK_FRAGMENT = "#version 430\nflat in uint mark;\nlayout(location = 0) out uint bits;\nvoid main() { bits = mark; }\n"
+SKY_VERTEX = """#version 430
 uniform mat3 ways;
 uniform vec4 window;
 out vec3 way;
@@ -120,7 +120,7 @@ void main() {
   gl_Position = vec4(corner, 0, 1);
 }
 """
-SKY = """#version 430
+SKY_FRAGMENT = """#version 430
 in vec3 way;
 layout(location = 0) out vec4 colour;
 layout(location = 1) out uint seen;
@@ -134,65 +134,65 @@ def programs(lights: int, shadows: int) -> dict[int, tuple[str, str]]:
     texts = {}
     for kind, pictures, textured in (
         (PLAIN, "sampler2D", ""),
-        (PICTURE, "sampler2D", "* texture(picture, uvw.xy).rgb"),
-        (CUBE, "samplerCube", "* texture(picture, uvw).rgb"),
+        (TEXTURED, "sampler2D", "* texture(picture, uvw.xy).rgb"),
+        (CUBE_MAPPED, "samplerCube", "* texture(picture, uvw).rgb"),
         (FACETS, "sampler2D", ""),
-        (PICTURE_FACETS, "sampler2D", "* texture(picture, uvw.xy).rgb"),
+        (TEXTURED_FACETS, "sampler2D", "* texture(picture, uvw.xy).rgb"),
     ):
-        vertex, pixel = INPUTS + LIT, PIXEL.replace("PICTURES", pictures).replace("TEXTURED", textured)
+        vertex, pixel = INPUTS + LIT_VERTEX, LIT_FRAGMENT.replace("PICTURES", pictures).replace("TEXTURED", textured)
         for name, number in (("LIGHTS", lights), ("SHADOWS", shadows), ("KIND", kind)):
             vertex, pixel = vertex.replace(name, str(number)), pixel.replace(name, str(number))
-        flat = "flat " if kind in (FACETS, PICTURE_FACETS) else ""
+        flat = "flat " if kind in (FACETS, TEXTURED_FACETS) else ""
         vertex, pixel = vertex.replace("LEVEL ", flat), pixel.replace("LEVEL ", flat)
         texts[kind] = vertex, pixel
     return texts
 
 
 @dataclass(frozen=True, eq=False)
-class Lamps:
+class Lights:
     """The lights of a model that are on, those with shadows first; the headlight, if on, is the last and sits in the camera.
 
     number (n,) of each in the model, −1 for the headlight; shadows: how many throw shadows; numbers (n, 6, 4) for the program, but for
     their places; gloom: light from nowhere, where there are no lights.
     """
 
-    number: NDArray[np.int64]
+    index: NDArray[np.int64]
     shadows: int
-    numbers: NDArray[np.float32]
+    parameters: NDArray[np.float32]
     directional: NDArray[np.bool_]
-    gloom: float
+    ambient: float
 
     @staticmethod
-    def of(model: mujoco.MjModel) -> Lamps:
+    def of(model: mujoco.MjModel) -> Lights:
         """Raises ValueError for more than MOST lights, or for a kind that cannot be drawn."""
         on = np.flatnonzero(model.light_active)
         order = on[np.argsort(~model.light_castshadow[on].astype(bool), kind="stable")]
-        head = bool(model.vis.headlight.active)
-        if len(on) + head > MOST:
-            raise ValueError(f"the model has {len(on) + head} lights, needs at most {MOST}")
+        headlight = bool(model.vis.headlight.active)
+        if len(on) + headlight > MOST_LIGHTS:
+            raise ValueError(f"the model has {len(on) + headlight} lights, needs at most {MOST_LIGHTS}")
         kinds = mujoco.mjtLightType
         directional = model.light_type[order] == kinds.mjLIGHT_DIRECTIONAL
         if not (directional | np.isin(model.light_type[order], [int(kinds.mjLIGHT_SPOT), int(kinds.mjLIGHT_POINT)])).all():
             raise ValueError("a light of the model is neither directional nor a spot nor a point, needs to be")
-        numbers = np.zeros((len(order) + head, 6, 4), np.float32)
+        parameters = np.zeros((len(order) + headlight, 6, 4), np.float32)
         for k, light in enumerate(order):
             beam = model.light_type[light] == kinds.mjLIGHT_SPOT and model.light_cutoff[light] < 180
-            numbers[k, 0, 3], numbers[k, 1, 3] = not directional[k], np.cos(np.radians(model.light_cutoff[light])) if beam else -1
-            numbers[k, 2:5, :3] = model.light_ambient[light], model.light_diffuse[light], model.light_specular[light]
-            numbers[k, 5] = *model.light_attenuation[light], model.light_exponent[light]
-        if head:
+            parameters[k, 0, 3], parameters[k, 1, 3] = not directional[k], np.cos(np.radians(model.light_cutoff[light])) if beam else -1
+            parameters[k, 2:5, :3] = model.light_ambient[light], model.light_diffuse[light], model.light_specular[light]
+            parameters[k, 5] = *model.light_attenuation[light], model.light_exponent[light]
+        if headlight:
             shown = model.vis.headlight
-            numbers[-1, 0, 3], numbers[-1, 1, 3], numbers[-1, 5, 0] = 1, -1, 1
-            numbers[-1, 2:5, :3] = shown.ambient, shown.diffuse, shown.specular
-        throwing = int(model.light_castshadow[order].astype(bool).sum())
-        return Lamps(np.append(order, [-1] * head), throwing, numbers, np.append(directional, [False] * head), 0.0 if len(numbers) else 0.3)
+            parameters[-1, 0, 3], parameters[-1, 1, 3], parameters[-1, 5, 0] = 1, -1, 1
+            parameters[-1, 2:5, :3] = shown.ambient, shown.diffuse, shown.specular
+        casting = int(model.light_castshadow[order].astype(bool).sum())
+        return Lights(np.append(order, [-1] * headlight), casting, parameters, np.append(directional, [False] * headlight), 0.0 if len(parameters) else 0.3)
 
-    def placed(self, data: mujoco.MjData, eye: Array) -> NDArray[np.float32]:
+    def parameters_at(self, data: mujoco.MjData, eye: Array) -> NDArray[np.float32]:
         """The numbers (n, 6, 4) at a moment, seen from `eye` (3,) m."""
-        numbers = self.numbers.copy()
-        numbers[:, 0, :3] = np.where(self.number[:, None] < 0, eye, data.light_xpos[self.number] if len(data.light_xpos) else eye)
-        numbers[:, 1, :3] = np.where(self.number[:, None] < 0, [0, 0, -1], data.light_xdir[self.number] if len(data.light_xdir) else 0)
-        return numbers
+        parameters = self.parameters.copy()
+        parameters[:, 0, :3] = np.where(self.index[:, None] < 0, eye, data.light_xpos[self.index] if len(data.light_xpos) else eye)
+        parameters[:, 1, :3] = np.where(self.index[:, None] < 0, [0, 0, -1], data.light_xdir[self.index] if len(data.light_xdir) else 0)
+        return parameters
 
 
 def projection(pose: Pose, axes: Array, edges: Array, planes: tuple[float, float]) -> Array:
@@ -216,10 +216,10 @@ def shadow_view(light: Array, beam: float | None, points: Array) -> Array:
     light (6,): place m and direction. beam: None for parallel light, else the half angle of a spot's cone, rad. Bounds are whole metres,
     so that shadows do not swim while something moves.
     """
-    way = light[3:] / np.linalg.norm(light[3:])
-    right = np.cross(way, [0.0, 0.0, 1.0] if abs(way[2]) < 0.9 else [1.0, 0.0, 0.0])
+    direction = light[3:] / np.linalg.norm(light[3:])
+    right = np.cross(direction, [0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [1.0, 0.0, 0.0])
     right = right / np.linalg.norm(right)
-    axes = np.stack([right, np.cross(right, way), way])
+    axes = np.stack([right, np.cross(right, direction), direction])
     if beam is None:
         at = points @ axes.T
         low, high = np.floor(at.min(axis=0)) - 0.5, np.ceil(at.max(axis=0)) + 0.5

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.coverage import Alone
+from sim.rendering.coverage import UnoccludedExtent
 from sim.scenario import Scenario
 from sim.sensors.keypoints import Sight, true_keypoints
 from tracker.detections.boxes import detections_from_boxes
@@ -38,17 +38,17 @@ class People:
     joints: Array
 
 
-def true_view(sight: Sight, people: People, alone: Sequence[Alone], world: World) -> ViewTruth:
+def true_view(sight: Sight, people: People, unoccluded: Sequence[UnoccludedExtent], world: World) -> ViewTruth:
     """All that is true of a view; alone (m,): what each of the people would cover by itself."""
-    boxes = true_boxes(sight, people, alone)
-    shown = np.flatnonzero([body.pixels > 0 for body in alone])
+    boxes = true_boxes(sight, people, unoccluded)
+    shown = np.flatnonzero([body.pixels > 0 for body in unoccluded])
     keypoints = true_keypoints(sight, people.person[shown], people.joints[shown]) if len(shown) else Keypoints.none()
     below = sight.T_world_camera.translation[None]
     ground, normal = world.terrain.height_at(below), world.terrain.normal_at(below)
     return ViewTruth(sight.T_world_camera, float(ground[0]), normal[0], boxes, keypoints)
 
 
-def true_boxes(sight: Sight, people: People, alone: Sequence[Alone]) -> Boxes:
+def true_boxes(sight: Sight, people: People, unoccluded: Sequence[UnoccludedExtent]) -> Boxes:
     """Boxes of all people that a camera shows or would show without occlusion.
 
     alone (m,): what each would cover by itself. In a panorama a box over the seam has left in [0, W) and right beyond W.
@@ -60,7 +60,7 @@ def true_boxes(sight: Sight, people: People, alone: Sequence[Alone]) -> Boxes:
     order = np.argsort(owner, kind="stable")
     rows, columns, owner = rows[order], columns[order], owner[order]
     kept, seen, visible = [], [], []
-    for k, (person, body) in enumerate(zip(people.person.tolist(), alone, strict=True)):
+    for k, (person, body) in enumerate(zip(people.person.tolist(), unoccluded, strict=True)):
         if not body.pixels:
             continue
         first, last = np.searchsorted(owner, [person, person + 1])
@@ -71,7 +71,7 @@ def true_boxes(sight: Sight, people: People, alone: Sequence[Alone]) -> Boxes:
         return Boxes.none()
     middle = people.joints[kept][:, _HIPS].mean(axis=1)
     distance = np.linalg.norm(middle - sight.T_world_camera.translation, axis=1)
-    return Boxes(people.person[kept], np.array(seen), np.array([alone[k].box for k in kept]), np.array(visible), distance)
+    return Boxes(people.person[kept], np.array(seen), np.array([unoccluded[k].box for k in kept]), np.array(visible), distance)
 
 
 def _box(rows: NDArray[np.int64], columns: NDArray[np.int64], seam: int | None) -> Array:

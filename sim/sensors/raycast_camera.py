@@ -16,7 +16,7 @@ from sim.pedestrian.skeleton import LIMBS
 from sim.sensors.person_detector import People
 from sim.sensors.raycasting import Raycaster
 from sim.simulation.simulation import Simulation
-from tracker.geometry import Array, Ints, Mask, Pose, deflected
+from tracker.geometry import Array, Ints, Mask, Pose, perturbed_bearings
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.types import Boxes, Keypoints, Sightings, ViewTruth
 
@@ -113,7 +113,7 @@ class RaycastCamera:
         found[found] = self.rays.stopped(T_world_camera.translation, self.landmarks[found])[1]
         rows = order[found[order]]
         sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
-        bearing = deflected(sight, error[rows])
+        bearing = perturbed_bearings(sight, error[rows])
         subject = rows if rule.named else np.full(len(rows), -1)
         look = (self._looks[rows] + blur[rows]).astype(np.float32)
         return Sightings(bearing, np.full(len(rows), np.nan), subject, look, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))

@@ -11,7 +11,7 @@ import numpy as np
 from sim.scenario import Scenario
 from sim.sensors.raycasting import Raycaster
 from sim.simulation.simulation import Simulation
-from tracker.geometry import deflected
+from tracker.geometry import perturbed_bearings
 from tracker.geometry.cameras import Panorama
 from tracker.types import Mount, RobotDetections, Setup
 
@@ -45,6 +45,6 @@ class RobotDetector:
         found[found] = self._rays.stopped(pose.translation, goals[found])[1]
         sight = pose.inverse().apply(goals[found])
         sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-        bearing = deflected(sight, error[found])
+        bearing = perturbed_bearings(sight, error[found])
         covariance = np.tile(np.eye(2) * max(self._noise**2, LEAST_VARIANCE), (len(bearing), 1, 1))
         return RobotDetections(bearing, tuple(np.array(others)[found].tolist()), covariance)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.crowd.crowd import Crowd, CrowdState, Walkers
-from sim.crowd.goals import Schedule, in_company, make_plans
+from sim.crowd.goals import Schedule, order_by_group, make_plans
 from sim.robots import rover
 from sim.robots.driving import Pilot
 from sim.scenario import Scenario
@@ -78,7 +78,7 @@ def walkers(scenario: Scenario, world: World, people: list[np.random.Generator],
     if len(free) < first:
         raise ValueError(f"people is {first}, needs at most {len(free)}: more do not fit beside {scenario.robots} robots")
     places = np.zeros((len(people), 2))
-    places[:first] = in_company(free[:first], plans.group[:first])
+    places[:first] = order_by_group(free[:first], plans.group[:first])
     crowd = Crowd(feet, world.terrain, plans)
     return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)))
 

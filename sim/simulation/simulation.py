@@ -187,7 +187,7 @@ class Simulation:
     def _compile(self, people: list[np.random.Generator]) -> mujoco.MjModel:
         """The whole scene."""
         spec = self._rovers_and_colliders()
-        clothing_textures.add_fabrics(spec, self.scenario.stream("fabrics"))
+        clothing_textures.add_clothing_textures(spec, self.scenario.stream("fabrics"))
         for person, stature, rng in zip(self.everybody, self.stature, people, strict=True):
             clothing.add_person(spec, f"person_{person}", float(stature), rng)
         return spec.compile()
@@ -295,7 +295,7 @@ class Simulation:
         self._footing = gait.walk(self._footing, bodies, self._dt)
         came = state.present & ~self._crowd_state.present
         if came.any():
-            self._footing = gait.chosen(came, gait.stand(state.position, state.heading, self.stature), self._footing)
+            self._footing = gait.select_rows(came, gait.stand(state.position, state.heading, self.stature), self._footing)
         self._crowd_state = state
         self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
 
@@ -304,7 +304,7 @@ class Simulation:
         state = self._crowd_state
         bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
         points = np.concatenate([state.position[state.present], self._moving.qpos[self._poses[:, :2]]])
-        self._gaze = gaze.look(self._gaze, bodies, points, self.scenario.period)
+        self._gaze = gaze.head_yaw(self._gaze, bodies, points, self.scenario.period)
 
     def _drive(self) -> Array:
         """The rovers one crowd step on; (substeps, robots, 3) rad/s of their bodies."""
@@ -334,8 +334,8 @@ class Simulation:
         if self._posed:
             return
         state = self._crowd_state
-        poses = skeleton.pose(self.stature, self._footing, state.position, state.heading, self.world.terrain)
-        poses = gaze.turned(poses, self._gaze)
+        poses = skeleton.limb_poses(self.stature, self._footing, state.position, state.heading, self.world.terrain)
+        poses = gaze.with_head_yaw(poses, self._gaze)
         self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
         self._data.mocap_pos[self._colliders] = self._parked(self._everybodys_feet())
         self._show_present()

@@ -12,7 +12,7 @@ import matplotlib.patches
 import mujoco
 import numpy as np
 
-from sim.rendering.panorama import PanoramaRenderer, Shot
+from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from sim.visualization.overlays import save_png
@@ -64,7 +64,7 @@ def _roofed(simulation: Simulation) -> bool:
     return sum(mujoco.mj_ray(simulation.model, simulation.data, eye, up, groups, 1, -1, geom, None) > 0 for eye in eyes) > 10
 
 
-def _ahead(eye: Pose, shot: Shot) -> Pose:
+def _ahead(eye: Pose, shot: RenderedImage) -> Pose:
     """The eye turned to where it sees farthest, over a twelfth of the panorama."""
     band = np.minimum(shot.range[PANORAMA.height * 4 // 9 : PANORAMA.height * 5 // 9], 30.0).mean(axis=0)
     wide = PANORAMA.width // 12

@@ -153,7 +153,7 @@ def rates() -> None:
         owners, ids = simulation.person_of_geom.astype(np.uint16), simulation.persons.tolist()
         with PanoramaRenderer(simulation.model, Panorama(width, width // 2), owners) as renderer:
             drawn = milliseconds(lambda: renderer.render(simulation.data, poses), 2) / len(poses)  # noqa: B023
-            alone = milliseconds(lambda: renderer.alone(simulation.data, poses, ids), 2) / len(poses)  # noqa: B023
+            unoccluded = milliseconds(lambda: renderer.unoccluded(simulation.data, poses, ids), 2) / len(poses)  # noqa: B023
         size = f"{width:4} x {width // 2:4}"
         print(f"{people:3} people {size}   {1000 / drawn:5.1f} panoramas/s   what each person covers alone: {alone:6.1f} ms", flush=True)
 

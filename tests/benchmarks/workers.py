@@ -25,12 +25,12 @@ def work(seed: int) -> tuple[float, float, float]:
     poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
     ids = simulation.persons.tolist()
     with PanoramaRenderer(simulation.model, Panorama(1024, 512), simulation.person_of_geom.astype(np.uint16)) as renderer:
-        renderer.alone(simulation.data, poses, ids)
+        renderer.unoccluded(simulation.data, poses, ids)
         renderer.render(simulation.data, poses)
         started = time.time()
         for _ in range(ROUNDS):
             renderer.render(simulation.data, poses)
-            renderer.alone(simulation.data, poses, ids)
+            renderer.unoccluded(simulation.data, poses, ids)
         return started, time.time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 
 

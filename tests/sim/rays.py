@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.panorama import Shot
+from sim.rendering.panorama import RenderedImage
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Camera, Tsai
 
@@ -57,7 +57,7 @@ def silhouettes(label: NDArray[np.int32], distance: NDArray[np.floating]) -> NDA
     return cv2.dilate(edge.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
-def compare(shot: Shot, instances: NDArray[np.uint16], geom: NDArray[np.int32], distance: NDArray[np.float64]) -> Agreement:
+def compare(shot: RenderedImage, instances: NDArray[np.uint16], geom: NDArray[np.int32], distance: NDArray[np.float64]) -> Agreement:
     """A picture against the rays of `cast`; instances (ngeom,)."""
     truth = np.where(geom < 0, 0, instances[geom])
     right = truth == shot.instances

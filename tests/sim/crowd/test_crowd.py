@@ -5,7 +5,7 @@ import pytest
 
 from sim.crowd.behavior import ARRIVED
 from sim.crowd.crowd import Crowd, CrowdState, Obstacles
-from sim.crowd.goals import GoalPlans, Schedule, in_company, make_plans
+from sim.crowd.goals import GoalPlans, Schedule, order_by_group, make_plans
 from sim.crowd.social_force import BODY_RADIUS
 from sim.scenario import Scenario
 from tests.sim.yard import yard
@@ -21,7 +21,7 @@ def crowd_of(world: World, seed: int, n: int, apart: float = 0.8) -> tuple[Crowd
     scenario = Scenario(seed=seed, people=n)
     plans = make_plans(world.feet, [scenario.stream(f"person_{i}") for i in range(n)], scenario.stream("goals"))
     crowd = Crowd(world.feet, world.terrain, plans)
-    return crowd, crowd.start(in_company(world.feet.sample(scenario.stream("start"), n, 0.1, apart), plans.group), np.zeros(n))
+    return crowd, crowd.start(order_by_group(world.feet.sample(scenario.stream("start"), n, 0.1, apart), plans.group), np.zeros(n))
 
 
 def history(crowd: Crowd, state: CrowdState, seconds: float, obstacles: Obstacles | None = None) -> list[CrowdState]:
@@ -128,9 +128,9 @@ def test_a_robot_in_the_way_is_walked_around():
 
 
 def test_people_make_way_for_a_robot_that_asks_for_it_even_if_they_stand():
-    for asks, leaves in ((0.0, False), (0.7, True)):
+    for requested_velocity, leaves in ((0.0, False), (0.7, True)):
         crowd, state = crossing(field(), np.array([[1.2, 0.05]]), np.array([[1.2, 0.05]]))
-        robot = Obstacles(np.zeros((1, 2)), np.zeros((1, 2)), np.array([0.5]), np.array([[asks, 0.0]]))
+        robot = Obstacles(np.zeros((1, 2)), np.zeros((1, 2)), np.array([0.5]), np.array([[requested_velocity, 0.0]]))
         last = history(crowd, state, 4.0, robot)[-1]
         assert (abs(last.position[0, 1]) > 0.6) == leaves
 

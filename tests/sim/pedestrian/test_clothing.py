@@ -4,8 +4,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim.pedestrian import gait, skeleton
-from sim.pedestrian.clothing import add_collider, add_person, draw
-from sim.pedestrian.clothing_textures import add_fabrics
+from sim.pedestrian.clothing import add_collider, add_person, draw_outfit
+from sim.pedestrian.clothing_textures import add_clothing_textures
 from sim.pedestrian.loft import LEVELS
 from sim.pedestrian.skeleton import LIMBS
 from worlds.terrain.heightfield import Heightfield
@@ -16,13 +16,13 @@ STATURE = 1.8
 def dressed(seed: int, stature: float = STATURE) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A person who stands at the origin and looks along x."""
     spec = mujoco.MjSpec()
-    add_fabrics(spec, np.random.default_rng(0))
+    add_clothing_textures(spec, np.random.default_rng(0))
     add_collider(spec, "person_1", stature)
     add_person(spec, "person_1", stature, np.random.default_rng(seed))
     model = spec.compile()
     data = mujoco.MjData(model)
     size, place, heading = np.array([stature]), np.zeros((1, 2)), np.zeros(1)
-    poses = skeleton.pose(size, gait.stand(place, heading, size), place, heading, Heightfield.flat([[-1, -1], [1, 1]], 0.5))
+    poses = skeleton.limb_poses(size, gait.stand(place, heading, size), place, heading, Heightfield.flat([[-1, -1], [1, 1]], 0.5))
     for k, limb in enumerate(LIMBS):
         body = model.body(f"person_1/{limb}").mocapid[0]
         data.mocap_pos[body], data.mocap_quat[body] = poses.position[0, k], poses.quaternion[0, k]
@@ -76,7 +76,7 @@ def test_the_nose_is_where_the_key_point_says():
     model, data = dressed(1)
     head = drawn(model, data, "head")
     size, place = np.array([STATURE]), np.zeros((1, 2))
-    poses = skeleton.pose(size, gait.stand(place, np.zeros(1), size), place, np.zeros(1), Heightfield.flat([[-1, -1], [1, 1]], 0.5))
+    poses = skeleton.limb_poses(size, gait.stand(place, np.zeros(1), size), place, np.zeros(1), Heightfield.flat([[-1, -1], [1, 1]], 0.5))
     for joint in poses.joints[0, :5]:
         assert np.linalg.norm(head - joint, axis=1).min() < 0.02
 
@@ -154,7 +154,7 @@ def test_only_the_capsule_collides_and_it_is_not_drawn():
 
 
 def test_people_differ():
-    outfits = [draw(np.random.default_rng(seed)) for seed in range(60)]
+    outfits = [draw_outfit(np.random.default_rng(seed)) for seed in range(60)]
     assert len({(o.head, o.top, o.bottom, o.hair, o.luggage) for o in outfits}) > 55
     assert {o.legs for o in outfits} == {"long", "short", "skirt", "coat"}
     assert {o.hair for o in outfits} >= {"short", "long", "bun", "cap", "beanie", "none"}

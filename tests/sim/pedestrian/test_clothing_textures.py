@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from sim.pedestrian import clothing_textures
-from sim.pedestrian.clothing_textures import ACROSS, BAGS, BOTTOMS, HEADS, SHOES, TILE, TOPS, atlas, region
+from sim.pedestrian.clothing_textures import ACROSS, BAGS, BOTTOMS, HEADS, SHOES, TILE, TOPS, region, texture_atlas
 
 
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
-    return atlas(np.random.default_rng(3))
+    return texture_atlas(np.random.default_rng(3))
 
 
 def tile(picture: np.ndarray, k: int) -> np.ndarray:
@@ -44,5 +44,5 @@ def test_a_face_has_two_white_eyes_and_a_mouth_below(picture):
 
 
 def test_the_same_stream_paints_the_same_picture(picture):
-    np.testing.assert_array_equal(atlas(np.random.default_rng(3)), picture)
+    np.testing.assert_array_equal(texture_atlas(np.random.default_rng(3)), picture)
     assert clothing_textures.NAME == "people"

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sim.pedestrian import foot_contact
-from sim.pedestrian.foot_contact import HALF_SOLE, HEEL, PIVOT, rest
+from sim.pedestrian.foot_contact import HALF_SOLE, HEEL, PIVOT, sole_contact
 from worlds.terrain.heightfield import Heightfield
 
 SIZE = np.array([1.7])
@@ -15,7 +15,7 @@ def ground(heights) -> Heightfield:
 
 def under(field: Heightfield, place: np.ndarray, yaw: float) -> tuple[np.ndarray, np.ndarray]:
     """Gaps (n,) m between the resting sole and the ground on a fine grid of the sole, and what `rest` says."""
-    state = rest(np.tile(place, (1, 2, 1)), np.full((1, 2), yaw), SIZE, field)[0, 0]
+    state = sole_contact(np.tile(place, (1, 2, 1)), np.full((1, 2), yaw), SIZE, field)[0, 0]
     along, aside = np.meshgrid(np.linspace(-HEEL, PIVOT, 25), np.linspace(-HALF_SOLE, HALF_SOLE, 5), indexing="ij")
     forward, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
     points = place + SIZE[0] * (along[..., None] * forward + aside[..., None] * left)
@@ -59,7 +59,7 @@ def test_a_foot_rolls_over_what_carries_it_until_it_hits_the_ground():
 
 
 def test_turns_are_rotations_about_the_turned_axes():
-    R = foot_contact.turn(np.array(0.3), np.array(0.2), np.array(-0.1))
+    R = foot_contact.rotation_matrices(np.array(0.3), np.array(0.2), np.array(-0.1))
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) == pytest.approx(1.0)
     # Nose down, then the left side down.

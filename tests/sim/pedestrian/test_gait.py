@@ -25,7 +25,7 @@ def walked(speed: np.ndarray, seconds: float, turn: float = 0.0):
 def test_standing_feet_do_not_move_and_one_always_stands(turn):
     last = None
     for footing, _ in walked(np.array([0.5, 1.2, 1.8]), 8.0, turn):
-        place, yaw = gait.places(footing)
+        place, yaw = gait.foot_positions(footing)
         assert footing.standing.any(axis=1).all()
         if last is not None:
             both = footing.standing & last[2]
@@ -38,7 +38,7 @@ def test_feet_do_not_jump():
     speed = np.array([0.5, 1.2, 1.8])
     last = None
     for footing, _ in walked(speed, 6.0, 0.3):
-        place, _ = gait.places(footing)
+        place, _ = gait.foot_positions(footing)
         if last is not None:
             # A swinging foot is as fast as 1.5 / SWING times the body at its fastest.
             assert (np.linalg.norm(place - last, axis=2).max(axis=1) / DT < 5.0 * speed + 0.5).all()
@@ -47,7 +47,7 @@ def test_feet_do_not_jump():
 
 def test_feet_stay_with_the_body():
     for footing, bodies in walked(np.array([0.5, 1.2, 1.8]), 8.0, 0.4):
-        place, _ = gait.places(footing)
+        place, _ = gait.foot_positions(footing)
         assert (np.linalg.norm(place - bodies.position[:, None], axis=2) < 0.5 * STATURE[:, None]).all()
 
 
@@ -69,7 +69,7 @@ def test_who_stops_brings_the_feet_together_and_rests():
     assert footing.standing.all()
     rest = gait.walk(footing, still, DT)
     np.testing.assert_array_equal(rest.phase, footing.phase)
-    place, _ = gait.places(rest)
+    place, _ = gait.foot_positions(rest)
     assert (np.linalg.norm(place - still.position[:, None], axis=2) < 0.14).all()
     # The left foot is on the left.
     left = np.column_stack([-np.sin(still.heading), np.cos(still.heading)])
@@ -88,4 +88,4 @@ def test_who_turns_on_the_spot_steps_round():
 def test_nobody_walks_too():
     footing = gait.stand(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     after = gait.walk(footing, Bodies(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0)), DT)
-    assert gait.places(after)[0].shape == (0, 2, 2)
+    assert gait.foot_positions(after)[0].shape == (0, 2, 2)

@@ -5,7 +5,8 @@ from scipy.spatial.transform import Rotation
 from sim.pedestrian import gait, leg_kinematics, skeleton
 from sim.pedestrian.foot_contact import ANKLE, HEEL, PIVOT
 from sim.pedestrian.gait import Bodies, Footing
-from sim.pedestrian.skeleton import COCO, LIMBS
+from sim.pedestrian.skeleton import LIMBS
+from tracker.types import KEYPOINT_NAMES
 from tracker.geometry import rotation_z
 from worlds.terrain.heightfield import Heightfield
 
@@ -30,7 +31,7 @@ def walk(ground: Heightfield, seconds: float = 10.0):
         velocity = (SPEED * np.clip(min(t, seconds - 1 - t), 0, 1))[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
         position = position + velocity * DT
         footing = gait.walk(footing, Bodies(position, velocity, heading, STATURE), DT)
-        yield skeleton.pose(STATURE, footing, position, heading, ground), footing, position
+        yield skeleton.limb_poses(STATURE, footing, position, heading, ground), footing, position
 
 
 def soles(poses: skeleton.Poses) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +60,7 @@ def test_standing_feet_neither_slide_nor_leave_the_ground(relief):
 
 @pytest.mark.parametrize("relief", [0.0, 0.08])
 def test_limbs_keep_their_lengths(relief):
-    joint = {name: k for k, name in enumerate(COCO)}
+    joint = {name: k for k, name in enumerate(KEYPOINT_NAMES)}
     links = [
         ("hip", "knee", leg_kinematics.THIGH),
         ("knee", "ankle", leg_kinematics.SHIN),
@@ -86,7 +87,7 @@ def test_joints_are_at_plausible_heights():
     }
     for poses, _, position in walk(ground):
         height = (poses.joints[..., 2] - ground.height_at(position)[:, None]) / STATURE[:, None]
-        for k, name in enumerate(COCO):
+        for k, name in enumerate(KEYPOINT_NAMES):
             low, high = bounds.get(name.split("_")[-1], (0.85, 1.0))
             assert height[:, k].min() > low, name
             assert height[:, k].max() < high, name
@@ -101,7 +102,7 @@ def test_a_walker_bobs_as_people_do():
 def test_who_stands_hangs_the_arms():
     heading = np.array([0.0, 1.0, 2.0])
     position = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    poses = skeleton.pose(STATURE, gait.stand(position, heading, STATURE), position, heading, rough(0.0))
+    poses = skeleton.limb_poses(STATURE, gait.stand(position, heading, STATURE), position, heading, rough(0.0))
     joints = poses.joints - np.concatenate([position, np.zeros((3, 1))], axis=1)[:, None]
     assert (joints[:, 9:11, 2] < 0.53 * STATURE[:, None]).all()
     assert (np.linalg.norm(joints[:, :, :2], axis=2) < 0.18 * STATURE[:, None]).all()
@@ -113,7 +114,7 @@ def test_poses_turn_and_move_with_the_person():
     shift = np.array([1.0, -2.0])
     for _poses, footing, position in walk(flat, 3.0):
         heading = np.full(3, 0.1)
-        here = skeleton.pose(STATURE, footing, position, heading, flat)
+        here = skeleton.limb_poses(STATURE, footing, position, heading, flat)
         moved = Footing(
             footing.phase,
             footing.planted @ turn[:2, :2].T + shift,
@@ -121,16 +122,16 @@ def test_poses_turn_and_move_with_the_person():
             footing.lifted @ turn[:2, :2].T + shift,
             footing.lifted_yaw + 0.7,
         )
-        there = skeleton.pose(STATURE, moved, position @ turn[:2, :2].T + shift, heading + 0.7, flat)
+        there = skeleton.limb_poses(STATURE, moved, position @ turn[:2, :2].T + shift, heading + 0.7, flat)
         np.testing.assert_allclose(there.joints, here.joints @ turn.T + [*shift, 0.0], atol=1e-9)
 
 
 def test_left_and_right_are_alike():
     flat, mirror = rough(0.0), np.array([1.0, -1.0])
-    swapped = [0] + [k + 1 if k % 2 else k - 1 for k in range(1, len(COCO))]
+    swapped = [0] + [k + 1 if k % 2 else k - 1 for k in range(1, len(KEYPOINT_NAMES))]
     for _poses, footing, position in walk(flat, 3.0):
         heading = np.full(3, 0.1)
-        here = skeleton.pose(STATURE, footing, position, heading, flat)
+        here = skeleton.limb_poses(STATURE, footing, position, heading, flat)
         image = Footing(
             np.mod(footing.phase + 0.5, 1),
             footing.planted[:, ::-1] * mirror,
@@ -138,7 +139,7 @@ def test_left_and_right_are_alike():
             footing.lifted[:, ::-1] * mirror,
             -footing.lifted_yaw[:, ::-1],
         )
-        there = skeleton.pose(STATURE, image, position * mirror, -heading, flat)
+        there = skeleton.limb_poses(STATURE, image, position * mirror, -heading, flat)
         np.testing.assert_allclose(there.joints[:, swapped], here.joints * [1, -1, 1], atol=1e-9)
 
 
@@ -165,6 +166,6 @@ def test_children_are_small_and_have_large_heads():
 
 def test_nobody_has_no_limbs():
     none = np.zeros(0)
-    poses = skeleton.pose(none, gait.stand(np.zeros((0, 2)), none, none), np.zeros((0, 2)), none, rough(0.0))
+    poses = skeleton.limb_poses(none, gait.stand(np.zeros((0, 2)), none, none), np.zeros((0, 2)), none, rough(0.0))
     assert poses.position.shape == (0, len(LIMBS), 3)
     assert poses.joints.shape == (0, 17, 3)

@@ -16,14 +16,14 @@ CAMERAS = {"panorama": Panorama(256, 128), "tsai": TSAI}
 
 def texel_bearings(table: FaceTable) -> np.ndarray:
     """(H, W, 3) directions of the places in the atlas that pixels are sampled from."""
-    x, y = np.moveaxis(table.places(), -1, 0)
+    x, y = np.moveaxis(table.texel_positions(), -1, 0)
     out = np.full((*x.shape, 3), np.nan)
     for face in table.faces:
         inside = (y >= face.row - 0.5) & (y < face.row + face.height - 0.5)
         right = face.low[0] + (x[inside] + 0.5) * (face.high[0] - face.low[0]) / face.width
         up = face.low[1] + (y[inside] - face.row + 0.5) * (face.high[1] - face.low[1]) / face.height
-        ways = face.axes[0] + right[:, None] * face.axes[1] + up[:, None] * face.axes[2]
-        out[inside] = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+        components = face.axes[0] + right[:, None] * face.axes[1] + up[:, None] * face.axes[2]
+        out[inside] = components / np.linalg.norm(components, axis=1, keepdims=True)
     return out
 
 
@@ -36,13 +36,13 @@ def test_texels_lie_where_pixels_look(name: str) -> None:
     # A place in the atlas is in 65536ths of a texel.
     assert np.abs(at - wanted).max() < 1e-5
     planar = np.stack([wanted @ face.axes[0] for face in table.faces]).max(axis=0)
-    assert np.abs(table.stretch * planar - 1).max() < 1e-5
+    assert np.abs(table.range_per_depth * planar - 1).max() < 1e-5
 
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_no_interpolation_reaches_over_the_edge_of_a_face(name: str) -> None:
     table = FaceTable.make(CAMERAS[name])
-    x, y = np.moveaxis(table.places(), -1, 0)
+    x, y = np.moveaxis(table.texel_positions(), -1, 0)
     for face in table.faces:
         inside = (y >= face.row - 0.5) & (y < face.row + face.height - 0.5)
         assert inside.any()
@@ -106,7 +106,7 @@ def test_range_is_exact_on_a_plane_and_nearest_between_two_things() -> None:
     codes[:, ::2] = 2
     seen, found = geometry(table, codes, depth, limits)
     flat = table.nearest[before]
-    assert np.allclose(found[before], table.stretch[before] / (slope * depth.ravel()[flat] + offset), rtol=1e-5)
+    assert np.allclose(found[before], table.range_per_depth[before] / (slope * depth.ravel()[flat] + offset), rtol=1e-5)
     seen, found = geometry(table, np.zeros_like(codes), depth, limits)
     assert np.isinf(found).all()
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim.rendering.cubemap import FaceTable
-from sim.rendering.draw_list import EXACTNESS, DrawList, Strokes
+from sim.rendering.draw_list import TRIANGLES_PER_PIXEL, DrawList, DrawCommands
 from tests.sim.scenes import G, court
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
@@ -24,8 +24,8 @@ def balls(places: np.ndarray, colours: np.ndarray, radius: float = 0.1) -> tuple
     return model, data
 
 
-def drawn(strokes: Strokes) -> list[int]:
-    return [int(record) for record in strokes.commands["record"]]
+def drawn(draw_commands: DrawCommands) -> list[int]:
+    return [int(record) for record in draw_commands.commands["record"]]
 
 
 def test_a_face_shows_the_balls_before_it_and_no_other() -> None:
@@ -36,12 +36,12 @@ def test_a_face_shows_the_balls_before_it_and_no_other() -> None:
     listed.update(data)
     pose = Pose.planar(0.5, -0.3, 0.8, 0.2)
     local = (places - pose.translation) @ pose.rotation
-    for planes, strokes in zip(PLANES, listed.seen_from(pose, PLANES, 40.0), strict=True):
+    for planes, draw_commands in zip(PLANES, listed.visible_from(pose, PLANES, 40.0), strict=True):
         depth = (local @ planes.T).min(axis=1)
-        shown = set(drawn(strokes))
-        assert set(np.flatnonzero(depth > -0.1).tolist()) <= shown
+        drawn = set(drawn(draw_commands))
+        assert set(np.flatnonzero(depth > -0.1).tolist()) <= drawn
         # The box about a ball reaches further than the ball, by √3.
-        assert shown <= set(np.flatnonzero(depth > -0.1 * np.sqrt(3) - 0.01).tolist())
+        assert drawn <= set(np.flatnonzero(depth > -0.1 * np.sqrt(3) - 0.01).tolist())
 
 
 def test_near_things_come_first_and_what_is_seen_through_last_from_afar() -> None:
@@ -50,7 +50,7 @@ def test_near_things_come_first_and_what_is_seen_through_last_from_afar() -> Non
     model, data = balls(places, colours)
     listed = DrawList(model)
     listed.update(data)
-    ahead = listed.seen_from(Pose.identity(), PLANES, 40.0)[0]
+    ahead = listed.visible_from(Pose.identity(), PLANES, 40.0)[0]
     assert drawn(ahead) == [1, 0, 2, 4, 5, 3]
     assert [(batch.blended, batch.first, batch.last) for batch in ahead.batches] == [(False, 0, 3), (True, 3, 6)]
 
@@ -64,7 +64,7 @@ def test_round_things_are_as_round_as_they_are_large() -> None:
     assert triangles == sorted(triangles)
     assert triangles[0] < 150 < triangles[-1]
     for pixels, count in zip((0.1, 3.0, 10.0, 30.0), triangles, strict=False):
-        assert count >= EXACTNESS * pixels
+        assert count >= TRIANGLES_PER_PIXEL * pixels
 
 
 def test_groups_and_invisible_things_are_left_out() -> None:
@@ -77,7 +77,7 @@ def test_groups_and_invisible_things_are_left_out() -> None:
     mujoco.mj_forward(model, data)
     listed = DrawList(model)
     listed.update(data)
-    ahead = listed.seen_from(Pose.planar(-9.0, 2.0, 0.0), PLANES, 40.0)[0]
+    ahead = listed.visible_from(Pose.planar(-9.0, 2.0, 0.0), PLANES, 40.0)[0]
     assert sorted(model.geom(int(listed.geom[k])).name for k in drawn(ahead)) == ["g0", "g1", "g2", "g3"]
 
 
@@ -95,7 +95,7 @@ def test_every_tile_of_the_ground_is_a_record_of_one_geom() -> None:
     scene = court()
     listed = DrawList(scene.model)
     ground = scene.model.geom("ground").id
-    assert (listed.geom == ground).sum() == len(listed.solids.hfield[0]) > 1
+    assert (listed.geom == ground).sum() == len(listed.buffers.hfield[0]) > 1
     assert (listed.records["code"] == listed.geom + 1).all()
 
 

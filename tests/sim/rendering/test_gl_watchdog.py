@@ -30,7 +30,7 @@ GL.glDispatchCompute(60000, 1000, 1); GL.glFinish()
 def run(program: str) -> subprocess.CompletedProcess[str]:
     body = "\n".join("    " + line for line in program.strip().splitlines())
     text = (
-        f"import sim.rendering.gl_context\nsim.watchdog.SECONDS = 1.0\nwith sim.rendering.gl_context.watched('drawing'):\n{body}\nprint('came back')"
+        f"import sim.rendering.gl_context\nsim.rendering.gl_context.TIME_LIMIT = 1.0\nwith sim.rendering.gl_context.watched('drawing'):\n{body}\nprint('came back')"
     )
     return subprocess.run([sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, timeout=50, check=False)
 
@@ -49,7 +49,7 @@ def test_what_comes_back_in_time_goes_on() -> None:
 
 
 def test_time_between_two_calls_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.rendering.gl_context.SECONDS", 0.3)
+    monkeypatch.setattr("sim.rendering.gl_context.TIME_LIMIT", 0.3)
     for _ in range(3):
         with watched("drawing"):
             pass

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from sim.rendering import draw_list
-from sim.rendering.coverage import Alone
+from sim.rendering.coverage import UnoccludedExtent
 from sim.rendering.cubemap import CUBE
-from sim.rendering.panorama import PanoramaRenderer, Shot
+from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from tests.sim.rays import bearings, cast, compare
 from tests.sim.rendering.test_cubemap import FOLDED
 from tests.sim.scenes import G, Scene, compiled, court, quarter, spec_with_sky
@@ -41,16 +41,16 @@ def renderer(scene: Scene) -> Iterator[PanoramaRenderer]:
 
 
 @pytest.fixture(scope="module")
-def shots(scene: Scene, renderer: PanoramaRenderer) -> list[Shot]:
+def shots(scene: Scene, renderer: PanoramaRenderer) -> list[RenderedImage]:
     return renderer.render(scene.data, scene.poses)
 
 
 @pytest.fixture(scope="module")
-def alone(scene: Scene, renderer: PanoramaRenderer) -> list[list[Alone]]:
-    return renderer.alone(scene.data, scene.poses, PEOPLE)
+def unoccluded(scene: Scene, renderer: PanoramaRenderer) -> list[list[UnoccludedExtent]]:
+    return renderer.unoccluded(scene.data, scene.poses, PEOPLE)
 
 
-def digest(shot: Shot) -> tuple[int, int, int]:
+def digest(shot: RenderedImage) -> tuple[int, int, int]:
     return zlib.crc32(shot.colour.tobytes()), zlib.crc32(shot.instances.tobytes()), zlib.crc32(shot.range.tobytes())
 
 
@@ -61,7 +61,7 @@ def small_digests() -> list[tuple[int, int, int]]:
 
 
 @pytest.mark.parametrize("view", [0, 1])
-def test_instances_and_range_are_those_of_exact_rays(scene: Scene, shots: list[Shot], view: int) -> None:
+def test_instances_and_range_are_those_of_exact_rays(scene: Scene, shots: list[RenderedImage], view: int) -> None:
     found = compare(shots[view], scene.instances, *cast(scene.model, scene.data, CAMERA, scene.poses[view]))
     assert found.everywhere > 0.995
     assert found.inside == 1
@@ -78,7 +78,7 @@ def test_several_cameras_of_different_kinds_share_a_renderer(scene: Scene) -> No
     small, pose = Panorama(512, 256), Pose.planar(-6.0, -1.0, 0.3, 1.4)
     with PanoramaRenderer(scene.model, [small, TSAI], scene.instances) as renderer:
         around, ahead, again = renderer.render(scene.data, [pose] * 3, which=[0, 1, 0])
-        bodies = renderer.alone(scene.data, [pose], PEOPLE, which=[1])[0]
+        bodies = renderer.unoccluded(scene.data, [pose], PEOPLE, which=[1])[0]
         for wrong in ([0], [0, 2], [0, -1]):
             with pytest.raises(ValueError, match="needs 2 numbers of cameras, 0 to 1"):
                 renderer.render(scene.data, [pose] * 2, which=wrong)
@@ -99,7 +99,7 @@ def test_past_the_fold_of_a_lens_the_picture_is_black(scene: Scene) -> None:
     with PanoramaRenderer(scene.model, [SMALL, FOLDED], scene.instances, np.ones(scene.model.ngeom, np.uint8)) as renderer:
         # What is left in the buffer of another camera is not seen there.
         _, shot = renderer.render(scene.data, [pose] * 2, which=[0, 1])
-        bodies = renderer.alone(scene.data, [pose], PEOPLE, which=[1])[0]
+        bodies = renderer.unoccluded(scene.data, [pose], PEOPLE, which=[1])[0]
     v, u = np.mgrid[:576, :720]
     blind = FOLDED.folded(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(576, 720)
     assert shot.classes is not None
@@ -163,7 +163,7 @@ def test_a_point_is_where_the_camera_says(elevation: float) -> None:
             assert error < 0.25 * 2 * np.pi / CAMERA.width, bearing
 
 
-def test_a_quarter_turn_rolls_the_panorama(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot]) -> None:
+def test_a_quarter_turn_rolls_the_panorama(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage]) -> None:
     (turned,) = renderer.render(scene.data, [quarter(scene.poses[0])])
     back = [np.roll(array, -CAMERA.width // 4, axis=1) for array in (turned.colour, turned.instances, turned.range)]
     assert (back[1] == shots[0].instances).mean() > 0.9999
@@ -172,7 +172,7 @@ def test_a_quarter_turn_rolls_the_panorama(scene: Scene, renderer: PanoramaRende
     assert np.abs(back[0].astype(int) - shots[0].colour).mean() < 0.1
 
 
-def test_no_line_shows_where_faces_meet_nor_at_the_seam(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot]) -> None:
+def test_no_line_shows_where_faces_meet_nor_at_the_seam(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage]) -> None:
     # Turned by an eighth, other pixels lie at the borders: there the two may differ no more than elsewhere.
     eighth = Pose.planar(0.0, 0.0, np.pi / 4)
     (turned,) = renderer.render(scene.data, [scene.poses[0] @ eighth])
@@ -188,7 +188,7 @@ def test_no_line_shows_where_faces_meet_nor_at_the_seam(scene: Scene, renderer: 
         assert np.ptp(shots[0].colour[row].astype(int), axis=0).max() < 40
 
 
-def test_culling_changes_nothing(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_culling_changes_nothing(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(draw_list, "SLACK", 1e9)
     for all_drawn, shot in zip(renderer.render(scene.data, scene.poses), shots, strict=True):
         assert digest(all_drawn) == digest(shot)
@@ -214,15 +214,15 @@ def mujocos_faces(side: int) -> list[np.ndarray]:
     return pictures
 
 
-def test_the_light_is_mujocos(shots: list[Shot]) -> None:
+def test_the_light_is_mujocos(shots: list[RenderedImage]) -> None:
     """They differ at the edges of things and of shadows only."""
-    side, ways = 512, bearings(CAMERA)
+    side, components = 512, bearings(CAMERA)
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         theirs = pool.apply(mujocos_faces, (side,))
-    owner = np.argmax(ways @ CUBE[:, 0].T, axis=1)
+    owner = np.argmax(components @ CUBE[:, 0].T, axis=1)
     for k, (axes, picture) in enumerate(zip(CUBE, theirs, strict=True)):
         mine = owner == k
-        at = (ways[mine] @ axes.T) / (ways[mine] @ axes[:1].T)
+        at = (components[mine] @ axes.T) / (components[mine] @ axes[:1].T)
         column = np.clip((at[:, 1] + 1) / 2 * side, 0, side - 1).astype(int)
         row = np.clip((1 - at[:, 2]) / 2 * side, 0, side - 1).astype(int)
         difference = np.abs(picture[row, column].astype(int) - shots[0].colour.reshape(-1, 3)[mine]).mean(axis=1)
@@ -230,17 +230,17 @@ def test_the_light_is_mujocos(shots: list[Shot]) -> None:
         assert (difference > 40).mean() < 0.04, k
 
 
-def test_what_is_visible_is_part_of_what_is_covered_alone(shots: list[Shot], alone: list[list[Alone]]) -> None:
-    for shot, bodies in zip(shots, alone, strict=True):
+def test_what_is_visible_is_part_of_what_is_covered_alone(shots: list[RenderedImage], unoccluded: list[list[UnoccludedExtent]]) -> None:
+    for shot, bodies in zip(shots, unoccluded, strict=True):
         visible = np.bincount(shot.instances.ravel(), minlength=6)
         assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
     # Person 3 is hidden by the board from the first camera; 5 stands free.
-    assert np.count_nonzero(shots[0].instances == 3) < 0.5 * alone[0][2].pixels
-    assert np.count_nonzero(shots[0].instances == 5) == alone[0][4].pixels > 500
+    assert np.count_nonzero(shots[0].instances == 3) < 0.5 * unoccluded[0][2].pixels
+    assert np.count_nonzero(shots[0].instances == 5) == unoccluded[0][4].pixels > 500
 
 
-def test_alone_is_what_an_empty_world_shows(scene: Scene, alone: list[list[Alone]]) -> None:
-    for k, bodies in list(enumerate(zip(*alone, strict=True), start=1))[2:4]:
+def test_alone_is_what_an_empty_world_shows(scene: Scene, unoccluded: list[list[UnoccludedExtent]]) -> None:
+    for k, bodies in list(enumerate(zip(*unoccluded, strict=True), start=1))[2:4]:
         model = court().model
         model.geom_matid[:] = -1
         model.geom_rgba[:, 3] = np.where(scene.instances == k, 1.0, 0.0)
@@ -255,18 +255,18 @@ def test_alone_is_what_an_empty_world_shows(scene: Scene, alone: list[list[Alone
             np.testing.assert_array_equal(body.box - [shift, 0, shift, 0], [u.min(), v.min(), u.max() + 1, v.max() + 1])
 
 
-def test_boxes_go_over_the_seam(alone: list[list[Alone]]) -> None:
-    u0, _, u1, _ = alone[0][3].box
+def test_boxes_go_over_the_seam(unoccluded: list[list[UnoccludedExtent]]) -> None:
+    u0, _, u1, _ = unoccluded[0][3].box
     assert 0 < u0 < CAMERA.width < u1 < u0 + 200
 
 
 def test_nothing_to_see_is_said_so(scene: Scene, renderer: PanoramaRenderer) -> None:
-    (((nobody),),) = renderer.alone(scene.data, scene.poses[:1], [99])
+    (((nobody),),) = renderer.unoccluded(scene.data, scene.poses[:1], [99])
     assert nobody.pixels == 0
     assert np.isnan(nobody.box).all()
 
 
-def test_every_call_gives_the_same_bytes(scene: Scene, renderer: PanoramaRenderer, shots: list[Shot]) -> None:
+def test_every_call_gives_the_same_bytes(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage]) -> None:
     again = renderer.render(scene.data, scene.poses[::-1])[::-1]
     assert [digest(shot) for shot in again] == [digest(shot) for shot in shots]
 
@@ -277,12 +277,12 @@ def test_a_spawned_process_gives_the_same_bytes() -> None:
 
 
 def test_renderers_at_once_and_one_after_the_other(scene: Scene) -> None:
-    alone = small_digests()
+    unoccluded = small_digests()
     with PanoramaRenderer(scene.model, SMALL, scene.instances) as a, PanoramaRenderer(scene.model, Panorama(128, 64), scene.instances) as b:
         first = [digest(shot) for shot in a.render(scene.data, scene.poses)]
         b.render(scene.data, scene.poses)
-        assert [digest(shot) for shot in a.render(scene.data, scene.poses)] == first == alone
-    assert small_digests() == alone
+        assert [digest(shot) for shot in a.render(scene.data, scene.poses)] == first == unoccluded
+    assert small_digests() == unoccluded
 
 
 def test_closing(scene: Scene) -> None:
@@ -342,4 +342,4 @@ def test_what_does_not_fit_is_refused(scene: Scene) -> None:
 def test_instances_to_draw_alone_are_checked(scene: Scene, renderer: PanoramaRenderer) -> None:
     for wrong in (0, -1, 1 << 16):
         with pytest.raises(ValueError, match=f"instance is {wrong}, needs 1 to 65535"):
-            renderer.alone(scene.data, scene.poses, [wrong])
+            renderer.unoccluded(scene.data, scene.poses, [wrong])

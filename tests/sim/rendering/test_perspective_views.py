@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.tracker.rectified import Gaze, rectify
+from tests.tracker.perspective_views import ViewDirection, rectify
 from tracker.formats.pets2009 import read_camera, write_camera
 from tracker.geometry import Pose, angles_from_bearing
 from tracker.geometry.cameras import Panorama
@@ -34,7 +34,7 @@ def test_a_point_projected_by_the_file_lands_on_its_mark(azimuth: float, tmp_pat
     # Points on the rays of pixel centres, so that marks are not off by the rounding to pixels.
     snapped = np.floor(PANORAMA.pixels_from_bearings(LEANING.inverse().apply(around))[0]) + 0.5
     points = LEANING.apply(reach[:, None] * PANORAMA.bearings_from_pixels(snapped))
-    view = rectify(PANORAMA, LEANING, Gaze(azimuth, np.deg2rad(90), (640, 480)))
+    view = rectify(PANORAMA, LEANING, ViewDirection(azimuth, np.deg2rad(90), (640, 480)))
     write_camera(tmp_path / "v.xml", "v", view.camera, view.T_world_camera)
     _, camera, T_world_camera = read_camera(tmp_path / "v.xml")
     pixels, inside = camera.pixels_from_bearings(T_world_camera.inverse().apply(points))
@@ -47,7 +47,7 @@ def test_a_point_projected_by_the_file_lands_on_its_mark(azimuth: float, tmp_pat
 
 
 def test_the_horizon_is_level() -> None:
-    view = rectify(PANORAMA, LEANING, Gaze(1.0, 1.2, (321, 241)))
+    view = rectify(PANORAMA, LEANING, ViewDirection(1.0, 1.2, (321, 241)))
     middle = np.column_stack([np.arange(321.0), np.full(321, 120.0)])
     bearings = view.camera.bearings_from_pixels(middle) @ view.T_world_camera.rotation.T
     np.testing.assert_allclose(bearings[:, 2], 0.0, atol=1e-12)
@@ -63,15 +63,15 @@ def test_colours_are_those_of_the_directions_across_the_seam() -> None:
     world = PANORAMA.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1)) @ LEANING.rotation.T
     image = (127.5 + 127 * world).reshape(512, 1024, 3).astype(np.uint8)
     for azimuth in (0.7, 0.7 + np.pi):
-        view = rectify(PANORAMA, LEANING, Gaze(azimuth, 1.5, (200, 150)))
+        view = rectify(PANORAMA, LEANING, ViewDirection(azimuth, 1.5, (200, 150)))
         u, v = np.meshgrid(np.arange(200.0), np.arange(150.0))
         expected = 127.5 + 127 * view.camera.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1)) @ view.T_world_camera.rotation.T
         assert np.abs(view.colour(image).reshape(-1, 3) - expected).max() < 2.0
 
 
 def test_a_panorama_of_another_size_is_refused() -> None:
-    view = rectify(PANORAMA, LEANING, Gaze(0.7 + np.pi, 1.2, (64, 48)))
+    view = rectify(PANORAMA, LEANING, ViewDirection(0.7 + np.pi, 1.2, (64, 48)))
     with pytest.raises(ValueError, match=r"panorama is 512 x 256 px, needs the size"):
         view.nearest(np.zeros((256, 512)))
     with pytest.raises(ValueError, match=r"field of view is 3\.2 rad"):
-        rectify(PANORAMA, LEANING, Gaze(0.0, 3.2, (64, 48)))
+        rectify(PANORAMA, LEANING, ViewDirection(0.0, 3.2, (64, 48)))

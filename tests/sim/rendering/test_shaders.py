@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim.rendering.cubemap import CUBE
-from sim.rendering.shaders import MOST, Lamps, projection, shadow_view
+from sim.rendering.shaders import MOST_LIGHTS, Lights, projection, shadow_view
 from tracker.geometry import Pose
 
 EDGES = np.array([-1.0, -0.5, 2.0, 0.5])
@@ -27,25 +27,25 @@ def test_the_edges_of_a_face_are_the_edges_of_clip_space(face: int) -> None:
 
 
 @pytest.mark.parametrize("way", [[0.3, 0.1, -1], [0, 0, -1], [1, 0, -0.2]])
-def test_a_parallel_shadow_holds_every_point_and_grows_away_from_the_light(way: list[float]) -> None:
+def test_a_parallel_shadow_holds_every_point_and_grows_away_from_the_light(direction: list[float]) -> None:
     points = np.random.default_rng(1).uniform(-7, 9, (100, 3))
-    matrix = shadow_view(np.array([0, 0, 10, *way]), None, points)
+    matrix = shadow_view(np.array([0, 0, 10, *direction]), None, points)
     found = clip(matrix, points)
     assert (np.abs(found[:, :2]) < 1).all()
     assert ((found[:, 2] > 0) & (found[:, 2] < 1)).all()
-    step = clip(matrix, points + 0.1 * np.array(way) / np.linalg.norm(way)) - found
+    step = clip(matrix, points + 0.1 * np.array(direction) / np.linalg.norm(direction)) - found
     assert np.abs(step[:, :2]).max() < 1e-12
     assert (step[:, 2] > 0).all()
 
 
 def test_a_spots_shadow_is_seen_from_the_spot() -> None:
-    place, way, points = np.array([1.0, 2, 5]), np.array([0, 0.6, -0.8]), np.array([[1.0, 5, 1], [2, 2, 0]])
-    matrix = shadow_view(np.concatenate([place, way]), np.radians(45.0), points)
-    axis = clip(matrix, place + np.array([[1.0], [3.0]]) * way)
+    place, direction, points = np.array([1.0, 2, 5]), np.array([0, 0.6, -0.8]), np.array([[1.0, 5, 1], [2, 2, 0]])
+    matrix = shadow_view(np.concatenate([place, direction]), np.radians(45.0), points)
+    axis = clip(matrix, place + np.array([[1.0], [3.0]]) * direction)
     np.testing.assert_allclose(axis[:, :2], 0, atol=1e-9)
     assert 0 < axis[0, 2] < axis[1, 2] < 1
-    side = np.cross(way, [1.0, 0, 0])
-    edge = clip(matrix, (place + 2 * way + 2 * side)[None])
+    side = np.cross(direction, [1.0, 0, 0])
+    edge = clip(matrix, (place + 2 * direction + 2 * side)[None])
     assert np.linalg.norm(edge[0, :2]) == pytest.approx(1)
 
 
@@ -54,27 +54,27 @@ def test_lights_that_throw_shadows_come_first_and_the_headlight_last() -> None:
     for name, shadow, active in (("fill", False, True), ("off", True, False), ("sun", True, True)):
         spec.worldbody.add_light(name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=shadow, active=active, dir=[0, 0, -1])
     model = spec.compile()
-    lamps = Lamps.of(model)
-    assert [model.light(int(k)).name if k >= 0 else "head" for k in lamps.number] == ["sun", "fill", "head"]
-    assert lamps.shadows == 1
+    lights = Lights.of(model)
+    assert [model.light(int(k)).name if k >= 0 else "head" for k in lights.index] == ["sun", "fill", "head"]
+    assert lights.shadows == 1
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    placed = lamps.placed(data, np.array([1.0, 2, 3]))
-    assert placed[2, 0, :3].tolist() == [1, 2, 3]
-    assert placed[:2, 1, :3].tolist() == [[0, 0, -1]] * 2
+    parameters_at = lights.parameters_at(data, np.array([1.0, 2, 3]))
+    assert parameters_at[2, 0, :3].tolist() == [1, 2, 3]
+    assert parameters_at[:2, 1, :3].tolist() == [[0, 0, -1]] * 2
 
 
 def test_without_lights_there_is_gloom() -> None:
     spec = mujoco.MjSpec()
     spec.visual.headlight.active = 0
-    lamps = Lamps.of(spec.compile())
-    assert len(lamps.number) == 0
-    assert lamps.gloom == pytest.approx(0.3)
+    lights = Lights.of(spec.compile())
+    assert len(lights.index) == 0
+    assert lights.ambient == pytest.approx(0.3)
 
 
 def test_more_lights_than_can_be_drawn_are_refused() -> None:
     spec = mujoco.MjSpec()
-    for _ in range(MOST):
+    for _ in range(MOST_LIGHTS):
         spec.worldbody.add_light()
     with pytest.raises(ValueError, match=f"{MOST + 1} lights, needs at most {MOST}"):
-        Lamps.of(spec.compile())
+        Lights.of(spec.compile())

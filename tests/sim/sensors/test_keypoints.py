@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from sim.pedestrian.skeleton import COCO
 from sim.sensors.keypoints import Sight, image_points, true_keypoints
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, Panorama, Tsai, pinhole
@@ -22,10 +21,6 @@ def body(place: Array) -> Array:
 def sight(camera: Camera, owner: int, distance: float) -> Sight:
     shape = camera.height, camera.width
     return Sight(camera, EYE, np.full(shape, owner, np.uint16), np.full(shape, distance, np.float32))
-
-
-def test_the_names_are_those_of_the_body() -> None:
-    assert KEYPOINT_NAMES == COCO
 
 
 @pytest.mark.parametrize("camera", [PANORAMA, PINHOLE])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.rendering.coverage import Alone
+from sim.rendering.coverage import UnoccludedExtent
 from sim.sensors.keypoints import Sight
 from sim.sensors.person_detector import Detector, People, true_boxes
 from tracker.geometry import Pose, angles_from_bearing
@@ -19,29 +19,29 @@ CAMERA = Panorama(360, 180)  # a degree a pixel
 EYE = Pose.planar(0.0, 0.0, 0.0, 1.5)
 
 
-def scene() -> tuple[NDArray[np.uint16], list[int], list[Alone]]:
+def scene() -> tuple[NDArray[np.uint16], list[int], list[UnoccludedExtent]]:
     """Person 7 whole at columns 100–109, rows 80–119; person 3 half hidden; person 5 over the seam; person 9 unseen; person 4 nowhere."""
     instances = np.zeros((180, 360), np.uint16)
     instances[80:120, 100:110] = 7
     instances[80:100, 200:210] = 3
     instances[85:95, :4] = 5
     instances[85:95, 354:] = 5
-    alone = [
-        Alone(400, np.array([200.0, 80.0, 210.0, 120.0])),
-        Alone(0, np.full(4, np.nan)),
-        Alone(100, np.array([354.0, 85.0, 364.0, 95.0])),
-        Alone(400, np.array([100.0, 80.0, 110.0, 120.0])),
-        Alone(50, np.array([10.0, 80.0, 15.0, 90.0])),
+    unoccluded = [
+        UnoccludedExtent(400, np.array([200.0, 80.0, 210.0, 120.0])),
+        UnoccludedExtent(0, np.full(4, np.nan)),
+        UnoccludedExtent(100, np.array([354.0, 85.0, 364.0, 95.0])),
+        UnoccludedExtent(400, np.array([100.0, 80.0, 110.0, 120.0])),
+        UnoccludedExtent(50, np.array([10.0, 80.0, 15.0, 90.0])),
     ]
-    return instances, [3, 4, 5, 7, 9], alone
+    return instances, [3, 4, 5, 7, 9], unoccluded
 
 
-def boxes_of(instances: NDArray[np.uint16], persons: list[int], alone: list[Alone], camera: Camera = CAMERA) -> Boxes:
+def boxes_of(instances: NDArray[np.uint16], persons: list[int], unoccluded: list[UnoccludedExtent], camera: Camera = CAMERA) -> Boxes:
     """True boxes of people whose hips are person · 0.5 m ahead of the camera."""
     joints = np.zeros((len(persons), 17, 3)) + np.array([0.0, 0.0, 1.5])
     joints[:, :, 0] = 0.5 * np.array(persons)[:, None]
     sight = Sight(camera, EYE, instances, np.zeros(instances.shape, np.float32))
-    return true_boxes(sight, People(np.array(persons, dtype=np.int64), joints), alone)
+    return true_boxes(sight, People(np.array(persons, dtype=np.int64), joints), unoccluded)
 
 
 def view(boxes: Boxes) -> ViewTruth:
@@ -57,9 +57,9 @@ def test_true_boxes() -> None:
 
 
 def test_a_body_over_the_seam_with_a_hidden_column_keeps_its_width() -> None:
-    instances, persons, alone = scene()
+    instances, persons, unoccluded = scene()
     instances[:, 0] = instances[:, 359] = 0
-    boxes = boxes_of(instances, persons, alone)
+    boxes = boxes_of(instances, persons, unoccluded)
     np.testing.assert_array_equal(boxes.seen[1], [354, 85, 364, 95])
 
 
@@ -120,9 +120,9 @@ def test_a_pinhole_has_no_seam() -> None:
 
 def test_a_perfect_detector_on_a_pinhole_reports_the_visible_boxes() -> None:
     camera = pinhole(360, 180, 1.2)
-    instances, persons, alone = scene()
+    instances, persons, unoccluded = scene()
     instances[85:95, 354:] = 0
-    boxes = boxes_of(instances, persons, alone, camera)
+    boxes = boxes_of(instances, persons, unoccluded, camera)
     found = Detector(0.0, 0.0, 0.0, 0.2).detect(camera, view(boxes), np.random.default_rng(0))
     # The bearing's azimuth is that of the middle of the lower edge, which in a level pinhole is that of its column.
     focal = 180 / np.tan(0.6)

@@ -15,7 +15,7 @@ from sim.sensors.keypoints import DEPTH, image_points
 from sim.simulation.simulation import Simulation
 from tests.sim.rays import silhouettes
 from tests.sim.yard import yard
-from tests.tracker.rectified import Gaze, rectify
+from tests.tracker.perspective_views import ViewDirection, rectify
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera, Panorama, Tsai
 from tracker.sequence.reader import read_sequence
@@ -191,7 +191,7 @@ def test_a_rectified_view_shows_the_person_where_its_file_says(moments: list[tup
             for person in view.boxes.person[(view.boxes.visible > 0.95) & (view.boxes.range > 2.5)]:
                 joints = moment.truth.joints[moment.truth.person_id.tolist().index(person)]  # type: ignore[index]
                 sight = joints.mean(axis=0) - view.T_world_camera.translation
-                cut = rectify(panorama, view.T_world_camera, Gaze(float(np.arctan2(sight[1], sight[0])), 1.2, (400, 700)))
+                cut = rectify(panorama, view.T_world_camera, ViewDirection(float(np.arctan2(sight[1], sight[0])), 1.2, (400, 700)))
                 pixels, inside = image_points(cut.camera, cut.T_world_camera, joints[LEGS])
                 assert inside.all()
                 shown = cut.nearest(moment.instances[name])

@@ -17,7 +17,7 @@ from sim.sensors.robot_detector import RobotDetector
 from sim.simulation.simulation import Simulation
 from sim.stress.faults import Faults
 from tests.sim.yard import yard
-from tracker.datasets.validation import inspect
+from tracker.datasets.validation import validate
 from tracker.sequence.reader import read_sequence
 
 SCENARIO = Scenario(seed=31, robots=4, people=8, frames=6, width=256)
@@ -61,7 +61,7 @@ def test_errors_are_as_the_covariance_says(glimpses: list[RaycastFrame]) -> None
     squares, there = [], 0
     for glimpse in glimpses:
         for view in glimpse.tick.views:
-            c, poses, mount = view.companions, glimpse.truth.T_world_robot, setup.mounts[view.camera]
+            c, poses, mount = view.robot_detections, glimpse.truth.T_world_robot, setup.mounts[view.camera]
             assert c is not None
             there += len(c)
             for robot, bearing, covariance in zip(c.robot, c.bearing, c.covariance, strict=True):
@@ -75,15 +75,15 @@ def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
     """Who is found is found at the same place whoever else is missed; detections and sightings do not change by a bit without companions."""
     simulation = Simulation(SCENARIO, world=yard())
     setup = setup_of(SCENARIO, simulation)
-    alone = replace(setup, mounts=dict(list(setup.mounts.items())[:1]))
-    for a, b in zip(glimpses, run_raycast(SCENARIO, simulation, alone), strict=True):
+    unoccluded = replace(setup, mounts=dict(list(setup.mounts.items())[:1]))
+    for a, b in zip(glimpses, run_raycast(SCENARIO, simulation, unoccluded), strict=True):
         one, other = a.tick.views[0], b.tick.views[0]
         assert one.detections.bearing.tobytes() == other.detections.bearing.tobytes()
         assert one.sightings is not None
         assert other.sightings is not None
         assert one.sightings.bearing.tobytes() == other.sightings.bearing.tobytes()
-        assert other.companions is not None
-        assert len(other.companions) == 0
+        assert other.robot_detections is not None
+        assert len(other.robot_detections) == 0
 
 
 def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
@@ -92,10 +92,10 @@ def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
     sent = Faults(dropout=0.5).sent(setup, ticks, 1)
     blind = [view for tick in sent for view in tick.views if view.sightings is None]
     assert blind
-    assert all(view.companions is None for view in blind)
+    assert all(view.robot_detections is None for view in blind)
     carried = Faults(kidnapped=SCENARIO.period * 3).sent(setup, ticks, 1)
-    assert [tick.views[0].companions is None for tick in carried] == [False, False, False, True, True, True]
-    assert all(view.companions is not None for tick in carried for view in tick.views[1:]), "others see it where it is carried"
+    assert [tick.views[0].robot_detections is None for tick in carried] == [False, False, False, True, True, True]
+    assert all(view.robot_detections is not None for tick in carried for view in tick.views[1:]), "others see it where it is carried"
 
 
 def test_pictures_show_the_same_rovers(tmp_path: Path) -> None:
@@ -107,11 +107,11 @@ def test_pictures_show_the_same_rovers(tmp_path: Path) -> None:
     count = 0
     for tick, glimpse in zip(read_sequence(tmp_path / "s").ticks, unrendered, strict=True):
         for a, b in zip(tick.views, glimpse.tick.views, strict=True):
-            assert a.companions is not None
-            assert b.companions is not None
-            assert a.companions.robot == b.companions.robot
-            np.testing.assert_allclose(a.companions.bearing, b.companions.bearing, atol=1e-8)
-            np.testing.assert_allclose(a.companions.covariance, b.companions.covariance, rtol=1e-8)
-            count += len(a.companions)
+            assert a.robot_detections is not None
+            assert b.robot_detections is not None
+            assert a.robot_detections.robot == b.robot_detections.robot
+            np.testing.assert_allclose(a.robot_detections.bearing, b.robot_detections.bearing, atol=1e-8)
+            np.testing.assert_allclose(a.robot_detections.covariance, b.robot_detections.covariance, rtol=1e-8)
+            count += len(a.robot_detections)
     assert count > 3
-    assert list(inspect(tmp_path / "s")) == []
+    assert list(validate(tmp_path / "s")) == []

@@ -7,6 +7,7 @@ from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tests.sim.footfalls import Footfalls
 from tests.sim.yard import yard
+from tracker.types import KEYPOINT_NAMES
 from tracker.geometry import Pose
 from worlds import catalogue
 
@@ -121,7 +122,7 @@ def test_people_stand_on_the_ground_where_they_are_said_to(small):
         small.step()
     feet, joints = small.feet(), small.joints()
     np.testing.assert_allclose(feet[:, 2], small.world.ground.height_at(feet))
-    assert joints.shape == (3, len(skeleton.COCO), 3)
+    assert joints.shape == (3, len(KEYPOINT_NAMES), 3)
     np.testing.assert_allclose(joints[:, 11:13, :2].mean(axis=1), feet[:, :2], atol=0.02)
     for person, place in zip(small.persons, feet, strict=True):
         np.testing.assert_allclose(small.data.body(f"person_{person}/collider").xpos, place)
