@@ -37,7 +37,7 @@ class Worlds:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from sim.visualization.world_survey import Wanted, describe, survey
+        from sim.visualization.world_survey import SurveyOptions, describe, survey
 
-        rows = survey(self.name, self.difficulty, self.seed, Wanted(self.preview, self.export, self.slip))
+        rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip))
         print(json.dumps(rows, indent=1) if self.json else describe(rows))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from sim.crowd.social_force import HEADWAY_SPEED, GOAL, PAUSE, PRESENT, SPEED, STUCK, VISIT, VX, VY, YIELDS, Number, Numbers, X, Y
+from sim.crowd.social_force import GOAL, HEADWAY_SPEED, PAUSE, PRESENT, SPEED, STUCK, VISIT, VX, VY, YIELDS, Number, Numbers, X, Y
 from tracker.geometry import Array
 
 ARRIVED = 0.7

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim.recording.tracker_setup import Fixed
+from sim.recording.tracker_setup import FixedCamera
 from tracker.geometry import Array, Pose, rotation_z
 from tracker.geometry.cameras import Tsai, pinhole
 from worlds.world import World
@@ -66,7 +66,7 @@ class _Place:
         return self.hit(start, way / length) > length
 
 
-def place_cameras(world: World, count: int, width: int) -> dict[str, Fixed]:
+def place_cameras(world: World, count: int, width: int) -> dict[str, FixedCamera]:
     """Name → camera, for `count` cameras; pictures are `width` px wide and three quarters as high.
 
     Raises ValueError where there are fewer places from which people can be seen.
@@ -89,7 +89,7 @@ def place_cameras(world: World, count: int, width: int) -> dict[str, Fixed]:
             raise ValueError(f"views is {count}, more than the {len(chosen)} places from which {world.name} can be overlooked")
         chosen.append(int(np.argmax(gain)))
         times += shown[chosen[-1]]
-    return {f"View_{n:03d}": Fixed(camera, poses[k]) for n, k in enumerate(sorted(chosen), 1)}
+    return {f"View_{n:03d}": FixedCamera(camera, poses[k]) for n, k in enumerate(sorted(chosen), 1)}
 
 
 def _seat(world: World, place: _Place, k: int) -> Array | None:

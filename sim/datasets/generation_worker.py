@@ -13,9 +13,9 @@ from pathlib import Path
 from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.presets import Preset, confined, provenance
 from sim.parallel.file_lock import Locked, file_lock
-from sim.recording.record import Stage, record_stage
+from sim.recording.record import Recording, write_recording
 from sim.simulation.simulation import Simulation
-from tracker.io.atomic import unfinished
+from tracker.io.atomic import partial_path
 from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.writer import ImageForm
 from worlds import catalogue
@@ -42,7 +42,7 @@ class SequenceTask:
 
     @property
     def partial(self) -> Path:
-        return unfinished(self.folder)
+        return partial_path(self.folder)
 
     @property
     def frames(self) -> int:
@@ -76,14 +76,14 @@ class SequenceTask:
         # A process has one watchdog and one OpenGL: workers of Dask may have several threads.
         with _one_at_a_time, file_lock(self._lock, wait=True):
             if not self.whole:
-                record_stage(self._stage(), self.folder)
+                write_recording(self._recording(), self.folder)
 
-    def _stage(self) -> Stage:
+    def _recording(self) -> Recording:
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confined(world, self.preset.ground, scenario.stream("world/confined"))
         fixed = place_cameras(world, self.preset.views, 2 * round(0.375 * scenario.width))
-        return Stage(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form)
+        return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form)
 
 
 def _leave_with(master: int) -> None:

@@ -19,8 +19,8 @@ from scipy import ndimage
 
 from sim.crowd.replay import Paths
 from sim.pedestrian.skeleton import ADULTS
-from sim.recording.record import Stage, check_free, record_stage
-from sim.recording.tracker_setup import Fixed
+from sim.recording.record import Recording, check_absent, write_recording
+from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.datasets.pets2009 import PETS_RATE
@@ -77,11 +77,11 @@ def generate(twin: Twin, folder: Path, world: World | None = None, progress: Any
     world: in place of `campus` at difficulty 0. Raises ValueError, in one line, for files that are not there or not what they should be, for
     an unknown view, and for a path that leads out of the world or into a wall.
     """
-    check_free(folder)
-    record_stage(stage_of(twin, world), folder, progress)
+    check_absent(folder)
+    write_recording(recording_of(twin, world), folder, progress)
 
 
-def stage_of(twin: Twin, world: World | None = None) -> Stage:
+def recording_of(twin: Twin, world: World | None = None) -> Recording:
     """The twin at its first frame. Raises ValueError as `generate` does."""
     fixed = {f"View_{number:03d}": _fixed(twin.calibration, number) for number in twin.views}
     annotated = _fixed(twin.calibration, ANNOTATED)
@@ -100,16 +100,16 @@ def stage_of(twin: Twin, world: World | None = None) -> Stage:
     place = catalogue.build(WORLD, scenario.stream("world"), 0.0) if world is None else world
     paths = Paths(walkers.id, scenario.period * np.arange(scenario.frames, dtype=np.float64), walkers.position, walkers.stature)
     simulation = Simulation(scenario, world=near(place, walkers.position), paths=paths)
-    return Stage(scenario, simulation, fixed, _provenance(twin, scenario))
+    return Recording(scenario, simulation, fixed, _provenance(twin, scenario))
 
 
-def _fixed(calibration: Path, number: int) -> Fixed:
+def _fixed(calibration: Path, number: int) -> FixedCamera:
     path = calibration / f"View_{number:03d}.xml"
     if not path.is_file():
         there = ", ".join(p.name for p in sorted(calibration.glob("View_*.xml"))) or "none"
         raise ValueError(f"{path}: no such file; there are {there}")
     _, camera, pose = read_camera(path)
-    return Fixed(camera, pose)
+    return FixedCamera(camera, pose)
 
 
 def annotated_frames(twin: Twin) -> Annotations:

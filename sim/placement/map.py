@@ -182,7 +182,7 @@ def map_of(key: MapKey) -> PlacementMap:
     plans = make_plans(world.feet, people, scenario.stream("people/goals"))
     floor, top = world.terrain.on_grid, tops(world)
     heights = Heights(top.heights, np.array([*top.origin, top.spacing]))
-    room = driving.room_to_turn(world.wheels)
+    room = driving.turning_space(world.wheels)
     return PlacementMap(key, world, Crowd(world.feet, world.terrain, plans), stature, floor, heights, room, Roads.of(room))
 
 

@@ -15,7 +15,7 @@ from sim.placement import kinematics
 from sim.placement.config import SPEED, STEPS, YAW, PlacementConfig, X, Y
 from sim.placement.kinematics import NEAR, TOUCH
 from sim.placement.map import PlacementMap
-from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, Drive, Motion, Route, Traffic
+from sim.robots.driving import ACCELERATION, YAW_ACCELERATION, DriveState, Motion, Route, Traffic
 from sim.robots.rover import FOOTPRINT_RADIUS, HALF_WIDTH
 from sim.scenario import Scenario
 from sim.simulation.initial_states import InitialStates
@@ -99,10 +99,10 @@ class Remote:
     speed: float = 0.0
     yaw_rate: float = 0.0
 
-    def start(self, position: Array) -> Drive:
-        return Drive(Route.through(np.stack([position, position])), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
+    def start(self, position: Array) -> DriveState:
+        return DriveState(Route.through(np.stack([position, position])), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
 
-    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+    def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
         dv, dw = ACCELERATION * dt, YAW_ACCELERATION * dt
         brake = 2.0 if abs(self.speed) < abs(drive.speed) else 1.0
         speed = drive.speed + float(np.clip(self.speed - drive.speed, -brake * dv, brake * dv))

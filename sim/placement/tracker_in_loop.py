@@ -18,7 +18,7 @@ from sim.recording.tracker_setup import START_SIGMA
 from sim.robots import odometry, rover
 from sim.sensors.person_detector import Detector
 from sim.sensors.raycast_camera import LandmarkSensor
-from tracker.geometry import Array, Ints, Pose, angles_from_bearing, deflected, wrap
+from tracker.geometry import Array, Ints, Pose, angles_from_bearing, perturbed_bearings, wrap
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
 from tracker.metrics.clear_mot import score
@@ -102,7 +102,7 @@ class Tracking:
     tracker: Tracker
     landmarks: Array
     looks: Array
-    wear: list[odometry.Wear]
+    wear: list[odometry.SystematicErrors]
     position: Array = field(default_factory=lambda: np.zeros((0, 2)))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
     index: int = 0
@@ -123,9 +123,9 @@ class Tracking:
         mounts = {f"robot_{k}_camera": Mount(CAMERA, mount, f"robot_{k}") for k in range(count)}
         floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.heights.top))
         tracker = Tracker(Setup(mounts, floor, starts, config.frame, occluders=tops), Parameters(slam=SLAM))
-        landmarks, look = surfaces(place, LANDMARKS, rng), rng.normal(size=(LANDMARKS, LandmarkSensor.look))
+        landmarks, look = surfaces(place, LANDMARKS, rng), rng.normal(size=(LANDMARKS, LandmarkSensor.descriptor_size))
         looks = (look / np.linalg.norm(look, axis=1, keepdims=True))[: len(landmarks)]
-        wear = [odometry.Wear.draw(rng) for _ in range(count)]
+        wear = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
         out = Tracking(config, place, rng, tracker, landmarks, looks, wear)
         out.moved, out.wheels = np.zeros((count, 3)), np.zeros((count, 4))
         return out
@@ -182,16 +182,16 @@ class Tracking:
     def _sightings(self, camera: Pose) -> Sightings:
         """The landmarks that a camera finds, errors and looks as in sightlines.Landmarking."""
         rule, n, rng = LandmarkSensor(), len(self.landmarks), self.rng
-        found, order = rng.random(n) >= rule.missed, rng.permutation(n)
-        sigma = np.where(rng.random(n) < rule.wrong, rule.stray, rule.noise)[:, None]
-        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self.looks.shape) * rule.blur / np.sqrt(rule.look)
+        found, order = rng.random(n) >= rule.miss_rate, rng.permutation(n)
+        sigma = np.where(rng.random(n) < rule.outlier_rate, rule.outlier_noise, rule.noise)[:, None]
+        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self.looks.shape) * rule.descriptor_noise / np.sqrt(rule.descriptor_size)
         away = self.landmarks - camera.translation
         distance = np.linalg.norm(away, axis=1)
         found &= (distance < rule.reach) & (distance > 0.3)
         found[found] = clear(self.place.heights, camera.translation, self.landmarks[found], BEFORE) > 0
         rows = order[found[order]]
         sight = away[rows] @ camera.rotation / distance[rows, None]
-        bearing = deflected(sight, error[rows])
+        bearing = perturbed_bearings(sight, error[rows])
         look, covariance = (self.looks[rows] + blur[rows]).astype(np.float32), np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1))
         return Sightings(bearing, np.full(len(rows), np.nan), np.full(len(rows), -1), look, covariance)
 
@@ -208,7 +208,7 @@ class Tracking:
             wheels = self.wheels[k] + np.array([left, right, left, right]) / rover.WHEEL_RADIUS
             acceleration = (move.translation - self.moved[k]) / period**2
             rates, angles = np.tile(turn / period, (SAMPLES, 1)), np.stack([self.wheels[k], wheels])
-            ride = odometry.Ride(rates, period / SAMPLES, angles, acceleration, now.rotation[2])
+            ride = odometry.FrameMotion(rates, period / SAMPLES, angles, acceleration, now.rotation[2])
             out.append(odometry.measure(ride, self.wear[k], self.rng))
             self.wheels[k], self.moved[k] = wheels, move.translation
         return out

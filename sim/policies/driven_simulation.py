@@ -13,7 +13,7 @@ from sim.placement.config import DECISIONS, PlacementConfig
 from sim.placement.map import MapKey, map_of
 from sim.policies.policy import Briefing
 from sim.policies.rollouts import policy_of
-from sim.robots.driving import ACCELERATION, ARRIVED, YAW_ACCELERATION, Drive, Driver, Motion, Traffic
+from sim.robots.driving import ACCELERATION, ARRIVED, YAW_ACCELERATION, DriveState, Driver, Motion, Traffic
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array
@@ -30,21 +30,21 @@ class GoToDriver:
     wheels: FreeSpace
     goal: Array
 
-    def start(self, position: Array) -> Drive:
+    def start(self, position: Array) -> DriveState:
         return Driver(self.wheels, self.goal[None]).start(position)
 
-    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+    def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
         if math.dist(self.goal, motion.position) < ARRIVED:
             dv, dw = 2 * ACCELERATION * dt, 2 * YAW_ACCELERATION * dt
-            return replace(drive, speed=_nearer_rest(drive.speed, dv), yaw_rate=_nearer_rest(drive.yaw_rate, dw), stuck=0.0, asks=(0.0, 0.0))
+            return replace(drive, speed=_nearer_rest(drive.speed, dv), yaw_rate=_nearer_rest(drive.yaw_rate, dw), stuck=0.0, requested_velocity=(0.0, 0.0))
         return Driver(self.wheels, self.goal[None]).step(drive, motion, traffic, dt)
 
-    def sent(self, drive: Drive, goal: Array, position: Array) -> Drive:
+    def sent(self, drive: DriveState, goal: Array, position: Array) -> DriveState:
         """The plan of a rover at position (2,) m once it is sent to goal (2,) m; it keeps its pace."""
         if math.dist(goal, self.goal) < 1e-6:
             return drive
         self.goal = goal
-        return replace(self.start(position), speed=drive.speed, yaw_rate=drive.yaw_rate, course=drive.course)
+        return replace(self.start(position), speed=drive.speed, yaw_rate=drive.yaw_rate, direction=drive.direction)
 
 
 def _nearer_rest(value: float, step: float) -> float:
@@ -82,7 +82,7 @@ class PolicySimulation(Simulation):
         assert self._policy is not None
         places = self.motions()[:, :2]
         self._errands = [GoToDriver(self._place.room, place.copy()) for place in places]
-        self.hand_over(self._errands, [errand.start(place) for errand, place in zip(self._errands, places, strict=True)])
+        self.set_drivers(self._errands, [errand.start(place) for errand, place in zip(self._errands, places, strict=True)])
         self._policy.begin(self._briefing(), self.scenario.stream("policy"))
 
     def _look(self) -> None:
@@ -101,7 +101,7 @@ class PolicySimulation(Simulation):
         places = self.motions()[:, :2]
         wanted = self._place.metres(self._policy.act(self._briefing()))
         goals = self._place.roads.places[self._place.roads.nearest(wanted)]
-        self.hand_over(self._errands, [e.sent(d, g, p) for e, d, g, p in zip(self._errands, self.drives, goals, places, strict=True)])
+        self.set_drivers(self._errands, [e.sent(d, g, p) for e, d, g, p in zip(self._errands, self.drives, goals, places, strict=True)])
 
     def _briefing(self) -> Briefing:
         known, b = self._beliefs.known > 0, self._beliefs

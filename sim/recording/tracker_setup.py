@@ -21,14 +21,14 @@ START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
 
 
 @dataclass(frozen=True)
-class Fixed:
+class FixedCamera:
     """A camera that stands still: to the tracker, a robot that never moves and is known to be at T_world_camera."""
 
     camera: Camera
     T_world_camera: Pose
 
 
-def setup_of(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, Fixed] | None = None) -> Setup:
+def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, FixedCamera] | None = None) -> Setup:
     """What the tracker is told of a simulation before its first frame; start poses of rovers are off by what START_SIGMA says.
 
     fixed: name → camera, beside those of the rovers.

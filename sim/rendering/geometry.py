@@ -173,10 +173,10 @@ class _ShapeIndices:
 def _joined(shapes: list[Shape], indices_of: _ShapeIndices) -> ShapeBuffers:
     count = np.array([3 * len(shape.triangles) for shape in shapes])
     sizes = np.array([len(shape.vertices) for shape in shapes])
-    levels = max([1, *(len(levels) for levels in indices_of.levels_of.values())])
-    levels = np.tile(np.arange(len(shapes))[:, None], (1, levels))
+    most = max([1, *(len(members) for members in indices_of.levels_of.values())])
+    levels = np.tile(np.arange(len(shapes))[:, None], (1, most))
     for shape, members in indices_of.levels_of.items():
-        levels[shape] = [*members, *[members[-1]] * (levels - len(members))]
+        levels[shape] = [*members, *[members[-1]] * (most - len(members))]
     extents = np.full((len(shapes), 6), np.nan)
     for shape, extent in indices_of.boxes.items():
         extents[shape] = extent

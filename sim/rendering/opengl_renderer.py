@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering import gl_objects, shaders
-from sim.rendering.draw_list import COMMAND, CUBE_MAPPED, RECORD, Batch, DrawList, DrawCommands
+from sim.rendering.draw_list import COMMAND, CUBE_MAPPED, RECORD, Batch, DrawCommands, DrawList
 from sim.rendering.face_atlas import Atlas
 from sim.rendering.gl_context import largest_buffer, use_reversed_depth
 from sim.rendering.shaders import Lights

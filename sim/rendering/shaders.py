@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.draw_list import CUBE_MAPPED, FACETS, TEXTURED, TEXTURED_FACETS, PLAIN
+from sim.rendering.draw_list import CUBE_MAPPED, FACETS, PLAIN, TEXTURED, TEXTURED_FACETS
 from tracker.geometry import Array, Pose
 
 MOST_LIGHTS = 8

@@ -24,9 +24,9 @@ ACCELERATION, YAW_ACCELERATION = 0.6, 1.6
 LOOKAHEAD = 0.6
 """m along the way to the point that is aimed at."""
 ARRIVED = 0.5
-STOP = 0.1
+STOPPING_GAP = 0.1
 """m that it leaves to others, beside what its footprint leaves already."""
-_CLEAR = 0.5
+_CLEAR_LANE = 0.5
 """m that a lane must be clear ahead for a rover to take it."""
 TURNING_ROOM = 0.2
 """m between the half width for which wheels are free and the circle that a rover turns in."""
@@ -34,11 +34,11 @@ HALF_LANE = 0.37
 """m: half the width of what the rover sweeps ahead, with some room."""
 PATIENCE, RETREAT = 1.2, 1.4
 """s without getting on before it backs up, s of backing up."""
-ASKING = 0.5
+REQUEST_DELAY = 0.5
 """s without getting on after which it asks those before it to give way."""
-NEAR = 4.0
+REPLANNING_RANGE = 4.0
 """m within which it plans its way round others."""
-ON_THE_SPOT = 0.7
+TURN_IN_PLACE_RATE = 0.7
 """rad/s of a rover that looks too far off its way to drive."""
 _DETOURS = np.array([0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5, -1.5])
 """rad off the wanted heading, in the order in which they are tried."""
@@ -77,7 +77,7 @@ class Route:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class DriveState:
     """The plan of one rover: route, passed m of it; visit, how many goals are behind it; the command speed m/s and yaw_rate rad/s that it follows;
     stuck s, retreat s still to back up, swing the way round that it turns then (1 to the left, −1). course: whether it drives forwards, 1, or
     backwards, −1, as it can both; asks (2,) m/s: how it would go if those before it gave way, 0 as long as it has not waited for them;
@@ -90,20 +90,20 @@ class Drive:
     yaw_rate: float
     stuck: float
     retreat: float
-    swing: float = 1.0
-    course: float = 1.0
-    asks: tuple[float, float] = (0.0, 0.0)
-    tries: int = 0
+    turn_side: float = 1.0
+    direction: float = 1.0
+    requested_velocity: tuple[float, float] = (0.0, 0.0)
+    attempts: int = 0
 
 
 class Pilot(Protocol):
     """Whoever drives a rover: a Driver on its tour, or somebody who is told where to go."""
 
-    def start(self, position: Array) -> Drive:
+    def start(self, position: Array) -> DriveState:
         """The plan of a rover at rest at position (2,) m."""
         ...
 
-    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+    def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
         """The plan dt s later."""
         ...
 
@@ -115,13 +115,13 @@ class Driver:
     wheels: FreeSpace
     goals: Array
 
-    def start(self, position: Array) -> Drive:
-        return Drive(self._route(position, 0), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
+    def start(self, position: Array) -> DriveState:
+        return DriveState(self._route(position, 0), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
 
-    def step(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+    def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
         """The plan `dt` s later; its speed and yaw_rate are what the wheels are to do now."""
         if math.dist(drive.route.points[-1], motion.position) < ARRIVED:
-            drive = self._next(drive, motion)
+            drive = self._to_next_goal(drive, motion)
         if drive.retreat > 0:
             return self._retreat(drive, motion, traffic, dt)
         passed, x, y = _progress(drive.route.points, drive.route.marks, drive.passed, motion.position)
@@ -129,50 +129,50 @@ class Driver:
         aim = np.array([x, y])
         distance = max(math.dist(aim, motion.position), 0.2)
         straight = math.atan2(*(aim - motion.position)[::-1])
-        wanted = self._way_round(motion, straight, traffic)
-        course = _course(drive, motion, wanted)
-        error = float(wrap(wanted - motion.yaw + (math.pi if course < 0 else 0.0)))
+        wanted = self._detour_heading(motion, straight, traffic)
+        direction = _driving_direction(drive, motion, wanted)
+        error = float(wrap(wanted - motion.yaw + (math.pi if direction < 0 else 0.0)))
         speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
-        free = min(speed, _free_speed(motion, traffic, course))
+        free = min(speed, _free_speed(motion, traffic, direction))
         # Who cannot drive on as it stands turns to where it can.
         turns = not speed or (free < 0.1 and abs(error) > 0.15)
-        turn = math.copysign(ON_THE_SPOT, error) if turns else 2 * free * math.sin(error) / distance
-        drive = _towards(replace(drive, course=course), course * free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
+        turn = math.copysign(TURN_IN_PLACE_RATE, error) if turns else 2 * free * math.sin(error) / distance
+        drive = _accelerated(replace(drive, direction=direction), direction * free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
         waits = abs(motion.yaw_rate) < 0.1 if turns else min(free, abs(motion.speed)) < 0.25 * speed
         drive = replace(drive, stuck=drive.stuck + dt if waits else max(drive.stuck - dt, 0.0))
-        ways = np.array([straight, wanted, motion.yaw if course > 0 else motion.yaw + math.pi])
-        blocked = _gap(motion.position, ways, traffic.position, traffic.radius).min() < _CLEAR + 0.2
-        asking = blocked and drive.stuck > ASKING
-        drive = replace(drive, asks=(TOP_SPEED * math.cos(straight), TOP_SPEED * math.sin(straight)) if asking else (0.0, 0.0))
+        ways = np.array([straight, wanted, motion.yaw if direction > 0 else motion.yaw + math.pi])
+        blocked = _free_distance(motion.position, ways, traffic.position, traffic.radius).min() < _CLEAR_LANE + 0.2
+        requesting = blocked and drive.stuck > REQUEST_DELAY
+        drive = replace(drive, requested_velocity=(TOP_SPEED * math.cos(straight), TOP_SPEED * math.sin(straight)) if requesting else (0.0, 0.0))
         if drive.stuck <= PATIENCE:
-            return replace(drive, tries=0) if abs(motion.speed) > 0.5 * TOP_SPEED else drive
+            return replace(drive, attempts=0) if abs(motion.speed) > 0.5 * TOP_SPEED else drive
         # By turns: two who both only look for a way round each other, or only back off, would stay in each other's way.
-        around = self._around(drive, motion, traffic) if blocked and drive.tries % 2 == 0 else None
+        around = self._replan(drive, motion, traffic) if blocked and drive.attempts % 2 == 0 else None
         if around is not None:
             return around
-        return replace(drive, stuck=0.0, tries=drive.tries + 1, retreat=RETREAT, swing=self._wider_side(motion))
+        return replace(drive, stuck=0.0, attempts=drive.attempts + 1, retreat=RETREAT, turn_side=self._wider_side(motion))
 
-    def _way_round(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
+    def _detour_heading(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
         """The heading nearest to the wanted one that is clear of others for a while and stays in the room; the wanted one where none is."""
-        if _gap(motion.position, np.array([wanted]), traffic.position, traffic.radius)[0] > _CLEAR:
+        if _free_distance(motion.position, np.array([wanted]), traffic.position, traffic.radius)[0] > _CLEAR_LANE:
             return wanted
         headings = wanted + _DETOURS
         ahead = np.column_stack([np.cos(headings), np.sin(headings)])
-        clear = _gap(motion.position, headings, traffic.position, traffic.radius) > _CLEAR
+        clear = _free_distance(motion.position, headings, traffic.position, traffic.radius) > _CLEAR_LANE
         for reach in (0.5, 1.0):
             clear &= self.wheels.free_at(motion.position + reach * ahead)
         return float(headings[int(np.argmax(clear))]) if clear.any() else wanted
 
-    def _around(self, drive: Drive, motion: Motion, traffic: Traffic) -> Drive | None:
+    def _replan(self, drive: DriveState, motion: Motion, traffic: Traffic) -> DriveState | None:
         """On to the goal, or else to the first of the next ones, that can be reached past all who are near, as if they stayed where they are;
         None where none can."""
         i, j = np.indices(self.wheels.free.shape)
         nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=-1)
         free = self.wheels.free.copy()
         for place, radius in zip(traffic.position, traffic.radius, strict=True):
-            if math.dist(place, motion.position) < NEAR:
+            if math.dist(place, motion.position) < REPLANNING_RANGE:
                 free &= np.hypot(*np.moveaxis(nodes - place, -1, 0)) > radius + HALF_LANE
-        start = self._inside(motion.position)
+        start = self._nearest_free(motion.position)
         free |= self.wheels.free & (np.hypot(*np.moveaxis(nodes - start, -1, 0)) < 0.25)
         labels = ndimage.label(free)[0]
         j, i = np.rint((start - self.wheels.origin) / self.wheels.spacing).astype(np.int64)
@@ -180,8 +180,8 @@ class Driver:
         for visit in range(drive.visit, drive.visit + len(self.goals)):
             goal = self.goals[visit % len(self.goals)]
             if room.free_at(goal[None])[0] and math.dist(goal, start) > ARRIVED:
-                way = Route.through(room.route(start, goal))
-                return replace(drive, route=way, passed=0.0, visit=visit, stuck=0.0, tries=drive.tries + 1)
+                route = Route.through(room.route(start, goal))
+                return replace(drive, route=route, passed=0.0, visit=visit, stuck=0.0, attempts=drive.attempts + 1)
         return None
 
     def _wider_side(self, motion: Motion) -> float:
@@ -190,22 +190,22 @@ class Driver:
         room = self.wheels.clearance_at(motion.position + np.array([[0.5], [-0.5]]) * left)
         return 1.0 if room[0] > room[1] else -1.0
 
-    def _retreat(self, drive: Drive, motion: Motion, traffic: Traffic, dt: float) -> Drive:
+    def _retreat(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
         """Back up with a turn, as far as there is room, then go elsewhere."""
-        behind = motion.position - 0.4 * drive.course * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
+        behind = motion.position - 0.4 * drive.direction * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
         room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
-        speed = -drive.course * min(0.3, _free_speed(motion, traffic, -drive.course)) if room else 0.0
-        drive = _towards(drive, speed, 0.6 * drive.swing, dt)
+        speed = -drive.direction * min(0.3, _free_speed(motion, traffic, -drive.direction)) if room else 0.0
+        drive = _accelerated(drive, speed, 0.6 * drive.turn_side, dt)
         left = drive.retreat - dt
-        return self._next(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
+        return self._to_next_goal(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
 
-    def _next(self, drive: Drive, motion: Motion) -> Drive:
+    def _to_next_goal(self, drive: DriveState, motion: Motion) -> DriveState:
         return replace(drive, route=self._route(motion.position, drive.visit + 1), passed=0.0, visit=drive.visit + 1)
 
     def _route(self, position: Array, visit: int) -> Route:
-        return Route.through(self.wheels.route(self._inside(position), self.goals[visit % len(self.goals)]))
+        return Route.through(self.wheels.route(self._nearest_free(position), self.goals[visit % len(self.goals)]))
 
-    def _inside(self, position: Array) -> Array:
+    def _nearest_free(self, position: Array) -> Array:
         """position (2,) m, or the nearest free place."""
         if self.wheels.free_at(position[None])[0]:
             return position
@@ -219,7 +219,7 @@ def make_driver(room: FreeSpace, rng: np.random.Generator) -> Driver:
     return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]))
 
 
-def room_to_turn(wheels: FreeSpace) -> FreeSpace:
+def turning_space(wheels: FreeSpace) -> FreeSpace:
     """The part of free space, in one piece, in which a rover can turn on the spot: up to TURNING_ROOM m off its border.
 
     Where that would cost more than half of the area, as in a world of narrow passages, the room is taken less wide.
@@ -233,13 +233,13 @@ def room_to_turn(wheels: FreeSpace) -> FreeSpace:
     return wheels
 
 
-def _course(drive: Drive, motion: Motion, wanted: float) -> float:
+def _driving_direction(drive: DriveState, motion: Motion, wanted: float) -> float:
     """1 to drive forwards, −1 to drive backwards, towards a heading: what needs less of a turn; what it does it goes on with up to 110°."""
-    ahead = abs(float(wrap(wanted - motion.yaw - (math.pi if drive.course < 0 else 0.0))))
-    return drive.course if ahead < 1.9 else -drive.course
+    ahead = abs(float(wrap(wanted - motion.yaw - (math.pi if drive.direction < 0 else 0.0))))
+    return drive.direction if ahead < 1.9 else -drive.direction
 
 
-def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
+def _accelerated(drive: DriveState, speed: float, yaw_rate: float, dt: float) -> DriveState:
     """The command moved towards this one as far as the accelerations allow; braking may be twice as hard."""
     brake = 2.0 if abs(speed) < abs(drive.speed) else 1.0
     dv, dw = brake * ACCELERATION * dt, YAW_ACCELERATION * dt
@@ -253,12 +253,12 @@ def _towards(drive: Drive, speed: float, yaw_rate: float, dt: float) -> Drive:
 def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
     """m/s that leaves time to stop before whoever is in the lane, ahead (direction 1) or behind (−1)."""
     yaw = motion.yaw if direction > 0 else motion.yaw + math.pi
-    gap = _gap(motion.position, np.array([yaw]), traffic.position, traffic.radius)[0]
-    return min(max(0.8 * (float(gap) - STOP), 0.0), TOP_SPEED)
+    gap = _free_distance(motion.position, np.array([yaw]), traffic.position, traffic.radius)[0]
+    return min(max(0.8 * (float(gap) - STOPPING_GAP), 0.0), TOP_SPEED)
 
 
 @njit(cache=True)
-def _gap(position: Array, headings: Array, others: Array, radius: Array) -> Array:
+def _free_distance(position: Array, headings: Array, others: Array, radius: Array) -> Array:
     """(k,) m before a rover at position (2,) m reaches one of others (m, 2) m, of radius (m,) m, when it goes towards headings (k,) rad; inf where
     nobody is in the lane."""
     out = np.full(len(headings), np.inf)

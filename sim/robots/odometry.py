@@ -23,7 +23,7 @@ GYRO_SCALE = 0.01
 """One sigma of the scale factor: the specified ±3 % taken as three sigmas."""
 RADIUS_ERROR = 0.015
 """One sigma of a side's effective wheel radius over the nominal one: tyre pressure, load, wear."""
-TICKS = 1024
+ENCODER_COUNTS = 1024
 """Encoder counts a turn of the wheel."""
 ACCELEROMETER_NOISE = 400e-6 * 9.81
 """m/s²/√Hz: noise density of the MPU-6050's accelerometer (6.2: 400 µg/√Hz)."""
@@ -31,15 +31,15 @@ ACCELEROMETER_BIAS = 0.009 * 9.81
 """m/s², one sigma an axis: a quarter of the ±35 mg by which the MPU-6050's zero changes from 0 to 70 °C, after it was calibrated at a standstill."""
 ACCELEROMETER_SCALE = 0.01
 """One sigma of its scale factor, as that of the gyroscope (±3 %)."""
-ACCELERATION_LEFT = 0.15
+RESIDUAL_ACCELERATION = 0.15
 """The share of the real acceleration that a complementary filter leaves in what it takes for up."""
-_ACCELERATION = 0.5
+_TYPICAL_ACCELERATION = 0.5
 """m/s²: what a rover usually accelerates by, one sigma."""
 _GRAVITY = 9.81
 
 
 @dataclass(frozen=True, eq=False)
-class Wear:
+class SystematicErrors:
     """What is wrong with one rover for good: radius (2,), what it takes for the left and right wheels' radius over the true one;
     gyro_bias (3,) rad/s; gyro_scale (3,); accelerometer_bias (3,) m/s²; accelerometer_scale (3,)."""
 
@@ -50,8 +50,8 @@ class Wear:
     accelerometer_scale: Array = field(default_factory=lambda: np.ones(3))
 
     @staticmethod
-    def draw(rng: np.random.Generator) -> Wear:
-        return Wear(
+    def draw(rng: np.random.Generator) -> SystematicErrors:
+        return SystematicErrors(
             1 + rng.normal(0.0, RADIUS_ERROR, 2),
             rng.normal(0.0, GYRO_BIAS, 3),
             1 + rng.normal(0.0, GYRO_SCALE, 3),
@@ -61,7 +61,7 @@ class Wear:
 
 
 @dataclass(frozen=True, eq=False)
-class Ride:
+class FrameMotion:
     """What truly happened in one frame: rates (n, 3) rad/s of the body about its own axes at n even moments dt s apart; wheels (2, 4) rad,
     the angles of the wheels before and now; acceleration (3,) m/s² of the body in its own frame; up (3,) unit in its own frame now."""
 
@@ -76,27 +76,27 @@ class Ride:
         object.__setattr__(self, "wheels", frozen(self.wheels, (2, 4), "wheels"))
 
 
-def measure(ride: Ride, wear: Wear, rng: np.random.Generator) -> Odometry:
+def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> Odometry:
     """The odometry of one frame: turned by the gyroscope, moved ahead by the mean of the wheels at half of the turn."""
-    noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(ride.dt), ride.rates.shape)
-    R = _integrated((ride.rates * wear.gyro_scale + wear.gyro_bias + noise) * ride.dt)
+    noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(motion.dt), motion.rates.shape)
+    R = _integrate_rotation((motion.rates * systematic.gyro_scale + systematic.gyro_bias + noise) * motion.dt)
     turn = Pose(R, np.zeros(3)).log()[3:]
-    count = 2 * math.pi / TICKS
-    turned = np.floor(ride.wheels / count) * count
+    count = 2 * math.pi / ENCODER_COUNTS
+    turned = np.floor(motion.wheels / count) * count
     left_right = (turned[1] - turned[0]).reshape(2, 2).mean(axis=0)
-    distance = float((WHEEL_RADIUS * wear.radius * left_right).mean())
+    distance = float((WHEEL_RADIUS * systematic.radius * left_right).mean())
     move = exp_so3(turn / 2) @ np.array([distance, 0.0, 0.0])
-    period = ride.dt * len(ride.rates)
+    period = motion.dt * len(motion.rates)
     # The mean over a frame has a bandwidth of 1 / (2 period).
-    hiss = ACCELEROMETER_NOISE / math.sqrt(2 * period)
-    force = (ride.up * _GRAVITY + ACCELERATION_LEFT * ride.acceleration) * wear.accelerometer_scale + wear.accelerometer_bias
-    up = force + rng.normal(0.0, hiss, 3)
-    sigma = math.hypot(ACCELEROMETER_BIAS, hiss, ACCELERATION_LEFT * _ACCELERATION) / _GRAVITY
+    accelerometer_sigma = ACCELEROMETER_NOISE / math.sqrt(2 * period)
+    force = (motion.up * _GRAVITY + RESIDUAL_ACCELERATION * motion.acceleration) * systematic.accelerometer_scale + systematic.accelerometer_bias
+    up = force + rng.normal(0.0, accelerometer_sigma, 3)
+    sigma = math.hypot(ACCELEROMETER_BIAS, accelerometer_sigma, RESIDUAL_ACCELERATION * _TYPICAL_ACCELERATION) / _GRAVITY
     return Odometry(Pose(R, move), covariance(distance, turn, period), up / np.linalg.norm(up), sigma)
 
 
 @njit(cache=True)
-def _integrated(steps: Array) -> Array:
+def _integrate_rotation(steps: Array) -> Array:
     """(3, 3): the product of the rotations by the vectors steps (n, 3) rad, by Rodrigues' formula."""
     R = np.eye(3)
     for step in steps:

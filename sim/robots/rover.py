@@ -90,11 +90,11 @@ def _add_trim(chassis: mujoco.MjsBody, name: str, paint: tuple[float, ...]) -> N
 def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
     """The mast and the head whose top lies HEAD_GAP below the panorama's centre at z = `centre` in the body's frame."""
     top = centre - HEAD_GAP
-    looks = {"contype": 0, "conaffinity": 0, "group": _GROUP}
+    attributes = {"contype": 0, "conaffinity": 0, "group": _GROUP}
     capsule, cylinder = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
-    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=(0, 0, 0.1, 0, 0, top - 0.06), rgba=_METAL, mass=0.5, **looks)
-    chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.018, 0.02, 0), pos=(0, 0, top - 0.06), rgba=_METAL, mass=0.15, **looks)
-    chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.009, 0.02, 0), pos=(0, 0, top - 0.02), rgba=_LENS, mass=0.05, **looks)
+    chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=(0, 0, 0.1, 0, 0, top - 0.06), rgba=_METAL, mass=0.5, **attributes)
+    chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.018, 0.02, 0), pos=(0, 0, top - 0.06), rgba=_METAL, mass=0.15, **attributes)
+    chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.009, 0.02, 0), pos=(0, 0, top - 0.02), rgba=_LENS, mass=0.05, **attributes)
     # People and rovers must not walk through the mast; it is thin, so that it collides as a thicker rod that is not drawn.
     chassis.add_geom(
         name=f"{name}/mast_guard",
@@ -139,9 +139,9 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position
         priority=1,
         solref=(0.02, 1.0),
     )
-    looks = {"contype": 0, "conaffinity": 0, "group": _GROUP, "mass": 0.05, "quat": upright}
-    wheel.add_geom(name=f"{name}_tyre", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(WHEEL_RADIUS, 0.04, 0), rgba=_RUBBER, **looks)
-    wheel.add_geom(name=f"{name}_rim", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(0.07, 0.045, 0), rgba=_METAL, **looks)
+    attributes = {"contype": 0, "conaffinity": 0, "group": _GROUP, "mass": 0.05, "quat": upright}
+    wheel.add_geom(name=f"{name}_tyre", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(WHEEL_RADIUS, 0.04, 0), rgba=_RUBBER, **attributes)
+    wheel.add_geom(name=f"{name}_rim", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(0.07, 0.045, 0), rgba=_METAL, **attributes)
     actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
     actuator.set_to_velocity(kv=8.0)
     actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-9.0, 9.0)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-MEMORY = 3.0
+TIME_CONSTANT = 3.0
 """s after which the drift has forgotten 1 − 1/e of where it was."""
 
 
@@ -24,17 +24,17 @@ class Exposure:
             if not 0 <= value < math.inf:
                 raise ValueError(f"{name} is {value}, needs 0 or more")
         self._stops, self._noise, self._rng = stops, noise, rng
-        self._kept = math.exp(-period / MEMORY)
-        self._now = rng.normal(0.0, stops) if stops else 0.0
+        self._decay = math.exp(-period / TIME_CONSTANT)
+        self._stops_now = rng.normal(0.0, stops) if stops else 0.0
 
-    def take(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def apply(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The next frame's picture (H, W, 3) as the camera hands it over."""
         if not self._stops and not self._noise:
             return picture
         light = picture.astype(np.float32)
         if self._stops:
-            light *= np.float32(2.0**self._now)
-            self._now = self._kept * self._now + math.sqrt(1 - self._kept**2) * self._rng.normal(0.0, self._stops)
+            light *= np.float32(2.0**self._stops_now)
+            self._stops_now = self._decay * self._stops_now + math.sqrt(1 - self._decay**2) * self._rng.normal(0.0, self._stops)
         if self._noise:
             light += np.float32(self._noise) * self._rng.standard_normal(picture.shape, dtype=np.float32)
         return np.asarray(np.clip(np.rint(light), 0, 255), dtype=np.uint8)

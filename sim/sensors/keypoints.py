@@ -15,15 +15,15 @@ from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Keypoints
 
-DEPTH = {"nose": 0.05, "eye": 0.06, "ear": 0.07, "shoulder": 0.12, "elbow": 0.08, "wrist": 0.07, "hip": 0.17, "knee": 0.10, "ankle": 0.10}
+DEPTH_IN_BODY = {"nose": 0.05, "eye": 0.06, "ear": 0.07, "shoulder": 0.12, "elbow": 0.08, "wrist": 0.07, "hip": 0.17, "knee": 0.10, "ankle": 0.10}
 """m: how far behind the body's surface a joint that faces the camera may lie, clothes included."""
-BEHIND = 0.05
+DEPTH_MARGIN = 0.05
 """m: how far behind a joint the surface may be that a pixel beside it shows."""
-_DEPTHS = np.array([DEPTH[name.split("_")[-1]] for name in KEYPOINT_NAMES])
+_DEPTHS = np.array([DEPTH_IN_BODY[name.split("_")[-1]] for name in KEYPOINT_NAMES])
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class InstanceImage:
     """What one camera shows at one moment: instances (H, W), 0 for nobody, and range (H, W) m along the ray, from T_world_camera."""
 
     camera: Camera
@@ -41,30 +41,30 @@ def image_points(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[A
     return pixels, inside
 
 
-def true_keypoints(sight: Sight, persons: Ints, joints: Array) -> Keypoints:
+def true_keypoints(image: InstanceImage, persons: Ints, joints: Array) -> Keypoints:
     """Key points of people (m,) with joints (m, 17, 3) m, world."""
     m, k = joints.shape[:2]
     points = joints.reshape(-1, 3)
-    pixels, inside = image_points(sight.camera, sight.T_world_camera, points)
+    pixels, inside = image_points(image.camera, image.T_world_camera, points)
     pixels[~inside] = 0.0
-    distance = np.linalg.norm(points - sight.T_world_camera.translation, axis=1)
+    distance = np.linalg.norm(points - image.T_world_camera.translation, axis=1)
     depth = np.broadcast_to(_DEPTHS, (m, k)).ravel()
-    shown = _shown(sight, pixels, np.repeat(persons, k), distance, depth)
+    shown = _unoccluded(image, pixels, np.repeat(persons, k), distance, depth)
     visibility = np.where(inside, np.where(shown, VISIBLE, HIDDEN), 0)
     return Keypoints(persons, pixels.reshape(m, k, 2), visibility.reshape(m, k))
 
 
-def _shown(sight: Sight, pixels: Array, owner: Ints, distance: Array, depth: Array) -> Mask:
+def _unoccluded(image: InstanceImage, pixels: Array, owner: Ints, distance: Array, depth: Array) -> Mask:
     """(n,) whether nothing is before each joint, and its owner is there at its distance or, where the joint lies on the silhouette, beside it."""
-    height, width = sight.instances.shape
+    height, width = image.instances.shape
     column, row = np.floor(pixels).astype(np.int64).T
     beside = np.zeros(len(pixels), dtype=bool)
     for across in (-1, 0, 1):
         for down in (-1, 0, 1):
             u = column + across
-            u = u % width if isinstance(sight.camera, Panorama) else np.clip(u, 0, width - 1)
+            u = u % width if isinstance(image.camera, Panorama) else np.clip(u, 0, width - 1)
             v = np.clip(row + down, 0, height - 1)
-            surface = sight.range[v, u]
-            beside |= (sight.instances[v, u] == owner) & (surface > distance - depth) & (surface < distance + depth + BEHIND)
-    clear = sight.range[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] > distance - depth
+            surface = image.range[v, u]
+            beside |= (image.instances[v, u] == owner) & (surface > distance - depth) & (surface < distance + depth + DEPTH_MARGIN)
+    clear = image.range[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] > distance - depth
     return np.asarray(clear & beside)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim.rendering.coverage import UnoccludedExtent
 from sim.scenario import Scenario
-from sim.sensors.keypoints import Sight, true_keypoints
+from sim.sensors.keypoints import InstanceImage, true_keypoints
 from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import Array, Ints, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, Panorama
@@ -38,25 +38,25 @@ class People:
     joints: Array
 
 
-def true_view(sight: Sight, people: People, unoccluded: Sequence[UnoccludedExtent], world: World) -> ViewTruth:
+def true_view(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent], world: World) -> ViewTruth:
     """All that is true of a view; alone (m,): what each of the people would cover by itself."""
-    boxes = true_boxes(sight, people, unoccluded)
+    boxes = true_boxes(image, people, unoccluded)
     shown = np.flatnonzero([body.pixels > 0 for body in unoccluded])
-    keypoints = true_keypoints(sight, people.person[shown], people.joints[shown]) if len(shown) else Keypoints.none()
-    below = sight.T_world_camera.translation[None]
+    keypoints = true_keypoints(image, people.person[shown], people.joints[shown]) if len(shown) else Keypoints.none()
+    below = image.T_world_camera.translation[None]
     ground, normal = world.terrain.height_at(below), world.terrain.normal_at(below)
-    return ViewTruth(sight.T_world_camera, float(ground[0]), normal[0], boxes, keypoints)
+    return ViewTruth(image.T_world_camera, float(ground[0]), normal[0], boxes, keypoints)
 
 
-def true_boxes(sight: Sight, people: People, unoccluded: Sequence[UnoccludedExtent]) -> Boxes:
+def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent]) -> Boxes:
     """Boxes of all people that a camera shows or would show without occlusion.
 
     alone (m,): what each would cover by itself. In a panorama a box over the seam has left in [0, W) and right beyond W.
     visible = pixels seen / pixels alone; people with no pixel alone are left out.
     """
-    seam = sight.instances.shape[1] if isinstance(sight.camera, Panorama) else None
-    rows, columns = np.nonzero(sight.instances)
-    owner = sight.instances[rows, columns]
+    seam = image.instances.shape[1] if isinstance(image.camera, Panorama) else None
+    rows, columns = np.nonzero(image.instances)
+    owner = image.instances[rows, columns]
     order = np.argsort(owner, kind="stable")
     rows, columns, owner = rows[order], columns[order], owner[order]
     kept, seen, visible = [], [], []
@@ -70,7 +70,7 @@ def true_boxes(sight: Sight, people: People, unoccluded: Sequence[UnoccludedExte
     if not kept:
         return Boxes.none()
     middle = people.joints[kept][:, _HIPS].mean(axis=1)
-    distance = np.linalg.norm(middle - sight.T_world_camera.translation, axis=1)
+    distance = np.linalg.norm(middle - image.T_world_camera.translation, axis=1)
     return Boxes(people.person[kept], np.array(seen), np.array([unoccluded[k].box for k in kept]), np.array(visible), distance)
 
 
@@ -110,39 +110,39 @@ class Detector:
         boxes = view.boxes
         n = len(boxes.person)
         found = (rng.random(n) >= self.misses) & (boxes.visible >= self.min_visible) & (boxes.seen[:, 2] > boxes.seen[:, 0])
-        noise, sure = rng.normal(0.0, self.noise, (n, 4)), np.clip(rng.normal(0.9, 0.08, n), 0.5, 1.0)
+        noise, scores = rng.normal(0.0, self.noise, (n, 4)), np.clip(rng.normal(0.9, 0.08, n), 0.5, 1.0)
         if isinstance(camera, Panorama):
-            edges = np.concatenate([(_edges(camera, boxes.seen) + noise)[found], self._false(rng, view)])
+            edges = np.concatenate([(_edge_angles(camera, boxes.seen) + noise)[found], self._clutter(rng, view)])
         else:
-            edges = np.concatenate([_moved(camera, boxes.seen, noise)[found], self._false_pixels(rng, camera, view)])
-        confidence = np.concatenate([sure[found], rng.uniform(0.3, 1.0, len(edges) - found.sum())])
+            edges = np.concatenate([_shifted(camera, boxes.seen, noise)[found], self._pixel_clutter(rng, camera, view)])
+        confidence = np.concatenate([scores[found], rng.uniform(0.3, 1.0, len(edges) - found.sum())])
         order = rng.permutation(len(edges))
         if isinstance(camera, Panorama):
-            return self._report(camera, edges[order], confidence[order])
-        return self._report_pixels(camera, edges[order], confidence[order])
+            return self._detections(camera, edges[order], confidence[order])
+        return self._pixel_detections(camera, edges[order], confidence[order])
 
-    def _false(self, rng: np.random.Generator, view: ViewTruth) -> Array:
+    def _clutter(self, rng: np.random.Generator, view: ViewTruth) -> Array:
         count, eye = int(rng.poisson(self.clutter)), float(view.T_world_camera.translation[2]) - view.ground
         azimuth, distance, height = rng.uniform(-np.pi, np.pi, count), rng.uniform(*CLUTTER_DISTANCE, count), rng.uniform(*CLUTTER_HEIGHT, count)
         half = 0.25 / distance
         top, bottom = np.arctan2(height - eye, distance), np.arctan2(-eye, distance)
         return np.stack([azimuth + half, top, azimuth - half, bottom], axis=1).reshape(count, 4)
 
-    def _false_pixels(self, rng: np.random.Generator, camera: Camera, view: ViewTruth) -> Array:
+    def _pixel_clutter(self, rng: np.random.Generator, camera: Camera, view: ViewTruth) -> Array:
         """Boxes (n, 4) px whose lower edges are anywhere in the image where it shows level ground within CLUTTER_REACH."""
         count, T = int(rng.poisson(self.clutter)), view.T_world_camera
         places = rng.uniform(0.0, [camera.width, camera.height], (64 * count, 2))
-        sights = camera.bearings_from_pixels(places) @ T.rotation.T
-        drop = np.minimum(sights[:, 2], -1e-9)
-        feet = T.translation + sights * ((view.ground - T.translation[2]) / drop)[:, None]
-        near = np.flatnonzero((sights[:, 2] < -1e-3) & (np.hypot(*(feet - T.translation)[:, :2].T) < CLUTTER_REACH))[:count]
+        bearings = camera.bearings_from_pixels(places) @ T.rotation.T
+        drop = np.minimum(bearings[:, 2], -1e-9)
+        feet = T.translation + bearings * ((view.ground - T.translation[2]) / drop)[:, None]
+        near = np.flatnonzero((bearings[:, 2] < -1e-3) & (np.hypot(*(feet - T.translation)[:, :2].T) < CLUTTER_REACH))[:count]
         head = feet[near] + np.array([0.0, 0.0, 1.0]) * rng.uniform(*CLUTTER_HEIGHT, (len(near), 1))
         top, _ = camera.pixels_from_bearings(T.inverse().apply(head))
         high = np.where(np.isnan(top[:, 1]), 0.0, top[:, 1])
         half = CLUTTER_WIDTH / 2 * (places[near, 1] - high)
         return np.stack([places[near, 0] - half, high, places[near, 0] + half, places[near, 1]], axis=1) + (0.5 - camera.pixel_centre)
 
-    def _report(self, camera: Panorama, edges: Array, confidence: Array) -> Detections:
+    def _detections(self, camera: Panorama, edges: Array, confidence: Array) -> Detections:
         if not len(edges):
             return Detections.none()
         left, top, right, bottom = edges.T
@@ -156,32 +156,32 @@ class Detector:
         covariance[:, 0, 0], covariance[:, 1, 1] = np.maximum(azimuth, 1e-8), edge
         return Detections(bearing, extent, confidence, covariance, np.zeros((len(edges), 0)))
 
-    def _report_pixels(self, camera: Camera, boxes: Array, confidence: Array) -> Detections:
+    def _pixel_detections(self, camera: Camera, boxes: Array, confidence: Array) -> Detections:
         if not len(boxes):
             return Detections.none()
         corner = boxes - (0.5 - camera.pixel_centre)
         size = np.maximum(corner[:, 2:] - corner[:, :2], 1.0)
         found = detections_from_boxes(camera, np.column_stack([corner[:, :2], size]), confidence)
-        edge = self.noise**2 + _radians(camera, boxes)[:, 0] ** 2 / 12
+        edge = self.noise**2 + _pixel_angle(camera, boxes)[:, 0] ** 2 / 12
         covariance = np.zeros((len(boxes), 2, 2))
         # As in a panorama: the middle between two edges has half their variance.
         covariance[:, 0, 0], covariance[:, 1, 1] = np.maximum(edge / 2, 1e-8), edge
         return Detections(found.bearing, found.extent, found.confidence, covariance, found.appearance)
 
 
-def _radians(camera: Camera, boxes: Array) -> Array:
+def _pixel_angle(camera: Camera, boxes: Array) -> Array:
     """(n, 1) the angle of a pixel, rad, in the middle of each box (n, 4) px."""
     middle = (boxes[:, :2] + boxes[:, 2:]) / 2
     above, below = (camera.bearings_from_pixels(middle + np.array([0.0, dv])) for dv in (-0.5, 0.5))
     return np.asarray(np.linalg.norm(above - below, axis=1)[:, None])
 
 
-def _moved(camera: Camera, boxes: Array, noise: Array) -> Array:
+def _shifted(camera: Camera, boxes: Array, noise: Array) -> Array:
     """Boxes (n, 4) px with their edges moved by noise (n, 4) rad."""
-    return boxes + noise / _radians(camera, boxes)
+    return boxes + noise / _pixel_angle(camera, boxes)
 
 
-def _edges(camera: Panorama, boxes: Array) -> Array:
+def _edge_angles(camera: Panorama, boxes: Array) -> Array:
     """Pixel boxes (n, 4) left, top, right, bottom → azimuth of left, elevation of top, azimuth of right, elevation of bottom, radians.
 
     Azimuths are unwrapped: the right edge is below the left one by the span.

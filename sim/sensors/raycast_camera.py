@@ -20,13 +20,13 @@ from tracker.geometry import Array, Ints, Mask, Pose, perturbed_bearings
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.types import Boxes, Keypoints, Sightings, ViewTruth
 
-STILL = np.array([1, 1, 0, 0, 0, 0], np.uint8)
+STATIC_GROUPS = np.array([1, 1, 0, 0, 0, 0], np.uint8)
 """Geom groups of what stands still: ground and props."""
 
-SKIN = 48
+SKIN_POINTS = 48
 """Points on a person's skin that are looked for, uniform over its area."""
 
-FARTHEST = 200.0
+FARTHEST_LANDMARK = 200.0
 
 HIPS = (11, 12)
 
@@ -46,13 +46,13 @@ class LandmarkSensor:
 
     count: int = 300
     noise: float = np.radians(0.12)
-    missed: float = 0.3
-    wrong: float = 0.02
-    stray: float = 0.03
+    miss_rate: float = 0.3
+    outlier_rate: float = 0.02
+    outlier_noise: float = 0.03
     reach: float = 25.0
-    look: int = 32
-    blur: float = 0.2
-    named: bool = False
+    descriptor_size: int = 32
+    descriptor_noise: float = 0.2
+    identified: bool = False
 
 
 class RaycastCamera:
@@ -61,32 +61,32 @@ class RaycastCamera:
     landmarks: (n, 3) m, world, on the ground and on what stands on it; fixed by the scenario's stream "landmarks".
     """
 
-    def __init__(self, simulation: Simulation, landmarking: LandmarkSensor | None = None) -> None:
-        self.simulation, self.landmarking = simulation, landmarking or LandmarkSensor()
+    def __init__(self, simulation: Simulation, landmark_sensor: LandmarkSensor | None = None) -> None:
+        self.simulation, self.landmark_sensor = simulation, landmark_sensor or LandmarkSensor()
         rng = simulation.scenario.stream("landmarks")
-        self.landmarks = _on_surfaces(simulation, self.landmarking.count, rng)
-        looks = rng.normal(size=(len(self.landmarks), self.landmarking.look))
-        self._looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
-        self.rays = Raycaster(simulation)
-        self._skins = {int(person): _Skin.of(simulation.model, f"person_{person}") for person in simulation.everybody}
+        self.landmarks = _landmark_points(simulation, self.landmark_sensor.count, rng)
+        descriptors = rng.normal(size=(len(self.landmarks), self.landmark_sensor.descriptor_size))
+        self._descriptors = descriptors / np.linalg.norm(descriptors, axis=1, keepdims=True)
+        self.raycaster = Raycaster(simulation)
+        self._surfaces = {int(person): _PersonSurface.of(simulation.model, f"person_{person}") for person in simulation.all_persons}
 
     def view(self, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
         """As sensing.true_view; boxes are not rounded to pixels, and key points are left out."""
         eye = T_world_camera.translation
-        skins = [self._skins[int(person)].placed(self.simulation.data) for person in people.person]
-        clear = self._clear(eye, [points for points, _ in skins], people.person)
+        surfaces = [self._surfaces[int(person)].placed(self.simulation.data) for person in people.person]
+        clear = self._unoccluded(eye, [points for points, _ in surfaces], people.person)
         kept, seen, full, visible = [], [], [], []
-        for k, (points, corners) in enumerate(skins):
-            outline, inside = _outline(camera, T_world_camera, corners)
+        for k, (points, corners) in enumerate(surfaces):
+            outline, inside = _bounding_box(camera, T_world_camera, corners)
             _, shown = _pixels(camera, T_world_camera, points)
             if outline is None or not shown.any():
                 continue
             share = float(clear[k][shown].mean())
             box = outline
             if 0 < share < 1:
-                rims = np.flatnonzero(inside & self._skins[int(people.person[k])].rim)
-                rims = rims[self._clear(eye, [corners[rims]], people.person[k : k + 1])[0]]
-                partial, _ = _outline(camera, T_world_camera, np.concatenate([corners[rims], points[shown & clear[k]]]))
+                rims = np.flatnonzero(inside & self._surfaces[int(people.person[k])].rim)
+                rims = rims[self._unoccluded(eye, [corners[rims]], people.person[k : k + 1])[0]]
+                partial, _ = _bounding_box(camera, T_world_camera, np.concatenate([corners[rims], points[shown & clear[k]]]))
                 box = outline if partial is None else partial
             kept.append(k)
             full.append(outline)
@@ -103,34 +103,34 @@ class RaycastCamera:
 
     def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
         """The landmarks that a panorama at T_world_camera shows now, in no telling order; draws of one do not depend on the others."""
-        rule, n = self.landmarking, len(self.landmarks)
-        found, order = rng.random(n) >= rule.missed, rng.permutation(n)
-        sigma = np.where(rng.random(n) < rule.wrong, rule.stray, rule.noise)[:, None]
-        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self._looks.shape) * rule.blur / np.sqrt(rule.look)
+        rule, n = self.landmark_sensor, len(self.landmarks)
+        found, order = rng.random(n) >= rule.miss_rate, rng.permutation(n)
+        sigma = np.where(rng.random(n) < rule.outlier_rate, rule.outlier_noise, rule.noise)[:, None]
+        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self._descriptors.shape) * rule.descriptor_noise / np.sqrt(rule.descriptor_size)
         away = self.landmarks - T_world_camera.translation
         distance = np.linalg.norm(away, axis=1)
         found &= (distance < rule.reach) & (distance > 0.3)
-        found[found] = self.rays.stopped(T_world_camera.translation, self.landmarks[found])[1]
+        found[found] = self.raycaster.first_hit(T_world_camera.translation, self.landmarks[found])[1]
         rows = order[found[order]]
         sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
         bearing = perturbed_bearings(sight, error[rows])
-        subject = rows if rule.named else np.full(len(rows), -1)
-        look = (self._looks[rows] + blur[rows]).astype(np.float32)
+        subject = rows if rule.identified else np.full(len(rows), -1)
+        look = (self._descriptors[rows] + blur[rows]).astype(np.float32)
         return Sightings(bearing, np.full(len(rows), np.nan), subject, look, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))
 
-    def _clear(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
+    def _unoccluded(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
         """Of each person's points (n, 3) m: whether nothing but the person is before them."""
         if not points:
             return []
         ends = np.cumsum([len(p) for p in points])[:-1]
         owner = np.repeat(persons, [len(p) for p in points])
-        geom, free = self.rays.stopped(eye, np.concatenate(points))
+        geom, free = self.raycaster.first_hit(eye, np.concatenate(points))
         own = (geom >= 0) & (self.simulation.person_of_geom[geom] == owner)
         return np.split(free | own, ends)
 
 
 @dataclass(frozen=True, eq=False)
-class _Skin:
+class _PersonSurface:
     """A person's meshes: points, places spread over the skin, and corners, the vertices that stick out; (n, 3) m, each in the frame of the geom
     on_point, on_corner (n,). rim (n,): the corners that bound a limb along its own axes.
     """
@@ -142,7 +142,7 @@ class _Skin:
     rim: Mask
 
     @staticmethod
-    def of(model: mujoco.MjModel, name: str) -> _Skin:
+    def of(model: mujoco.MjModel, name: str) -> _PersonSurface:
         rng = np.random.default_rng(0)
         triangles, owner, corners, on_corner, rim = [], [], [], [], []
         for geom in (model.geom(f"{name}/{limb}").id for limb in LIMBS):
@@ -160,10 +160,10 @@ class _Skin:
         shape, on = np.concatenate(triangles), np.concatenate(owner)
         area = np.linalg.norm(np.cross(shape[:, 1] - shape[:, 0], shape[:, 2] - shape[:, 0]), axis=1)
         # Evenly along the cumulated area, so that every limb has its share.
-        chosen = np.searchsorted(np.cumsum(area), (np.arange(SKIN) + 0.5) / SKIN * area.sum())
-        weight = rng.dirichlet(np.ones(3), SKIN)
+        chosen = np.searchsorted(np.cumsum(area), (np.arange(SKIN_POINTS) + 0.5) / SKIN_POINTS * area.sum())
+        weight = rng.dirichlet(np.ones(3), SKIN_POINTS)
         points = np.einsum("nk,nki->ni", weight, shape[chosen])
-        return _Skin(points, on[chosen], np.concatenate(corners), np.concatenate(on_corner), np.concatenate(rim))
+        return _PersonSurface(points, on[chosen], np.concatenate(corners), np.concatenate(on_corner), np.concatenate(rim))
 
     def placed(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """Points and corners in the world, m."""
@@ -175,7 +175,7 @@ def _placed(data: mujoco.MjData, points: Array, geom: Ints) -> Array:
     return out
 
 
-def _on_surfaces(simulation: Simulation, count: int, rng: np.random.Generator) -> Array:
+def _landmark_points(simulation: Simulation, count: int, rng: np.random.Generator) -> Array:
     """(count, 3) m: where rays from places that rovers can reach, at their cameras' height, meet what stands still; at most FARTHEST m away."""
     world, data = simulation.world, simulation.data
     free = np.argwhere(world.wheels.free)
@@ -188,8 +188,8 @@ def _on_surfaces(simulation: Simulation, count: int, rng: np.random.Generator) -
         eye = np.array([*place, float(world.terrain.height_at(place[None])[0]) + simulation.scenario.camera_height])
         azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(-45.0, 35.0))
         sight = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        distance = mujoco.mj_ray(simulation.model, data, eye, sight, STILL, 1, -1, np.zeros(1, np.int32), None)
-        if 0.5 < distance < FARTHEST:
+        distance = mujoco.mj_ray(simulation.model, data, eye, sight, STATIC_GROUPS, 1, -1, np.zeros(1, np.int32), None)
+        if 0.5 < distance < FARTHEST_LANDMARK:
             out.append(eye + distance * sight)
     return np.array(out).reshape(-1, 3)
 
@@ -201,7 +201,7 @@ def _pixels(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array,
     return pixels + (0.5 - camera.pixel_centre), inside
 
 
-def _outline(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array | None, Mask]:
+def _bounding_box(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array | None, Mask]:
     """Left, top, right, bottom px about the points that are in the image, None where none is; in a panorama left in [0, W), right beyond W over
     the seam.
     """

@@ -11,9 +11,9 @@ from sim.simulation.simulation import ABSENT, Simulation
 from tracker.geometry import Array, Mask
 from tracker.geometry.ground import Grid
 
-SHOWN = np.array([1, 1, 1, 1, 0, 0], np.uint8)
+DRAWN_GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
 """Geom groups that stop a ray: those that are drawn."""
-BEFORE = 0.02
+TARGET_MARGIN = 0.02
 """m: what a ray meets less than this before its goal is the goal."""
 
 
@@ -22,33 +22,33 @@ class Raycaster:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._grounds = _grounds(simulation.model, simulation.data)
+        self._height_fields = _height_fields(simulation.model, simulation.data)
 
-    def stopped(self, eye: Array, goals: Array) -> tuple[NDArray[np.int32], Mask]:
+    def first_hit(self, eye: Array, targets: Array) -> tuple[NDArray[np.int32], Mask]:
         """The first geom (n,) on the ways from eye to goals (n, 3) m, −1 for none, and whether it lies no nearer than the goal."""
-        model, away = self._simulation.model, goals - eye
+        model, away = self._simulation.model, targets - eye
         length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-        geom, distance = np.full((len(goals), 1), -1, np.int32), np.full((len(goals), 1), -1.0)
-        if not len(goals):
+        geom, distance = np.full((len(targets), 1), -1, np.int32), np.full((len(targets), 1), -1.0)
+        if not len(targets):
             return geom[:, 0], np.zeros(0, dtype=bool)
-        sight, start = np.ascontiguousarray(away / length[:, None]), np.array(eye, dtype=np.float64)
+        directions, start = np.ascontiguousarray(away / length[:, None]), np.array(eye, dtype=np.float64)
         # MuJoCo looks at every cell under a ray; ours goes from line to line of the same triangles, ten times as fast.
         groups = model.geom_group.copy()
-        model.geom_group[list(self._grounds)] = ABSENT
+        model.geom_group[list(self._height_fields)] = ABSENT
         try:
-            rays = sight.ravel(), SHOWN, 1, -1, geom, distance, None, len(goals), float(length.max()) + 1.0
+            rays = directions.ravel(), DRAWN_GROUPS, 1, -1, geom, distance, None, len(targets), float(length.max()) + 1.0
             mujoco.mj_multiRay(model, self._simulation.data, start, *rays)
         finally:
             model.geom_group[:] = groups
         first, nearest = geom[:, 0], np.where(geom[:, 0] < 0, np.inf, distance[:, 0])
-        for k, ground in self._grounds.items():
-            met, hit = ground.intersect(np.broadcast_to(start, sight.shape), sight, float(length.max()) + 1.0)
+        for k, ground in self._height_fields.items():
+            met, hit = ground.intersect(np.broadcast_to(start, directions.shape), directions, float(length.max()) + 1.0)
             there = np.where(hit, np.linalg.norm(met - start, axis=1), np.inf)
             first, nearest = np.where(there < nearest, k, first).astype(np.int32), np.minimum(there, nearest)
-        return first, nearest > length - BEFORE
+        return first, nearest > length - TARGET_MARGIN
 
 
-def _grounds(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Grid]:
+def _height_fields(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Grid]:
     """Geom → its heights, of every height field that is drawn, level and square."""
     out = {}
     for k in np.flatnonzero((model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD)) & (model.geom_group <= GROUPS[-1])).tolist():

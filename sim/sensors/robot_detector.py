@@ -19,7 +19,7 @@ LEAST_VARIANCE = 1e-8
 """rad², of a detector without errors: a covariance is positive."""
 
 
-def on_rover(simulation: Simulation, mount: Mount) -> bool:
+def is_rover_panorama(simulation: Simulation, mount: Mount) -> bool:
     """Whether a camera is the panorama of a robot that drives."""
     return mount.robot in simulation.robots and isinstance(mount.camera, Panorama)
 
@@ -27,13 +27,13 @@ def on_rover(simulation: Simulation, mount: Mount) -> bool:
 class RobotDetector:
     """Finds rovers in the views of a simulation at whatever moment it is; draws of a camera come from its stream "companions/CAMERA"."""
 
-    def __init__(self, scenario: Scenario, setup: Setup, simulation: Simulation, rays: Raycaster | None = None) -> None:
+    def __init__(self, scenario: Scenario, setup: Setup, simulation: Simulation, raycaster: Raycaster | None = None) -> None:
         self._misses, self._noise = scenario.misses, scenario.bearing_noise
-        self._simulation, self._rays = simulation, rays or Raycaster(simulation)
-        self._mounts = {name: mount for name, mount in setup.mounts.items() if on_rover(simulation, mount)}
+        self._simulation, self._raycaster = simulation, raycaster or Raycaster(simulation)
+        self._mounts = {name: mount for name, mount in setup.mounts.items() if is_rover_panorama(simulation, mount)}
         self._streams = {name: scenario.stream(f"companions/{name}") for name in self._mounts}
 
-    def spot(self, camera: str) -> RobotDetections | None:
+    def detect(self, camera: str) -> RobotDetections | None:
         """The other rovers that a camera shows now; None for a camera that is none of a rover. Draws of one do not depend on the others."""
         if camera not in self._mounts:
             return None
@@ -41,9 +41,9 @@ class RobotDetector:
         others = [other.robot for other in self._mounts.values() if other.robot != mount.robot]
         error, found = rng.normal(0.0, self._noise, (len(others), 2)), rng.random(len(others)) >= self._misses
         pose = simulation.T_world_robot(mount.robot) @ mount.T_body_camera
-        goals = np.array([(simulation.T_world_robot(robot) @ simulation.T_body_camera).translation for robot in others]).reshape(-1, 3)
-        found[found] = self._rays.stopped(pose.translation, goals[found])[1]
-        sight = pose.inverse().apply(goals[found])
+        targets = np.array([(simulation.T_world_robot(robot) @ simulation.T_body_camera).translation for robot in others]).reshape(-1, 3)
+        found[found] = self._raycaster.first_hit(pose.translation, targets[found])[1]
+        sight = pose.inverse().apply(targets[found])
         sight /= np.linalg.norm(sight, axis=1, keepdims=True)
         bearing = perturbed_bearings(sight, error[found])
         covariance = np.tile(np.eye(2) * max(self._noise**2, LEAST_VARIANCE), (len(bearing), 1, 1))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.crowd.crowd import Crowd, CrowdState, Walkers
-from sim.crowd.goals import Schedule, order_by_group, make_plans
+from sim.crowd.crowd import Crowd, CrowdState, PedestrianModel
+from sim.crowd.goals import Schedule, make_plans, order_by_group
 from sim.robots import rover
 from sim.robots.driving import Pilot
 from sim.scenario import Scenario
@@ -16,9 +16,9 @@ from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.walk_surface import Terrain
 from worlds.world import World
 
-APART = 1.5
+ROVER_DISTANCE = 1.5
 """m between the starts of rovers."""
-BESIDE = 1.0
+PERSON_ROVER_DISTANCE = 1.0
 """m that people keep from rovers at first."""
 
 
@@ -29,7 +29,7 @@ class InitialStates:
     robots: Array
     drivers: tuple[Pilot, ...]
     people: CrowdState
-    walkers: Walkers
+    pedestrians: PedestrianModel
 
     def check(self, scenario: Scenario) -> None:
         """Raises ValueError where this is the start of more or fewer robots, drivers or people than the scenario has."""
@@ -40,55 +40,55 @@ class InitialStates:
             raise ValueError(f"start has {people} people, needs {scenario.people}")
 
 
-def draw_robots(scenario: Scenario, room: FreeSpace) -> Array:
+def draw_robots(scenario: Scenario, free_space: FreeSpace) -> Array:
     """(robots, 3) x, y m and yaw rad: apart from each other where there is room to turn, heading anywhere.
 
     Raises ValueError where they do not fit in.
     """
     rng = scenario.stream("robots/start")
     try:
-        places = room.sample(rng, scenario.robots, 0.1, APART)
+        places = free_space.sample(rng, scenario.robots, 0.1, ROVER_DISTANCE)
     except ValueError as error:
         raise ValueError(f"robots is {scenario.robots}, more than {scenario.world} holds: {error}") from None
     return np.column_stack([places, rng.uniform(-np.pi, np.pi, len(places))])
 
 
-def draw_places(scenario: Scenario, feet: FreeSpace) -> Array:
+def draw_places(scenario: Scenario, free_space: FreeSpace) -> Array:
     """(k, 2) m apart from each other, for the people who are there at first and some more: about three may be too near to each rover.
 
     Raises ValueError where they do not fit in.
     """
     wanted = min(scenario.at_once or scenario.people, scenario.people)
     try:
-        return feet.sample(scenario.stream("people/places"), wanted + 3 * scenario.robots if wanted else 0, 0.1, 0.8)
+        return free_space.sample(scenario.stream("people/places"), wanted + 3 * scenario.robots if wanted else 0, 0.1, 0.8)
     except ValueError as error:
         message = f"people is {wanted}, more than {scenario.world} holds at once beside {scenario.robots} robots"
         raise ValueError(f"{message}: {error}") from None
 
 
-def walkers(scenario: Scenario, world: World, people: list[np.random.Generator], free: Array) -> tuple[Crowd, CrowdState]:
+def make_crowd(scenario: Scenario, world: World, people: list[np.random.Generator], free: Array) -> tuple[Crowd, CrowdState]:
     """People on their own plans, at the first of the places `free` (k, 2) m; people: the stream of each.
 
     Raises ValueError where there are too few places.
     """
-    rng, feet = scenario.stream("people/start"), world.feet
-    visits = Schedule(world.spawn, scenario.at_once, scenario.frames * scenario.period)
-    plans = make_plans(feet, people, scenario.stream("people/goals"), visits)
+    rng, free_space = scenario.stream("people/start"), world.feet
+    schedule = Schedule(world.spawn, scenario.at_once, scenario.frames * scenario.period)
+    plans = make_plans(free_space, people, scenario.stream("people/goals"), schedule)
     first = plans.at_once or len(people)
     if len(free) < first:
         raise ValueError(f"people is {first}, needs at most {len(free)}: more do not fit beside {scenario.robots} robots")
     places = np.zeros((len(people), 2))
     places[:first] = order_by_group(free[:first], plans.group[:first])
-    crowd = Crowd(feet, world.terrain, plans)
+    crowd = Crowd(free_space, world.terrain, plans)
     return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)))
 
 
-def away_from(robots: Array, places: Array) -> Array:
+def clear_of_robots(robots: Array, places: Array) -> Array:
     """Of places (k, 2) m those that are not beside robots (r, 2) m."""
-    return places[np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > BESIDE]
+    return places[np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > PERSON_ROVER_DISTANCE]
 
 
-def resting(terrain: Terrain, place: Array, yaw: float) -> Array:
+def resting_pose(terrain: Terrain, place: Array, yaw: float) -> Array:
     """(7,) position and quaternion of a rover with its wheels a little above the ground, as it slopes, at place (2,) m."""
     wheels = rover.wheel_positions()[:, :2] @ rotation_z(yaw)[:2, :2].T
     height = terrain.height_at(place + wheels)

@@ -11,13 +11,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim.crowd.crowd import CrowdState, Obstacles, Walkers
+from sim.crowd.crowd import CrowdState, Obstacles, PedestrianModel
 from sim.crowd.replay import Paths, Replay
 from sim.pedestrian import clothing, clothing_textures, gait, gaze, skeleton
 from sim.robots import driving, odometry, rover
-from sim.robots.driving import Drive, Motion, Pilot, Traffic
+from sim.robots.driving import DriveState, Motion, Pilot, Traffic
 from sim.scenario import Scenario
-from sim.simulation.initial_states import InitialStates, away_from, draw_places, draw_robots, resting, walkers
+from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
 from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
 from tracker.types import Odometry
 from worlds import catalogue
@@ -25,12 +25,12 @@ from worlds.world import World
 
 CROWD_STEP = 0.05
 """s: people and commands move on at the step nearest to this that divides a frame."""
-SETTLING = 1.0
+SETTLING_TIME = 1.0
 """s that the rovers are given to come to rest before frame 0."""
 TIPPED = math.cos(math.pi / 4)
 """The least z of a rover's up axis."""
 
-ABSENT, PARKED = 5, 100.0
+ABSENT, PARKING_DEPTH = 5, 100.0
 """The group of the geoms of people who are not there, which is never drawn; and m below the ground where they are kept."""
 
 
@@ -43,7 +43,7 @@ class Snapshot:
     data: mujoco.MjData
     moving: mujoco.MjData
     people: tuple[CrowdState, gait.Footing, Array, Array]
-    robots: tuple[tuple[Drive, ...], Array, dict[str, Odometry]]
+    robots: tuple[tuple[DriveState, ...], Array, dict[str, Odometry]]
     streams: tuple[Any, ...]
 
 
@@ -70,10 +70,10 @@ class Simulation:
                 raise ValueError("paths and start are both given, needs one of them")
             start.check(scenario)
         self._paths, self._start = paths, start
-        self.everybody: Ints = np.arange(1, scenario.people + 1) if paths is None else paths.ids
+        self.all_persons: Ints = np.arange(1, scenario.people + 1) if paths is None else paths.ids
         self.T_body_camera = rover.camera_mount(scenario.camera_height)
         self.frame = 0
-        people = [scenario.stream(f"person_{i}") for i in self.everybody]
+        people = [scenario.stream(f"person_{i}") for i in self.all_persons]
         drawn = np.array([skeleton.statures(rng, 1, scenario.children)[0] for rng in people])
         self.stature = drawn if paths is None or paths.stature is None else paths.stature
         # Before anything is built: who does not fit in shall hear of it at once.
@@ -81,11 +81,11 @@ class Simulation:
         self.model = self._compile(people)
         self._data, self._posed = mujoco.MjData(self.model), False
         self._physics = self._rovers_and_colliders().compile()
-        self._moving = mujoco.MjData(self._physics)
+        self._physics_data = mujoco.MjData(self._physics)
         self._index()
         self._place_rovers()
         self._place_people(people)
-        self._settle()
+        self._settle_rovers()
 
     @property
     def data(self) -> mujoco.MjData:
@@ -103,29 +103,29 @@ class Simulation:
         before = self._data.qpos[self._wheel_qpos].copy()
         velocity = self._data.qvel[self._velocities].copy()
         rates = []
-        self._copy_state(self._data, self._moving)
+        self._copy_state(self._data, self._physics_data)
         for _ in range(self._crowd_steps):
             self._move_people()
             rates.append(self._drive())
-        self._copy_state(self._moving, self._data)
+        self._copy_state(self._physics_data, self._data)
         self.frame += 1
-        self._look_about()
+        self._turn_heads()
         self._posed = False
-        self._reckon(np.concatenate(rates), before, velocity)
+        self._measure_odometry(np.concatenate(rates), before, velocity)
 
     @property
-    def drives(self) -> tuple[Drive, ...]:
+    def drives(self) -> tuple[DriveState, ...]:
         """Where each rover's driver is in its plan."""
         return tuple(self._drives)
 
-    def hand_over(self, drivers: Sequence[Pilot], drives: Sequence[Drive]) -> None:
+    def set_drivers(self, drivers: Sequence[Pilot], drives: Sequence[DriveState]) -> None:
         """From now on these drivers drive the rovers, one each, from these points of their plans on."""
         self._drivers, self._drives = list(drivers), list(drives)
 
     def motions(self) -> Array:
         """(r, 5): x, y m, yaw rad, m/s ahead and rad/s about the vertical of the rovers, now."""
-        heading, rates = self._heading(), self._moving.qvel[self._velocities[:, 5]]
-        return np.column_stack([self._moving.qpos[self._poses[:, :2]], np.arctan2(heading[:, 1], heading[:, 0]), heading[:, 2], rates])
+        heading, rates = self._heading(), self._physics_data.qvel[self._velocities[:, 5]]
+        return np.column_stack([self._physics_data.qpos[self._poses[:, :2]], np.arctan2(heading[:, 1], heading[:, 0]), heading[:, 2], rates])
 
     @property
     def crowd_state(self) -> CrowdState:
@@ -142,11 +142,11 @@ class Simulation:
     @property
     def persons(self) -> Ints:
         """(m,): the ids of the people who are present now; no id is used again once its person has gone."""
-        return self.everybody[self._crowd_state.present]
+        return self.all_persons[self._crowd_state.present]
 
     def feet(self) -> Array:
         """(m, 3) m: the ground under the middle of each body, in the order of `persons`."""
-        return self._everybodys_feet()[self._crowd_state.present]
+        return self._ground_positions()[self._crowd_state.present]
 
     def joints(self) -> Array:
         """(m, 17, 3) m: key points in the order of pedestrian.COCO, world frame, in the order of `persons`."""
@@ -167,7 +167,7 @@ class Simulation:
         streams = tuple(rng.bit_generator.state for rng in self._noise)
         people = (self._crowd_state, self._footing, self._gaze, self._joints)
         robots = (tuple(self._drives), self._ctrl.copy(), dict(self._odometry))
-        return Snapshot(self.frame, data, copy.copy(self._moving), people, robots, streams)
+        return Snapshot(self.frame, data, copy.copy(self._physics_data), people, robots, streams)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a state that `save` gave; what follows is the same, bit by bit. Raises ValueError where it is of another model."""
@@ -176,7 +176,7 @@ class Simulation:
         self.frame = snapshot.frame
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self._posed = True
-        mujoco.mj_copyData(self._moving, self._physics, snapshot.moving)
+        mujoco.mj_copyData(self._physics_data, self._physics, snapshot.moving)
         self._crowd_state, self._footing, self._gaze, self._joints = snapshot.people
         drives, ctrl, odometry_now = snapshot.robots
         self._drives, self._ctrl, self._odometry = list(drives), ctrl.copy(), dict(odometry_now)
@@ -188,7 +188,7 @@ class Simulation:
         """The whole scene."""
         spec = self._rovers_and_colliders()
         clothing_textures.add_clothing_textures(spec, self.scenario.stream("fabrics"))
-        for person, stature, rng in zip(self.everybody, self.stature, people, strict=True):
+        for person, stature, rng in zip(self.all_persons, self.stature, people, strict=True):
             clothing.add_person(spec, f"person_{person}", float(stature), rng)
         return spec.compile()
 
@@ -197,7 +197,7 @@ class Simulation:
         spec = self.world.spec.copy()
         for i, name in enumerate(self.robots):
             rover.add_rover(spec, name, i, self.scenario.camera_height)
-        for person, stature in zip(self.everybody, self.stature, strict=True):
+        for person, stature in zip(self.all_persons, self.stature, strict=True):
             clothing.add_collider(spec, f"person_{person}", float(stature))
         self._crowd_steps = max(1, round(self.scenario.period / CROWD_STEP))
         self._dt = self.scenario.period / self._crowd_steps
@@ -219,12 +219,12 @@ class Simulation:
         self._velocities = m.jnt_dofadr[joints[:, 0]][:, None] + np.arange(6)
         self._wheel_qpos = m.jnt_qposadr[joints[:, 1:]]
         self._motors = np.array([[m.actuator(f"{robot}/{wheel}").id for wheel in rover.WHEELS] for robot in self.robots])
-        limbs = [[m.body(f"person_{p}/{limb}").mocapid[0] for limb in (*skeleton.LIMBS, "collider")] for p in self.everybody]
+        limbs = [[m.body(f"person_{p}/{limb}").mocapid[0] for limb in (*skeleton.LIMBS, "collider")] for p in self.all_persons]
         mocap = np.array(limbs, dtype=np.int64).reshape(-1, len(skeleton.LIMBS) + 1)
         self._limbs, self._colliders = mocap[:, :-1], mocap[:, -1]
-        bodies = [self._physics.body(f"person_{p}/collider").mocapid[0] for p in self.everybody]
+        bodies = [self._physics.body(f"person_{p}/collider").mocapid[0] for p in self.all_persons]
         self._moving_colliders = np.array(bodies, dtype=np.int64)
-        owners = {f"person_{p}": (int(p), 0) for p in self.everybody} | {robot: (0, i + 1) for i, robot in enumerate(self.robots)}
+        owners = {f"person_{p}": (int(p), 0) for p in self.all_persons} | {robot: (0, i + 1) for i, robot in enumerate(self.robots)}
         names = [m.body(int(body)).name.split("/")[0] for body in m.geom_bodyid]
         owner = np.array([owners.get(name, (0, 0)) for name in names], dtype=np.int64).reshape(-1, 2)
         self.person_of_geom, self.robot_of_geom = owner[:, 0].copy(), owner[:, 1].copy()
@@ -233,42 +233,42 @@ class Simulation:
     def _place_rovers(self) -> None:
         """On the ground, as it slopes, each with a driver."""
         if self._start is None:
-            room = driving.room_to_turn(self.world.wheels)
+            room = driving.turning_space(self.world.wheels)
             robots = draw_robots(self.scenario, room)
             drivers: Sequence[Pilot] = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
         else:
             robots, drivers = self._start.robots, self._start.drivers
         for index, row in zip(self._poses, robots, strict=True):
-            self._data.qpos[index] = resting(self.world.terrain, row[:2], float(row[2]))
-        self.hand_over(drivers, [driver.start(row[:2]) for driver, row in zip(drivers, robots, strict=True)])
+            self._data.qpos[index] = resting_pose(self.world.terrain, row[:2], float(row[2]))
+        self.set_drivers(drivers, [driver.start(row[:2]) for driver, row in zip(drivers, robots, strict=True)])
         self._ctrl = np.zeros(self._motors.shape)
-        self._wear = [odometry.Wear.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
+        self._systematic_errors = [odometry.SystematicErrors.draw(self.scenario.stream(f"{name}/wear")) for name in self.robots]
         self._noise = [self.scenario.stream(f"{name}/odometry") for name in self.robots]
         self._odometry = {}
 
     def _place_people(self, people: list[np.random.Generator]) -> None:
         """They and their colliders."""
-        self._crowd, self._crowd_state = self._walkers(people)
+        self._crowd, self._crowd_state = self._pedestrian_model(people)
         state = self._crowd_state
         self._footing, self._gaze = gait.stand(state.position, state.heading, self.stature), np.zeros(len(people))
-        self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
+        self._physics_data.mocap_pos[self._moving_colliders] = self._parked(self._ground_positions())
 
-    def _walkers(self, people: list[np.random.Generator]) -> tuple[Walkers, CrowdState]:
+    def _pedestrian_model(self, people: list[np.random.Generator]) -> tuple[PedestrianModel, CrowdState]:
         """Who moves the people, and their first state."""
         if self._start is not None:
-            return self._start.walkers, self._start.people
+            return self._start.pedestrians, self._start.people
         if self._paths is not None:
             replay = Replay(self._paths, self.world.feet)
             return replay, replay.start()
-        return walkers(self.scenario, self.world, people, away_from(self._data.qpos[self._poses[:, :2]], self._places))
+        return make_crowd(self.scenario, self.world, people, clear_of_robots(self._data.qpos[self._poses[:, :2]], self._places))
 
-    def _settle(self) -> None:
-        self._copy_state(self._data, self._moving)
-        for _ in range(round(SETTLING / self._physics.opt.timestep)):
-            mujoco.mj_step(self._physics, self._moving)
-        self._moving.qvel[:] = 0.0
-        self._moving.time = 0.0
-        self._copy_state(self._moving, self._data)
+    def _settle_rovers(self) -> None:
+        self._copy_state(self._data, self._physics_data)
+        for _ in range(round(SETTLING_TIME / self._physics.opt.timestep)):
+            mujoco.mj_step(self._physics, self._physics_data)
+        self._physics_data.qvel[:] = 0.0
+        self._physics_data.time = 0.0
+        self._copy_state(self._physics_data, self._data)
 
     @staticmethod
     def _copy_state(source: mujoco.MjData, target: mujoco.MjData) -> None:
@@ -279,37 +279,37 @@ class Simulation:
 
     def _heading(self) -> Array:
         """(robots, 2) unit directions of the rovers' x axes in the plane, and m/s along them in the third column."""
-        poses, velocity = self._moving.qpos[self._poses], self._moving.qvel[self._velocities]
+        poses, velocity = self._physics_data.qpos[self._poses], self._physics_data.qvel[self._velocities]
         x = np.array([rotation_from_quaternion(q)[:, 0] for q in poses[:, 3:]])
         return np.column_stack([x[:, :2], np.einsum("ri,ri->r", x, velocity[:, :3])])
 
     def _move_people(self) -> None:
         """The crowd and its colliders one crowd step on."""
-        if not len(self.everybody):
+        if not len(self.all_persons):
             return
-        position, velocity = self._moving.qpos[self._poses[:, :2]], self._moving.qvel[self._velocities[:, :2]]
-        asks = np.array([drive.asks for drive in self._drives]).reshape(-1, 2)
-        obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS), asks)
+        position, velocity = self._physics_data.qpos[self._poses[:, :2]], self._physics_data.qvel[self._velocities[:, :2]]
+        requested_velocity = np.array([drive.requested_velocity for drive in self._drives]).reshape(-1, 2)
+        obstacles = Obstacles(position, velocity, np.full(len(position), rover.FOOTPRINT_RADIUS), requested_velocity)
         state = self._crowd.step(self._crowd_state, obstacles, self._dt)
         bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
         self._footing = gait.walk(self._footing, bodies, self._dt)
-        came = state.present & ~self._crowd_state.present
-        if came.any():
-            self._footing = gait.select_rows(came, gait.stand(state.position, state.heading, self.stature), self._footing)
+        arrived = state.present & ~self._crowd_state.present
+        if arrived.any():
+            self._footing = gait.select_rows(arrived, gait.stand(state.position, state.heading, self.stature), self._footing)
         self._crowd_state = state
-        self._moving.mocap_pos[self._moving_colliders] = self._parked(self._everybodys_feet())
+        self._physics_data.mocap_pos[self._moving_colliders] = self._parked(self._ground_positions())
 
-    def _look_about(self) -> None:
+    def _turn_heads(self) -> None:
         """Heads turned as far as they get in a frame."""
         state = self._crowd_state
         bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
-        points = np.concatenate([state.position[state.present], self._moving.qpos[self._poses[:, :2]]])
+        points = np.concatenate([state.position[state.present], self._physics_data.qpos[self._poses[:, :2]]])
         self._gaze = gaze.head_yaw(self._gaze, bodies, points, self.scenario.period)
 
     def _drive(self) -> Array:
         """The rovers one crowd step on; (substeps, robots, 3) rad/s of their bodies."""
-        position, heading = self._moving.qpos[self._poses[:, :2]], self._heading()
-        yaw_rate = self._moving.qvel[self._velocities[:, 5]]
+        position, heading = self._physics_data.qpos[self._poses[:, :2]], self._heading()
+        yaw_rate = self._physics_data.qvel[self._velocities[:, 5]]
         people = self._crowd_state.position[self._crowd_state.present]
         for i, driver in enumerate(self._drivers):
             others = np.delete(position, i, axis=0)
@@ -319,13 +319,13 @@ class Simulation:
             self._drives[i] = driver.step(self._drives[i], motion, traffic, self._dt)
         goal = np.array([rover.wheel_speeds(d.speed, d.yaw_rate, w) for d, w in zip(self._drives, yaw_rate, strict=True)])
         before, self._ctrl = self._ctrl, goal
-        ctrl, qvel = self._moving.ctrl, self._moving.qvel
+        ctrl, qvel = self._physics_data.ctrl, self._physics_data.qvel
         commands, velocities = np.tile(ctrl, (self._substeps, 1)), np.empty((self._substeps, len(qvel)))
         share = np.arange(1, self._substeps + 1)[:, None, None] / self._substeps
         commands[:, self._motors] = before + (goal - before) * share
         for k in range(self._substeps):
             ctrl[:] = commands[k]
-            mujoco.mj_step(self._physics, self._moving)
+            mujoco.mj_step(self._physics, self._physics_data)
             velocities[k] = qvel
         return velocities[:, self._velocities[:, 3:]]
 
@@ -337,16 +337,16 @@ class Simulation:
         poses = skeleton.limb_poses(self.stature, self._footing, state.position, state.heading, self.world.terrain)
         poses = gaze.with_head_yaw(poses, self._gaze)
         self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
-        self._data.mocap_pos[self._colliders] = self._parked(self._everybodys_feet())
+        self._data.mocap_pos[self._colliders] = self._parked(self._ground_positions())
         self._show_present()
         self._joints, self._posed = poses.joints, True
         mujoco.mj_forward(self.model, self._data)
 
     def _show_present(self) -> None:
-        absent = np.isin(self.person_of_geom, self.everybody[~self._crowd_state.present])
+        absent = np.isin(self.person_of_geom, self.all_persons[~self._crowd_state.present])
         self.model.geom_group[:] = np.where(absent, ABSENT, self._groups)
 
-    def _everybodys_feet(self) -> Array:
+    def _ground_positions(self) -> Array:
         """(everybody, 3) m, those who are absent included."""
         position = self._crowd_state.position
         return np.column_stack([position, self.world.terrain.height_at(position)])
@@ -354,14 +354,14 @@ class Simulation:
     def _parked(self, position: Array) -> Array:
         """position (everybody, ..., 3) m with those who are absent far below the ground, where nothing meets them."""
         out = position.copy()
-        out[~self._crowd_state.present, ..., 2] -= PARKED
+        out[~self._crowd_state.present, ..., 2] -= PARKING_DEPTH
         return out
 
-    def _reckon(self, rates: Array, wheels: Array, velocity: Array) -> None:
+    def _measure_odometry(self, rates: Array, wheels: Array, velocity: Array) -> None:
         """The odometry of the frame that has just ended."""
         acceleration = (self._data.qvel[self._velocities[:, :3]] - velocity[:, :3]) / self.scenario.period
         for i, name in enumerate(self.robots):
             R = self.T_world_robot(name).rotation
             angles = np.stack([wheels[i], self._data.qpos[self._wheel_qpos[i]]])
-            ride = odometry.Ride(rates[:, i], self.model.opt.timestep, angles, R.T @ acceleration[i], R[2])
-            self._odometry[name] = odometry.measure(ride, self._wear[i], self._noise[i])
+            motion = odometry.FrameMotion(rates[:, i], self.model.opt.timestep, angles, R.T @ acceleration[i], R[2])
+            self._odometry[name] = odometry.measure(motion, self._systematic_errors[i], self._noise[i])

@@ -13,7 +13,7 @@ from sim.robots.rover import WHEEL_RADIUS, WHEELS
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array
 
-STRETCH = 5.0
+SEGMENT = 5.0
 """m of driving over which an error is taken."""
 
 
@@ -45,7 +45,7 @@ def measure(simulation: Simulation, seconds: float) -> Slip:
         steps.append(np.column_stack([rolled[:, None] * ahead - moved, np.linalg.norm(moved, axis=1)]))
         before, turned = after, now
         tipped += sum(simulation.tipped().values())
-    errors = [error for rover in np.array(steps).transpose(1, 0, 2) for error in _stretches(rover)]
+    errors = [error for rover in np.array(steps).transpose(1, 0, 2) for error in _segment_errors(rover)]
     driven = float(np.array(steps)[..., 3].sum())
     return Slip(float(np.mean(errors)) if errors else float("nan"), driven, tipped)
 
@@ -56,13 +56,13 @@ def _poses(simulation: Simulation) -> Array:
     return np.array([np.column_stack([pose.rotation, pose.translation]) for pose in poses])
 
 
-def _stretches(steps: Array) -> list[float]:
+def _segment_errors(steps: Array) -> list[float]:
     """The errors a metre of one rover's stretches, from steps (n, 4): error (3) and way m of every frame."""
     out: list[float] = []
     error, way = np.zeros(3), 0.0
     for step in steps:
         error, way = error + step[:3], way + step[3]
-        if way >= STRETCH:
+        if way >= SEGMENT:
             out.append(float(np.linalg.norm(error)) / way)
             error, way = np.zeros(3), 0.0
     return out

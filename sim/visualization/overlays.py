@@ -44,11 +44,11 @@ def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterab
             a, b = ((corner + np.array([shift, 0.0])).round().astype(int).tolist() for corner in (low, high))
             if b[0] >= 0 and a[0] < width:
                 cv2.rectangle(out, a, b, colour_of(identity), thick, cv2.LINE_AA)
-                _text(out, str(identity), (a[0], a[1] - 4), 0.5 * camera.width / 1024, colour_of(identity))
+                draw_text(out, str(identity), (a[0], a[1] - 4), 0.5 * camera.width / 1024, colour_of(identity))
     return out
 
 
-def _text(image: Any, text: str, at: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
+def draw_text(image: Any, text: str, at: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
     # The weight of OpenCV's letters changes their width: the dark edge is the same weight, moved by a pixel.
     for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         cv2.putText(image, text, (at[0] + dx, at[1] + dy), cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), 1, cv2.LINE_AA)
@@ -72,13 +72,13 @@ def contact_sheet(images: dict[str, Image], caption: str) -> Image:
     tiles = []
     for name, image in images.items():
         tile = cv2.copyMakeBorder(image, 34, 6, 4, 4, cv2.BORDER_CONSTANT, value=(24, 24, 28))
-        _text(tile, name.replace("_", " "), (12, 24), 0.7, (235, 235, 235))
+        draw_text(tile, name.replace("_", " "), (12, 24), 0.7, (235, 235, 235))
         tiles.append(tile)
     if len(tiles) % 2:
         tiles.append(np.full_like(tiles[0], 24))
     rows = [np.hstack(tiles[k : k + 2]) for k in range(0, len(tiles), 2)]
     sheet = cv2.copyMakeBorder(np.vstack(rows), 0, 40, 0, 0, cv2.BORDER_CONSTANT, value=(24, 24, 28))
-    _text(sheet, caption, (12, sheet.shape[0] - 14), 0.7, (235, 235, 235))
+    draw_text(sheet, caption, (12, sheet.shape[0] - 14), 0.7, (235, 235, 235))
     return np.asarray(sheet, dtype=np.uint8)
 
 

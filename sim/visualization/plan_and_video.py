@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.visualization.overlays import STANDING, _text, annotated, colour_of
+from sim.visualization.overlays import STANDING, annotated, colour_of, draw_text
 from tracker.geometry import Array, Image, Pose
 from tracker.geometry.ground import Grid
 from tracker.io.atomic import new_file
@@ -31,7 +31,7 @@ SIDE = (460, 720)  # px of the plan beside them
 
 
 @dataclass(frozen=True, eq=False)
-class Relief:
+class TerrainImage:
     """The terrain from above as a picture: image (h, w, 3) RGB with north up; pixel of a place by `pixels`."""
 
     image: Image
@@ -39,7 +39,7 @@ class Relief:
     scale: float
 
     @staticmethod
-    def of(sequence: Sequence, size: tuple[int, int]) -> Relief:
+    def of(sequence: Sequence, size: tuple[int, int]) -> TerrainImage:
         """The relief that fits into size (width, height) px: heights as colour, slopes as shade, what stands on it dark."""
         ground, tops = sequence.setup.ground, sequence.setup.occluders
         assert isinstance(ground, Grid)
@@ -56,7 +56,7 @@ class Relief:
         image = np.clip(255 * base * shade[:, :, None], 0, 255)
         if tops is not None:
             image[tops.height_at(points).reshape(h, w) - heights > STANDING] = (96, 92, 96)
-        return Relief(image.astype(np.uint8), ground.origin, scale)
+        return TerrainImage(image.astype(np.uint8), ground.origin, scale)
 
     def pixels(self, places: Array) -> NDArray[np.int64]:
         """(n, 2 or 3) m → (n, 2) px."""
@@ -78,11 +78,11 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
     """The plan view as a PNG: terrain, true paths as thin black lines, estimates in the colours of their ids, robots thick."""
     import matplotlib.pyplot as plt
 
-    relief = Relief.of(sequence, (1600, 1600))
-    h, w = relief.image.shape[:2]
-    x0, y0 = relief.origin
+    terrain_image = TerrainImage.of(sequence, (1600, 1600))
+    h, w = terrain_image.image.shape[:2]
+    x0, y0 = terrain_image.origin
     figure, axes = plt.subplots(figsize=(11, 9), layout="constrained")
-    axes.imshow(relief.image, extent=(x0, x0 + w / relief.scale, y0, y0 + h / relief.scale))
+    axes.imshow(terrain_image.image, extent=(x0, x0 + w / terrain_image.scale, y0, y0 + h / terrain_image.scale))
     truth = sequence.truth or ()
     people: dict[int, list[Array]] = {}
     for frame in truth:
@@ -112,18 +112,18 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
     """Frames (720, 1280, 3) RGB: up to four panoramas with boxes beside the plan so far and how far the robots are off."""
-    relief = Relief.of(sequence, (SIDE[0] - 20, SIDE[1] - 370))
-    off = {"by SLAM": _off(sequence, results.poses), "dead reckoning": _off(sequence, dead_reckoning(sequence))}
+    terrain_image = TerrainImage.of(sequence, (SIDE[0] - 20, SIDE[1] - 370))
+    errors = {"by SLAM": _robot_errors(sequence, results.poses), "dead reckoning": _robot_errors(sequence, dead_reckoning(sequence))}
     for tick in ticks:
-        strips = [_strip(image) for image in list(annotated(sequence, results, tick).values())[:4]]
+        strips = [_cropped_panorama(image) for image in list(annotated(sequence, results, tick).values())[:4]]
         while len(strips) < 4:
             strips.append(np.full((STRIP[1], STRIP[0], 3), 24, np.uint8))
-        side = _plan_so_far(sequence, results, relief, tick)
-        _chart(side, off, tick.index, len(sequence.ticks))
+        side = _plan_so_far(sequence, results, terrain_image, tick)
+        _draw_error_chart(side, errors, tick.index, len(sequence.ticks))
         yield np.ascontiguousarray(np.hstack([np.vstack(strips), side]))
 
 
-def _off(sequence: Sequence, poses: dict[str, list[Pose | None]]) -> Array:
+def _robot_errors(sequence: Sequence, poses: dict[str, list[Pose | None]]) -> Array:
     """(frames,) m: mean over the robots of the distance to where they are."""
     out = []
     for k, frame in enumerate(sequence.truth or ()):
@@ -132,56 +132,56 @@ def _off(sequence: Sequence, poses: dict[str, list[Pose | None]]) -> Array:
     return np.array(out)
 
 
-def _chart(side: Image, lines: dict[str, Array], upto: int, frames: int) -> None:
+def _draw_error_chart(side: Image, lines: dict[str, Array], last_frame: int, frames: int) -> None:
     """Draw the lines until a frame into the lower part of the side panel, one colour each, on a common scale."""
     if not all(len(values) for values in lines.values()):
         return
     left, right, top, bottom = 62, SIDE[0] - 16, SIDE[1] - 190, SIDE[1] - 36
     high = max(0.1, *(float(np.nanmax(values)) for values in lines.values()))
-    _text(side, "robots' mean error [m]", (left - 46, top - 14), 0.5, (200, 200, 200))
+    draw_text(side, "robots' mean error [m]", (left - 46, top - 14), 0.5, (200, 200, 200))
     for share in (0.0, 0.5, 1.0):
         y = round(bottom - share * (bottom - top))
         cv2.line(side, (left, y), (right, y), (70, 70, 76), 1)
-        _text(side, f"{share * high:.2f}", (left - 46, y + 5), 0.42, (170, 170, 170))
+        draw_text(side, f"{share * high:.2f}", (left - 46, y + 5), 0.42, (170, 170, 170))
     for k, ((name, values), colour) in enumerate(zip(lines.items(), ((220, 20, 60), (150, 150, 160)), strict=True)):
-        x = left + (right - left) * np.arange(upto + 1) / max(frames - 1, 1)
-        y_of = bottom - (bottom - top) * values[: upto + 1] / high
+        x = left + (right - left) * np.arange(last_frame + 1) / max(frames - 1, 1)
+        y_of = bottom - (bottom - top) * values[: last_frame + 1] / high
         cv2.polylines(side, [np.column_stack([x, y_of]).round().astype(np.int32)], False, colour, 2, cv2.LINE_AA)
-        _text(side, name, (left + 150 * k, bottom + 24), 0.48, colour)
+        draw_text(side, name, (left + 150 * k, bottom + 24), 0.48, colour)
 
 
-def _strip(image: Image) -> Image:
+def _cropped_panorama(image: Image) -> Image:
     height = image.shape[0]
     top, bottom = (round(height * (90 - degrees) / 180) for degrees in BAND)
     return cv2.resize(image[top:bottom], STRIP, interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
-def _plan_so_far(sequence: Sequence, results: Results, relief: Relief, tick: Tick) -> Image:
+def _plan_so_far(sequence: Sequence, results: Results, terrain_image: TerrainImage, tick: Tick) -> Image:
     side = np.full((SIDE[1], SIDE[0], 3), 24, np.uint8)
-    canvas = relief.image.copy()
+    canvas = terrain_image.image.copy()
     truth = sequence.truth[tick.index] if sequence.truth else None
     for identity, recent in _paths(results, tick.index - 17, tick.index).items():
-        cv2.polylines(canvas, [relief.pixels(recent[:, 1:]).astype(np.int32)], False, colour_of(identity), 2, cv2.LINE_AA)
+        cv2.polylines(canvas, [terrain_image.pixels(recent[:, 1:]).astype(np.int32)], False, colour_of(identity), 2, cv2.LINE_AA)
         if len(recent) and recent[-1, 0] == tick.index:
-            at = relief.pixels(recent[-1:, 1:])[0]
+            at = terrain_image.pixels(recent[-1:, 1:])[0]
             cv2.circle(canvas, at.tolist(), 6, colour_of(identity), -1, cv2.LINE_AA)
-            _text(canvas, str(identity), (int(at[0]) + 7, int(at[1]) - 5), 0.45, colour_of(identity))
+            draw_text(canvas, str(identity), (int(at[0]) + 7, int(at[1]) - 5), 0.45, colour_of(identity))
     if truth is not None:
-        for at in relief.pixels(truth.feet) if len(truth.feet) else []:
+        for at in terrain_image.pixels(truth.feet) if len(truth.feet) else []:
             cv2.circle(canvas, at.tolist(), 8, (10, 10, 10), 1, cv2.LINE_AA)
     for robot, poses in results.poses.items():
         pose = poses[tick.index]
         if pose is not None:
-            nose = relief.pixels(pose.apply(np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]])))
+            nose = terrain_image.pixels(pose.apply(np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]])))
             cv2.arrowedLine(canvas, nose[0].tolist(), nose[1].tolist(), (220, 20, 60), 3, cv2.LINE_AA, tipLength=0.4)
-            _text(canvas, robot.replace("robot_", "R"), (int(nose[0][0]) - 8, int(nose[0][1]) + 18), 0.45, (255, 120, 140))
+            draw_text(canvas, robot.replace("robot_", "R"), (int(nose[0][0]) - 8, int(nose[0][1]) + 18), 0.45, (255, 120, 140))
     h, w = canvas.shape[:2]
     left = (SIDE[0] - w) // 2
     side[60 : 60 + h, left : left + w] = canvas
-    _text(side, "pilsim", (left, 38), 0.9, (240, 240, 240))
-    _text(side, f"frame {tick.index:4d}   {tick.time:6.2f} s", (left + 130, 38), 0.55, (200, 200, 200))
+    draw_text(side, "pilsim", (left, 38), 0.9, (240, 240, 240))
+    draw_text(side, f"frame {tick.index:4d}   {tick.time:6.2f} s", (left + 130, 38), 0.55, (200, 200, 200))
     for k, line in enumerate(("rings: true people", "dots and numbers: estimates", "arrows: robots, by SLAM")):
-        _text(side, line, (left, 60 + h + 30 + 24 * k), 0.5, (200, 200, 200))
+        draw_text(side, line, (left, 60 + h + 30 + 24 * k), 0.5, (200, 200, 200))
     return side
 
 

@@ -24,18 +24,18 @@ BODY = (1.3, 0.22)
 """m: length (between the centres of its ends) and radius of the capsule that stands for a person."""
 CHASSIS = (0.35, 0.25, 0.15)
 """m: half sizes of the box that stands for a robot."""
-SILL = 0.7
+CUT_HEIGHT = 0.7
 """m over the ground to which things that stand on it are drawn at most."""
-FINEST = 240
+LARGEST_MESH = 240
 """Points along a side of the terrain's mesh at most."""
-QUALITY = 80
-LIGHT = np.array([-0.6, 0.5, 0.62])
+JPEG_QUALITY = 80
+LIGHT_DIRECTION = np.array([-0.6, 0.5, 0.62])
 """Where the shade of the terrain has its light, a unit direction within a hundredth."""
 GREY, ROYAL = (120, 120, 120), (65, 105, 225)
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class SceneFrame:
     """A tick and what a tracker says of it, or None."""
 
     tick: Tick
@@ -48,19 +48,19 @@ class RerunScene:
     def __init__(self, module: Any, stream: Any, sequence: Sequence) -> None:
         self.rerun, self.stream, self.sequence = module, stream, sequence
         self._trails: dict[tuple[str, int | str], deque[Array]] = defaultdict(lambda: deque(maxlen=TRAIL))
-        self._driven: dict[tuple[str, str], list[Array]] = defaultdict(list)
+        self._robot_trails: dict[tuple[str, str], list[Array]] = defaultdict(list)
 
     def blueprint(self) -> Any:
         """The world beside the panoramas, and the robots' errors below."""
         views = self.rerun.blueprint
         panoramas = [views.Spatial2DView(origin=f"panoramas/{name}", name=name) for name in self.sequence.setup.mounts]
         right = [*panoramas[:4], views.TimeSeriesView(origin="off", name="robots' error [m]")]
-        target, eye = self._eye()
+        target, eye = self._initial_view()
         controls = views.EyeControls3D(position=eye, look_target=target, eye_up=[0.0, 0.0, 1.0])
         world = views.Spatial3DView(origin="world", name="world", eye_controls=controls)
         return views.Blueprint(views.Horizontal(world, views.Vertical(*right), column_shares=[3, 2]), collapse_panels=True)
 
-    def _eye(self) -> tuple[Array, Array]:
+    def _initial_view(self) -> tuple[Array, Array]:
         """What is looked at first, and from where, m: all robots and people of the first frame, from above."""
         truth = self.sequence.truth[0] if self.sequence.truth else None
         poses = [start.T_world_robot for start in self.sequence.setup.starts.values() if start]
@@ -72,7 +72,7 @@ class RerunScene:
         away = max(float(np.ptp(points[:, :2], axis=0).max()), 8.0)
         return target, target + away * np.array([-0.35, -0.75, 1.0])
 
-    def place(self) -> None:
+    def log_static(self) -> None:
         """What does not move: the frame of reference, the terrain and what stands on it."""
         self._log("world", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         ground, tops = self.sequence.setup.ground, self.sequence.setup.occluders
@@ -87,22 +87,22 @@ class RerunScene:
                 kept = triangles[stands[triangles].any(axis=1)]
                 if len(kept):
                     # Cut low: one shall see over walls.
-                    over[:, 2] = np.minimum(heights, ground.height_at(over) + SILL)
+                    over[:, 2] = np.minimum(heights, ground.height_at(over) + CUT_HEIGHT)
                     self._mesh("world/standing", over, kept, np.full((len(over), 3), 130, np.uint8))
         elif isinstance(ground, Flat):
             self._log("world/ground", self.rerun.Boxes3D(centers=[[0, 0, ground.level]], half_sizes=[[20, 20, 0]], colors=[GREY]), static=True)
 
-    def show(self, shown: Shown) -> None:
+    def log_frame(self, scene_frame: SceneFrame) -> None:
         """One frame: truth where it is known, estimates where there are some."""
-        tick, truth = shown.tick, self.sequence.truth[shown.tick.index] if self.sequence.truth else None
+        tick, truth = scene_frame.tick, self.sequence.truth[scene_frame.tick.index] if self.sequence.truth else None
         self.stream.set_time("frame", sequence=tick.index)
         self.stream.set_time("time", duration=tick.time)
         if truth is not None:
             self._people("world/truth/people", truth.person_id, truth.feet, GREY)
             self._robots("world/truth/robots", truth.T_world_robot, ROYAL)
-        if shown.estimate is not None:
-            self._estimates(shown.estimate, truth)
-        self._images(shown, truth)
+        if scene_frame.estimate is not None:
+            self._estimates(scene_frame.estimate, truth)
+        self._images(scene_frame, truth)
 
     def _estimates(self, estimate: Estimate, truth: Truth | None) -> None:
         self._people("world/tracks", estimate.target_id, estimate.position, None)
@@ -141,12 +141,12 @@ class RerunScene:
 
     def _robots(self, path: str, poses: dict[str, Pose], colour: tuple[int, int, int]) -> None:
         for robot, pose in poses.items():
-            self._driven[path, robot].append(pose.translation)
+            self._robot_trails[path, robot].append(pose.translation)
             w, x, y, z = quaternion_from_rotation(pose.rotation)
             centre = pose.apply(np.array([[0.0, 0.0, CHASSIS[2]]]))
             box = self.rerun.Boxes3D(half_sizes=[CHASSIS], centers=centre, quaternions=[[x, y, z, w]], colors=[colour], labels=[robot])
             self._log(f"{path}/{robot}", box)
-            self._log(f"{path}/{robot}/trail", self.rerun.LineStrips3D([np.array(self._driven[path, robot])], colors=[colour], radii=0.03))
+            self._log(f"{path}/{robot}/trail", self.rerun.LineStrips3D([np.array(self._robot_trails[path, robot])], colors=[colour], radii=0.03))
 
     def _ellipsoids(self, path: str, spread: list[tuple[Array, Array]], colours: list[tuple[int, int, int]]) -> None:
         axes = [ellipsoid(P) for _, P in spread]
@@ -154,22 +154,22 @@ class RerunScene:
         centres = [centre for centre, _ in spread]
         self._log(path, self.rerun.Ellipsoids3D(half_sizes=sizes, centers=centres, quaternions=turns, colors=colours))
 
-    def _images(self, shown: Shown, truth: Truth | None) -> None:
-        estimate = shown.estimate
-        for view in shown.tick.views:
+    def _images(self, scene_frame: SceneFrame, truth: Truth | None) -> None:
+        estimate = scene_frame.estimate
+        for view in scene_frame.tick.views:
             if view.image is None:
                 continue
             mount, image = self.sequence.setup.mounts[view.camera], view.image
             pose = estimate.T_world_robot.get(mount.robot) if estimate else truth.T_world_robot.get(mount.robot) if truth else None
             if estimate is not None and pose is not None and isinstance(mount.camera, Panorama):
                 image = draw_boxes(image.copy(), mount.camera, pose @ mount.T_body_camera, estimate.target_id.tolist(), estimate.position)
-            _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+            _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
             self._log(f"panoramas/{view.camera}", self.rerun.EncodedImage(contents=data.tobytes(), media_type="image/jpeg"))
 
     def _mesh(self, path: str, points: Array, triangles: Ints, colours: Any) -> None:
         facing = normals(points, triangles)
         # The shade is in the colours: a viewer's own light may leave slopes flat.
-        shaded = (colours * (0.6 + 0.4 * np.clip(facing @ LIGHT, 0, 1))[:, None]).astype(np.uint8)
+        shaded = (colours * (0.6 + 0.4 * np.clip(facing @ LIGHT_DIRECTION, 0, 1))[:, None]).astype(np.uint8)
         body = self.rerun.Mesh3D(vertex_positions=points, triangle_indices=triangles, vertex_normals=facing, vertex_colors=shaded)
         self._log(path, body, static=True)
 
@@ -179,7 +179,7 @@ class RerunScene:
 
 def mesh(grid: Grid) -> tuple[Array, Ints, Array]:
     """A grid as points (n, 3) m, triangles (m, 3) and heights (n,) m, every so many rows and columns that no side has more than FINEST."""
-    step = -(-max(grid.heights.shape) // FINEST)
+    step = -(-max(grid.heights.shape) // LARGEST_MESH)
     z = grid.heights[::step, ::step]
     rows, columns = z.shape
     y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sim.visualization.rerun_scene import RerunScene, Shown
-from tracker.datasets.opening import open_source
-from tracker.datasets.pets2009 import Choice
+from sim.visualization.rerun_scene import RerunScene, SceneFrame
+from tracker.datasets.opening import open_sequence
+from tracker.datasets.pets2009 import PetsOptions
 from tracker.io.atomic import new_file
 from tracker.pipeline import track
 from tracker.run import views_of
@@ -46,33 +46,33 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
         raise ValueError(f"--save is {save}, needs a name that ends in .rrd")
     if save is None and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ValueError("there is no screen here for the viewer: give --save FILE.rrd, and open that elsewhere with `rerun FILE.rrd`")
-    source, given = _found(folder, results)
+    source, given = _sequence_and_tracks(folder, results)
     if tracked and results is not None:
         raise ValueError("--results and --track exclude each other: tracks are read, or made now")
     read = read_results(given) if given is not None and not tracked else None
-    sequence = open_source(source, views_of(read.run) if read else [], Choice.of_run(read.run) if read else Choice())
+    sequence = open_sequence(source, views_of(read.run) if read else [], PetsOptions.of_run(read.run) if read else PetsOptions())
     if read is not None and read.run.get("provenance", sequence.provenance) != sequence.provenance:
         raise ValueError(f"{given}: these tracks were made from another source than {source}")
     stream = module.RecordingStream("pilsim")
-    stage = RerunScene(module, stream, sequence)
+    scene = RerunScene(module, stream, sequence)
     if save is None:
-        stream.spawn(default_blueprint=stage.blueprint())
-        _play(stage, sequence, read, tracked)
+        stream.spawn(default_blueprint=scene.blueprint())
+        _play(scene, sequence, read, tracked)
         return
-    _write(stage, sequence, save, (read, tracked))
+    _write(scene, sequence, save, (read, tracked))
 
 
-def _write(stage: RerunScene, sequence: Sequence, save: Path, what: tuple[Results | None, bool]) -> None:
+def _write(scene: RerunScene, sequence: Sequence, save: Path, what: tuple[Results | None, bool]) -> None:
     save.parent.mkdir(parents=True, exist_ok=True)
     with new_file(save) as part:
-        stage.stream.save(part, default_blueprint=stage.blueprint())
-        _play(stage, sequence, *what)
-        stage.stream.flush()
-        stage.stream.disconnect()
+        scene.stream.save(part, default_blueprint=scene.blueprint())
+        _play(scene, sequence, *what)
+        scene.stream.flush()
+        scene.stream.disconnect()
     print(f"{save}: {len(sequence.ticks)} frames, {save.stat().st_size / 1e6:.1f} MB; `rerun {save}` opens it")
 
 
-def _found(folder: Path, results: Path | None) -> tuple[Path, Path | None]:
+def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path | None]:
     """The sequence and the tracks that a folder means."""
     if (folder / "sequence").is_dir():
         beside = folder / "track"
@@ -80,11 +80,11 @@ def _found(folder: Path, results: Path | None) -> tuple[Path, Path | None]:
     return folder, results
 
 
-def _play(stage: RerunScene, sequence: Sequence, read: Results | None, tracked: bool) -> None:
-    stage.place()
-    said = (Shown(tick, None if read is None else read_frame(read, tick.index)) for tick in sequence.ticks)
-    for one in tqdm(_estimated(sequence) if tracked else said, total=len(sequence.ticks), desc="frames", unit="frame"):
-        stage.show(one)
+def _play(scene: RerunScene, sequence: Sequence, read: Results | None, tracked: bool) -> None:
+    scene.log_static()
+    frames = (SceneFrame(tick, None if read is None else read_frame(read, tick.index)) for tick in sequence.ticks)
+    for one in tqdm(_estimated(sequence) if tracked else frames, total=len(sequence.ticks), desc="frames", unit="frame"):
+        scene.log_frame(one)
 
 
 def read_frame(results: Results, k: int) -> Estimate:
@@ -96,19 +96,19 @@ def read_frame(results: Results, k: int) -> Estimate:
 
 
 @dataclass
-class _Kept:
+class _TickBuffer:
     """Ticks on their way through the tracker."""
 
     ticks: deque[Tick] = field(default_factory=deque)
 
-    def passing(self, ticks: Iterator[Tick]) -> Iterator[Tick]:
+    def recording_ticks(self, ticks: Iterator[Tick]) -> Iterator[Tick]:
         for tick in ticks:
             self.ticks.append(tick)
             yield tick
 
 
-def _estimated(sequence: Sequence) -> Iterator[Shown]:
+def _estimated(sequence: Sequence) -> Iterator[SceneFrame]:
     """Ticks with what the tracker says of them, tracking as it goes."""
-    kept = _Kept()
-    for estimate in track(sequence.setup, kept.passing(iter(sequence.ticks))):
-        yield Shown(kept.ticks.popleft(), estimate)
+    buffer = _TickBuffer()
+    for estimate in track(sequence.setup, buffer.recording_ticks(iter(sequence.ticks))):
+        yield SceneFrame(buffer.ticks.popleft(), estimate)

@@ -24,8 +24,8 @@ from worlds.world import World, tops
 PANORAMA = Panorama(2048, 1024)
 BAND = (35.0, -50.0)
 """Degrees of elevation that are shown of the panorama."""
-BIRD = pinhole(1200, 800, np.deg2rad(50))
-PAPER = matplotlib.colors.ListedColormap(matplotlib.colormaps["YlGn"](np.linspace(0.02, 0.5, 256)))
+OVERHEAD_CAMERA = pinhole(1200, 800, np.deg2rad(50))
+HEIGHT_COLOURS = matplotlib.colors.ListedColormap(matplotlib.colormaps["YlGn"](np.linspace(0.02, 0.5, 256)))
 """Colours of heights, pale: what is drawn over them counts."""
 STANDING = 0.25
 """m over the ground from which a thing is drawn on the plan."""
@@ -41,14 +41,14 @@ def preview(scenario: Scenario, world: World, path: Path) -> Measures:
         simulation.step()
     eyes = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
     # The robot that sees most people stands for them all; the last one's view is shown where a roof hides the place from above.
-    with PanoramaRenderer(simulation.model, [PANORAMA, BIRD], simulation.person_of_geom.astype(np.uint16)) as renderer:
+    with PanoramaRenderer(simulation.model, [PANORAMA, OVERHEAD_CAMERA], simulation.person_of_geom.astype(np.uint16)) as renderer:
         shots = renderer.render(simulation.data, eyes)
         best = int(np.argmax([(shot.instances > 0).sum() for shot in shots]))
-        other = _ahead(eyes[best - 1], shots[best - 1]) if _roofed(simulation) else _above(simulation.world)
-        bird = renderer.render(simulation.data, [other], which=[1])[0].colour
+        other = _facing_farthest(eyes[best - 1], shots[best - 1]) if _roofed(simulation) else _overhead_pose(simulation.world)
+        overhead_image = renderer.render(simulation.data, [other], which=[1])[0].colour
     high, low = ((90 - elevation) / 180 * PANORAMA.height for elevation in BAND)
     measures = measure(simulation.world)
-    page = _page(simulation.world, measures, (shots[best].colour[round(high) : round(low)], bird), f"difficulty {scenario.difficulty:g}")
+    page = _page(simulation.world, measures, (shots[best].colour[round(high) : round(low)], overhead_image), f"difficulty {scenario.difficulty:g}")
     path.parent.mkdir(parents=True, exist_ok=True)
     save_png(path, page)
     return measures
@@ -64,7 +64,7 @@ def _roofed(simulation: Simulation) -> bool:
     return sum(mujoco.mj_ray(simulation.model, simulation.data, eye, up, groups, 1, -1, geom, None) > 0 for eye in eyes) > 10
 
 
-def _ahead(eye: Pose, shot: RenderedImage) -> Pose:
+def _facing_farthest(eye: Pose, shot: RenderedImage) -> Pose:
     """The eye turned to where it sees farthest, over a twelfth of the panorama."""
     band = np.minimum(shot.range[PANORAMA.height * 4 // 9 : PANORAMA.height * 5 // 9], 30.0).mean(axis=0)
     wide = PANORAMA.width // 12
@@ -73,7 +73,7 @@ def _ahead(eye: Pose, shot: RenderedImage) -> Pose:
     return eye @ Pose(rotation_z(float(azimuth)), np.zeros(3))
 
 
-def _above(world: World) -> Pose:
+def _overhead_pose(world: World) -> Pose:
     """A camera over a corner of the walkable part that looks down on it."""
     i, j = np.nonzero(world.feet.free)
     places = world.feet.origin + world.feet.spacing * np.column_stack([j, i])
@@ -110,7 +110,7 @@ def _plan(axes: Any, world: World, measures: Measures) -> None:
     box = (low[0], high[0], low[1], high[1])
     heights = world.terrain.on_grid.heights
     shaded = matplotlib.colors.LightSource(azdeg=315, altdeg=45).shade(
-        heights, PAPER, vert_exag=2, dx=ground.spacing, dy=ground.spacing, blend_mode="soft"
+        heights, HEIGHT_COLOURS, vert_exag=2, dx=ground.spacing, dy=ground.spacing, blend_mode="soft"
     )
     axes.imshow(shaded, extent=box, origin="lower", interpolation="bilinear")
     standing = np.where(tops(world).heights - heights > STANDING, 1.0, np.nan)
@@ -119,12 +119,12 @@ def _plan(axes: Any, world: World, measures: Measures) -> None:
         axes.contour(ground.x, ground.y, space.free.astype(float), [0.5], colors=colour, linewidths=1)
     for corner, opposite in world.spawn:
         axes.add_patch(matplotlib.patches.Rectangle(corner, *(opposite - corner), facecolor="gold", edgecolor="black"))
-    axes.set_title(_words(measures), fontsize=10)
+    axes.set_title(_measures_text(measures), fontsize=10)
     axes.set_xlabel("x (m); red: feet may go, blue: wheels, yellow: people enter")
     axes.set_ylabel("y (m)")
 
 
-def _words(m: Measures) -> str:
+def _measures_text(m: Measures) -> str:
     lines = (
         f"{m.extent_x:.0f} × {m.extent_y:.0f} m, relief {m.relief:.2f} m, roughness {100 * m.roughness:.1f} cm",
         f"highest step {100 * m.highest_step:.0f} cm, {m.occluders:.1f} occluders per 100 m²",

@@ -38,7 +38,7 @@ HEADINGS = {
 
 
 @dataclass(frozen=True)
-class Wanted:
+class SurveyOptions:
     """Beside the measures: pictures, a folder to draw into; file, to export the one world to; seconds that rovers drive to measure slip."""
 
     pictures: Path | None = None
@@ -46,29 +46,29 @@ class Wanted:
     seconds: float = 0.0
 
 
-def survey(name: str | None, difficulty: float, seed: int, wanted: Wanted | None = None) -> list[dict[str, Any]]:
+def survey(name: str | None, difficulty: float, seed: int, options: SurveyOptions | None = None) -> list[dict[str, Any]]:
     """A row of measures (worlds.difficulty) for the world of that name, or for all.
 
     Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, a file for a
     folder of pictures, or seconds out of bounds.
     """
-    also = wanted or Wanted()
-    if also.file is not None and name is None:
-        raise ValueError(f"--export {also.file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
-    if not 0 <= also.seconds <= LONGEST:
-        raise ValueError(f"seconds is {also.seconds}, needs 0 to {LONGEST}")
-    if also.pictures is not None and also.pictures.exists() and not also.pictures.is_dir():
-        raise ValueError(f"{also.pictures}: is a file, needs a folder")
+    options = options or SurveyOptions()
+    if options.file is not None and name is None:
+        raise ValueError(f"--export {options.file} needs the name of one world: {', '.join(sorted(catalogue.WORLDS))}")
+    if not 0 <= options.seconds <= LONGEST:
+        raise ValueError(f"seconds is {options.seconds}, needs 0 to {LONGEST}")
+    if options.pictures is not None and options.pictures.exists() and not options.pictures.is_dir():
+        raise ValueError(f"{options.pictures}: is a file, needs a folder")
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
     for each in tqdm(names, desc="worlds", disable=len(names) == 1 or None, leave=False):
         scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS)
         world = catalogue.build(each, scenario.stream("world"), difficulty)
-        if also.file is not None:
-            export(world, also.file)
-        measures = asdict(measure(world) if also.pictures is None else preview(scenario, world, also.pictures / f"{each}.png"))
-        if also.seconds:
-            measures["slip"] = wheel_slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), also.seconds).error
+        if options.file is not None:
+            export(world, options.file)
+        measures = asdict(measure(world) if options.pictures is None else preview(scenario, world, options.pictures / f"{each}.png"))
+        if options.seconds:
+            measures["slip"] = wheel_slip.measure(Simulation(replace(scenario, people=0, robots=DRIVEN), world), options.seconds).error
         rows.append({"world": each, "difficulty": difficulty, "seed": seed} | {key: round(value, 4) for key, value in measures.items()})
     return rows
 

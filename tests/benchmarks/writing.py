@@ -12,8 +12,8 @@ from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.generation import Plan, generate
 from sim.datasets.presets import PRESETS
 from sim.recording import record as recording
-from sim.recording.record import Stage, open_renderer, run
-from sim.recording.tracker_setup import setup_of
+from sim.recording.record import Recording, open_renderer, run
+from sim.recording.tracker_setup import make_setup
 from sim.simulation.simulation import Simulation
 from tracker.geometry.ground import Grid
 from tracker.sequence.writer import ImageForm, Layers, SequenceWriter
@@ -29,15 +29,15 @@ def writing(folder: Path) -> None:
         for written in (False, True):
             simulation = Simulation(scenario)
             fixed = place_cameras(simulation.world, 4, 768)
-            stage = Stage(scenario, simulation, fixed, {}, form)
-            setup = setup_of(scenario, simulation, fixed)
+            recording = Recording(scenario, simulation, fixed, {}, form)
+            setup = make_setup(scenario, simulation, fixed)
             assert isinstance(setup.occluders, Grid)
             with open_renderer(scenario, simulation, {one.camera: None for one in fixed.values()}) as renderer:
                 moments = run(scenario, simulation, setup, renderer)
                 next(moments)
                 begun = time.perf_counter(), time.process_time()
                 if written:
-                    with SequenceWriter(folder / "s", setup, setup.occluders, stage.form) as writer:
+                    with SequenceWriter(folder / "s", setup, setup.occluders, recording.form) as writer:
                         for m in moments:
                             writer.add(m.tick, m.truth, Layers(m.instances, m.range, m.classes), m.views)
                         writer.finish({}, recording.versions())

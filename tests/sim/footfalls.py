@@ -19,13 +19,13 @@ class Footfalls:
     def __init__(self, simulation: Simulation, frames: int) -> None:
         self._simulation = simulation
         self._size = skeleton.trunk_size(simulation.stature)
-        names = [[f"person_{p}/{side}_shoe" for side in ("left", "right")] for p in simulation.everybody]
+        names = [[f"person_{p}/{side}_shoe" for side in ("left", "right")] for p in simulation.all_persons]
         self._shoes = np.array([[simulation.model.body(name).id for name in pair] for pair in names])
         gaps, slides, flexion, hips = [], [], [], []
         last, height = None, []
         for _ in range(frames):
             simulation.step()
-            sole, standing = self._soles(), simulation._footing.standing & np.isin(simulation.everybody, simulation.persons)[:, None]
+            sole, standing = self._soles(), simulation._footing.standing & np.isin(simulation.all_persons, simulation.persons)[:, None]
             above = sole[..., 2] - simulation.world.terrain.height_at(sole[..., :2].reshape(-1, 2)).reshape(sole.shape[:-1])
             gaps.append(above.min(axis=2)[standing])
             if last is not None:

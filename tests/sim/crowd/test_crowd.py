@@ -5,7 +5,7 @@ import pytest
 
 from sim.crowd.behavior import ARRIVED
 from sim.crowd.crowd import Crowd, CrowdState, Obstacles
-from sim.crowd.goals import GoalPlans, Schedule, order_by_group, make_plans
+from sim.crowd.goals import GoalPlans, Schedule, make_plans, order_by_group
 from sim.crowd.social_force import BODY_RADIUS
 from sim.scenario import Scenario
 from tests.sim.yard import yard

@@ -6,8 +6,8 @@ from sim.pedestrian import gait, leg_kinematics, skeleton
 from sim.pedestrian.foot_contact import ANKLE, HEEL, PIVOT
 from sim.pedestrian.gait import Bodies, Footing
 from sim.pedestrian.skeleton import LIMBS
-from tracker.types import KEYPOINT_NAMES
 from tracker.geometry import rotation_z
+from tracker.types import KEYPOINT_NAMES
 from worlds.terrain.heightfield import Heightfield
 
 DT = 1 / 18

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.recording.record import record
-from sim.recording.tracker_setup import setup_of
+from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import angles_from_bearing
@@ -98,7 +98,7 @@ def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> Non
 
 def test_beams_hide_nobody_and_walls_do() -> None:
     simulation = Simulation(Scenario(seed=3))
-    setup = setup_of(Scenario(seed=3), simulation)
+    setup = make_setup(Scenario(seed=3), simulation)
     assert isinstance(setup.occluders, Grid)
     assert isinstance(setup.ground, Grid)
     above = setup.occluders.heights - setup.ground.heights

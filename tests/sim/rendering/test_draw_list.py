@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim.rendering.cubemap import FaceTable
-from sim.rendering.draw_list import TRIANGLES_PER_PIXEL, DrawList, DrawCommands
+from sim.rendering.draw_list import TRIANGLES_PER_PIXEL, DrawCommands, DrawList
 from tests.sim.scenes import G, court
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sim.robots.driving import ACCELERATION, TOP_SPEED, TOP_YAW_RATE, Drive, Driver, Motion, Traffic, make_driver, room_to_turn
+from sim.robots.driving import ACCELERATION, TOP_SPEED, TOP_YAW_RATE, Driver, DriveState, Motion, Traffic, make_driver, turning_space
 from tests.sim.yard import yard
 
 DT = 0.05
@@ -12,7 +12,7 @@ NOBODY = Traffic(np.zeros((0, 2)), np.zeros(0))
 
 def drive(
     driver: Driver, start: tuple[float, float, float], seconds: float, traffic: Traffic = NOBODY, stuck_wheels: bool = False
-) -> tuple[np.ndarray, list[Drive]]:
+) -> tuple[np.ndarray, list[DriveState]]:
     """Poses (n, 3) x, y, yaw of an ideal rover that does what it is told, and the plans."""
     x, y, yaw = start
     plan = driver.start(np.array([x, y]))
@@ -29,7 +29,7 @@ def drive(
 
 
 def test_it_reaches_goal_after_goal_and_stays_in_the_room():
-    room = room_to_turn(yard().wheels)
+    room = turning_space(yard().wheels)
     driver = Driver(room, np.array([[4.0, 4.0], [-4.0, -4.0], [4.0, -4.0]]))
     poses, plans = drive(driver, (-4.0, 4.0, 3.0), 60.0)
     assert plans[-1].visit >= 2
@@ -37,7 +37,7 @@ def test_it_reaches_goal_after_goal_and_stays_in_the_room():
 
 
 def test_commands_are_bounded_and_smooth():
-    driver = make_driver(room_to_turn(yard().wheels), np.random.default_rng(2))
+    driver = make_driver(turning_space(yard().wheels), np.random.default_rng(2))
     _, plans = drive(driver, (-4.0, 4.0, 0.0), 60.0)
     speed, turn = np.array([p.speed for p in plans]), np.array([p.yaw_rate for p in plans])
     assert np.abs(speed).max() <= TOP_SPEED
@@ -48,7 +48,7 @@ def test_commands_are_bounded_and_smooth():
 
 
 def test_it_goes_round_somebody_who_stands_in_its_way():
-    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
+    driver = Driver(turning_space(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     person = Traffic(np.array([[0.0, 3.0]]), np.array([0.22]))
     poses, plans = drive(driver, (-4.0, 3.0, 0.0), 20.0, person)
     assert (np.linalg.norm(poses[:, :2] - person.position, axis=1) > 0.22 + 0.4).all()
@@ -57,32 +57,32 @@ def test_it_goes_round_somebody_who_stands_in_its_way():
 
 
 def test_it_asks_for_way_where_there_is_none_round_them_and_then_goes_elsewhere():
-    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
+    driver = Driver(turning_space(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     # A ring of people who do not move.
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     ring = Traffic(np.array([-4.0, 3.0]) + 1.4 * np.column_stack([np.cos(angle), np.sin(angle)]), np.full(12, 0.22))
     poses, plans = drive(driver, (-4.0, 3.0, 0.0), 8.0, ring)
-    assert max(math.hypot(*p.asks) for p in plans) == pytest.approx(TOP_SPEED)
+    assert max(math.hypot(*p.requested_velocity) for p in plans) == pytest.approx(TOP_SPEED)
     assert any(p.retreat > 0 for p in plans)
     assert (np.linalg.norm(poses[:, None, :2] - ring.position, axis=2) > 0.22 + 0.4).all()
-    assert all(p.asks == (0.0, 0.0) for p in drive(driver, (-4.0, 3.0, 0.0), 8.0)[1])
+    assert all(p.requested_velocity == (0.0, 0.0) for p in drive(driver, (-4.0, 3.0, 0.0), 8.0)[1])
 
 
 def test_people_beside_the_lane_do_not_stop_it():
-    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
+    driver = Driver(turning_space(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     beside = Traffic(np.array([[0.0, 4.6], [-5.5, 3.0]]), np.array([0.22, 0.22]))
     assert drive(driver, (-4.0, 3.0, 0.0), 9.0, beside)[0][-1, 0] > 1.0
 
 
 def test_wheels_that_get_nowhere_make_it_back_up():
-    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
+    driver = Driver(turning_space(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     _, plans = drive(driver, (-4.0, 3.0, 0.0), 6.0, stuck_wheels=True)
     assert min(p.speed for p in plans) < -0.1
     assert plans[-1].visit >= 1
 
 
 def test_a_start_beside_the_room_is_no_trouble():
-    driver = Driver(room_to_turn(yard().wheels), np.array([[4.0, 4.0]]))
+    driver = Driver(turning_space(yard().wheels), np.array([[4.0, 4.0]]))
     assert not driver.wheels.free_at(np.array([[-5.7, 0.0]]))[0]
     poses, _ = drive(driver, (-5.7, 0.0, 1.0), 6.0)
     assert driver.wheels.free_at(poses[-1:, :2])[0]
@@ -90,7 +90,7 @@ def test_a_start_beside_the_room_is_no_trouble():
 
 def test_room_to_turn_is_inside_of_free_space():
     wheels = yard().wheels
-    room = room_to_turn(wheels)
+    room = turning_space(wheels)
     assert not (room.free & ~wheels.free).any()
     assert wheels.clearance[room.free].min() >= 0.19
     assert room.area > 0.5 * wheels.area

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from sim.robots import odometry
-from sim.robots.odometry import GYRO_BIAS, GYRO_NOISE, RADIUS_ERROR, Ride, Wear, covariance, measure
+from sim.robots.odometry import GYRO_BIAS, GYRO_NOISE, RADIUS_ERROR, FrameMotion, SystematicErrors, covariance, measure
 from sim.robots.rover import WHEEL_RADIUS
 from tracker.geometry import Pose, exp_so3
 
 N, DT = 33, 1 / 198
-PERFECT = Wear(np.ones(2), np.zeros(3), np.ones(3))
+PERFECT = SystematicErrors(np.ones(2), np.zeros(3), np.ones(3))
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def ride(speed: float, yaw_rate: float, frames: float = 1.0, acceleration: float = 0.0) -> Ride:
+def ride(speed: float, yaw_rate: float, frames: float = 1.0, acceleration: float = 0.0) -> FrameMotion:
     """A level ride of some frames of 1/6 s without slip."""
     n = round(N * frames)
     before = np.array([0.3, 1.0, 2.0, -5.0])
     turned = speed * n * DT / WHEEL_RADIUS
-    return Ride(np.tile([0.0, 0.0, yaw_rate], (n, 1)), DT, np.stack([before, before + turned]), np.array([acceleration, 0.0, 0.0]), UP)
+    return FrameMotion(np.tile([0.0, 0.0, yaw_rate], (n, 1)), DT, np.stack([before, before + turned]), np.array([acceleration, 0.0, 0.0]), UP)
 
 
 def arc(speed: float, yaw_rate: float, seconds: float) -> Pose:
@@ -34,19 +34,19 @@ def test_a_perfect_rover_reckons_the_arc(speed, yaw_rate):
     odo = measure(ride(speed, yaw_rate), PERFECT, np.random.default_rng(0))
     error = (odo.T_before_now.inverse() @ arc(speed, yaw_rate, N * DT)).log()
     # Half a count of each of two encoders, the noise of the gyroscope, and the chord for the arc.
-    assert np.abs(error[:3]).max() < 2 * math.pi * WHEEL_RADIUS / odometry.TICKS + 1e-4
+    assert np.abs(error[:3]).max() < 2 * math.pi * WHEEL_RADIUS / odometry.ENCODER_COUNTS + 1e-4
     assert np.abs(error[3:]).max() < 5 * GYRO_NOISE * math.sqrt(N * DT)
 
 
 def test_wear_makes_drift_of_its_own_size():
-    wear = Wear(np.array([1.02, 1.02]), np.array([0.0, 0.0, 0.01]), np.ones(3))
+    wear = SystematicErrors(np.array([1.02, 1.02]), np.array([0.0, 0.0, 0.01]), np.ones(3))
     odo = measure(ride(0.6, 0.0, 6.0), wear, np.random.default_rng(0))
     assert odo.T_before_now.yaw == pytest.approx(0.01, abs=1e-3)
     assert np.linalg.norm(odo.T_before_now.translation) == pytest.approx(1.02 * 0.6, abs=2e-3)
 
 
 def test_wear_has_the_stated_spread():
-    wears = [Wear.draw(np.random.default_rng(k)) for k in range(600)]
+    wears = [SystematicErrors.draw(np.random.default_rng(k)) for k in range(600)]
     assert np.std([w.radius for w in wears]) == pytest.approx(RADIUS_ERROR, rel=0.1)
     assert np.std([w.gyro_bias for w in wears]) == pytest.approx(GYRO_BIAS, rel=0.1)
 
@@ -67,7 +67,7 @@ def test_errors_of_rides_without_slip_fit_the_covariance():
     for k in range(400):
         rng = np.random.default_rng(k)
         speed, yaw_rate = rng.uniform(-0.3, 0.7), rng.uniform(-0.8, 0.8)
-        odo = measure(ride(speed, yaw_rate), Wear.draw(rng), rng)
+        odo = measure(ride(speed, yaw_rate), SystematicErrors.draw(rng), rng)
         error = (odo.T_before_now.inverse() @ arc(speed, yaw_rate, N * DT)).log()
         nees.append(error[3:] @ np.linalg.solve(odo.covariance[3:, 3:], error[3:]) / 3)
     assert 0.5 < np.mean(nees) < 1.5
@@ -80,7 +80,7 @@ def test_up_is_up_within_its_sigma():
         still = ride(0.0, 0.0)
         up = tilt.T @ UP
         rng = np.random.default_rng(k)
-        odo = measure(Ride(still.rates, DT, still.wheels, np.zeros(3), up), Wear.draw(rng), rng)
+        odo = measure(FrameMotion(still.rates, DT, still.wheels, np.zeros(3), up), SystematicErrors.draw(rng), rng)
         assert np.linalg.norm(odo.gravity) == pytest.approx(1.0)
         angles.append(np.arccos(np.clip(odo.gravity @ up, -1, 1)) / odo.gravity_sigma)
     # Two axes of one sigma each, of which the bias is the larger part.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.sensors.keypoints import Sight, image_points, true_keypoints
+from sim.sensors.keypoints import InstanceImage, image_points, true_keypoints
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, Panorama, Tsai, pinhole
 from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE
@@ -18,9 +18,9 @@ def body(place: Array) -> Array:
     return np.broadcast_to(EYE.apply(place), (1, 17, 3)).copy()
 
 
-def sight(camera: Camera, owner: int, distance: float) -> Sight:
+def sight(camera: Camera, owner: int, distance: float) -> InstanceImage:
     shape = camera.height, camera.width
-    return Sight(camera, EYE, np.full(shape, owner, np.uint16), np.full(shape, distance, np.float32))
+    return InstanceImage(camera, EYE, np.full(shape, owner, np.uint16), np.full(shape, distance, np.float32))
 
 
 @pytest.mark.parametrize("camera", [PANORAMA, PINHOLE])

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.rendering.coverage import UnoccludedExtent
-from sim.sensors.keypoints import Sight
+from sim.sensors.keypoints import InstanceImage
 from sim.sensors.person_detector import Detector, People, true_boxes
 from tracker.geometry import Pose, angles_from_bearing
 from tracker.geometry.cameras import Camera, Panorama, pinhole
@@ -40,7 +40,7 @@ def boxes_of(instances: NDArray[np.uint16], persons: list[int], unoccluded: list
     """True boxes of people whose hips are person · 0.5 m ahead of the camera."""
     joints = np.zeros((len(persons), 17, 3)) + np.array([0.0, 0.0, 1.5])
     joints[:, :, 0] = 0.5 * np.array(persons)[:, None]
-    sight = Sight(camera, EYE, instances, np.zeros(instances.shape, np.float32))
+    sight = InstanceImage(camera, EYE, instances, np.zeros(instances.shape, np.float32))
     return true_boxes(sight, People(np.array(persons, dtype=np.int64), joints), unoccluded)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from sim.recording.raycast_run import RaycastFrame, run_raycast
 from sim.recording.record import RenderedFrame, open_renderer, run
-from sim.recording.tracker_setup import setup_of
+from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.sensors.person_detector import People
 from sim.sensors.raycast_camera import LandmarkSensor, RaycastCamera
@@ -25,7 +25,7 @@ WIDTH = SCENARIO.width
 @pytest.fixture(scope="module")
 def both() -> tuple[list[RenderedFrame], list[RaycastFrame]]:
     rendered, unrendered = (Simulation(SCENARIO, world=yard()) for _ in range(2))
-    setup = setup_of(SCENARIO, rendered)
+    setup = make_setup(SCENARIO, rendered)
     with open_renderer(SCENARIO, rendered) as renderer:
         moments = list(run(SCENARIO, rendered, setup, renderer))
     return moments, list(run_raycast(SCENARIO, unrendered, setup))
@@ -68,7 +68,7 @@ def test_detections_are_of_the_same_kind(both: tuple[list[RenderedFrame], list[R
 
 def test_the_same_seed_gives_the_same_sightings() -> None:
     scenario = replace(SCENARIO, robots=1, people=2, frames=2)
-    a, b = (list(run_raycast(scenario, s := Simulation(scenario, world=yard()), setup_of(scenario, s))) for _ in range(2))
+    a, b = (list(run_raycast(scenario, s := Simulation(scenario, world=yard()), make_setup(scenario, s))) for _ in range(2))
     for x, y in zip(a, b, strict=True):
         first, second = x.tick.views[0].sightings, y.tick.views[0].sightings
         assert first is not None
@@ -80,7 +80,7 @@ def test_the_same_seed_gives_the_same_sightings() -> None:
 
 def test_sightings_point_at_landmarks_that_nothing_hides() -> None:
     simulation = Simulation(replace(SCENARIO, people=4), world=yard())
-    lines = RaycastCamera(simulation, LandmarkSensor(named=True, wrong=0.0, missed=0.0))
+    lines = RaycastCamera(simulation, LandmarkSensor(identified=True, outlier_rate=0.0, miss_rate=0.0))
     assert len(lines.landmarks) == 300
     pose = simulation.T_world_robot("robot_0") @ simulation.T_body_camera
     seen = lines.sightings(pose, np.random.default_rng(1))
@@ -98,7 +98,7 @@ def test_sightings_point_at_landmarks_that_nothing_hides() -> None:
         for row in rows[:40]:
             way = lines.landmarks[row] - pose.translation
             length = float(np.linalg.norm(way))
-            if length >= lines.landmarking.reach:
+            if length >= lines.landmark_sensor.reach:
                 continue
             hit = mujoco.mj_ray(simulation.model, simulation.data, pose.translation.copy(), way / length, groups, 1, -1, geom, None)
             assert (hit > length - BEFORE) == clear

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.recording.record import RenderedFrame, Stage, open_renderer, record_stage, run
-from sim.recording.tracker_setup import Fixed, setup_of
+from sim.recording.record import Recording, RenderedFrame, open_renderer, run, write_recording
+from sim.recording.tracker_setup import FixedCamera, make_setup
 from sim.scenario import Scenario
 from sim.sensors.keypoints import DEPTH, image_points
 from sim.simulation.simulation import Simulation
@@ -25,17 +25,17 @@ from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Setup, ViewTruth
 SCENARIO = Scenario(seed=5, robots=2, people=8, frames=6, width=1024)
 # The first is View_001 of PETS 2009 with its κ1 and sx, the other a wider one that bends the other way.
 FIXED = {
-    "pets": Fixed(
+    "pets": FixedCamera(
         Tsai(768, 576, 5.5549183034, 5.1113043639e-3, 324.22149053, 282.56650051, 1.0937855397, 5.1273271277e-3, 4.65e-3),
         Pose.planar(-5.6, -5.6, 0.8, 2.6) @ Pose.exp([0, 0, 0, 0.02, 0.25, 0]),
     ),
-    "barrel": Fixed(Tsai(640, 480, 3.0, -0.012, 300.0, 250.0, 1.05, 5e-3, 5e-3), Pose.planar(5.6, 0.5, 3.1, 1.8) @ Pose.exp([0, 0, 0, 0, 0.1, 0])),
+    "barrel": FixedCamera(Tsai(640, 480, 3.0, -0.012, 300.0, 250.0, 1.05, 5e-3, 5e-3), Pose.planar(5.6, 0.5, 3.1, 1.8) @ Pose.exp([0, 0, 0, 0, 0.1, 0])),
 }
 LEGS = [k for k, name in enumerate(KEYPOINT_NAMES) if name.split("_")[-1] in ("hip", "knee", "ankle")]
 
 
-def stage() -> Stage:
-    return Stage(SCENARIO, Simulation(SCENARIO, world=yard()), FIXED, {})
+def stage() -> Recording:
+    return Recording(SCENARIO, Simulation(SCENARIO, world=yard()), FIXED, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Written:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
     folder = tmp_path_factory.mktemp("reprojection") / "s"
-    record_stage(stage(), folder)
+    write_recording(stage(), folder)
     return Written(folder, read_sequence(folder).setup, read_views(folder), read_joints(folder))
 
 
@@ -134,7 +134,7 @@ def test_ranges_and_the_ground_below(written: Written) -> None:
 def moments() -> list[tuple[RenderedFrame, Setup, Array]]:
     """Two frames in memory, and how far along the ray to every joint of every view the first thing is that is not its own person's limb there."""
     one = stage()
-    setup = setup_of(one.scenario, one.simulation, one.fixed)
+    setup = make_setup(one.scenario, one.simulation, one.fixed)
     out = []
     with open_renderer(one.scenario, one.simulation, [f.camera for f in FIXED.values()]) as renderer:
         for moment, _ in zip(run(one.scenario, one.simulation, setup, renderer), range(2), strict=False):

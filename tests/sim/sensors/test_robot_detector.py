@@ -11,7 +11,7 @@ import pytest
 
 from sim.recording.raycast_run import RaycastFrame, run_raycast
 from sim.recording.record import record
-from sim.recording.tracker_setup import setup_of
+from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.sensors.robot_detector import RobotDetector
 from sim.simulation.simulation import Simulation
@@ -26,21 +26,21 @@ SCENARIO = Scenario(seed=31, robots=4, people=8, frames=6, width=256)
 @pytest.fixture(scope="module")
 def glimpses() -> list[RaycastFrame]:
     simulation = Simulation(SCENARIO, world=yard())
-    return list(run_raycast(SCENARIO, simulation, setup_of(SCENARIO, simulation)))
+    return list(run_raycast(SCENARIO, simulation, make_setup(SCENARIO, simulation)))
 
 
 def test_a_rover_is_seen_where_nothing_is_between() -> None:
     """Held against MuJoCo's own rays, that look at every cell of the ground."""
     scenario = replace(SCENARIO, misses=0.0, bearing_noise=0.0, camera_height=0.8)
     simulation = Simulation(scenario, world=yard())
-    spotter = RobotDetector(scenario, setup_of(scenario, simulation), simulation)
+    robot_detector = RobotDetector(scenario, make_setup(scenario, simulation), simulation)
     groups, geom = np.array([1, 1, 1, 1, 0, 0], np.uint8), np.zeros(1, np.int32)
     seen = hidden = 0
     for _ in range(12):
         simulation.step()
         poses = {robot: simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots}
         for robot, pose in poses.items():
-            found = spotter.spot(f"{robot}_camera")
+            found = robot_detector.detect(f"{robot}_camera")
             assert found is not None
             for other in sorted(set(simulation.robots) - {robot}):
                 way = poses[other].translation - pose.translation
@@ -57,7 +57,7 @@ def test_a_rover_is_seen_where_nothing_is_between() -> None:
 
 
 def test_errors_are_as_the_covariance_says(glimpses: list[RaycastFrame]) -> None:
-    setup = setup_of(SCENARIO, Simulation(SCENARIO, world=yard()))
+    setup = make_setup(SCENARIO, Simulation(SCENARIO, world=yard()))
     squares, there = [], 0
     for glimpse in glimpses:
         for view in glimpse.tick.views:
@@ -74,7 +74,7 @@ def test_errors_are_as_the_covariance_says(glimpses: list[RaycastFrame]) -> None
 def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
     """Who is found is found at the same place whoever else is missed; detections and sightings do not change by a bit without companions."""
     simulation = Simulation(SCENARIO, world=yard())
-    setup = setup_of(SCENARIO, simulation)
+    setup = make_setup(SCENARIO, simulation)
     unoccluded = replace(setup, mounts=dict(list(setup.mounts.items())[:1]))
     for a, b in zip(glimpses, run_raycast(SCENARIO, simulation, unoccluded), strict=True):
         one, other = a.tick.views[0], b.tick.views[0]
@@ -87,7 +87,7 @@ def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
 
 
 def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
-    setup = setup_of(SCENARIO, Simulation(SCENARIO, world=yard()))
+    setup = make_setup(SCENARIO, Simulation(SCENARIO, world=yard()))
     ticks = [glimpse.tick for glimpse in glimpses]
     sent = Faults(dropout=0.5).sent(setup, ticks, 1)
     blind = [view for tick in sent for view in tick.views if view.sightings is None]
@@ -103,7 +103,7 @@ def test_pictures_show_the_same_rovers(tmp_path: Path) -> None:
     scenario = Scenario(seed=31, robots=3, people=4, frames=3, width=256)
     record(scenario, tmp_path / "s")
     simulation = Simulation(scenario)
-    unrendered = run_raycast(scenario, simulation, setup_of(scenario, simulation))
+    unrendered = run_raycast(scenario, simulation, make_setup(scenario, simulation))
     count = 0
     for tick, glimpse in zip(read_sequence(tmp_path / "s").ticks, unrendered, strict=True):
         for a, b in zip(tick.views, glimpse.tick.views, strict=True):

@@ -2,13 +2,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.pedestrian import skeleton
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tests.sim.footfalls import Footfalls
 from tests.sim.yard import yard
-from tracker.types import KEYPOINT_NAMES
 from tracker.geometry import Pose
+from tracker.types import KEYPOINT_NAMES
 from worlds import catalogue
 
 SMALL = Scenario(robots=2, people=3, frames=6, rate=6.0)
@@ -237,7 +236,7 @@ def test_who_is_absent_is_neither_true_nor_drawn_nor_in_the_way():
         assert len(simulation.feet()) == len(simulation.joints()) == len(here)
         drawn = set(simulation.person_of_geom[simulation.model.geom_group < 4].tolist()) - {0}
         assert drawn == set(here.tolist())
-        for person in simulation.everybody.tolist():
+        for person in simulation.all_persons.tolist():
             assert (simulation.data.body(f"person_{person}/collider").xpos[2] < -50) == (person not in here)
     assert seen == set(range(1, 9))
 

@@ -18,7 +18,7 @@ def test_wheels_on_the_level_tell_the_way_to_two_per_cent():
 
 def test_a_stretch_is_the_sum_of_its_errors_over_its_way():
     steps = np.array([[0.1, 0.0, 0.0, 4.0], [0.05, 0.2, 0.0, 1.0], [1.0, 1.0, 1.0, 0.9]])
-    np.testing.assert_allclose(wheel_slip._stretches(steps), [np.hypot(0.15, 0.2) / 5])
+    np.testing.assert_allclose(wheel_slip._segment_errors(steps), [np.hypot(0.15, 0.2) / 5])
 
 
 def test_no_time_is_refused():

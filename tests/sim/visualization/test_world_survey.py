@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from sim.visualization.world_survey import HEADINGS, Wanted, describe, survey
+from sim.visualization.world_survey import HEADINGS, SurveyOptions, describe, survey
 from worlds import catalogue
 
 
@@ -28,7 +28,7 @@ def test_every_world_has_a_row() -> None:
 
 
 def test_a_preview_is_drawn(tmp_path: Path) -> None:
-    (row,) = survey("pilsun", 0.5, 3, Wanted(pictures=tmp_path / "pictures", seconds=10))
+    (row,) = survey("pilsun", 0.5, 3, SurveyOptions(pictures=tmp_path / "pictures", seconds=10))
     page = cv2.imread(str(tmp_path / "pictures" / "pilsun.png"))
     assert min(page.shape[:2]) > 900
     # The panorama fills the upper part: many colours, not paper.

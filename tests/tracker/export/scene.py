@@ -7,8 +7,8 @@ import numpy as np
 
 from sim.crowd.replay import Paths
 from sim.datasets.pets_twin import near
-from sim.recording.record import Stage, record_stage
-from sim.recording.tracker_setup import Fixed
+from sim.recording.record import Recording, write_recording
+from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tests.sim.plaza import plaza
@@ -48,5 +48,5 @@ def record(folder: Path, cameras: int = 3, seed: int = 11) -> None:
     paths = Paths(np.array(PEOPLE), np.arange(FRAMES) / RATE, position, np.array([1.62, 1.85, 1.75, 1.7]))
     simulation = Simulation(scenario, world=near(plaza(), position), paths=paths)
     camera = pinhole(320, 240, 1.2)
-    fixed = {f"view_{k}": Fixed(camera, looking(eye, (-5.0, -4.0, 0.5))) for k, eye in enumerate(EYES[:cameras])}
-    record_stage(Stage(scenario, simulation, fixed, json.loads(scenario.to_json())), folder)
+    fixed = {f"view_{k}": FixedCamera(camera, looking(eye, (-5.0, -4.0, 0.5))) for k, eye in enumerate(EYES[:cameras])}
+    write_recording(Recording(scenario, simulation, fixed, json.loads(scenario.to_json())), folder)
