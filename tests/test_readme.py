@@ -167,7 +167,7 @@ def _parsed(words: list[str]) -> None:
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(errors):
-            tyro.cli(Command, prog="pilsim", args=words)  # type: ignore[arg-type]
+            tyro.cli(Command, prog="pilsim", args=words)
     except SystemExit:
         pytest.fail(f"pilsim {' '.join(words)}: {errors.getvalue()}")
 
