@@ -1,3 +1,4 @@
-"""Foreign file formats, one a file, with reader and writer side by side.
+"""File formats of other projects, one per module, with reader and writer side by side.
 
-Read `motchallenge.py` first."""
+Read `motchallenge.py` first.
+"""

@@ -1,4 +1,4 @@
-"""Weighted graphs in the DIMACS clique format: `p edge N M`, `n VERTEX WEIGHT`, `e A B`, comments by `c`; vertices count from 1."""
+"""Weighted graphs in the DIMACS clique format: lines `p edge N M`, `n VERTEX WEIGHT`, `e A B`, `c COMMENT`; vertices count from 1."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from tracker.clique.local_search import Graph
 from tracker.io.atomic import write_text
 
 MOST_VERTICES = 20_000
-"""Who excludes whom is kept as a matrix: as much as 400 MB."""
+"""The adjacency matrix of this many vertices takes 400 MB."""
 
 
 def read_graph(path: Path) -> Graph:
-    """The graph of a file; a vertex without an `n` line weighs 1.
+    """Read a graph; a vertex without an `n` line has weight 1.
 
-    Raises ValueError with file and line for a line that is none of the four, a count that is wrong, a self-loop, or a weight that is not above 0;
-    FileNotFoundError where there is no file.
+    Raises ValueError with file and line for another kind of line, a wrong count, a self-loop, or a weight that is not above 0.
+    Raises FileNotFoundError where the file does not exist.
     """
     weight: np.ndarray | None = None
     count = 0
@@ -53,18 +53,18 @@ def read_graph(path: Path) -> Graph:
 
 
 def write_graph(path: Path, graph: Graph) -> None:
-    """Write a graph so that read_graph reads it back; under a temporary name first."""
+    """Write a graph atomically; read_graph reads it back."""
     n = len(graph)
-    together = ~np.eye(n, dtype=bool)
-    together[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = False
-    together = np.triu(together)
-    # A row at a time: a tracker writes thousands of graphs of 100 000 edges.
+    adjacent = ~np.eye(n, dtype=bool)
+    adjacent[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = False
+    adjacent = np.triu(adjacent)
+    # Rows are joined at once for speed: a tracker writes thousands of graphs of 100 000 edges.
     names = np.array([str(v + 1) for v in range(n)], dtype=object)
     edges = []
-    for v in np.flatnonzero(together.any(axis=1)).tolist():
+    for v in np.flatnonzero(adjacent.any(axis=1)).tolist():
         row = f"e {v + 1} "
-        edges.append(row + f"\n{row}".join(names[together[v]]))
-    lines = [f"p edge {n} {np.count_nonzero(together)}", *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())), *edges]
+        edges.append(row + f"\n{row}".join(names[adjacent[v]]))
+    lines = [f"p edge {n} {np.count_nonzero(adjacent)}", *(f"n {v + 1} {w!r}" for v, w in enumerate(graph.weight.tolist())), *edges]
     write_text(path, "\n".join(lines) + "\n")
 
 

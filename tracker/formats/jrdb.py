@@ -1,7 +1,7 @@
-"""JRDB (Martín-Martín et al. 2021): labels of stitched panoramas, in the image and in the robot's frame. Written and read side by side.
+"""JRDB (Martín-Martín et al. 2021): 2-D labels in stitched panoramas and 3-D labels in the camera's frame; writer and reader.
 
-Boxes in the image are counted from its corner; left lies in [0, W) and left + width may pass W over the seam, where `wraps` is true. Boxes in space
-are in the camera's frame, x forward, y left, z up, metres; rot_z is the heading about z, anticlockwise from x.
+2-D boxes are in pixels from the corner of the image. left lies in [0, W); left + width may exceed W over the seam, where `wraps` is true.
+3-D boxes are in the camera's frame: x forward, y left, z up, metres. rot_z is the heading about z, anticlockwise from x.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from tracker.geometry import Array, frozen, wrap
+from tracker.geometry import Array, set_array, wrap
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 
 OCCLUSION = ((0.95, "Fully_visible"), (0.5, "Mostly_visible"), (0.0, "Severely_occluded"))
-"""Visible fraction above which an occlusion has this name; nothing seen is Fully_occluded."""
+"""Least visible fraction → name of the occlusion; a person without visible pixels is HIDDEN."""
 HIDDEN = "Fully_occluded"
 LARGEST = 2**53
+"""Ids from here on are not exact in JSON readers that use floats."""
 _LABEL = "pedestrian:"
 _SPACE = ("cx", "cy", "cz", "l", "w", "h", "rot_z")
 
 
 @dataclass(frozen=True, eq=False)
-class Label:
-    """Somebody in a panorama: person id; box (4,) left, top, width, height px of the whole body; seen (4,) of what is seen, zeros where nothing is;
-    visible in [0, 1].
+class Label2d:
+    """A person in a panorama: person id; box (4,) left, top, width, height px of the whole body.
 
-    Raises ValueError for an id that other readers cannot keep, and for a visible fraction beyond its bounds.
+    seen (4,): the box of the visible part, zeros where nothing is visible. visible: visible fraction in [0, 1].
+    Raises ValueError for an id of 2^53 or more, and for a visible fraction out of bounds.
     """
 
     person: int
@@ -41,21 +42,24 @@ class Label:
 
     def __post_init__(self) -> None:
         _check_person(self.person)
-        object.__setattr__(self, "box", frozen(self.box, (4,), "box"))
-        object.__setattr__(self, "seen", frozen(self.seen, (4,), "seen"))
+        set_array(self, "box", (4,))
+        set_array(self, "seen", (4,))
         if not 0 <= self.visible <= 1:
             raise ValueError(f"visible is {self.visible}, needs 0 to 1")
 
     @property
     def occlusion(self) -> str:
-        """In JRDB's words."""
+        """Name of the occlusion in JRDB."""
         above = (name for limit, name in OCCLUSION if self.visible >= limit and self.visible > 0)
         return next(above, HIDDEN)
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
-    """Somebody in space, in the camera's frame: person id; centre (3,) m; size (3,) m, along the heading, across it, up; heading rad about z."""
+class Label3d:
+    """A person's 3-D box in the camera's frame: person id; centre (3,) m; size (3,) m along the heading, across it and up; heading rad about z.
+
+    Raises ValueError for an id of 2^53 or more.
+    """
 
     person: int
     centre: Array
@@ -64,8 +68,8 @@ class Solid:
 
     def __post_init__(self) -> None:
         _check_person(self.person)
-        object.__setattr__(self, "centre", frozen(self.centre, (3,), "centre"))
-        object.__setattr__(self, "size", frozen(self.size, (3,), "size"))
+        set_array(self, "centre", (3,))
+        set_array(self, "size", (3,))
 
 
 def _check_person(person: int) -> None:
@@ -73,66 +77,66 @@ def _check_person(person: int) -> None:
         raise ValueError(f"person is {person}, needs 0 to less than 2^53")
 
 
-Labels = Mapping[int, Sequence[Label]]
-Solids = Mapping[int, Sequence[Solid]]
+Labels2d = Mapping[int, Sequence[Label2d]]
+Labels3d = Mapping[int, Sequence[Label3d]]
 
 
-def write_labels(path: Path, labels: Labels, width: int) -> None:
-    """Frame → labels in a panorama of that width px, as labels_2d_stitched has them."""
-    frames = {f"{frame:06d}.jpg": [_of_label(label, width) | {"file_id": f"{frame:06d}.jpg"} for label in labels[frame]] for frame in sorted(labels)}
+def write_labels_2d(path: Path, labels: Labels2d, width: int) -> None:
+    """Write frame → labels as a file of labels_2d_stitched. width: of the panorama, px."""
+    frames = {f"{frame:06d}.jpg": [_json_2d(label, width) | {"file_id": f"{frame:06d}.jpg"} for label in labels[frame]] for frame in sorted(labels)}
     write_text(path, json.dumps({"labels": frames}, allow_nan=False) + "\n")
 
 
-def _of_label(label: Label, width: int) -> dict[str, Any]:
+def _json_2d(label: Label2d, width: int) -> dict[str, Any]:
     left, _, w, h = label.box.tolist()
     attributes = {"area": w * h, "interpolated": False, "no_eval": label.visible == 0, "occlusion": label.occlusion, "truncated": "false"}
     own = {"wraps": left + w > width, "visibility": label.visible, "box_seen": label.seen.tolist()}
     return {"label_id": f"{_LABEL}{label.person}", "box": label.box.tolist(), "attributes": attributes} | own
 
 
-def read_labels(path: Path) -> dict[int, list[Label]]:
-    """What write_labels wrote; of JRDB's own files, too: `visible` is then what the occlusion's name says at most.
+def read_labels_2d(path: Path) -> dict[int, list[Label2d]]:
+    """Read frame → labels of a file by write_labels_2d or of JRDB itself, where `visible` is the most that the occlusion's name allows.
 
-    Raises ValueError with the file's name, frame and field for what is missing or wrong.
+    Raises ValueError with path, frame and field for missing or wrong fields.
     """
-    return {frame: [_label(entry, f"{path}: frame {frame}") for entry in entries] for frame, entries in _frames(path, ".jpg").items()}
+    return {frame: [_label_2d(entry, f"{path}: frame {frame}") for entry in entries] for frame, entries in _frames(path, ".jpg").items()}
 
 
-def _label(entry: dict[str, Any], where: str) -> Label:
+def _label_2d(entry: dict[str, Any], where: str) -> Label2d:
     try:
         box = np.array(entry["box"], dtype=np.float64)
         named = {name: limit for limit, name in OCCLUSION} | {OCCLUSION[0][1]: 1.0, HIDDEN: 0.0}
         visible = entry["visibility"] if "visibility" in entry else named[entry["attributes"]["occlusion"]]
-        return Label(_person(entry), box, np.array(entry.get("box_seen", box), dtype=np.float64), float(visible))
+        return Label2d(_person(entry), box, np.array(entry.get("box_seen", box), dtype=np.float64), float(visible))
     except (KeyError, TypeError) as error:
         raise ValueError(f"{where}: field {error} is missing or of the wrong kind") from None
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
 
-def write_solids(path: Path, solids: Solids) -> None:
-    """Frame → boxes in space, as labels_3d has them."""
-    frames = {f"{frame:06d}.pcd": [_of_solid(solid) | {"file_id": f"{frame:06d}.pcd"} for solid in solids[frame]] for frame in sorted(solids)}
+def write_labels_3d(path: Path, labels: Labels3d) -> None:
+    """Write frame → labels as a file of labels_3d."""
+    frames = {f"{frame:06d}.pcd": [_json_3d(label) | {"file_id": f"{frame:06d}.pcd"} for label in labels[frame]] for frame in sorted(labels)}
     write_text(path, json.dumps({"labels": frames}, allow_nan=False) + "\n")
 
 
-def _of_solid(solid: Solid) -> dict[str, Any]:
-    x, y, _ = solid.centre.tolist()
-    box = dict(zip(_SPACE, [*solid.centre.tolist(), *solid.size.tolist(), float(solid.heading)], strict=True))
-    attributes = {"distance": float(np.linalg.norm(solid.centre)), "interpolated": False, "no_eval": False, "num_points": -1}
-    angle = float(wrap(solid.heading - np.arctan2(y, x)))
-    return {"label_id": f"{_LABEL}{solid.person}", "box": box, "attributes": attributes, "observation_angle": angle}
+def _json_3d(label: Label3d) -> dict[str, Any]:
+    x, y, _ = label.centre.tolist()
+    box = dict(zip(_SPACE, [*label.centre.tolist(), *label.size.tolist(), float(label.heading)], strict=True))
+    attributes = {"distance": float(np.linalg.norm(label.centre)), "interpolated": False, "no_eval": False, "num_points": -1}
+    angle = float(wrap(label.heading - np.arctan2(y, x)))
+    return {"label_id": f"{_LABEL}{label.person}", "box": box, "attributes": attributes, "observation_angle": angle}
 
 
-def read_solids(path: Path) -> dict[int, list[Solid]]:
-    """What write_solids wrote, or JRDB's own. ValueError as read_labels."""
-    return {frame: [_solid(entry, f"{path}: frame {frame}") for entry in entries] for frame, entries in _frames(path, ".pcd").items()}
+def read_labels_3d(path: Path) -> dict[int, list[Label3d]]:
+    """Read frame → labels of a file by write_labels_3d or of JRDB itself. Raises ValueError as read_labels_2d."""
+    return {frame: [_label_3d(entry, f"{path}: frame {frame}") for entry in entries] for frame, entries in _frames(path, ".pcd").items()}
 
 
-def _solid(entry: dict[str, Any], where: str) -> Solid:
+def _label_3d(entry: dict[str, Any], where: str) -> Label3d:
     try:
         values = np.array([entry["box"][name] for name in _SPACE], dtype=np.float64)
-        return Solid(_person(entry), values[:3], values[3:6], float(values[6]))
+        return Label3d(_person(entry), values[:3], values[3:6], float(values[6]))
     except (KeyError, TypeError) as error:
         raise ValueError(f"{where}: field {error} is missing or of the wrong kind") from None
     except ValueError as error:

@@ -1,13 +1,12 @@
-"""MOTChallenge 2015 files, 2-D and 3-D: CSV without a header, ten values a row.
+"""MOTChallenge files: 2015 (2-D and 3-D, ten values a row), the truth of 2016 to 2020 (nine or twelve values a row), and what lies beside it.
 
-frame (from 1), id (−1 in detections), left, top, width, height (pixels; all four −1 where there is no box), confidence (0 in a truth
-file: a row that does not count), x, y, z (m; all three −1 where there is no position). Frames are kept as the file has them: subtract
-1 for the index of a Tick.
+Frames count from 1 in all files; the index of a Tick is the frame less 1. The files are CSV without a header.
 
-MOTChallenge 2016, 2017 and 2020: truth in nine values a row (twelve with MOTSynth's place on the ground), and what lies beside it.
+MOT15 (read_mot15): frame, id, left, top, width, height (pixels), confidence, x, y, z (m). The id is −1 in detections. All four values of the box
+are −1 where there is no box, and x, y, z are −1 where there is no position. A truth row with confidence 0 does not count.
 
-frame (from 1), id, left, top, width, height (pixels, the first is 1), consider (0: the row does not count), class (1: pedestrian),
-visibility in [0, 1]; MOTSynth adds x, y, z of the feet (m). Detections and results are files of ten values (motchallenge.read_mot15).
+MOT16, MOT17, MOT20 (read_mot17): frame, id, left, top, width, height (pixels, the first is 1), consider, class, visibility in [0, 1].
+A row with consider 0 does not count, and class 1 is a pedestrian. MOTSynth adds x, y, z of the feet (m). Detections and results are MOT15 files.
 """
 
 from __future__ import annotations
@@ -20,28 +19,27 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tracker.geometry import Array, Ints, frozen
+from tracker.geometry import Array, Ints, Mask, set_array, set_ints
 from tracker.io.atomic import write_text
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
 
 ABSENT = -1.0
 
-# The kit of the 3-D challenge takes an exact 0 for "absent"; tools write this many metres instead.
-NUDGE = 1e-9
+ZERO_SUBSTITUTE = 1e-9
+"""m: written for an x or y of exactly 0, which the evaluation kit of the 3-D challenge takes for an absent position."""
 
 LARGEST = 2**53
-"""What readers of this format hold numbers in is a float: whole ones are exact below this."""
+"""Readers of this format hold numbers as floats, which are exact for whole numbers below this."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """The rows of one file: frame (n,) from 1, id (n,), box (n, 4) left, top, width, height px, confidence (n,), position (n, 3) m.
+class Mot15Rows:
+    """The rows of a MOT15 file: frame (n,) from 1, id (n,), box (n, 4) left, top, width, height px, confidence (n,), position (n, 3) m.
 
-    Raises ValueError for a frame below 1, a negative width or height (all four −1 aside), NaN, or an id (−1 aside) that comes twice in
-    a frame.
+    Raises ValueError for a frame below 1, a negative width or height, NaN, and for an id that occurs twice in a frame.
+    Absent boxes and ids of −1 are allowed.
     """
 
     frame: Ints
@@ -53,9 +51,9 @@ class Rows:
     def __post_init__(self) -> None:
         n = len(self.frame)
         for name, shape in (("box", (n, 4)), ("confidence", (n,)), ("position", (n, 3))):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+            set_array(self, name, shape)
         for name in ("frame", "id"):
-            object.__setattr__(self, name, whole(getattr(self, name), n, name))
+            set_ints(self, name, (n,))
         fault = first_fault(self.frame, self.id, self.box)
         if fault is not None:
             raise ValueError(f"row {fault[0]}: {fault[1]}")
@@ -64,17 +62,17 @@ class Rows:
         return len(self.frame)
 
     @property
-    def positioned(self) -> NDArray[np.bool_]:
-        """(n,) whether the row has a position: x, y, z are not all −1."""
+    def has_position(self) -> Mask:
+        """(n,) whether each row has a position: x, y, z are not all −1."""
         return np.asarray((self.position != ABSENT).any(axis=1))
 
     @property
-    def boxed(self) -> NDArray[np.bool_]:
-        """(n,) whether the row has a box: it is not all −1."""
-        return _boxed(self.box)
+    def has_box(self) -> Mask:
+        """(n,) whether each row has a box: its values are not all −1."""
+        return _has_box(self.box)
 
-    def by_frame(self) -> dict[int, NDArray[np.int64]]:
-        """Frame → the indices of its rows, frames ascending, rows in the order of the file."""
+    def by_frame(self) -> dict[int, Ints]:
+        """Frame → indices of its rows, frames ascending, rows in the order of the file."""
         if not len(self):
             return {}
         order = np.argsort(self.frame, kind="stable")
@@ -82,27 +80,18 @@ class Rows:
         return {int(f): rows for f, rows in zip(frames, np.split(order, first[1:]), strict=True)}
 
 
-def whole(values: Ints, n: int, name: str) -> Ints:
-    """A read-only copy of n whole numbers. Raises ValueError, with the name, for another shape."""
-    array = np.array(values, dtype=np.int64)
-    if array.shape != (n,):
-        raise ValueError(f"{name} has shape {array.shape}, needs ({n},)")
-    array.flags.writeable = False
-    return array
-
-
-def _boxed(box: Array) -> NDArray[np.bool_]:
+def _has_box(box: Array) -> Mask:
     return np.asarray((box != ABSENT).any(axis=1))
 
 
 def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
-    """The first row that no file may hold, from 0, and what is wrong with it; None where all is well."""
+    """The first invalid row, from 0, and the reason; None where all rows are valid."""
     faults: list[tuple[int, str]] = []
     for name, values, bad, bound in (
         ("frame", frame, frame < 1, "at least 1"),
         ("id", ids, np.abs(ids) >= LARGEST, "less than 2^53"),
-        ("width", box[:, 2], _boxed(box) & (box[:, 2] < 0), "at least 0"),
-        ("height", box[:, 3], _boxed(box) & (box[:, 3] < 0), "at least 0"),
+        ("width", box[:, 2], _has_box(box) & (box[:, 2] < 0), "at least 0"),
+        ("height", box[:, 3], _has_box(box) & (box[:, 3] < 0), "at least 0"),
     ):
         if bad.any():
             k = int(np.argmax(bad))
@@ -117,19 +106,19 @@ def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
     return min(faults, default=None)
 
 
-def read_mot15(path: str | os.PathLike[str]) -> Rows:
-    """Read a MOT15 file, truth, detections or results; blank lines are passed over.
+def read_mot15(path: str | os.PathLike[str]) -> Mot15Rows:
+    """Read a MOT15 file: truth, detections or results. Blank lines are skipped.
 
-    Raises ValueError naming file and line: not ten values, not a finite number, a frame or an id that is no whole number, and all
-    that Rows refuses. OSError where the file cannot be read.
+    Raises ValueError with file and line for a row without ten finite numbers, and for a frame or id that is no whole number.
+    Raises ValueError as Mot15Rows, and OSError where the file cannot be read.
     """
     table = read_rows(path, COLUMNS)
     frame, ids = table[:, :2].astype(np.int64).T
-    return Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
+    return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
 
 
-def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], whole: tuple[str, ...] = ("frame", "id")) -> Array:
-    """A file of such columns, frame, id and box first → (n, columns) numbers; those of `whole` are whole numbers.
+def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: tuple[str, ...] = ("frame", "id")) -> Array:
+    """Read a file with these columns, of which frame, id and box are the first → (n, columns). integers: columns of whole numbers.
 
     Raises ValueError as read_mot15.
     """
@@ -137,7 +126,7 @@ def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], whole: tup
     lines: list[int] = []
     for count, line in enumerate(_text(path).splitlines(), start=1):
         if line.strip():
-            values.append(_values(line, f"{path}:line {count}", columns, whole))
+            values.append(_values(line, f"{path}:line {count}", columns, integers))
             lines.append(count)
     table = np.array(values, dtype=np.float64).reshape(-1, len(columns))
     frame, ids = table[:, :2].astype(np.int64).T
@@ -154,7 +143,7 @@ def _text(path: str | os.PathLike[str]) -> str:
         raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
 
 
-def _values(line: str, where: str, columns: tuple[str, ...], whole: tuple[str, ...]) -> list[float]:
+def _values(line: str, where: str, columns: tuple[str, ...], integers: tuple[str, ...]) -> list[float]:
     parts = line.split(",")
     if len(parts) != len(columns):
         raise ValueError(f"{where}: {len(parts)} values, needs {len(columns)}")
@@ -166,21 +155,20 @@ def _values(line: str, where: str, columns: tuple[str, ...], whole: tuple[str, .
             raise ValueError(f"{where}: {name} is {part.strip()!r}, needs a number") from None
         if not np.isfinite(value):
             raise ValueError(f"{where}: {name} is {value}, needs a finite number")
-        if name in whole and (value != round(value) or abs(value) >= LARGEST):
+        if name in integers and (value != round(value) or abs(value) >= LARGEST):
             raise ValueError(f"{where}: {name} is {part.strip()}, needs a whole number below 2^53")
         out.append(value)
     return out
 
 
-def write_mot15(path: str | os.PathLike[str], rows: Rows) -> None:
-    """Write `rows` sorted by frame, then id, every number so that it reads back the same.
+def write_mot15(path: str | os.PathLike[str], rows: Mot15Rows) -> None:
+    """Write `rows` atomically, sorted by frame, then id. Every number reads back the same.
 
-    The one exception: an x or y of exactly 0 in a row with a position is written as 1e-9 m, because the 3-D kit takes 0 for absent.
-    The file appears whole or not at all.
+    The exception is an x or y of exactly 0 in a row with a position: it is written as ZERO_SUBSTITUTE.
     """
     position = np.array(rows.position)
     planar = position[:, :2]
-    planar[(planar == 0) & rows.positioned[:, None]] = NUDGE
+    planar[(planar == 0) & rows.has_position[:, None]] = ZERO_SUBSTITUTE
     out = []
     for k in np.lexsort((rows.id, rows.frame)):
         numbers = [*rows.box[k], rows.confidence[k], *position[k]]
@@ -189,12 +177,12 @@ def write_mot15(path: str | os.PathLike[str], rows: Rows) -> None:
 
 
 def number(value: float) -> str:
-    """The shortest text that reads back as the same number; whole numbers without a point."""
+    """The shortest text that reads back as the same number; whole numbers have no decimal point."""
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
 
 
-def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Rows:
-    """Frame (from 1) → (ids (k,), positions (k, 3) m) to Rows without boxes, confidence 1."""
+def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Mot15Rows:
+    """Tracks as rows without boxes, confidence 1. tracks: frame (from 1) → ids (k,) and positions (k, 3) m."""
     columns: dict[str, list[float]] = defaultdict(list)
     positions: list[Array] = []
     for frame, (ids, position) in sorted(tracks.items()):
@@ -202,7 +190,7 @@ def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Rows:
         columns["id"] += np.asarray(ids).tolist()
         positions.append(np.asarray(position, dtype=np.float64).reshape(-1, 3))
     n = len(columns["id"])
-    return Rows(
+    return Mot15Rows(
         np.array(columns["frame"], dtype=np.int64),
         np.array(columns["id"], dtype=np.int64),
         np.full((n, 4), ABSENT),
@@ -213,22 +201,22 @@ def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Rows:
 
 MOT17_COLUMNS = ("frame", "id", "left", "top", "width", "height", "consider", "class", "visibility")
 
-PLACE = ("x", "y", "z")
+POSITION_COLUMNS = ("x", "y", "z")
 
-WHOLE = ("frame", "id", "consider", "class")
+INTEGER_COLUMNS = ("frame", "id", "consider", "class")
 
 PEDESTRIAN = 1
 
 CLASSES = 13
-"""Of MOT16, from 1 to this."""
+"""Number of classes in MOT16, counted from 1."""
 
 
 @dataclass(frozen=True, eq=False)
-class Annotated:
-    """Rows of one truth file: frame (n,) from 1, id (n,), box (n, 4) left, top, width, height px from 1, consider (n,) 0 or 1, category (n,)
-    from 1, visibility (n,) in [0, 1]; position (n, 3) m or None.
+class Mot17Rows:
+    """The rows of a truth file of MOT16 to MOT20: frame (n,) from 1, id (n,).
 
-    Raises ValueError for a number beyond these bounds, a negative size, or an id that comes twice in a frame.
+    box (n, 4) left, top, width, height px from 1. consider (n,) 0 or 1. category (n,) from 1 to CLASSES. visibility (n,) in [0, 1].
+    position (n, 3) m or None. Raises ValueError for a value out of bounds, a negative size, or an id that occurs twice in a frame.
     """
 
     frame: Ints
@@ -241,12 +229,12 @@ class Annotated:
 
     def __post_init__(self) -> None:
         n = len(self.frame)
-        object.__setattr__(self, "box", frozen(self.box, (n, 4), "box"))
-        object.__setattr__(self, "visibility", frozen(self.visibility, (n,), "visibility"))
+        set_array(self, "box", (n, 4))
+        set_array(self, "visibility", (n,))
         if self.position is not None:
-            object.__setattr__(self, "position", frozen(self.position, (n, 3), "position"))
+            set_array(self, "position", (n, 3))
         for name in ("frame", "id", "consider", "category"):
-            object.__setattr__(self, name, whole(getattr(self, name), n, name))
+            set_ints(self, name, (n,))
         fault = first_fault(self.frame, self.id, self.box)
         if fault is not None:
             raise ValueError(f"row {fault[0]}: {fault[1]}")
@@ -261,32 +249,32 @@ class Annotated:
         return len(self.frame)
 
 
-def write_mot17(path: Path, rows: Annotated) -> None:
-    """Write `rows` by frame, then id, every number so that it reads back the same; nine values, twelve where there are positions."""
+def write_mot17(path: Path, rows: Mot17Rows) -> None:
+    """Write `rows` atomically, sorted by frame, then id: nine values, twelve with positions. Every number reads back the same."""
     out = []
     for k in np.lexsort((rows.id, rows.frame)):
-        place = [] if rows.position is None else [number(x) for x in rows.position[k]]
-        whole = str(int(rows.consider[k])), str(int(rows.category[k])), number(float(rows.visibility[k]))
-        out.append(",".join([str(int(rows.frame[k])), str(int(rows.id[k])), *(number(x) for x in rows.box[k]), *whole, *place]) + "\n")
+        position = [] if rows.position is None else [number(x) for x in rows.position[k]]
+        flags = str(int(rows.consider[k])), str(int(rows.category[k])), number(float(rows.visibility[k]))
+        out.append(",".join([str(int(rows.frame[k])), str(int(rows.id[k])), *(number(x) for x in rows.box[k]), *flags, *position]) + "\n")
     write_text(path, "".join(out))
 
 
-def read_mot17(path: str | os.PathLike[str]) -> Annotated:
-    """Read a truth file of nine or twelve values a row (the first row says which). ValueError naming file and line as motchallenge.read_mot15."""
+def read_mot17(path: str | os.PathLike[str]) -> Mot17Rows:
+    """Read a truth file of nine or twelve values a row, as in the first row. Raises ValueError as read_mot15."""
     with Path(path).open(encoding="utf-8-sig", errors="replace") as file:
-        many = file.readline(1 << 12).count(",") + 1
-    columns = MOT17_COLUMNS + PLACE if many == len(MOT17_COLUMNS + PLACE) else MOT17_COLUMNS
-    table = read_rows(path, columns, WHOLE)
+        values = file.readline(1 << 12).count(",") + 1
+    columns = MOT17_COLUMNS + POSITION_COLUMNS if values == len(MOT17_COLUMNS + POSITION_COLUMNS) else MOT17_COLUMNS
+    table = read_rows(path, columns, INTEGER_COLUMNS)
     frame, ids, consider, category = table[:, [0, 1, 6, 7]].astype(np.int64).T
     try:
-        return Annotated(frame, ids, table[:, 2:6], consider, category, table[:, 8], table[:, 9:] if len(columns) > len(MOT17_COLUMNS) else None)
+        return Mot17Rows(frame, ids, table[:, 2:6], consider, category, table[:, 8], table[:, 9:] if len(columns) > len(MOT17_COLUMNS) else None)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 @dataclass(frozen=True)
 class SeqInfo:
-    """seqinfo.ini: name of the sequence, rate in frames/s, number of frames, size of the images in px, their suffix and folder."""
+    """The content of seqinfo.ini: name of the sequence, frames/s, number of frames, size of the images in px, their suffix and folder."""
 
     name: str
     rate: float
@@ -298,7 +286,7 @@ class SeqInfo:
 
 
 def write_seqinfo(path: Path, info: SeqInfo) -> None:
-    """The file that read_seqinfo reads; keys and spelling are the challenge's."""
+    """Write seqinfo.ini with the keys of MOTChallenge; read_seqinfo reads it."""
     lines = [
         "[Sequence]",
         f"name={info.name}",
@@ -313,7 +301,7 @@ def write_seqinfo(path: Path, info: SeqInfo) -> None:
 
 
 def read_seqinfo(path: Path) -> SeqInfo:
-    """Raises ValueError with the file's name where it is not there, no INI file, or lacks a field."""
+    """Read seqinfo.ini. Raises ValueError with the path where the file or a field is missing, or the file is no INI file."""
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read_string(path.read_text(encoding="utf-8-sig"), str(path))
@@ -327,5 +315,5 @@ def read_seqinfo(path: Path) -> SeqInfo:
 
 
 def write_seqmap(path: Path, names: Iterable[str]) -> None:
-    """The list of sequences that TrackEval asks for; its first line is `name`."""
+    """Write the list of sequences that TrackEval reads; its first line is `name`."""
     write_text(path, "\n".join(["name", *names]) + "\n")

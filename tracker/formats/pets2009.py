@@ -1,17 +1,12 @@
-"""PETS 2009: cameras (Tsai's model, XML), truth in the image of View_001 (CVML, XML), detections (MOT15 text).
+"""PETS 2009: camera calibrations (XML, Tsai's model), annotations (XML, CVML), detections (MOT15 text), and the site (site.json).
 
-The cameras' files are in mm and radians, ours in metres: R = Rz Ry Rx, optical = R · world + t. The annotations count frames from 0, the
-detections from 1. Both give boxes in pixels whose centres lie at whole numbers.
+Camera files are in mm and radians: R = Rz Ry Rx, optical = R · world + t. All values here are in metres.
+Annotations are those of PETS 2009 and CAVIAR: boxes by their centres in the image of one camera, frames from 0. Detections count frames from 1.
+Pixels are those of the calibration: pixel centres lie at whole numbers.
 
-Truth in the image of one camera as PETS 2009 and CAVIAR have it (CVML, XML): frames from 0, boxes by their centres.
-
-Pixels are those of the camera's calibration: their centres lie at whole numbers.
-
-What PETS 2009 leaves to its readers: frame rate, tracking area, ground and what stands before the cameras. site.json beside the annotations says
-it where it is not PETS's own.
-
-Fields: rate [1/s]; area [[x, y], [x, y]] m, the lowest and the highest corner; terrain: the name of a file of heights, or null for z = 0;
-pillars, which may be left out: [[x, y, radius, low, high], ...] m, upright round things that hide people.
+site.json lies beside the annotations. It holds what PETS 2009 does not record: frame rate, tracking area, ground and occluding pillars. Its fields:
+rate [1/s]; area [[x, y], [x, y]] m, the lowest and the highest corner; terrain, the name of a file of heights, or null for the plane z = 0.
+The field pillars may be missing: [[x, y, radius, low, high], ...] m, upright cylinders that occlude people.
 """
 
 from __future__ import annotations
@@ -34,26 +29,27 @@ from tracker.io.terrain_file import read_terrain
 from tracker.io.xml_files import Element, parse
 
 MM = 1e-3
+"""m."""
 
-# A sight line that runs longer than this over the site has missed the ground.
-LONGEST_SIGHT = 500.0
+MAX_RANGE = 500.0
+"""m: a ray longer than this does not meet the ground."""
 
-# Of the image may lie beyond the fold of the distortion; in View_007 it is 0.5 %, in the left corners.
-FOLDED_SHARE = 0.01
+MAX_FOLDED_SHARE = 0.01
+"""Largest share of the image that may lie where the distortion has no inverse. In View_007 it is 0.5 %, in the left corners."""
 
 
 def read_camera(path: str | os.PathLike[str]) -> tuple[str, Tsai, Pose]:
-    """A calibration file → the camera's name, its Tsai model and T_world_camera (metres; x forward, y left, z up).
+    """Read a calibration file → name of the camera, its Tsai model and T_world_camera (metres; x forward, y left, z up).
 
-    Raises ValueError naming file, line and field where one is missing, is no finite number, or cannot be a camera's, and where more
-    than FOLDED_SHARE of the image lies where the distortion cannot be inverted.
+    Raises ValueError with file, line and field where a field is missing, is no finite number, or is invalid.
+    Raises ValueError where the distortion has no inverse in more than MAX_FOLDED_SHARE of the image.
     """
     camera = parse(path, "Camera")
     geometry, intrinsic, extrinsic = camera.find("Geometry"), camera.find("Intrinsic"), camera.find("Extrinsic")
     try:
         model = Tsai(
-            width=geometry.whole("width"),
-            height=geometry.whole("height"),
+            width=geometry.integer("width"),
+            height=geometry.integer("height"),
             focal=intrinsic.number("focal"),
             kappa1=intrinsic.number("kappa1"),
             cx=intrinsic.number("cx"),
@@ -75,16 +71,16 @@ def _check_fold(path: str | os.PathLike[str], line: int, model: Tsai) -> None:
     u, v = np.meshgrid(np.arange(model.width), np.arange(model.height))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     folded = model.folded(pixels)
-    if folded.mean() > FOLDED_SHARE:
+    if folded.mean() > MAX_FOLDED_SHARE:
         u0, v0 = pixels[folded][np.argmin(np.hypot(*(pixels[folded] - [model.cx, model.cy]).T))]
         raise ValueError(
             f"{path}:line {line}: field Intrinsic.kappa1 is {model.kappa1:g}: beyond {model.fold:.3g} mm from the axis, from pixel ({u0}, {v0})"
-            f" on, the distortion cannot be inverted in {folded.mean():.1%} of the image, needs at most {FOLDED_SHARE:.0%}"
+            f" on, the distortion cannot be inverted in {folded.mean():.1%} of the image, needs at most {MAX_FOLDED_SHARE:.0%}"
         )
 
 
 def write_camera(path: str | os.PathLike[str], name: str, camera: Tsai, T_world_camera: Pose) -> None:
-    """The file that read_camera reads. dx and dpx are the same, as of a camera that samples each of its elements once (ncx = nfx)."""
+    """Write a calibration file; read_camera reads it. dx equals dpx, as in a camera that samples each sensor element once (ncx = nfx)."""
     rx, ry, rz = _angles(OPTICAL_FROM_CAMERA @ T_world_camera.rotation.T)
     t = -OPTICAL_FROM_CAMERA @ T_world_camera.rotation.T @ T_world_camera.translation / MM
     c = camera
@@ -107,38 +103,38 @@ def _rotation(rx: float, ry: float, rz: float) -> Array:
 
 
 def _angles(R: Array) -> tuple[float, float, float]:
-    """rx, ry, rz with R = Rz Ry Rx. Where ry is a right angle only the sum of the others is given; what is returned has that sum."""
+    """rx, ry, rz with R = Rz Ry Rx. Where ry is a right angle, only the sum of rx and rz is determined."""
     ry = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     rz = np.arctan2(R[1, 0], R[0, 0])
-    # Against rz as it came out, so that its own arbitrariness near the right angle is made up for.
+    # rx is computed relative to this rz, so that their sum is right even near the singularity, where rz is arbitrary.
     c, s = np.cos(rz), np.sin(rz)
     rx = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return float(rx), float(ry), float(rz)
 
 
 def read_detections(path: str | os.PathLike[str]) -> dict[int, tuple[Array, Array]]:
-    """A MOT15 file → frame (from 1, as the file has it: index = frame − 1) → boxes (n, 4) left, top, width, height px, confidence (n,).
+    """Read a MOT15 file: frame (from 1) → boxes (n, 4) left, top, width, height px and confidence (n,).
 
-    Frames without detections are not there. Raises ValueError naming file and line (see motchallenge.read_mot15), or frame where a
-    detection has no box.
+    Frames without detections have no entry. Raises ValueError as motchallenge.read_mot15, and with the frame of a detection without a box.
     """
     rows = read_mot15(path)
-    if not rows.boxed.all():
-        raise ValueError(f"{path}: frame {rows.frame[np.argmin(rows.boxed)]} has a detection without a box, needs width and height")
+    if not rows.has_box.all():
+        raise ValueError(f"{path}: frame {rows.frame[np.argmin(rows.has_box)]} has a detection without a box, needs width and height")
     return {frame: (rows.box[k], rows.confidence[k]) for frame, k in rows.by_frame().items()}
 
 
 def ground_truth(annotations: Annotations, camera: Camera, T_world_camera: Pose, ground: Ground) -> dict[int, tuple[Ints, Array]]:
-    """Where the annotated people stand: frame → ids (m,) and feet (m, 3) m, the middle of the box's lower edge cast to the ground.
+    """Ground positions of the annotated people: frame → ids (m,) and feet (m, 3) m.
 
-    Raises ValueError naming frame and id where that line of sight does not meet the ground.
+    The feet are the middle of the lower edge of the box, projected to the ground.
+    Raises ValueError with frame and id where that ray does not meet the ground.
     """
     out: dict[int, tuple[Ints, Array]] = {}
     for frame, (ids, boxes) in annotations.items():
         pixels = np.stack([boxes[:, 0] + boxes[:, 2] / 2, boxes[:, 1] + boxes[:, 3]], axis=1)
         directions = camera.bearings_from_pixels(pixels) @ T_world_camera.rotation.T
         origins = np.broadcast_to(T_world_camera.translation, directions.shape)
-        feet, hit = ground.intersect(origins, directions, LONGEST_SIGHT)
+        feet, hit = ground.intersect(origins, directions, MAX_RANGE)
         if not hit.all():
             raise ValueError(f"frame {frame}: the feet of id {ids[np.argmin(hit)]} are not on the ground, need to be below the horizon")
         out[frame] = ids, feet
@@ -149,23 +145,23 @@ Annotations = dict[int, tuple[Ints, Array]]
 
 
 def read_annotations(path: str | os.PathLike[str]) -> Annotations:
-    """A CVML file → frame (from 0) → ids (m,) and boxes (m, 4) left, top, width, height px; frames without people are there, empty.
+    """Read a CVML file: frame (from 0) → ids (m,) and boxes (m, 4) left, top, width, height px. Frames without people have empty entries.
 
-    The box's centre is spelled xc, yc or, as the older CAVIAR files have it, x, y. Raises ValueError naming file, line and field: not
-    XML, a frame twice, an id twice in a frame, a size that is not above 0, a number that is none.
+    The centre of a box is xc, yc, or x, y in the older CAVIAR files.
+    Raises ValueError with file, line and field for a repeated frame, a repeated id in a frame, an invalid number, and a size not above 0.
     """
     out: Annotations = {}
-    for frame in parse(path, "dataset").every("frame"):
-        number = frame.whole("number")
+    for frame in parse(path, "dataset").find_all("frame"):
+        number = frame.integer("number")
         if number < 0 or number in out:
-            fault = "comes twice" if number in out else "is below 0"
+            fault = "occurs twice" if number in out else "is below 0"
             raise ValueError(f"{path}:line {frame.line}: field frame.number {number} {fault}")
-        objects = [o for group in frame.every("objectlist") for o in group.every("object")]
+        objects = [o for group in frame.find_all("objectlist") for o in group.find_all("object")]
         ids: list[int] = []
         for item in objects:
-            ids.append(item.whole("id"))
+            ids.append(item.integer("id"))
             if ids[-1] in ids[:-1]:
-                raise ValueError(f"{path}:line {item.line}: field object.id {ids[-1]} comes twice in frame {number}")
+                raise ValueError(f"{path}:line {item.line}: field object.id {ids[-1]} occurs twice in frame {number}")
         boxes = np.array([_box(item.find("box")) for item in objects]).reshape(-1, 4)
         out[number] = np.array(ids, dtype=np.int64), boxes
     return dict(sorted(out.items()))
@@ -180,7 +176,7 @@ def _box(box: Element) -> list[float]:
 
 
 def write_annotations(path: Path, name: str, annotations: Annotations) -> None:
-    """The file that read_annotations reads, of a dataset of that name. Raises ValueError naming frame and id for a size that is not above 0."""
+    """Write a CVML file; read_annotations reads it. Raises ValueError with frame and id for a size that is not above 0."""
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<dataset name={quoteattr(name)}>"]
     for frame, (ids, boxes) in sorted(annotations.items()):
         lines += [f'  <frame number="{frame}">', "    <objectlist>"]
@@ -196,20 +192,21 @@ def write_annotations(path: Path, name: str, annotations: Annotations) -> None:
 FILE, TERRAIN = "site.json", "terrain.npz"
 
 AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
-"""m: of the cropped annotations of PETS 2009 (Milan's truth)."""
+"""m: tracking area of the cropped annotations of PETS 2009 (Milan's ground truth)."""
 
 PILLARS = ((-13.708, -10.623, 0.07, 0.0, 2.4), (-13.708, -10.623, 0.24, 2.4, 3.03))
-"""m: the lamp post of PETS 2009 and the sign on it, which hides people of View_001 for seconds; measured in its first frame by its calibration."""
+"""m: the lamp post of PETS 2009 and its sign, which occlude people in View_001; measured in its first frame by its calibration."""
 
 RATE = 7.0
-"""Frames a second of PETS 2009."""
+"""Frames per second of PETS 2009."""
 
-FASTEST = 1e4
+MAX_RATE = 1e4
+"""Frames per second."""
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """rate in frames/s, area (2, 2) m, the ground, and the top of what stands on it or None; pillars (p, 5) m, as in Setup."""
+    """rate in frames/s; area (2, 2) m, ground, occluders and pillars (p, 5) m as in Setup."""
 
     rate: float
     area: Array
@@ -219,7 +216,7 @@ class Site:
 
 
 def read_site(folder: Path) -> Site:
-    """That of a folder; PETS 2009's own where it says nothing. Raises ValueError with the file's name for what is none."""
+    """Read site.json of a folder; without the file, the site of PETS 2009. Raises ValueError with the path for an invalid file."""
     path = folder / FILE
     if not path.is_file():
         return Site(RATE, np.array(AREA), Flat(), pillars=np.array(PILLARS))
@@ -228,8 +225,8 @@ def read_site(folder: Path) -> Site:
         rate, area, terrain = float(content["rate"]), np.array(content["area"], dtype=np.float64), content["terrain"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ValueError(f"{path}: needs rate, area and terrain in JSON ({error})") from None
-    if not 0 < rate <= FASTEST:
-        raise ValueError(f"{path}: rate is {rate}, needs more than 0 and at most {FASTEST:g}")
+    if not 0 < rate <= MAX_RATE:
+        raise ValueError(f"{path}: rate is {rate}, needs more than 0 and at most {MAX_RATE:g}")
     if area.shape != (2, 2) or not np.isfinite(area).all() or not (area[0] < area[1]).all():
         raise ValueError(f"{path}: area is {str(content['area'])[:80]}, needs two corners x, y m, the lowest first")
     pillars = _pillars(path, content.get("pillars", []))
@@ -251,7 +248,7 @@ def _pillars(path: Path, rows: Any) -> Array:
 
 
 def write_site(folder: Path, site: Site, terrain: Path | None) -> None:
-    """Write what read_site reads; terrain: the file of a sequence that holds the site's ground, or None where that is z = 0."""
+    """Write site.json; read_site reads it. terrain: path of a terrain.npz with the ground, or None for z = 0."""
     if terrain is not None:
         (folder / TERRAIN).write_bytes(terrain.read_bytes())
     content = {"rate": site.rate, "area": site.area.tolist(), "terrain": TERRAIN if terrain is not None else None, "pillars": site.pillars.tolist()}

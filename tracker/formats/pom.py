@@ -1,7 +1,7 @@
-"""rectangles.pom, of the probabilistic occupancy map (Fleuret et al. 2008): what somebody who stands on a cell covers of every camera's image.
+"""rectangles.pom of the probabilistic occupancy map (Fleuret et al. 2008): the box of a person at each grid cell in each camera; writer and reader.
 
-A line a camera and cell, cameras from 0 and cells as positionID: "RECTANGLE camera cell left top right bottom" px, the first and the last column and
-row, or "RECTANGLE camera cell notvisible". Written and read side by side.
+There is one line for each camera and cell; cameras count from 0, and cells are positionIDs.
+The line is "RECTANGLE camera cell left top right bottom", px of the first and last column and row, or "RECTANGLE camera cell notvisible".
 """
 
 from __future__ import annotations
@@ -11,47 +11,47 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.formats.wildtrack import HIDDEN, Calibrated, Region
+from tracker.formats.wildtrack import HIDDEN, GroundGrid, OpenCvCamera
 from tracker.geometry import Array, Ints
 
 HEIGHT, RADIUS = 1.75, 0.25
-"""m: of the upright cylinder that stands for a person."""
+"""m: of the upright cylinder that models a person."""
 CORNERS = 8
 """Points around each end of the cylinder."""
-NEAREST = 0.2
-"""m before a camera; who is nearer is not visible."""
+MIN_DEPTH = 0.2
+"""m: a cylinder with a point of smaller depth is not visible."""
 CELLS_AT_ONCE = 50_000
-"""What is projected together: it bounds the memory, whatever the region."""
+"""Cells that are projected together, to bound the memory."""
 
 
-def rectangles(camera: Calibrated, feet: Array, size: tuple[int, int]) -> Ints:
-    """(n, 4) px: left, top, right, bottom of people at feet (n, 3) m, cut at the image of size (height, width).
+def rectangles(camera: OpenCvCamera, feet: Array, size: tuple[int, int]) -> Ints:
+    """Boxes (n, 4) px of people at feet (n, 3) m: left, top, right, bottom, clipped to the image of size (height, width).
 
-    All −1 where it shows nothing of them.
+    All four are −1 for people outside the image.
     """
     around = 2 * np.pi * np.arange(CORNERS) / CORNERS
     ring = RADIUS * np.column_stack([np.cos(around), np.sin(around), np.zeros(CORNERS)])
     body = np.concatenate([ring, ring + np.array([0.0, 0.0, HEIGHT])])
     points = feet[:, None] + body
-    before = (camera.depths(points.reshape(-1, 3)) > NEAREST).reshape(len(feet), -1).all(axis=1)
-    out = np.tile(np.array(HIDDEN, dtype=np.int64), (len(feet), 1))
-    pixels = camera.pixels(points[before].reshape(-1, 3)).reshape(-1, len(body), 2)
+    in_front = (camera.depths(points.reshape(-1, 3)) > MIN_DEPTH).reshape(len(feet), -1).all(axis=1)
+    boxes = np.tile(np.array(HIDDEN, dtype=np.int64), (len(feet), 1))
+    pixels = camera.pixels(points[in_front].reshape(-1, 3)).reshape(-1, len(body), 2)
     last = np.array(size[::-1]) - 1
     low, high = np.floor(pixels.min(axis=1)), np.ceil(pixels.max(axis=1))
     shown = (high >= 0).all(axis=1) & (low <= last).all(axis=1)
     edges = np.concatenate([np.clip(low, 0, last), np.clip(high, 0, last)], axis=1).astype(np.int64)
-    out[np.flatnonzero(before)[shown]] = edges[shown]
-    return out
+    boxes[np.flatnonzero(in_front)[shown]] = edges[shown]
+    return boxes
 
 
-def write_rectangles(path: Path, region: Region, cameras: Sequence[Calibrated], size: tuple[int, int], ground: Callable[[Array], Array]) -> None:
-    """All cells of all cameras; ground: (n, 2) m → (n,) m, the height that people stand at. Millions of lines: some 30 bytes each."""
+def write_rectangles(path: Path, grid: GroundGrid, cameras: Sequence[OpenCvCamera], size: tuple[int, int], ground: Callable[[Array], Array]) -> None:
+    """Write a line for each camera and cell, about 30 bytes each. ground: x, y (n, 2) m → heights (n,) m."""
     with path.open("w", encoding="ascii", newline="\n") as file:
         for number, camera in enumerate(cameras):
-            for first in range(0, region.columns * region.rows, CELLS_AT_ONCE):
-                cells = np.arange(first, min(first + CELLS_AT_ONCE, region.columns * region.rows))
-                places = region.points(cells)
-                found = rectangles(camera, np.column_stack([places, ground(places)]), size)
+            for first in range(0, grid.columns * grid.rows, CELLS_AT_ONCE):
+                cells = np.arange(first, min(first + CELLS_AT_ONCE, grid.columns * grid.rows))
+                positions = grid.points(cells)
+                found = rectangles(camera, np.column_stack([positions, ground(positions)]), size)
                 file.writelines(_lines(number, cells, found))
 
 
@@ -61,9 +61,9 @@ def _lines(camera: int, cells: Ints, found: Ints) -> Iterable[str]:
 
 
 def read_rectangles(path: Path, cameras: int, cells: int) -> Ints:
-    """(cameras, cells, 4) px, all −1 where nobody shows.
+    """Read the boxes (cameras, cells, 4) px; all four are −1 where the cell is not visible.
 
-    Raises ValueError, with file and line, for a line that is wrong, and where a cell is left out.
+    Raises ValueError with file and line for an invalid line, and where a cell is missing.
     """
     out = np.full((cameras, cells, 4), -2, dtype=np.int64)
     with path.open(encoding="utf-8", errors="replace") as file:

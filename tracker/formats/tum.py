@@ -1,4 +1,4 @@
-"""TUM trajectories: `timestamp tx ty tz qx qy qz qw`, seconds, metres, quaternion xyzw, `#` begins a comment."""
+"""TUM trajectories: lines `timestamp tx ty tz qx qy qz qw` in seconds and metres, quaternion xyzw; `#` begins a comment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
 def read_tum(path: str | os.PathLike[str]) -> tuple[Array, list[Pose]]:
-    """Times (n,) s, strictly ascending, and as many poses. Raises ValueError naming file and line."""
+    """Read times (n,) s, strictly ascending, and n poses. Raises ValueError with file and line."""
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -48,7 +48,7 @@ def _pose(parts: list[str], where: str) -> tuple[float, Pose]:
 
 
 def write_tum(path: str | os.PathLike[str], times: Sequence[float] | Array, poses: Sequence[Pose]) -> None:
-    """Write times (n,) s and T_world_body (n). The file appears whole or not at all. Raises ValueError where the lengths differ."""
+    """Write times (n,) s and n poses T_world_body atomically. Raises ValueError where the lengths differ."""
     if len(times) != len(poses):
         raise ValueError(f"trajectory has {len(poses)} poses, needs {len(times)}")
     lines = ["# " + " ".join(COLUMNS) + "\n"]

@@ -1,11 +1,11 @@
-"""UTIAS Multi-Robot Cooperative Localization and Mapping (MRCLAM; Leung, Halpern, Barfoot, Liu 2011): five robots, fifteen landmarks, by barcode.
+"""UTIAS Multi-Robot Cooperative Localization and Mapping (MRCLAM; Leung et al. 2011): logs of five robots and fifteen landmarks with barcodes.
 
-RobotN_Odometry.dat: time s, speed m/s, turn rad/s, as commanded. RobotN_Measurement.dat: time s, barcode, range m, bearing rad.
-RobotN_Groundtruth.dat: time s, x, y m, heading rad. Landmark_Groundtruth.dat: subject, x, y, their deviations m.
-Barcodes.dat: subject, barcode. Subjects 1 to 5 are the robots, 6 to 20 the landmarks; `#` begins a comment.
+RobotN_Odometry.dat: time s, commanded speed m/s, turn rate rad/s. RobotN_Measurement.dat: time s, barcode, range m, bearing rad.
+RobotN_Groundtruth.dat: time s, x, y m, heading rad. Landmark_Groundtruth.dat: subject, x, y, their standard deviations m.
+Barcodes.dat: subject, barcode. Subjects 1 to 5 are the robots, 6 to 20 the landmarks. `#` begins a comment.
 
-In set 1 the table of landmarks has 11 and 17 swapped: with the table as it stands 13 % of all sightings disagree with the truth, with the two places
-exchanged 0.01 %. The reader knows the set by these places and exchanges them (`Team.mended` says so).
+The landmark table of set 1 has landmarks 11 and 17 swapped. With the table as it is, 13 % of all measurements disagree with the ground truth.
+With the two positions exchanged, 0.01 % do. The reader recognizes the set by these positions and exchanges them (`UtiasDataset.repairs`).
 """
 
 from __future__ import annotations
@@ -16,47 +16,50 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tracker.geometry import Array
+from tracker.geometry import Array, Ints
 
 ROBOTS = range(1, 6)
 SWAPPED = {11: (3.15071999, 2.38294871), 17: (0.03596156, -2.84396626)}
-"""Subjects of set 1 and the places, m, that its table gives them by mistake: each has the other's."""
-NEAREST = 0.05  # m: a camera is no nearer to anything
+"""The swapped landmarks of set 1 and their positions in its table, m."""
+MIN_RANGE = 0.05
+"""m: measurements of a smaller range are rejected."""
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
-    """odometry (n, 3): time s, m/s, rad/s, times in order. Sightings: seen (m, 3) time s, range m, bearing rad, in order of time, and subject (m,).
-    truth (k, 4): time s, x, y m, heading rad, times ascending. rejected: how many sightings were no use, by reason.
+class UtiasRobot:
+    """The log of one robot.
+
+    odometry (n, 3): time s, m/s, rad/s, in order of time. truth (k, 4): time s, x, y m, heading rad, times strictly ascending.
+    measurements (m, 3): range-bearing measurements: time s, range m, bearing rad, in order of time. subject (m,): what each measures.
+    rejected: reason → number of measurements that were left out.
     """
 
     odometry: Array
-    seen: Array
-    subject: NDArray[np.int64]
+    measurements: Array
+    subject: Ints
     truth: Array
     rejected: dict[str, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Team:
-    """robots by number; landmarks: subject → (2,) m; mended: faults of the set that the reader has taken out."""
+class UtiasDataset:
+    """A data set. robots: number → log. landmarks: subject → position (2,) m. repairs: errors of the data set that the reader has corrected."""
 
-    robots: dict[int, Robot]
+    robots: dict[int, UtiasRobot]
     landmarks: dict[int, Array]
-    mended: tuple[str, ...]
+    repairs: tuple[str, ...]
 
 
 def is_utias(path: Path) -> bool:
-    """Whether a folder looks like a set of MRCLAM."""
+    """Whether a folder holds an MRCLAM data set."""
     return (path / "Barcodes.dat").is_file()
 
 
-def read_team(path: Path) -> Team:
-    """Read a set; a robot of which there is no file is not in the team.
+def read_utias(path: Path) -> UtiasDataset:
+    """Read a data set. A robot without any file is left out.
 
-    Raises ValueError naming file and line where something is missing or no number, or where time goes back in odometry or truth.
+    Raises ValueError with file and line for a missing file, an invalid number, and decreasing times in odometry or truth.
     """
     codes = _columns(path / "Barcodes.dat", 2)
     subject_of = {int(code): int(subject) for subject, code in codes}
@@ -64,41 +67,41 @@ def read_team(path: Path) -> Team:
         raise ValueError(f"{path / 'Barcodes.dat'}: {len(codes)} subjects share {len(subject_of)} barcodes, needs one each")
     table = _columns(path / "Landmark_Groundtruth.dat", 5)
     landmarks = {int(row[0]): row[1:3] for row in table}
-    mended = []
+    repairs = []
     if all(s in landmarks and np.allclose(landmarks[s], place, atol=1e-6) for s, place in SWAPPED.items()):
         landmarks[11], landmarks[17] = landmarks[17], landmarks[11]
-        mended.append("landmarks 11 and 17 of set 1 exchanged")
-    here = [n for n in ROBOTS if any((path / f"Robot{n}_{kind}.dat").exists() for kind in ("Odometry", "Measurement", "Groundtruth"))]
-    if not here:
+        repairs.append("landmarks 11 and 17 of set 1 exchanged")
+    present = [n for n in ROBOTS if any((path / f"UtiasRobot{n}_{kind}.dat").exists() for kind in ("Odometry", "Measurement", "Groundtruth"))]
+    if not present:
         raise ValueError(f"{path}: no Robot1_Odometry.dat to Robot5_Odometry.dat, needs at least one robot")
-    things = {*here, *landmarks}
-    return Team({n: _robot(path, n, subject_of, things) for n in here}, landmarks, tuple(mended))
+    subjects = {*present, *landmarks}
+    return UtiasDataset({n: _robot(path, n, subject_of, subjects) for n in present}, landmarks, tuple(repairs))
 
 
-def _robot(path: Path, number: int, subject_of: dict[int, int], things: set[int]) -> Robot:
-    odometry = _columns(path / f"Robot{number}_Odometry.dat", 3)
-    truth = _columns(path / f"Robot{number}_Groundtruth.dat", 4)
+def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[int]) -> UtiasRobot:
+    odometry = _columns(path / f"UtiasRobot{number}_Odometry.dat", 3)
+    truth = _columns(path / f"UtiasRobot{number}_Groundtruth.dat", 4)
     for name, times, least in (("Odometry", odometry[:, 0], 0.0), ("Groundtruth", truth[:, 0], 1e-9)):
         back = np.flatnonzero(np.diff(times) < least)
         if len(back):
             k = int(back[0])
-            raise ValueError(f"{path / f'Robot{number}_{name}.dat'}: time is {times[k + 1]:.3f} after {times[k]:.3f}, needs to go on")
+            raise ValueError(f"{path / f'UtiasRobot{number}_{name}.dat'}: time is {times[k + 1]:.3f} after {times[k]:.3f}, needs ascending times")
         if not len(times):
-            raise ValueError(f"{path / f'Robot{number}_{name}.dat'}: no rows, needs at least one")
-    raw = _columns(path / f"Robot{number}_Measurement.dat", 4)
+            raise ValueError(f"{path / f'UtiasRobot{number}_{name}.dat'}: no rows, needs at least one")
+    raw = _columns(path / f"UtiasRobot{number}_Measurement.dat", 4)
     raw = raw[np.argsort(raw[:, 0], kind="stable")]
     subject = np.array([subject_of.get(int(code), -1) for code in raw[:, 1]], dtype=np.int64)
     reasons = np.full(len(raw), "", dtype="U24")
-    reasons[raw[:, 2] < NEAREST] = "range not above zero"
+    reasons[raw[:, 2] < MIN_RANGE] = "range not above zero"
     reasons[subject == number] = "robot sees itself"
-    reasons[~np.isin(subject, list(things))] = "subject not in the set"
+    reasons[~np.isin(subject, list(subjects))] = "subject not in the set"
     reasons[subject < 0] = "barcode not in the table"
     good = reasons == ""
-    return Robot(odometry, raw[good][:, [0, 2, 3]], subject[good], truth, dict(Counter(reasons[~good].tolist())))
+    return UtiasRobot(odometry, raw[good][:, [0, 2, 3]], subject[good], truth, dict(Counter(reasons[~good].tolist())))
 
 
 def _columns(path: Path, columns: int) -> Array:
-    """(n, columns) finite numbers of a table. Raises ValueError "path:line …"."""
+    """Read a table (n, columns) of finite numbers. Raises ValueError "path:line …"."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -113,7 +116,7 @@ def _columns(path: Path, columns: int) -> Array:
             return values
     except ValueError:
         pass
-    # Something is wrong: look again for the line.
+    # The fast parser does not tell the line of an error.
     for number, line in enumerate(text.splitlines(), 1):
         cells = line.partition("#")[0].split()
         try:

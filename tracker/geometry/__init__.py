@@ -1,6 +1,7 @@
 """Rigid motions, cameras, the ground as a height map, and checked arrays.
 
-Read `poses.py` first."""
+Read `poses.py` first.
+"""
 
 from tracker.geometry.arrays import (
     Array,
@@ -13,6 +14,7 @@ from tracker.geometry.arrays import (
     check_covariances,
     check_unit,
     frozen,
+    frozen_ints,
     set_array,
     set_ints,
 )
@@ -20,9 +22,9 @@ from tracker.geometry.poses import (
     Pose,
     angles_from_bearing,
     bearing_from_angles,
-    deflected,
     exp_so3,
     log_so3,
+    perturbed_bearings,
     quaternion_from_rotation,
     rotation_from_quaternion,
     rotation_onto,
@@ -45,10 +47,11 @@ __all__ = [
     "check_covariance",
     "check_covariances",
     "check_unit",
-    "deflected",
     "exp_so3",
     "frozen",
+    "frozen_ints",
     "log_so3",
+    "perturbed_bearings",
     "quaternion_from_rotation",
     "rotation_from_quaternion",
     "rotation_onto",

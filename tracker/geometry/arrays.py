@@ -1,4 +1,4 @@
-"""Array types, and the checks of shape, unit length and covariance that frozen values make."""
+"""Array types, and the checks of shape, unit length and covariance that the frozen values make."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Indices = NDArray[np.intp]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def frozen(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
     """A read-only float copy of `value`, checked against `shape` (None stands for any length) and for NaN.
 
-    Raises ValueError with the name, the shape that came and the one that is needed.
+    Raises ValueError with the name, the shape of `value` and the shape that is needed.
     """
     array = np.array(value, dtype=np.float64)
     if array.ndim != len(shape) or any(want is not None and want != got for want, got in zip(shape, array.shape, strict=True)):
@@ -22,31 +27,34 @@ def frozen(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
     return array
 
 
-Ints = NDArray[np.int64]
-
-Image = NDArray[np.uint8]
+def frozen_ints(value: ArrayLike, shape: tuple[int, ...], name: str) -> Ints:
+    """A read-only integer copy of `value`. Raises ValueError with the name for another shape."""
+    array = np.array(value, dtype=np.int64)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, needs {shape}")
+    array.flags.writeable = False
+    return array
 
 
 def set_array(instance: object, name: str, shape: tuple[int | None, ...]) -> None:
+    """Replace a field of a frozen dataclass by its `frozen` copy."""
     object.__setattr__(instance, name, frozen(getattr(instance, name), shape, name))
 
 
-def set_ints(instance: object, name: str, n: int) -> None:
-    array = np.array(getattr(instance, name), dtype=np.int64)
-    if array.shape != (n,):
-        raise ValueError(f"{name} has shape {array.shape}, needs ({n},)")
-    array.flags.writeable = False
-    object.__setattr__(instance, name, array)
+def set_ints(instance: object, name: str, shape: tuple[int, ...]) -> None:
+    """Replace a field of a frozen dataclass by its `frozen_ints` copy."""
+    object.__setattr__(instance, name, frozen_ints(getattr(instance, name), shape, name))
 
 
 def check_unit(bearing: Array, name: str) -> None:
+    """Raises ValueError where a row of `bearing` (n, 3) differs from length 1 by more than 1e-6."""
     error = np.abs(np.linalg.norm(bearing, axis=1) - 1)
     if error.size and error.max() > 1e-6:
         raise ValueError(f"{name} has length {1 + error.max():.6g} off 1, needs unit directions")
 
 
 def check_covariance(covariance: Array, name: str) -> None:
-    """(n, n): symmetric and not negative, up to rounding; a direction that is known exactly is none of its faults."""
+    """Raises ValueError where `covariance` (n, n) is not symmetric and positive semidefinite, up to rounding. Zero variances are allowed."""
     scale = float(np.abs(covariance).max(initial=0.0))
     if not np.isfinite(scale) or np.abs(covariance - covariance.T).max(initial=0.0) > 1e-9 * scale:
         raise ValueError(f"{name} is not finite and symmetric")
@@ -56,16 +64,9 @@ def check_covariance(covariance: Array, name: str) -> None:
 
 
 def check_covariances(covariance: Array, name: str) -> None:
-    """(n, 2, 2): symmetric and positive, each."""
+    """Raises ValueError where one of the matrices (n, 2, 2) is not symmetric and positive definite."""
     a, b, c = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     sound = np.isfinite(covariance).all(axis=(1, 2)) & (a > 0) & (a * c > b * b) & (np.abs(b - covariance[:, 1, 0]) <= 1e-9 * (a + c))
     if not sound.all():
         worst = int(np.argmin(sound))
         raise ValueError(f"{name} {worst} is {covariance[worst].tolist()}, needs a symmetric positive matrix")
-
-
-Indices = NDArray[np.intp]
-
-Mask = NDArray[np.bool_]
-
-Floats = NDArray[np.float32]

@@ -1,7 +1,7 @@
-"""Cameras: from pixels to unit directions and back.
+"""Camera models: an equirectangular panorama and Tsai's pinhole camera, from pixels to unit directions and back.
 
-A camera's frame is x forward, y left, z up, as a body's. The optical frame (x right, y down, z forward) lives inside the
-pinhole models alone. Pixel centres lie at +½ in the panorama, and at whole numbers in Tsai's model, as its calibrations have it.
+The frame of a camera is that of a body: x forward, y left, z up. Only the pinhole model uses the optical frame (x right, y down, z forward).
+Pixel centres lie at +½ in the panorama. They lie at whole numbers in Tsai's model, as its calibration files define.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0
 
 OPTICAL_FROM_CAMERA.flags.writeable = False
 
-PIXEL_PITCH = 5e-3  # mm, of cameras that were never built
+PIXEL_PITCH = 5e-3
+"""mm: pixel size of simulated pinhole cameras. Only its ratio to the focal length matters."""
 
 
 class Camera(Protocol):
-    """What every camera can do. Bearings are unit directions in the camera's frame."""
+    """The interface of a camera. Bearings are unit directions in the camera's frame."""
 
     @property
     def width(self) -> int: ...
@@ -33,7 +34,7 @@ class Camera(Protocol):
 
     @property
     def pixel_centre(self) -> float:
-        """u and v of the first pixel's centre: ½, or 0 where centres lie at whole numbers."""
+        """u and v of the centre of the first pixel: ½, or 0 where centres lie at whole numbers."""
         ...
 
     def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
@@ -52,7 +53,7 @@ def _check_size(width: int, height: int) -> None:
 
 @dataclass(frozen=True)
 class Panorama:
-    """An equirectangular camera, width = 2 height: azimuth = π − 2πu/W, elevation = π/2 − πv/H. Ahead is the middle."""
+    """An equirectangular camera, width = 2 height: azimuth = π − 2πu/W, elevation = π/2 − πv/H. The middle of the image looks forward."""
 
     width: int
     height: int
@@ -81,10 +82,10 @@ class Panorama:
 class Tsai:
     """Tsai's pinhole with one radial term (Tsai 1987), in the parameters of the PETS 2009 files.
 
-    focal mm; kappa1 1/mm²: undistorted = distorted · (1 + κ1 r²); dpx, dpy mm a pixel; cx, cy pixels; sx the scale of the rows.
-    With κ1 < 0 the model folds back at r = 1/√(−3 κ1): pixels beyond (in PETS 2009 the left corners of View_007) have a direction that
-    a pixel within has too, and only that one is returned for it; what a real lens shows
-    there the calibration does not say. Raises ValueError for numbers that are not finite or not above 0.
+    focal mm. kappa1 1/mm²: undistorted = distorted · (1 + κ1 r²). dpx, dpy mm per pixel. cx, cy pixels. sx: horizontal scale factor.
+    With κ1 < 0 the model folds back at r = 1/√(−3 κ1). A pixel beyond that radius shares its direction with a pixel within.
+    `pixels_from_bearings` returns the pixel within. In PETS 2009 only the left corners of View_007 lie beyond.
+    Raises ValueError for numbers that are not finite or not above 0.
     """
 
     width: int
@@ -112,11 +113,11 @@ class Tsai:
 
     @property
     def fold(self) -> float:
-        """Radius on the sensor, mm, beyond which the distortion has no inverse; inf where it always has one."""
+        """Radius on the sensor, mm, beyond which the distortion has no inverse; inf for κ1 ≥ 0."""
         return float(np.sqrt(-1 / (3 * self.kappa1))) if self.kappa1 < 0 else np.inf
 
     def folded(self, pixels: ArrayLike) -> Mask:
-        """(n, 2) pixels → whether each lies beyond the fold: its direction is that of a pixel within, too."""
+        """(n, 2) pixels → (n,) whether each lies beyond the fold radius."""
         return np.asarray(np.hypot(*self._on_sensor(pixels).T) > self.fold)
 
     def _on_sensor(self, pixels: ArrayLike) -> Array:
@@ -145,7 +146,7 @@ class Tsai:
         return pixels, inside
 
     def _distort(self, undistorted: Array) -> tuple[Array, Mask]:
-        """Solve r (1 + κ1 r²) = ru on the branch that holds r = 0 by Newton; a negative κ1 may leave no root there."""
+        """Solve r (1 + κ1 r²) = ru for the smallest root r by Newton's method. A negative κ1 may leave no root."""
         ru = np.linalg.norm(undistorted, axis=1)
         r = ru.copy()
         limit = self.fold
@@ -159,7 +160,7 @@ class Tsai:
 
 
 def pinhole(width: int, height: int, field: float) -> Tsai:
-    """A Tsai camera without distortion (κ1 = 0, sx = 1, square pixels of 5 µm) that spans `field` rad from its left to its right edge.
+    """A Tsai camera without distortion (κ1 = 0, sx = 1, square pixels of 5 µm) that spans `field` rad horizontally.
 
     Its axis goes through the middle of the image. Raises ValueError for a field of view that is not within (0, π).
     """

@@ -1,4 +1,4 @@
-"""What is known of the terrain: heights under points, and where a line of sight meets it."""
+"""Terrain as a plane or a height map: heights under points, and intersections of rays with the ground."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Protocol
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tracker.geometry.arrays import Array, frozen
+from tracker.geometry.arrays import Array, Mask, frozen
 
 
 class Ground(Protocol):
@@ -21,7 +21,7 @@ class Ground(Protocol):
         """(n, 2 or more) x, y m → (n,) heights m; the nearest known height outside."""
         ...
 
-    def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float) -> tuple[Array, NDArray[np.bool_]]:
+    def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float) -> tuple[Array, Mask]:
         """Rays from (n, 3) m along unit (n, 3) → first points on the ground (n, 3) m and whether there is one within `limit` m."""
         ...
 
@@ -35,7 +35,7 @@ class Flat:
     def height_at(self, points: ArrayLike) -> Array:
         return np.full(len(np.asarray(points)), self.level)
 
-    def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float) -> tuple[Array, NDArray[np.bool_]]:
+    def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float) -> tuple[Array, Mask]:
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         down = np.where(np.abs(d[:, 2]) > 1e-12, d[:, 2], np.inf)
         t = (self.level - o[:, 2]) / down
@@ -71,11 +71,11 @@ class Grid:
         z00, z01, z10, z11 = z[i, j], z[i, j + 1], z[i + 1, j], z[i + 1, j + 1]
         return np.where(u >= v, z00 + u * (z01 - z00) + v * (z11 - z01), z00 + v * (z10 - z00) + u * (z11 - z10))
 
-    def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float) -> tuple[Array, NDArray[np.bool_]]:
-        """From one line of the mesh to the next: between them a ray's height over the ground is linear, so the first crossing is exact.
+    def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float) -> tuple[Array, Mask]:
+        """The exact first intersection, found by stepping along the edges of the triangles: between two edges the height above ground is linear.
 
-        A ray that begins on or under the ground meets it where it begins, unless it is above at the next line: from the feet one sees
-        the sky. Raises ValueError for a limit that is not finite.
+        A ray that begins on or under the ground meets it at its origin, unless it is above the ground at the next edge.
+        Raises ValueError for a limit that is not finite.
         """
         if not np.isfinite(limit):
             raise ValueError(f"limit is {limit} m, needs to be finite")
@@ -100,43 +100,43 @@ def _height(heights, spacing, x, y):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _march(heights, origin, spacing, top, origins, directions, limit):  # type: ignore[no-untyped-def]
-    """How far along each ray (n,) m the ground is met, −1 where it is not.
+    """Distance along each ray (n,) m to the ground, −1 where the ray does not meet it.
 
     A ray steps over the lines x whole, y whole and x − y whole (the diagonals) of a grid with unit cells.
     """
     out = np.full(len(origins), -1.0)
-    here, rate, line = np.empty(3), np.empty(3), np.empty(3)
+    start, rate, line = np.empty(3), np.empty(3), np.empty(3)
     for n in range(len(origins)):
         ox, oy, oz = origins[n, 0] - origin[0], origins[n, 1] - origin[1], origins[n, 2]
         dx, dy, dz = directions[n]
-        # The first place where the ray can touch: the highest point of the grid.
+        # A ray above the highest point of the grid cannot touch the ground before it descends to that height.
         low = (oz - top) / max(-dz, 1e-12) if oz > top and dz < 0 else 0.0
         if low >= limit:
             continue
-        here[0], here[1], here[2] = ox / spacing, oy / spacing, (ox - oy) / spacing
+        start[0], start[1], start[2] = ox / spacing, oy / spacing, (ox - oy) / spacing
         rate[0], rate[1], rate[2] = dx / spacing, dy / spacing, (dx - dy) / spacing
         for axis in range(3):
-            at = here[axis] + low * rate[axis]
+            at = start[axis] + low * rate[axis]
             line[axis] = np.floor(at) + 1 if rate[axis] > 0 else np.ceil(at) - 1
-        over = oz + low * dz - _height(heights, spacing, ox + low * dx, oy + low * dy)
+        clearance = oz + low * dz - _height(heights, spacing, ox + low * dx, oy + low * dy)
         high = low
         while high < limit:
             nearest, high = 0, np.inf
             for axis in range(3):
                 if abs(rate[axis]) > 1e-12:
-                    distance = (line[axis] - here[axis]) / rate[axis]
+                    distance = (line[axis] - start[axis]) / rate[axis]
                     if distance < high:
                         nearest, high = axis, distance
             line[nearest] += 1.0 if rate[nearest] > 0 else -1.0
             high = min(high, limit)
             z = oz + high * dz
-            now = z - _height(heights, spacing, ox + high * dx, oy + high * dy)
-            if now <= 0:
-                # The line between the two heights falls to zero here.
-                before = max(over, 0.0)
-                out[n] = low + before / max(before - now, 1e-300) * (high - low)
+            following = z - _height(heights, spacing, ox + high * dx, oy + high * dy)
+            if following <= 0:
+                # Linear interpolation between the heights above ground at both edges.
+                before = max(clearance, 0.0)
+                out[n] = low + before / max(before - following, 1e-300) * (high - low)
                 break
             if dz >= 0 and z > top:
                 break
-            low, over = high, now
+            low, clearance = high, following
     return out

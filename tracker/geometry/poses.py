@@ -16,7 +16,7 @@ from tracker.geometry.arrays import Array, frozen
 
 
 def wrap(angle: ArrayLike) -> Any:
-    """Angles in radians, brought to (−π, π]; any shape."""
+    """Angles in radians of any shape, wrapped to (−π, π]."""
     wrapped = np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2 * np.pi)
     # Just above π the remainder rounds up to 2π.
     return wrapped + 2 * np.pi * (wrapped <= -np.pi)
@@ -43,7 +43,7 @@ def exp_so3(phi: ArrayLike) -> Array:
 
 
 def log_so3(rotation: ArrayLike) -> Array:
-    """Rotation (3, 3) → rotation vector (3,), angle in [0, π]; through the quaternion, which is sound at 0 and near π."""
+    """Rotation (3, 3) → rotation vector (3,), angle in [0, π]. The quaternion between them is well conditioned at 0 and near π."""
     w, x, y, z = quaternion_from_rotation(rotation)
     vector = np.array([x, y, z])
     norm = float(np.linalg.norm(vector))
@@ -87,7 +87,7 @@ def rotation_z(yaw: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A rigid motion T_a_b: rotation (3, 3), translation (3,) m. Raises ValueError where the rotation is not one (1e-6)."""
+    """A rigid motion T_a_b: rotation (3, 3), translation (3,) m. Raises ValueError where the rotation is not orthonormal to 1e-6."""
 
     rotation: Array
     translation: Array
@@ -155,7 +155,7 @@ def angles_from_bearing(bearing: ArrayLike) -> tuple[Array, Array]:
 def tangent_basis(bearing: ArrayLike) -> Array:
     """Unit directions (..., 3) → two orthonormal rows (..., 2, 3) across them: towards growing azimuth, towards growing elevation.
 
-    At the poles, where no azimuth exists, the first row is +y: it is continuous along the meridian that was come by.
+    At the poles, where no azimuth exists, the first row is +y.
     """
     b = np.asarray(bearing, dtype=np.float64)
     horizontal = np.hypot(b[..., 0], b[..., 1])
@@ -169,17 +169,17 @@ def tangent_basis(bearing: ArrayLike) -> Array:
     return out
 
 
-def deflected(bearing: Array, error: Array) -> Array:
-    """Unit directions (n, 3) that are off by error (n, 2) rad along the rows of their tangent bases; (n, 3), of length 1."""
+def perturbed_bearings(bearing: Array, error: Array) -> Array:
+    """Unit directions (n, 3) moved by error (n, 2) rad along the rows of their tangent bases → (n, 3) unit."""
     out = bearing + np.einsum("nk,nki->ni", error, tangent_basis(bearing))
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     return np.asarray(out)
 
 
 def rotation_onto(points: Array, onto: Array, upright: bool = False) -> Array:
-    """The rotation (d, d) of the rigid motion that brings `points` (n, d) m nearest to `onto` (n, d) m in the mean of squares.
+    """The rotation (d, d) of the rigid motion that aligns `points` (n, d) m with `onto` (n, d) m in the least-squares sense.
 
-    d is 2 or 3, and the means of both are left out (Umeyama 1991, eqs. 39 to 42, with scale 1). upright: of the rotations about z alone; for d = 3.
+    d is 2 or 3 (Umeyama 1991, eqs. 39 to 42, with scale 1). upright: only rotations about z are considered; for d = 3.
     """
     M = (onto - onto.mean(axis=0)).T @ (points - points.mean(axis=0))
     if upright:

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all: written under a temporary name beside their place, then renamed."""
+"""Atomic writing of files and folders: they are written under a temporary name in the same folder, then renamed."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
-def unfinished(path: Path) -> Path:
-    """The temporary name, beside `path`, under which the folder `path` is written."""
+def partial_path(path: Path) -> Path:
+    """The temporary name under which the folder `path` is written; it lies in the same parent folder."""
     return path.with_name(f".{path.name}.partial")
 
 
 def begin_folder(path: Path) -> Path:
-    """Make an empty folder under the temporary name of `path`, without what a killed run left there; returns the temporary name."""
+    """Make an empty folder under the temporary name of `path` and return it. What an interrupted run left there is removed."""
     discard_folder(path)
-    unfinished(path).mkdir(parents=True)
-    return unfinished(path)
+    partial_path(path).mkdir(parents=True)
+    return partial_path(path)
 
 
 def finish_folder(path: Path) -> None:
-    """Give the folder under the temporary name its own."""
-    unfinished(path).rename(path)
+    """Rename the folder under the temporary name to `path`."""
+    partial_path(path).rename(path)
 
 
 def discard_folder(path: Path) -> None:
-    """Remove the folder under the temporary name, where there is one."""
-    if unfinished(path).exists():
-        shutil.rmtree(unfinished(path))
+    """Remove the folder under the temporary name, if it exists."""
+    if partial_path(path).exists():
+        shutil.rmtree(partial_path(path))
 
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """An empty folder to write into that becomes `path` when the block ends, and is removed where the block fails.
+    """Yields an empty temporary folder. It becomes `path` when the block ends, and is removed when the block fails.
 
-    What a killed run left under the temporary name is removed first. Raises ValueError where `path` is there already, but for an empty folder.
+    What an interrupted run left under the temporary name is removed first. Raises ValueError where `path` exists and is no empty folder.
     """
     if path.exists():
         if not path.is_dir() or any(path.iterdir()):
@@ -50,9 +50,9 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """A name to write a file under, of the same ending, that becomes `path` when the block ends; it takes the place of what may be there.
+    """Yields a temporary file name with the same suffix. It becomes `path` when the block ends, and replaces an existing file.
 
-    A block that fails leaves the old file and nothing beside it.
+    A block that fails leaves the existing file as it is.
     """
     partial = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
@@ -63,6 +63,6 @@ def new_file(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text, lines ended as given, in place of what may be there; a write that fails leaves the old file and nothing beside it."""
+    """Write UTF-8 text without conversion of line ends, and replace an existing file. A failure leaves that file as it is."""
     with new_file(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""Tables as CSV with a header: written the same way every time, read with the file and line of every fault."""
+"""Tables: CSV with a header and compressed NPZ, read with the file and line of every error."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 _QUOTED = re.compile(r"[\"\r]|\n.")
-LONGEST_LINE = 1 << 16  # characters; a hostile file must not fill the memory
-LARGEST_ARRAYS = 1 << 30  # bytes
+LONGEST_LINE = 1 << 16
+"""Characters; a file of unknown origin must not fill the memory."""
+LARGEST_ARRAYS = 1 << 30
+"""Bytes."""
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write rows under a header; floats with 9 significant digits, which is 1e-9 of a metre over a metre."""
+    """Write rows under a header; floats have 9 significant digits."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
@@ -30,7 +32,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[obje
             kinds = tuple(map(type, row))
             if kinds not in forms:
                 forms[kinds] = ",".join("%.9g" if issubclass(kind, float | np.floating) else "%s" for kind in kinds) + "\n"
-            # One format a row is three times as fast as one a cell; text that needs quotes is left to the module that knows how.
+            # One format string per row is three times as fast as one per cell. Text that needs quotes goes through the csv module.
             line = forms[kinds] % tuple(row)
             if line.count(",") == len(row) - 1 and not _QUOTED.search(line):
                 file.write(line)
@@ -39,16 +41,16 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[obje
 
 
 def write_arrays(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """The same table as NPZ, an array a column: whole numbers int64, others float64 in full, names as text. The same rows give the same bytes."""
+    """Write a table as NPZ with one array per column: int64, float64 or text. The same rows give the same bytes."""
     arrays = {name: np.array([row[k] for row in rows]) for k, name in enumerate(columns)}
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Arrays of numbers of an NPZ file by name. Raises ValueError, with the path, for what is not there, is no NPZ, or is not finite.
+    """Numeric arrays of an NPZ file: name → array. Memory is limited to LARGEST_ARRAYS.
 
-    No more is set aside than the archive's own directory says that there is, and that is at most LARGEST_ARRAYS.
+    Raises ValueError with the path where the file or an array is missing, is no NPZ, or has values that are not finite.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -57,7 +59,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
                 raise ValueError(f"{sum(claimed.values())} bytes when unpacked, needs at most {LARGEST_ARRAYS}")
             arrays = {}
             for name in names:
-                # All of the member is in memory before an array's header is believed.
+                # The member is read whole first, since the header of an array may claim any size.
                 arrays[name] = np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
                 if arrays[name].dtype.kind not in "iuf" or not np.isfinite(arrays[name]).all():
                     raise ValueError(f"{name} is {arrays[name].dtype}, needs finite numbers")
@@ -67,9 +69,9 @@ def read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
 
 
 def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any]]:
-    """Read a table that must have just these columns (name → int, float or str) in this order.
+    """Read a table that must have exactly these columns (name → int, float or str) in this order → name → array.
 
-    Raises ValueError "path:line: …" for a missing column, a row of another length, a number that is none, NaN or infinity.
+    Raises ValueError "path:line: …" for other columns, a row of another length, and for a cell that is no finite number.
     """
     lists: dict[str, list[Any]] = {name: [] for name in columns}
     number = 0
@@ -89,7 +91,7 @@ def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any
 
 
 def _lines(path: Path) -> Iterator[str]:
-    """Lines without their ends; ValueError where the file is no text or a line is too long, before that line is in memory."""
+    """Lines without line ends. Raises ValueError where the file is no text, or before a line of more than LONGEST_LINE is read."""
     try:
         with path.open(encoding="utf-8") as file:
             number = 0
@@ -107,7 +109,11 @@ def _lines(path: Path) -> Iterator[str]:
 def rows_by_frame(
     path: Path, columns: Mapping[str, type], key: tuple[str, ...] = (), known_values: Mapping[str, Container[Any]] | None = None
 ) -> dict[int, list[dict[str, Any]]]:
-    """Rows of a table by frame; `key` columns must tell the rows of a frame apart and values be known ones, else ValueError with the line."""
+    """Rows of a table: frame → list of column → value.
+
+    key: columns that identify a row within its frame. known_values: column → allowed values.
+    Raises ValueError with path and line as `read_table`, for two rows of a frame with the same key, and for other values.
+    """
     table = read_table(path, columns)
     frames: dict[int, list[dict[str, Any]]] = {}
     seen = set()
@@ -115,7 +121,7 @@ def rows_by_frame(
         row = dict(zip(columns, values, strict=True))
         for name, known in (known_values or {}).items():
             if row[name] not in known:
-                raise ValueError(f"{path}:{line}: {name} is {row[name]}, the sequence does not have it")
+                raise ValueError(f"{path}:{line}: {name} is {row[name]}, which is not in the sequence")
         if key:
             identity = tuple(row[name] for name in ("frame", *key))
             if identity in seen:

@@ -1,4 +1,4 @@
-"""Images of a Sequence as files: coded while others are made, decoded only where their header says what is expected."""
+"""Image files: JPEG and PNG options, encoding in threads, range images, and decoding with a check of the header."""
 
 from __future__ import annotations
 
@@ -13,100 +13,100 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-CODERS, WAITING = 2, 24
-"""Threads that code images, and how many images may wait for them."""
+ENCODER_THREADS, MAX_WAITING = 2, 24
+"""Number of threads that encode images, and how many images may wait for them."""
 RANGE_UNIT = 1 / 256
-"""m: what one count of a range image is; 0 is nothing, or farther than 65535 counts (256 m)."""
+"""m per count of a range image. A count of 0 is no surface, or one farther than FARTHEST counts (256 m)."""
 FARTHEST = 65535
 JPEG: list[int] = [cv2.IMWRITE_JPEG_QUALITY, 95]
 _FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 _BY_RUNS = [*_FAST, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 PNG: list[int] = [*_BY_RUNS, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB]
-"""For images: two thirds of the time of zlib's search for repeats, which noise does not have, and 5 % more bytes."""
+"""For images: run lengths take two thirds of the time of zlib's default search, which finds no repeats in noise, for 5 % more bytes."""
 RANGE: list[int] = [*_FAST, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
-"""For ranges: one filter for all rows; trying five for each row takes twice the time for the same bytes."""
-RUNS: list[int] = [*_BY_RUNS, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
-"""For instances: a row less the row above it is nearly all zero, and is written as runs; a third of the time of OpenCV's own choice."""
+"""For range images: one filter for all rows takes half the time of choosing one of five per row, for the same bytes."""
+PNG_RUN_LENGTH: list[int] = [*_BY_RUNS, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
+"""For instances: differences of rows are nearly all zero, so that run lengths take a third of the time of OpenCV's default."""
 _PNG_MAGIC, _JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 _FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def range_counts(range_m: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """(H, W) m, inf for nothing → (H, W) counts of RANGE_UNIT."""
+    """(H, W) m, inf where no surface is hit → (H, W) counts of RANGE_UNIT."""
     counts = np.rint(range_m * np.float32(1 / RANGE_UNIT))
     return np.where(counts <= FARTHEST, counts, np.float32(0.0)).astype(np.uint16)
 
 
 def range_from_counts(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """(H, W) counts of a range image → (H, W) m along the ray, inf where there is nothing or it is too far."""
+    """(H, W) counts of a range image → (H, W) m along the ray, inf where the count is 0."""
     return np.where(counts > 0, counts * np.float32(RANGE_UNIT), np.float32(np.inf)).astype(np.float32)
 
 
-def size_in(data: bytes) -> tuple[int, int] | None:
-    """(height, width) that the header of a PNG or JPEG claims, None where it is neither or has no header."""
+def image_size(data: bytes) -> tuple[int, int] | None:
+    """(height, width) in the header of a PNG or JPEG, None for other data."""
     if data.startswith(_PNG_MAGIC) and len(data) >= 24 and data[12:16] == b"IHDR":
         width, height = struct.unpack(">II", data[16:24])
         return height, width
-    at = 2
-    while data.startswith(_JPEG_MAGIC) and at + 9 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
+    start = 2
+    while data.startswith(_JPEG_MAGIC) and start + 9 <= len(data) and data[start] == 0xFF:
+        marker = data[start + 1]
         if marker in _FRAME_HEADERS:
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            height, width = struct.unpack(">HH", data[start + 5 : start + 9])
             return height, width
-        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+        start += 2 + int.from_bytes(data[start + 2 : start + 4])
     return None
 
 
-def decode(data: bytes, size: tuple[int, int], flag: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
-    """The image in a file's bytes, as OpenCV has it (BGR). The header is looked at before anything is set aside for pixels.
+def decode_image(data: bytes, size: tuple[int, int], flag: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
+    """Decode the bytes of an image file as OpenCV does (BGR). size: expected height and width, checked in the header before pixels are decoded.
 
-    Raises ValueError, which does not name the file, for what is no PNG or JPEG, is of another size (height, width) or ends too soon.
+    Raises ValueError, without the name of the file, for data that is no PNG or JPEG, has another size, or is truncated.
     """
-    claimed = size_in(data)
+    claimed = image_size(data)
     if claimed != size:
         raise ValueError(f"{'no PNG or JPEG' if claimed is None else f'{claimed} pixels'}, needs {size}")
     if not data[-64:].rstrip(b"\0").endswith((b"\xff\xd9", b"IEND\xaeB`\x82")):
-        raise ValueError("ends too soon")
+        raise ValueError("is truncated")
     image = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
     if image is None or image.shape[:2] != size:
         raise ValueError(f"cannot be decoded, needs {size}")
     return np.asarray(image)
 
 
-class Coders:
-    """Threads that code images and write them under a folder, while the next ones are drawn: OpenCV lets go of the interpreter.
+class ImageWriter:
+    """Encodes images and writes them below a folder in threads. OpenCV releases the interpreter lock meanwhile.
 
-    sums: name → SHA-256 and bytes of every file that is written, complete once `wait` has returned.
+    checksums: name → SHA-256 and size in bytes of every file, complete once `wait` has returned.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self.sums: dict[str, tuple[str, int]] = {}
-        self._threads = ThreadPoolExecutor(CODERS)
-        self._coding: deque[Future[None]] = deque()
+        self.checksums: dict[str, tuple[str, int]] = {}
+        self._threads = ThreadPoolExecutor(ENCODER_THREADS)
+        self._pending: deque[Future[None]] = deque()
 
     def put(self, name: str, image: NDArray[Any], options: list[int]) -> None:
-        """Have an image coded by the ending of its name and written, after as many others are done as would else pile up.
+        """Queue an image, encoded by the suffix of its name. Waits while more than MAX_WAITING images are queued.
 
-        Raises what went wrong with one of those.
+        Raises the error of an earlier image whose writing failed.
         """
-        self._coding.append(self._threads.submit(self._code, name, image, options))
-        while len(self._coding) > WAITING:
-            self._coding.popleft().result()
+        self._pending.append(self._threads.submit(self._encode, name, image, options))
+        while len(self._pending) > MAX_WAITING:
+            self._pending.popleft().result()
 
     def wait(self) -> None:
-        """Until all are written. Raises what went wrong with one."""
-        while self._coding:
-            self._coding.popleft().result()
+        """Wait until all images are written. Raises the error of an image whose writing failed."""
+        while self._pending:
+            self._pending.popleft().result()
 
     def close(self) -> None:
-        """Drop what waits."""
+        """Stop the threads and discard queued images."""
         self._threads.shutdown(cancel_futures=True)
 
-    def _code(self, name: str, image: NDArray[Any], options: list[int]) -> None:
+    def _encode(self, name: str, image: NDArray[Any], options: list[int]) -> None:
         ok, data = cv2.imencode(Path(name).suffix, image, options)
         if not ok:
             raise ValueError(f"{name}: this image cannot be written as {Path(name).suffix}")
         content = data.tobytes()
         (self.root / name).write_bytes(content)
-        self.sums[name] = hashlib.sha256(content).hexdigest(), len(content)
+        self.checksums[name] = hashlib.sha256(content).hexdigest(), len(content)

@@ -6,11 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-LARGEST_JSON = 1 << 27  # bytes
+LARGEST_JSON = 1 << 27
+"""Bytes."""
 
 
 def read_json(path: Path) -> Any:
-    """JSON of a file; ValueError with path and line where it is none, is too large, or has a number that is not finite."""
+    """The JSON value of a file. Raises ValueError with the path for other content, a file above LARGEST_JSON, and numbers that are not finite."""
 
     def refuse(constant: str) -> None:
         raise ValueError(f"{path}: holds {constant}, needs finite numbers")

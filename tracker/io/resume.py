@@ -1,7 +1,7 @@
-"""Resumption of a run in a folder: a folder that holds the same run is used again, and any other folder is refused.
+"""Resumption of runs: a folder that holds the same run is used again, and any other folder is refused.
 
-A run is described by a mapping of names to JSON values, which stands in a file of its folder: the statement. `holds` tells whether a folder has the
-statement, and `check_same` compares it with the run that is asked for.
+A mapping of names to JSON values describes a run. It is written to a file in the folder of the run, the statement.
+`holds_run` tells whether a folder has a statement. `check_same` compares it with the requested run.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import numpy as np
 
 OTHERWISE = "choose another --out or remove it"
 LONGEST = 80
-"""Characters of a value in a message."""
+"""Most characters of a value in an error message."""
 
 
-def holds(folder: Path, statement: str, ignored: Collection[str] = ()) -> bool:
-    """Whether `folder` holds `statement`, the path of a file relative to it. False where the folder is missing or has nothing else in it.
+def holds_run(folder: Path, statement: str, ignored: Collection[str] = ()) -> bool:
+    """Whether `folder` holds `statement`, a file path relative to the folder. False where the folder is missing or empty.
 
     ignored: patterns (fnmatch) of the names that may stand in a folder without a statement.
     Raises ValueError where `folder` is a file, or holds other things and no statement.
@@ -42,10 +42,10 @@ def holds(folder: Path, statement: str, ignored: Collection[str] = ()) -> bool:
 
 
 def check_same(folder: Path, there: Mapping[str, Any], wanted: Mapping[str, Any], what: str = "another run") -> None:
-    """Raises ValueError where an entry of `wanted` differs from the entry of `there` with the same name; the order of keys does not matter.
-    An entry that is missing equals null.
+    """Raises ValueError where an entry of `wanted` differs from the entry of `there` with the same name.
 
-    Other entries of `there` are results of the run and are not compared. what: what the folder then holds, for the message.
+    The order of keys does not matter, and a missing entry equals null. Other entries of `there` are results and are not compared.
+    what: description of the content of the folder for the message.
     """
     wanted = json_value(wanted)
     difference = _difference({name: there[name] for name in wanted if name in there}, wanted)
@@ -54,9 +54,9 @@ def check_same(folder: Path, there: Mapping[str, Any], wanted: Mapping[str, Any]
 
 
 def json_value(value: Any) -> Any:
-    """A value as JSON holds it: dataclasses and mappings as objects, tuples and arrays as lists, paths as text.
+    """A value converted to JSON types: dataclasses and mappings as objects, tuples and arrays as lists, paths as text.
 
-    Numbers that are not finite become the texts "inf", "-inf" and "nan", which every JSON reader takes.
+    Numbers that are not finite become the texts "inf", "-inf" and "nan".
     Raises ValueError for a value of any other type.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -73,11 +73,11 @@ def json_value(value: Any) -> Any:
         return value if math.isfinite(value) else str(value)
     if value is None or isinstance(value, (bool, int, str)):
         return value
-    raise ValueError(f"a value is a {type(value).__name__}, needs a type that JSON holds")
+    raise ValueError(f"a value is a {type(value).__name__}, needs a JSON type")
 
 
 def program_version() -> str:
-    """The version of pilsim that runs, or "unknown" where only its source is on the path."""
+    """The installed version of pilsim, or "unknown" where it is not installed."""
     try:
         return importlib.metadata.version("pilsim")
     except importlib.metadata.PackageNotFoundError:

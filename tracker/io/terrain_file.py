@@ -1,4 +1,4 @@
-"""Reading the terrain of a sequence (glTF) as a height map."""
+"""Reading the terrain of a sequence (NPZ) as height maps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tracker.io.csv_tables import read_arrays
 
 
 def read_terrain(path: Path) -> tuple[Grid, Grid]:
-    """The ground, and the tops of what stands on it, of a sequence's terrain.npz. Raises ValueError with the file's name."""
+    """Height maps of a terrain.npz: the ground, and the ground with walls and furniture. Raises ValueError with the path."""
     arrays = read_arrays(path, ("heights", "origin", "spacing", "tops"))
     try:
         origin, spacing = arrays["origin"], float(arrays["spacing"])

@@ -1,4 +1,4 @@
-"""Videos of the cameras of a Sequence: MP4 (MPEG-4 part 2), one a camera, frame by frame.
+"""Video files (MP4, MPEG-4 part 2), one for each camera.
 
 OpenCV and most players read them; browsers do not play this codec. VP9, which they play, takes about 20 times as long to encode.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from tracker.geometry import Image
 
 
-class Videos:
-    """Writes FOLDER/CAMERA.mp4 at `rate` frames/s as images come in."""
+class VideoWriters:
+    """Writes FOLDER/CAMERA.mp4 for several cameras at `rate` frames/s, frame by frame."""
 
     def __init__(self, folder: Path, rate: float) -> None:
         self.folder, self.rate = folder, rate
@@ -22,32 +22,32 @@ class Videos:
         self._frames: dict[str, int] = {}
 
     def put(self, camera: str, image: Image) -> None:
-        """Append an RGB image (H, W, 3). Raises ValueError where there is no encoder."""
+        """Append an RGB image (H, W, 3) to the video of a camera. Raises ValueError where the file cannot be opened for writing."""
         if camera not in self._writers:
             self.folder.mkdir(exist_ok=True)
             path, size = self.folder / f"{camera}.mp4", (image.shape[1], image.shape[0])
             self._writers[camera] = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), self.rate, size)
             self._frames[camera] = 0
             if not self._writers[camera].isOpened():
-                raise ValueError(f"{path}: this OpenCV cannot write MP4 video, or not there")
+                raise ValueError(f"{path}: this OpenCV cannot write MP4 video to this path")
         self._writers[camera].write(np.ascontiguousarray(image[:, :, ::-1]))
         self._frames[camera] += 1
 
     def finish(self) -> None:
-        """Close all. Raises OSError where not all frames are on disk: the encoder itself does not say that the disk is full."""
+        """Close all videos. Raises OSError where frames are missing, since the encoder reports no full disk."""
         self.close()
         for camera, frames in self._frames.items():
             path = self.folder / f"{camera}.mp4"
             check_frames(path, frames, path)
 
     def close(self) -> None:
-        """Close all, whole or not."""
+        """Close all videos without a check."""
         for writer in self._writers.values():
             writer.release()
 
 
 def check_frames(file: Path, frames: int, name: Path) -> None:
-    """Raises OSError, which calls the video `name`, where not all frames are in the file."""
+    """Raises OSError where `file` has another number of frames than `frames`; `name` stands for the file in the message."""
     there = round(cv2.VideoCapture(str(file)).get(cv2.CAP_PROP_FRAME_COUNT))
     if there != frames:
         raise OSError(f"{name}: {max(there, 0)} of {frames} frames could be written; is the disk full?")

@@ -1,4 +1,4 @@
-"""XML files of unknown origin, read with the line of each element; what could name other files or grow without bound is refused."""
+"""XML files of unknown origin, read into elements with line numbers. Document types and entities are refused."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ MAX_DEPTH = 32
 
 @dataclass
 class Element:
-    """One element of a file, with the line that it began on."""
+    """One XML element: its tag, attributes, children, the line where it begins, and the path of its file.
+
+    All methods raise ValueError with file, line and field for what is missing or malformed.
+    """
 
     tag: str
     attributes: dict[str, str]
@@ -28,22 +31,25 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def find(self, tag: str) -> Element:
+        """The first child with this tag."""
         for child in self.children:
             if child.tag == tag:
                 return child
         raise ValueError(f"{self.where}:line {self.line}: field {tag} is missing in {self.tag}")
 
-    def every(self, tag: str) -> list[Element]:
+    def find_all(self, tag: str) -> list[Element]:
+        """All children with this tag; may be empty."""
         return [child for child in self.children if child.tag == tag]
 
     def text(self, *names: str) -> str:
-        """The attribute of the first of `names` (spellings of one thing) that is there."""
+        """The first attribute present among `names`, which are alternative spellings."""
         for name in names:
             if name in self.attributes:
                 return self.attributes[name]
         raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{names[0]} is missing")
 
     def number(self, *names: str) -> float:
+        """As `text`, as a finite number."""
         text = self.text(*names)
         try:
             value = float(text)
@@ -53,7 +59,8 @@ class Element:
             raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{names[0]} is {text!r}, needs a finite number")
         return value
 
-    def whole(self, name: str) -> int:
+    def integer(self, name: str) -> int:
+        """An attribute as a whole number."""
         value = self.number(name)
         if value != round(value):
             raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{name} is {value}, needs a whole number")
@@ -61,7 +68,7 @@ class Element:
 
 
 class _Tree(ContentHandler):
-    """Collects the elements under `top`, each with its line."""
+    """Builds the tree of elements below `top`."""
 
     def __init__(self, where: str, parser: DefusedExpatParser) -> None:
         super().__init__()
@@ -81,10 +88,10 @@ class _Tree(ContentHandler):
 
 
 def parse(path: str | os.PathLike[str], root: str) -> Element:
-    """The element `root` at the top of a file, with all that it holds.
+    """The top element of an XML file; its tag must be `root`.
 
-    Raises ValueError, in one line that names the file, for what is no XML and for files above 64 MiB. Document types and entities are refused,
-    as they can name other files and grow without bound. Elements nested deeper than 32 are refused.
+    Raises ValueError with the path for content that is no XML, files above MAX_BYTES, and elements nested deeper than MAX_DEPTH.
+    Document types and entities are refused, because they can name other files and grow without bound.
     """
     source = Path(path)
     if source.stat().st_size > MAX_BYTES:

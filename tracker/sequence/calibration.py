@@ -1,4 +1,4 @@
-"""The calibration of a Sequence as JSON: cameras, where they sit, and where the robots start. Written and read side by side."""
+"""The calibration of a sequence as JSON: cameras, their mounts, and the start poses of the robots; writer and reader."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tracker.geometry.ground import Ground
 from tracker.types import Mount, Setup, Start
 
 MODELS: dict[str, type[Panorama | Tsai]] = {"panorama": Panorama, "tsai": Tsai}
-"""Name in the file → camera; its fields are the file's."""
+"""Name of a camera model in the file → class; the fields of the class are those in the file."""
 
 
 def pose_row(pose: Pose) -> list[float]:
-    """x, y, z m, qw, qx, qy, qz."""
+    """A pose as x, y, z m, qw, qx, qy, qz."""
     return [*map(float, pose.translation), *map(float, quaternion_from_rotation(pose.rotation))]
 
 
@@ -29,12 +29,12 @@ def pose_from(row: Items[float]) -> Pose:
 
 
 def calibration_of(setup: Setup) -> dict[str, Any]:
-    """All of a setup but the ground, as JSON values. Raises ValueError for a camera whose model has no name in MODELS."""
+    """A setup without its ground as JSON values. Raises ValueError for a camera whose class is not in MODELS."""
     return {
         "period": setup.period,
         "height": list(setup.height),
         "cameras": {
-            name: _of_camera(mount.camera) | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
+            name: _camera_json(mount.camera) | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
             for name, mount in setup.mounts.items()
         },
         "starts": {
@@ -45,7 +45,7 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
 
 
 def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground | None) -> Setup:
-    """The setup that calibration_of wrote, on that ground. Raises KeyError, TypeError or ValueError where it is none."""
+    """The setup that calibration_of wrote, with ground and occluders. Raises KeyError, TypeError or ValueError for other content."""
     mounts = {name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"]) for name, entry in calibration["cameras"].items()}
     starts = {
         name: Start(pose_from(entry["T_world_robot"]), np.array(entry["covariance"])) if entry else None
@@ -55,7 +55,7 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
     return Setup(mounts, ground, starts, calibration["period"], height=(low, high), occluders=occluders)
 
 
-def _of_camera(camera: Camera) -> dict[str, Any]:
+def _camera_json(camera: Camera) -> dict[str, Any]:
     for model, kind in MODELS.items():
         if isinstance(camera, kind):
             return {"model": model} | asdict(camera)

@@ -1,6 +1,6 @@
-"""A dataset: a folder of Sequences made alike, and dataset.json, which says what they are and how many there shall be.
+"""A dataset: a folder of sequences generated from one preset, and dataset.json, which describes them.
 
-Only what carries a manifest is a sequence: one that is still written has another name.
+Only a folder with a manifest is a sequence. A sequence that is being written has a temporary name.
 """
 
 from __future__ import annotations
@@ -14,17 +14,18 @@ from typing import Any
 from tracker.io.json_files import read_json
 
 SCHEMA = 1
-"""Of dataset.json; every sequence has the schema of its own in its manifest."""
+"""Version of dataset.json; the manifest of each sequence has its own version."""
 FILE, MANIFEST = "dataset.json", "manifest.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """preset: what kind of sequences; scenario: that of the first as JSON values, the next have the next seeds; views: fixed cameras beside
-    the robots; form: further options of what is written, as JSON values; sequences: names of their folders, in order.
+    """The content of dataset.json.
 
-    Raises ValueError for a name that is no plain name of a folder, or is there twice.
+    preset: the kind of sequences. scenario: of the first sequence, as JSON values; the following sequences have consecutive seeds.
+    views: number of fixed cameras. form: options of the written files, as JSON values. sequences: names of the folders, in order.
+    Raises ValueError for a name that is no plain folder name, or occurs twice.
     """
 
     preset: str
@@ -38,16 +39,16 @@ class Dataset:
             if not isinstance(name, str) or not _NAME.fullmatch(name):
                 raise ValueError(f"sequence is {str(name)[:80]!r}, needs a name of letters, digits, - and _")
         if len(set(self.sequences)) != len(self.sequences):
-            raise ValueError("sequences: a name is there twice")
+            raise ValueError("sequences: a name occurs twice")
 
     def to_json(self) -> str:
-        """One JSON object; read_dataset reads it."""
+        """The text of dataset.json; read_dataset reads it."""
         fields = {"preset": self.preset, "scenario": self.scenario, "views": self.views, "form": self.form, "sequences": list(self.sequences)}
         return json.dumps({"schema": SCHEMA} | fields, indent=1, allow_nan=False) + "\n"
 
 
 def read_dataset(folder: Path) -> Dataset:
-    """dataset.json of a folder. Raises ValueError, with the file's name, where it is not there, of another schema or not what it should be."""
+    """Read dataset.json of a folder. Raises ValueError with the path for a missing file, another schema, and invalid fields."""
     path = folder / FILE
     content = read_json(path)
     schema = content.get("schema") if isinstance(content, dict) else None
@@ -64,15 +65,15 @@ def read_dataset(folder: Path) -> Dataset:
 
 
 def sequences(folder: Path) -> list[Path]:
-    """Folders of the sequences in `folder`: itself where it is a sequence, else the whole ones of a dataset, in its order.
+    """Folders of the sequences in `folder`: `folder` itself if it is a sequence, else the complete sequences of a dataset, in its order.
 
-    Raises ValueError where it is neither, or where no sequence of the dataset is whole yet.
+    Raises ValueError where `folder` is neither, and where no sequence of the dataset is complete.
     """
     if (folder / MANIFEST).is_file():
         return [folder]
     if not (folder / FILE).is_file():
         raise ValueError(f"{folder}: neither a sequence ({MANIFEST}) nor a dataset ({FILE})")
-    whole = [folder / name for name in read_dataset(folder).sequences if (folder / name / MANIFEST).is_file()]
-    if not whole:
-        raise ValueError(f"{folder}: no sequence of this dataset is whole yet")
-    return whole
+    complete = [folder / name for name in read_dataset(folder).sequences if (folder / name / MANIFEST).is_file()]
+    if not complete:
+        raise ValueError(f"{folder}: no sequence of this dataset is complete yet")
+    return complete

@@ -1,6 +1,6 @@
-"""manifest.json: what files a sequence has, and their sums; read as what a stranger may have written.
+"""manifest.json: the files of a sequence with their checksums, read as a file of unknown origin.
 
-The folder's own README.md (layout.README) says what every file is.
+README.md in the folder of a sequence (schema.README) describes each file.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from tracker.io.json_files import read_json
-from tracker.sequence.schema import NEEDED, READS
+from tracker.sequence.schema import READABLE_SCHEMAS, REQUIRED_FILES
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """manifest.json: schema, versions, files (name → sha256 and bytes), their form checked and names within the folder; nothing else is opened.
+    """Read manifest.json: schema, versions, and files (name → sha256 and bytes). No other file is opened.
 
-    Raises ValueError where it is none, of a schema that is not read, or names a file outside of the folder.
+    Raises ValueError with the path for invalid content, an unreadable schema version, and names outside the folder.
     """
     path = folder / "manifest.json"
     manifest = read_json(path)
     schema = manifest.get("schema") if isinstance(manifest, dict) else None
-    if schema not in READS or isinstance(schema, bool):
+    if schema not in READABLE_SCHEMAS or isinstance(schema, bool):
         raise ValueError(f"{path}: {schema_fault(schema)}")
     if not isinstance(manifest.get("files"), dict):
         raise ValueError(f"{path}: has no files")
@@ -32,16 +32,16 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             raise ValueError(f"{path}: entry {name[:80]!r} has no sha256 and bytes")
         if Path(name).is_absolute() or ".." in Path(name).parts or "\0" in name:
             raise ValueError(f"{path}: entry {name[:80]!r} lies outside the folder")
-    missing = [name for name in NEEDED if name not in manifest["files"]]
+    missing = [name for name in REQUIRED_FILES if name not in manifest["files"]]
     if missing:
         raise ValueError(f"{path}: does not name {missing[0]}")
     return dict(manifest)
 
 
 def check_file(folder: Path, name: str, entry: Mapping[str, Any], sums: bool = True) -> None:
-    """Raises ValueError, with the file's name, where a file is not there, leads out of the folder, or is not as its entry in the manifest says.
+    """Raises ValueError with the path where a file is missing, links outside the folder, or differs from its entry in the manifest.
 
-    sums: look at the SHA-256 too.
+    sums: compare the SHA-256 as well as the size.
     """
     file = folder / name
     if not file.is_file():
@@ -57,14 +57,14 @@ def check_file(folder: Path, name: str, entry: Mapping[str, Any], sums: bool = T
 
 
 def schema_fault(schema: object) -> str:
-    """Why a sequence of that schema version is not read."""
-    said = f"schema is {str(schema)[:80]}, this version reads {' and '.join(map(str, READS))}"
+    """The reason why a sequence of that schema version cannot be read."""
+    said = f"schema is {str(schema)[:80]}, this version reads {' and '.join(map(str, READABLE_SCHEMAS))}"
     if schema == 1:
-        return f"{said}: before 2 there were no key points and no poses of cameras; generate it again"
-    return f"{said}: a newer pilsim wrote it" if isinstance(schema, int) and schema > max(READS) else said
+        return f"{said}: version 1 has no key points and no camera poses; generate it again"
+    return f"{said}: a newer pilsim wrote it" if isinstance(schema, int) and schema > max(READABLE_SCHEMAS) else said
 
 
-def manifest_sum(manifest: dict[str, Any]) -> str:
-    """SHA-256 of all that a manifest says but for its sum."""
+def manifest_checksum(manifest: dict[str, Any]) -> str:
+    """SHA-256 of the content of a manifest without its field `sum`."""
     text = json.dumps({key: value for key, value in manifest.items() if key != "sum"}, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,6 +1,6 @@
-"""A Sequence: what the tracker is given, in memory or in a folder that tracker/recording.py wrote.
+"""Reading a sequence from the folder that `writer.py` wrote.
 
-The folder's own README.md (layout.README) says what every file and column is. Truth of single views is read by tracker/annotations.py.
+README.md in that folder (schema.README) describes each file and column. `truth_tables.py` reads the ground truth of single views.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 
 from tracker.geometry import Array, Image
 from tracker.io.csv_tables import rows_by_frame
-from tracker.io.image_files import decode
+from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
 from tracker.io.terrain_file import read_terrain
 from tracker.sequence.calibration import pose_from, setup_from
 from tracker.sequence.manifest import check_file, read_manifest
-from tracker.sequence.schema import COMPANIONS, DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOTS, UPPER, people_columns
+from tracker.sequence.schema import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOT_DETECTIONS, ROBOTS, UPPER_TRIANGLE, people_columns
 from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Tick, Truth, View
 
 
@@ -31,7 +31,7 @@ def _sha256(data: bytes) -> str:
 def read_sequence(folder: Path) -> Sequence:
     """Open a folder written by SequenceWriter. Images are read tick by tick, and each is checked against the manifest.
 
-    Raises ValueError that names the file, and the line or field, of what is missing, damaged or of another schema version.
+    Raises ValueError with file and line or field for missing or damaged content, and for an unreadable schema version.
     """
     files = read_manifest(folder)["files"]
     for name, entry in files.items():
@@ -41,7 +41,7 @@ def read_sequence(folder: Path) -> Sequence:
 
 
 def read_contents(folder: Path, files: dict[str, Any]) -> Sequence:
-    """As read_sequence, of a folder whose files have been checked, or shall not be; files: those of the manifest."""
+    """As read_sequence, without a check of the files. files: those of the manifest."""
     try:
         setup = _read_setup(folder)
     except (KeyError, TypeError, AttributeError) as error:
@@ -65,7 +65,7 @@ def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
     robots = rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",), {"robot": setup.starts, "tipped": (0, 1)})
     people = rows_by_frame(folder / "truth" / "people.csv", people_columns(setup.mounts), ("person",))
     if sorted(robots) != list(range(len(robots))):
-        raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {len(robots) - 1} without a gap")
+        raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {len(robots) - 1} without gaps")
     for k, rows in robots.items():
         if len(rows) != len(setup.starts):
             raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frame {k} has {len(rows)} robots, needs {len(setup.starts)}")
@@ -84,14 +84,14 @@ def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
 
 
 class _DiskTicks:
-    """Ticks of a folder; images are read when they are asked for."""
+    """Ticks of a folder; images are read during iteration."""
 
     def __init__(self, folder: Path, setup: Setup, count: int, files: dict[str, Any]) -> None:
         self.folder, self.setup, self.count, self.files = folder, setup, count, files
         frames = range(count)
         self._odometry = rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
         self._detections = rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
-        self._companions = read_companions(folder, setup, count) if "companions.csv" in files else None
+        self._robot_detections = read_robot_detections(folder, setup, count) if "companions.csv" in files else None
 
     def __len__(self) -> int:
         return self.count
@@ -112,7 +112,7 @@ class _DiskTicks:
                         _detections([row for row in boxes if row["camera"] == name]),
                         odometry=odometry.get(mount.robot),
                         image=self._image(f"images/{name}/{k:06d}", mount),
-                        companions=None if self._companions is None else self._companions.get((k, name), RobotDetections.none()),
+                        robot_detections=None if self._robot_detections is None else self._robot_detections.get((k, name), RobotDetections.none()),
                     )
                     for name, mount in self.setup.mounts.items()
                 ),
@@ -127,26 +127,27 @@ class _DiskTicks:
         if _sha256(data) != self.files[name]["sha256"]:
             raise ValueError(f"{path}: its SHA-256 is not the manifest's: truncated or changed")
         try:
-            image = decode(data, (mount.camera.height, mount.camera.width), cv2.IMREAD_COLOR)
+            image = decode_image(data, (mount.camera.height, mount.camera.width), cv2.IMREAD_COLOR)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
         return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 
 
-def read_companions(folder: Path, setup: Setup, count: int) -> dict[tuple[int, str], RobotDetections]:
-    """(frame, camera) → the robots that it sees, of `count` frames; views that show none are not there. Raises ValueError, with the file's name, for
-    what is no companion.
+def read_robot_detections(folder: Path, setup: Setup, count: int) -> dict[tuple[int, str], RobotDetections]:
+    """Read the detections of other robots: (frame, camera) → detections. Views without detections have no entry.
+
+    count: number of frames. Raises ValueError with the path for invalid rows, robots without a camera, and robots that detect themselves.
     """
     path, found = folder / "companions.csv", dict[tuple[int, str], list[dict[str, Any]]]()
     known = {"frame": range(count), "camera": setup.mounts, "robot": setup.starts}
-    for k, rows in rows_by_frame(path, COMPANIONS, ("camera", "robot"), known).items():
+    for k, rows in rows_by_frame(path, ROBOT_DETECTIONS, ("camera", "robot"), known).items():
         for row in rows:
             found.setdefault((k, row["camera"]), []).append(row)
     out = {}
     for (k, camera), rows in found.items():
         try:
             out[k, camera] = RobotDetections(_bearings(rows), tuple(row["robot"] for row in rows), _covariances(rows))
-            setup.check_companions(camera, out[k, camera])
+            setup.check_robot_detections(camera, out[k, camera])
         except ValueError as error:
             raise ValueError(f"{path}: frame {k} of {camera}: {error}") from None
     return out
@@ -154,7 +155,7 @@ def read_companions(folder: Path, setup: Setup, count: int) -> dict[tuple[int, s
 
 def _odometry(row: dict[str, Any]) -> Odometry:
     covariance = np.zeros((6, 6))
-    for i, j in UPPER:
+    for i, j in UPPER_TRIANGLE:
         covariance[i, j] = covariance[j, i] = row[f"c{i}{j}"]
     up = np.array([row["up_x"], row["up_y"], row["up_z"]])
     return Odometry(pose_from([row[c] for c in POSE]), covariance, up if up.any() else None, float(row["up_sigma"]))
@@ -173,7 +174,7 @@ def _detections(rows: list[dict[str, Any]]) -> Detections:
 
 
 def _bearings(rows: list[dict[str, Any]]) -> Array:
-    """(n, 3): of length 1 again after the digits of the file."""
+    """Bearings (n, 3), normalized after rounding in the file."""
     bearing = np.array([[r["bearing_x"], r["bearing_y"], r["bearing_z"]] for r in rows])
     length = np.linalg.norm(bearing, axis=1, keepdims=True)
     if not (length > 0).all():

@@ -1,5 +1,7 @@
-"""What `track` leaves in a folder: tracks.txt (MOT15, 3-D), robots.csv, run.json; of robots with a map, map.csv (final: 1 where a landmark was in it
-at the end) and sightings.csv, too. Writer and reader side by side.
+"""The results of tracking in a folder, as `track` leaves them; writer and reader.
+
+tracks.txt holds the targets (MOT15, 3-D), robots.csv the robots, run.json what was tracked and how. With a landmark map there are two more files:
+map.csv holds the landmarks (final is 1 for those in the map after the last tick), and sightings.csv the landmarks that each robot observed.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from tracker.io.atomic import new_folder
 from tracker.io.csv_tables import read_table, write_table
 from tracker.io.json_files import read_json
 from tracker.io.resume import program_version
-from tracker.sequence.schema import POSE, UPPER
+from tracker.sequence.schema import POSE, UPPER_TRIANGLE
 from tracker.types import Estimate, LandmarkHistory
 
 SCHEMA = 1
@@ -26,13 +28,15 @@ RUN = "run.json"
 MAX_FRAMES = 10_000_000
 MAP = {"landmark": int, "final": int, "tx": float, "ty": float, "tz": float}
 SIGHTINGS = {"frame": int, "robot": str, "landmark": int}
-ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER}
+ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER_TRIANGLE}
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Tracks and robots of a run: frame → ids (k,) and positions (k, 3) m; robot → a pose and covariance a frame, of robots that move;
-    frames: how many there were; run: what was tracked and how, as JSON values; survey: the landmarks, None where the tracker told of none.
+    """The result of a run over a number of frames.
+
+    tracks: frame → ids (k,) and positions (k, 3) m. poses, covariances: moving robot → one entry per frame, None without an estimate.
+    run: what was tracked and how, as JSON values. landmark_history: None where the run has no landmarks.
     """
 
     frames: int
@@ -40,11 +44,11 @@ class Results:
     poses: dict[str, list[Pose | None]]
     covariances: dict[str, list[Array | None]]
     run: dict[str, Any]
-    survey: LandmarkHistory | None = None
+    landmark_history: LandmarkHistory | None = None
 
     @staticmethod
     def of(estimates: Iterable[Estimate], run: dict[str, Any]) -> Results:
-        """Gather estimates; a robot whose covariance is zero throughout (a fixed camera) is not a result."""
+        """Collect estimates of consecutive frames. Robots whose covariance is always zero are fixed cameras and are left out."""
         listed = list(estimates)
         robots = {r for e in listed for r, P in e.robot_covariance.items() if P.any()}
         names = [r for r in dict.fromkeys(r for e in listed for r in e.T_world_robot) if r in robots]
@@ -54,39 +58,43 @@ class Results:
             {r: [e.T_world_robot.get(r) for e in listed] for r in names},
             {r: [e.robot_covariance.get(r) for e in listed] for r in names},
             run,
-            surveyed(listed),
+            landmark_history_of(listed),
         )
 
 
-def surveyed(estimates: list[Estimate]) -> LandmarkHistory | None:
-    """What all charts tell; None where there was never a landmark."""
-    charts = [e.chart for e in estimates if e.chart is not None]
-    survey = LandmarkHistory.of(charts) if len(charts) == len(estimates) else None
-    return survey if survey is not None and survey.places else None
+def landmark_history_of(estimates: list[Estimate]) -> LandmarkHistory | None:
+    """The landmarks of all estimates; None where an estimate has no map, or there is no landmark."""
+    snapshots = [e.map_snapshot for e in estimates if e.map_snapshot is not None]
+    history = LandmarkHistory.of(snapshots) if len(snapshots) == len(estimates) else None
+    return history if history is not None and history.positions else None
 
 
 def write_results(folder: Path, results: Results) -> None:
-    """Write all files under a temporary name, then give the folder its own. It must not be there yet, or empty."""
+    """Write all files atomically. Raises ValueError where `folder` exists and is not empty."""
     with new_folder(folder) as partial:
         write_mot15(partial / "tracks.txt", rows_from_tracks({k + 1: track for k, track in results.tracks.items()}))
         rows = [
-            [k, robot, *pose.translation, *quaternion_from_rotation(pose.rotation), *(P[i, j] for i, j in UPPER)]
+            [k, robot, *pose.translation, *quaternion_from_rotation(pose.rotation), *(P[i, j] for i, j in UPPER_TRIANGLE)]
             for robot in results.poses
             for k, (pose, P) in enumerate(zip(results.poses[robot], results.covariances[robot], strict=True))
             if pose is not None and P is not None
         ]
         write_table(partial / "robots.csv", list(ROBOTS), rows)
-        if results.survey is not None:
-            final = set(results.survey.final.tolist())
-            write_table(partial / "map.csv", list(MAP), [[n, int(n in final), *place] for n, place in results.survey.places.items()])
-            seen = [[k, robot, n] for k, by in enumerate(results.survey.sighted) for robot, ids in by.items() for n in ids.tolist()]
-            write_table(partial / "sightings.csv", list(SIGHTINGS), seen)
+        if results.landmark_history is not None:
+            _write_landmarks(partial, results.landmark_history)
         text = json.dumps({"schema": SCHEMA, "pilsim": program_version(), "frames": results.frames} | results.run, indent=1, sort_keys=True)
         (partial / RUN).write_text(text + "\n", encoding="utf-8")
 
 
+def _write_landmarks(folder: Path, history: LandmarkHistory) -> None:
+    final = set(history.final.tolist())
+    write_table(folder / "map.csv", list(MAP), [[n, int(n in final), *position] for n, position in history.positions.items()])
+    sighted = [[k, robot, n] for k, by_robot in enumerate(history.sighted) for robot, ids in by_robot.items() for n in ids.tolist()]
+    write_table(folder / "sightings.csv", list(SIGHTINGS), sighted)
+
+
 def read_results(folder: Path) -> Results:
-    """Raises ValueError naming file and line or field where a file is missing or wrong."""
+    """Read the results in a folder. Raises ValueError with file and line or field for missing or invalid content."""
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder")
     run = read_json(folder / RUN)
@@ -94,8 +102,8 @@ def read_results(folder: Path) -> Results:
         raise ValueError(f"{folder / RUN}: schema or frames is missing or not of version {SCHEMA}")
     frames = int(run["frames"])
     rows = read_mot15(folder / "tracks.txt")
-    if not rows.positioned.all():
-        raise ValueError(f"{folder / 'tracks.txt'}: row {int(np.argmin(rows.positioned)) + 1} has no x, y, z")
+    if not rows.has_position.all():
+        raise ValueError(f"{folder / 'tracks.txt'}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z")
     if len(rows) and rows.frame.max() > frames:
         raise ValueError(f"{folder / 'tracks.txt'}: frame is {rows.frame.max()}, needs at most {frames}")
     tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}
@@ -108,22 +116,22 @@ def read_results(folder: Path) -> Results:
         if not 0 <= k < frames:
             raise ValueError(f"{folder / 'robots.csv'}:{line}: frame is {k}, needs 0 to {frames - 1}")
         pose, P = [row[c] for c in POSE], np.zeros((6, 6))
-        for i, j in UPPER:
+        for i, j in UPPER_TRIANGLE:
             P[i, j] = P[j, i] = row[f"c{i}{j}"]
         poses.setdefault(robot, [None] * frames)[k] = Pose(rotation_from_quaternion(pose[3:]), np.array(pose[:3]))
         covariances.setdefault(robot, [None] * frames)[k] = P
-    return Results(frames, tracks, poses, covariances, run, _read_survey(folder, frames))
+    return Results(frames, tracks, poses, covariances, run, _read_landmarks(folder, frames))
 
 
-def _read_survey(folder: Path, frames: int) -> LandmarkHistory | None:
+def _read_landmarks(folder: Path, frames: int) -> LandmarkHistory | None:
     if not (folder / "map.csv").exists():
         return None
     table, seen = read_table(folder / "map.csv", MAP), read_table(folder / "sightings.csv", SIGHTINGS)
-    places = dict(zip(table["landmark"].tolist(), np.column_stack([table[c] for c in ("tx", "ty", "tz")]), strict=True))
+    positions = dict(zip(table["landmark"].tolist(), np.column_stack([table[c] for c in ("tx", "ty", "tz")]), strict=True))
     listed: list[dict[str, list[int]]] = [{} for _ in range(frames)]
     for line, (k, robot, n) in enumerate(zip(*(seen[c].tolist() for c in SIGHTINGS), strict=True), 2):
-        if not 0 <= k < frames or n not in places:
+        if not 0 <= k < frames or n not in positions:
             raise ValueError(f"{folder / 'sightings.csv'}:{line}: landmark {n} in frame {k}, needs one of map.csv and frames from 0 to {frames - 1}")
         listed[k].setdefault(robot, []).append(n)
     sighted = tuple({robot: np.array(ids, dtype=np.int64) for robot, ids in by.items()} for by in listed)
-    return LandmarkHistory(places, table["landmark"][table["final"] == 1], sighted)
+    return LandmarkHistory(positions, table["landmark"][table["final"] == 1], sighted)

@@ -1,4 +1,4 @@
-"""The layout of a Sequence on disk: columns of its tables, schema version, and the README that lies in every one."""
+"""The layout of a sequence on disk: columns of its tables, schema version, and the text of its README."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from tracker.types import KEYPOINT_NAMES
 
 SCHEMA = 3
 
-READS = (2, 3)
-"""Versions that are read: 3 has no column that 2 has not, but may have companions, images without loss, range, classes, videos and a mesh."""
+READABLE_SCHEMAS = (2, 3)
+"""Versions that can be read. Version 3 adds optional files: companions.csv, lossless images, range, classes, videos and a mesh."""
 
 LAYERS = ("images", "instances", "range", "classes", "videos")
-"""Folders of what is large and looked at one by one."""
+"""Folders of large files that are read one by one."""
 
 POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
 
-UPPER = [(i, j) for i in range(6) for j in range(i, 6)]
+UPPER_TRIANGLE = [(i, j) for i in range(6) for j in range(i, 6)]
 
 ODOMETRY = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "up_x": float, "up_y": float, "up_z": float, "up_sigma": float} | {
-    f"c{i}{j}": float for i, j in UPPER
+    f"c{i}{j}": float for i, j in UPPER_TRIANGLE
 }
 
 DETECTIONS = {"frame": int, "camera": str} | dict.fromkeys(
     ["bearing_x", "bearing_y", "bearing_z", "width", "height", "confidence", "c00", "c01", "c11"], float
 )
 
-COMPANIONS = {"frame": int, "camera": str, "robot": str} | dict.fromkeys(["bearing_x", "bearing_y", "bearing_z", "c00", "c01", "c11"], float)
-"""Of a table that need not be there."""
+ROBOT_DETECTIONS = {"frame": int, "camera": str, "robot": str} | dict.fromkeys(["bearing_x", "bearing_y", "bearing_z", "c00", "c01", "c11"], float)
+"""Columns of companions.csv, which is optional."""
 
 ROBOTS: dict[str, type] = {"frame": int, "robot": str, **dict.fromkeys(POSE, float), "tipped": int}
 
@@ -45,11 +45,11 @@ JOINTS: dict[str, type] = {"frame": int, "person": int} | {f"{name}_{axis}": flo
 
 
 def people_columns(cameras: Iterable[str]) -> dict[str, type]:
-    """Columns of truth/people.csv; one more for every camera."""
+    """Columns of truth/people.csv, with one for each camera."""
     return {"frame": int, "person": int, "x": float, "y": float, "z": float} | {f"visible_{camera}": float for camera in cameras}
 
 
-NEEDED = (
+REQUIRED_FILES = (
     "README.md",
     "calibration.json",
     "detections.csv",

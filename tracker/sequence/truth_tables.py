@@ -1,6 +1,6 @@
-"""What is true of the people in one camera's image, and of the camera: boxes, key points, pose, the ground below. With their tables on disk.
+"""Tables of the ground truth of single views: boxes, key points, camera poses and joints; rows for the writer, and readers.
 
-Pixels are counted from the image's corner: the first pixel's centre is (½, ½), its edges 0 and 1, whatever the camera's own model counts from.
+Pixels count from the corner of the image: the centre of the first pixel is (½, ½), whatever the camera model uses.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def box_rows(frame: int, camera: str, boxes: Boxes) -> Iterator[list[object]]:
 
 
 def keypoint_rows(frame: int, camera: str, keypoints: Keypoints) -> Iterator[list[object]]:
-    """Rows of truth/keypoints.csv, to a hundredth of a pixel."""
+    """Rows of truth/keypoints.csv, rounded to 0.01 px."""
     for person, pixels, visibility in zip(keypoints.person.tolist(), keypoints.pixels.round(2), keypoints.visibility.tolist(), strict=True):
         row: list[object] = [frame, camera, person]
         for (u, v), seen in zip(pixels.tolist(), visibility, strict=True):
@@ -40,13 +40,13 @@ def keypoint_rows(frame: int, camera: str, keypoints: Keypoints) -> Iterator[lis
 
 
 def joint_rows(frame: int, persons: Ints, joints: Array) -> Iterator[list[object]]:
-    """Rows of truth/joints.csv, to a tenth of a millimetre."""
+    """Rows of truth/joints.csv, rounded to 0.1 mm."""
     for person, points in zip(persons.tolist(), joints.round(4), strict=True):
         yield [frame, person, *points.ravel().tolist()]
 
 
 def read_boxes(folder: Path) -> dict[tuple[int, str], Boxes]:
-    """True boxes of a Sequence by frame and camera; a view without people is not there. ValueError that names file and line."""
+    """Read the true boxes: (frame, camera) → boxes. Views without people have no entry. Raises ValueError with file and line."""
     table = read_table(folder / "truth" / "boxes.csv", BOXES)
     numbers = np.column_stack([table[name] for name in list(BOXES)[3:]]).reshape(-1, 10)
     return {
@@ -56,7 +56,7 @@ def read_boxes(folder: Path) -> dict[tuple[int, str], Boxes]:
 
 
 def read_keypoints(folder: Path) -> dict[tuple[int, str], Keypoints]:
-    """True key points of a Sequence by frame and camera, as read_boxes."""
+    """Read the true key points: (frame, camera) → key points, as read_boxes."""
     table = read_table(folder / "truth" / "keypoints.csv", KEYPOINTS)
     numbers = np.column_stack([table[name] for name in list(KEYPOINTS)[3:]]).reshape(-1, KEYPOINT_COUNT, 3)
     return {
@@ -66,7 +66,7 @@ def read_keypoints(folder: Path) -> dict[tuple[int, str], Keypoints]:
 
 
 def read_joints(folder: Path) -> dict[int, tuple[Ints, Array]]:
-    """Frame → ids (m,) and their key points (m, 17, 3) m in the world; a frame without people is not there. ValueError as read_boxes."""
+    """Read the joints: frame → ids (m,) and key points (m, 17, 3) m in the world. Frames without people have no entry. Raises as read_boxes."""
     table = read_table(folder / "truth" / "joints.csv", JOINTS)
     numbers = np.column_stack([table[name] for name in list(JOINTS)[2:]]).reshape(-1, KEYPOINT_COUNT, 3)
     frames = _by_view(table["frame"], np.full(len(table["frame"]), ""))
@@ -74,7 +74,7 @@ def read_joints(folder: Path) -> dict[int, tuple[Ints, Array]]:
 
 
 def read_views(folder: Path) -> dict[tuple[int, str], ViewTruth]:
-    """All that is true of every camera of a Sequence at every frame. ValueError as read_boxes."""
+    """Read the ground truth of all views: (frame, camera) → truth. Raises ValueError as read_boxes."""
     boxes, keypoints = read_boxes(folder), read_keypoints(folder)
     cameras = rows_by_frame(folder / "truth" / "cameras.csv", CAMERAS, ("camera",))
     out = {}

@@ -1,6 +1,6 @@
-"""Writing a Sequence into a folder; tracker/sequence/reader.py reads it.
+"""Writing a sequence into a folder; `reader.py` reads it.
 
-The folder's own README.md (layout.README) says what every file and column is.
+README.md in that folder (schema.README) describes each file and column.
 """
 
 from __future__ import annotations
@@ -20,24 +20,40 @@ from tracker.formats.pets2009 import write_camera
 from tracker.geometry import Image
 from tracker.geometry.cameras import Tsai
 from tracker.geometry.ground import Grid
-from tracker.io.atomic import begin_folder, discard_folder, finish_folder, unfinished
+from tracker.io.atomic import begin_folder, discard_folder, finish_folder, partial_path
 from tracker.io.csv_tables import write_arrays, write_table
-from tracker.io.image_files import JPEG, PNG, RANGE, RUNS, Coders, range_counts
-from tracker.io.video_files import Videos
+from tracker.io.image_files import JPEG, PNG, PNG_RUN_LENGTH, RANGE, ImageWriter, range_counts
+from tracker.io.video_files import VideoWriters
 from tracker.sequence.calibration import calibration_of, pose_row
-from tracker.sequence.manifest import manifest_sum
-from tracker.sequence.schema import BOXES, CAMERAS, COMPANIONS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, README, ROBOTS, SCHEMA, UPPER, people_columns
+from tracker.sequence.manifest import manifest_checksum
+from tracker.sequence.schema import (
+    BOXES,
+    CAMERAS,
+    DETECTIONS,
+    JOINTS,
+    KEYPOINTS,
+    ODOMETRY,
+    README,
+    ROBOT_DETECTIONS,
+    ROBOTS,
+    SCHEMA,
+    UPPER_TRIANGLE,
+    people_columns,
+)
 from tracker.sequence.truth_tables import box_rows, camera_row, joint_rows, keypoint_rows
 from tracker.types import Setup, Tick, Truth, View, ViewTruth
 
 LARGE = 250_000
-"""Numbers from which on a table is there as NPZ too."""
+"""A table with more values than this is also written as NPZ."""
 
 
 @dataclass(frozen=True)
 class ImageForm:
-    """What is written beside tables, JPEG and instances: png, images without loss in place of JPEG; range and classes, an image of each for
-    every image; video, an MP4 of every camera; mesh, the scene as terrain.glb."""
+    """Options of the written files. Tables, images (JPEG) and instance images are always written.
+
+    png: lossless images replace JPEG. range, classes: an image of each for every view. video: an MP4 for each camera.
+    mesh: the scene as terrain.glb.
+    """
 
     png: bool = False
     range: bool = False
@@ -46,14 +62,16 @@ class ImageForm:
     mesh: bool = False
 
     def folders(self) -> Iterable[str]:
-        """Folders that hold one of every camera."""
+        """Folders with a subfolder for each camera."""
         return ["images", "instances", *(["range"] if self.range else []), *(["classes"] if self.classes else [])]
 
 
 @dataclass(frozen=True, eq=False)
 class Layers:
-    """By camera: instances (H, W) uint16; range (H, W) float32 m along the ray, inf for nothing, and classes (H, W) uint8 where the form wants
-    them."""
+    """Images beside the RGB image, by camera: instances (H, W) person ids, 0 for no person.
+
+    range (H, W) m along the ray, inf where no surface is hit. classes (H, W). Both are needed only where the form has them.
+    """
 
     instances: Mapping[str, NDArray[np.uint16]]
     range: Mapping[str, NDArray[np.float32]] | None = None
@@ -61,22 +79,25 @@ class Layers:
 
 
 class SequenceWriter:
-    """Writes a Sequence under a temporary name; only `finish` gives it its own. As a context it cleans up after an error."""
+    """Writes a sequence under a temporary name until `finish` renames it. As a context manager it removes unfinished files.
+
+    tops: height map of walls and furniture on the grid of the ground.
+    """
 
     def __init__(self, folder: Path, setup: Setup, tops: Grid, form: ImageForm | None = None) -> None:
         self.folder, self.setup, self.form = folder, setup, form or ImageForm()
-        self.partial = unfinished(folder)
+        self.partial = partial_path(folder)
         self.tops = tops
-        self._coders = Coders(self.partial)
-        self._videos = Videos(self.partial / "videos", 1 / setup.period) if self.form.video else None
-        self._looked = False  # whether any view was searched for other robots
+        self._image_writer = ImageWriter(self.partial)
+        self._videos = VideoWriters(self.partial / "videos", 1 / setup.period) if self.form.video else None
+        self._has_robot_detections = False
         self._rows: dict[str, list[list[object]]] = {name.split("/")[-1]: [] for name in self._tables()}
 
     def _tables(self) -> dict[str, list[str]]:
         """Table → its columns."""
         truth: dict[str, dict[str, type]] = {"robots": ROBOTS, "cameras": CAMERAS, "boxes": BOXES, "keypoints": KEYPOINTS, "joints": JOINTS}
         truth["people"] = people_columns(self.setup.mounts)
-        measured = {"odometry": list(ODOMETRY), "detections": list(DETECTIONS), "companions": list(COMPANIONS)}
+        measured = {"odometry": list(ODOMETRY), "detections": list(DETECTIONS), "companions": list(ROBOT_DETECTIONS)}
         return measured | {f"truth/{name}": list(columns) for name, columns in truth.items()}
 
     def __enter__(self) -> SequenceWriter:
@@ -90,13 +111,13 @@ class SequenceWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._coders.close()
+        self._image_writer.close()
         if self._videos:
             self._videos.close()
         discard_folder(self.folder)
 
     def add(self, tick: Tick, truth: Truth, layers: Layers, views: Mapping[str, ViewTruth]) -> None:
-        """Append one tick, its layers, and by camera what is true of the view.
+        """Append one tick with its truth and layers. views: camera → ground truth of the view.
 
         Raises ValueError for a view without an image, an image that cannot be written, or a truth without joints.
         """
@@ -104,8 +125,8 @@ class SequenceWriter:
         for view in tick.views:
             if view.image is None:
                 raise ValueError(f"frame {k} of {view.camera} has no image, needs one")
-            self._measured(k, view)
-            self._images(k, view.camera, view.image, layers)
+            self._add_measurements(k, view)
+            self._add_images(k, view.camera, view.image, layers)
             true = views[view.camera]
             rows["cameras"].append(camera_row(k, view.camera, true))
             rows["boxes"] += box_rows(k, view.camera, true.boxes)
@@ -117,69 +138,72 @@ class SequenceWriter:
             raise ValueError(f"truth of frame {k} has no joints, needs them")
         rows["joints"] += joint_rows(k, truth.person_id, truth.joints)
 
-    def _measured(self, k: int, view: View) -> None:
-        """Odometry, detections and companions of a view."""
+    def _add_measurements(self, k: int, view: View) -> None:
+        """Add the rows of odometry, detections and robot detections of a view."""
         if view.odometry is not None:
             o, robot = view.odometry, self.setup.mounts[view.camera].robot
             up = [*map(float, o.gravity), o.gravity_sigma] if o.gravity is not None else [0.0, 0.0, 0.0, 0.0]
-            self._rows["odometry"].append([k, robot, *pose_row(o.T_before_now), *up, *(float(o.covariance[i, j]) for i, j in UPPER)])
+            self._rows["odometry"].append([k, robot, *pose_row(o.T_before_now), *up, *(float(o.covariance[i, j]) for i, j in UPPER_TRIANGLE)])
         d = view.detections
         for b, e, c, s in zip(d.bearing, d.extent, d.confidence, d.covariance, strict=True):
             self._rows["detections"].append([k, view.camera, *map(float, [*b, *e, c, s[0, 0], s[0, 1], s[1, 1]])])
-        if view.companions is not None:
-            self._looked, seen = True, view.companions
+        if view.robot_detections is not None:
+            self._has_robot_detections, seen = True, view.robot_detections
             for robot, b, s in zip(seen.robot, seen.bearing, seen.covariance, strict=True):
                 self._rows["companions"].append([k, view.camera, robot, *map(float, [*b, s[0, 0], s[0, 1], s[1, 1]])])
 
-    def _images(self, k: int, camera: str, image: Image, layers: Layers) -> None:
-        """Have all images of a view written. Raises ValueError where the form wants a layer that is not there."""
-        name, put = f"{camera}/{k:06d}", self._coders.put
+    def _add_images(self, k: int, camera: str, image: Image, layers: Layers) -> None:
+        """Queue all images of a view. Raises ValueError where the form needs a layer that is missing."""
+        name, put = f"{camera}/{k:06d}", self._image_writer.put
         put(f"images/{name}.png" if self.form.png else f"images/{name}.jpg", image[:, :, ::-1], PNG if self.form.png else JPEG)
-        put(f"instances/{name}.png", layers.instances[camera], RUNS)
-        for layer, wanted, of in (("range", self.form.range, layers.range), ("classes", self.form.classes, layers.classes)):
-            if wanted and of is None:
+        put(f"instances/{name}.png", layers.instances[camera], PNG_RUN_LENGTH)
+        for layer, wanted, images in (("range", self.form.range, layers.range), ("classes", self.form.classes, layers.classes)):
+            if wanted and images is None:
                 raise ValueError(f"frame {k} has no {layer}, needs it")
         if self.form.range and layers.range is not None:
             put(f"range/{name}.png", range_counts(layers.range[camera]), RANGE)
         if self.form.classes and layers.classes is not None:
-            put(f"classes/{name}.png", layers.classes[camera], RUNS)
+            put(f"classes/{name}.png", layers.classes[camera], PNG_RUN_LENGTH)
         if self._videos:
             self._videos.put(camera, image)
 
     def finish(self, provenance: dict[str, Any], versions: dict[str, str]) -> None:
-        """Write tables, calibration and manifest, and give the folder its name."""
-        self._coders.wait()
+        """Write tables, calibration and manifest, and rename the folder.
+
+        provenance: content of scenario.json. versions: program → version.
+        """
+        self._image_writer.wait()
         if self._videos:
             self._videos.finish()
         root = self.partial
         for name, columns in self._tables().items():
-            if name == "companions" and not self._looked:
+            if name == "companions" and not self._has_robot_detections:
                 continue
             rows = self._rows[name.split("/")[-1]]
             write_table(root / f"{name}.csv", columns, rows)
             if len(rows) * len(columns) > LARGE:
                 write_arrays(root / f"{name}.npz", columns, rows)
-        self._calibrate()
+        self._write_calibrations()
         (root / "README.md").write_text(README, encoding="utf-8")
         _write_json(root / "scenario.json", provenance)
         _write_json(root / "calibration.json", calibration_of(self.setup))
         paths = [path.relative_to(root).as_posix() for path in sorted(root.rglob("*")) if path.is_file()]
-        sums = {name: self._coders.sums.get(name) or _sum(root / name) for name in paths}
+        sums = {name: self._image_writer.checksums.get(name) or _checksum(root / name) for name in paths}
         files = {name: {"sha256": sha256, "bytes": size} for name, (sha256, size) in sums.items()}
         manifest = {"schema": SCHEMA, "versions": versions, "files": files}
-        _write_json(root / "manifest.json", manifest | {"sum": manifest_sum(manifest)})
+        _write_json(root / "manifest.json", manifest | {"sum": manifest_checksum(manifest)})
         finish_folder(self.folder)
 
-    def _calibrate(self) -> None:
-        """The file of PETS 2009 of every Tsai camera whose place is known and stays."""
+    def _write_calibrations(self) -> None:
+        """Write a calibration file of PETS 2009 for each fixed Tsai camera."""
         for name, mount in self.setup.mounts.items():
             start = self.setup.starts[mount.robot]
-            if isinstance(mount.camera, Tsai) and start is not None and not start.covariance.any():
+            if isinstance(mount.camera, Tsai) and start is not None and self.setup.is_fixed(mount.robot):
                 (self.partial / "calibration").mkdir(exist_ok=True)
                 write_camera(self.partial / "calibration" / f"{name}.xml", name, mount.camera, start.T_world_robot @ mount.T_body_camera)
 
 
-def _sum(path: Path) -> tuple[str, int]:
+def _checksum(path: Path) -> tuple[str, int]:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest(), path.stat().st_size
 

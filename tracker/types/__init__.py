@@ -1,6 +1,7 @@
 """The values that go into the tracker and come out of it: made once, checked at once, never changed.
 
-Read `ticks.py` first."""
+Read `ticks.py` first.
+"""
 
 from tracker.types.detections import Detections, RobotDetections, Sightings
 from tracker.types.estimate import Estimate, LandmarkHistory, MapSnapshot

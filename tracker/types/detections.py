@@ -12,12 +12,12 @@ from tracker.geometry import Array, Ints, check_covariances, check_unit, set_arr
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """People seen by one camera in one frame, as directions: nothing can straddle a seam. Never a true id.
+    """People seen by one camera in one frame, as directions. They hold no true ids.
 
-    A box is a span of azimuth and one of elevation in the camera's frame (columns of a pinhole image are meridians, too).
+    A box is a span of azimuth and a span of elevation in the camera's frame, so that the seam of a panorama does not divide it.
     bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: the spans of azimuth and elevation.
     confidence (n,) in [0, 1]. covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
-    appearance (n, d).
+    appearance (n, d): features of an appearance model.
     """
 
     bearing: Array
@@ -37,6 +37,7 @@ class Detections:
 
     @staticmethod
     def none() -> Detections:
+        """No detections."""
         return Detections(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros((0, 0)))
 
     def __len__(self) -> int:
@@ -47,8 +48,8 @@ class Detections:
 class Sightings:
     """Landmarks seen by one camera in one frame.
 
-    bearing (n, 3) unit, camera frame; range (n,) m or NaN; subject (n,): which landmark, −1 where that must be found;
-    descriptor (n, d); covariance (n, 2, 2) rad² in the tangent plane.
+    bearing (n, 3) unit, camera frame. range (n,) m or NaN. subject (n,): id of the landmark, −1 where data association must find it.
+    descriptor (n, d). covariance (n, 2, 2) rad² in the tangent plane.
     """
 
     bearing: Array
@@ -61,7 +62,7 @@ class Sightings:
         n = len(self.bearing)
         set_array(self, "bearing", (n, 3))
         set_array(self, "covariance", (n, 2, 2))
-        set_ints(self, "subject", n)
+        set_ints(self, "subject", (n,))
         for name, dtype in (("range", np.float64), ("descriptor", np.float32)):
             array = np.array(getattr(self, name), dtype=dtype)
             if len(array) != n:
@@ -79,10 +80,10 @@ class Sightings:
 
 @dataclass(frozen=True, eq=False)
 class RobotDetections:
-    """Other robots seen by one camera in one frame, each known by its name.
+    """Other robots seen by one camera in one frame, each with its name.
 
-    bearing (n, 3) unit, camera frame: to the middle of the seen robot's camera (Setup.mount_of); robot: names (n,), none twice; covariance
-    (n, 2, 2) rad² in the tangent plane.
+    bearing (n, 3) unit, camera frame: to the centre of the seen robot's camera (Setup.mount_of). robot: n distinct names.
+    covariance (n, 2, 2) rad² in the tangent plane.
     """
 
     bearing: Array
@@ -94,13 +95,14 @@ class RobotDetections:
         n = len(self.robot)
         set_array(self, "bearing", (n, 3))
         set_array(self, "covariance", (n, 2, 2))
-        check_unit(self.bearing, "bearing of a companion")
-        check_covariances(self.covariance, "covariance of companion")
+        check_unit(self.bearing, "robot bearing")
+        check_covariances(self.covariance, "covariance of robot detection")
         if len(set(self.robot)) < n:
-            raise ValueError(f"companions are {', '.join(self.robot)}, needs each robot once")
+            raise ValueError(f"detected robots are {', '.join(self.robot)}, needs each robot once")
 
     @staticmethod
     def none() -> RobotDetections:
+        """No detections."""
         return RobotDetections(np.zeros((0, 3)), (), np.zeros((0, 2, 2)))
 
     def __len__(self) -> int:

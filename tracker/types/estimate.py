@@ -1,4 +1,4 @@
-"""What the tracker reports of a frame: targets, poses of the robots, and the landmarks of the map."""
+"""What the tracker reports: an estimate of each frame, and the landmarks of a whole run."""
 
 from __future__ import annotations
 
@@ -11,41 +11,48 @@ from tracker.geometry import Array, Ints, Pose, set_array, set_ints
 
 @dataclass(frozen=True, eq=False)
 class MapSnapshot:
-    """The map at one tick: identity (m,), never used again, place (m, 3) m; sighted: robot → the identities (k,) that it saw at this tick."""
+    """The landmark map at one tick: landmark_id (m,), position (m, 3) m in the world. Ids are never reused.
 
-    identity: Ints
-    place: Array
+    sighted: robot → ids (k,) of the landmarks that it observed at this tick.
+    """
+
+    landmark_id: Ints
+    position: Array
     sighted: dict[str, Ints]
 
 
 @dataclass(frozen=True, eq=False)
 class LandmarkHistory:
-    """The charts of a run as one: places, landmark → (3,) m where it was last believed to be; final: those in the map at the end; sighted: a frame,
-    robot → landmarks (k,) that it saw.
+    """All landmarks of a run.
+
+    positions: landmark id → (3,) m, its last estimate. final: ids of the landmarks in the map after the last tick.
+    sighted: for each tick, robot → ids (k,) of the landmarks that it observed.
     """
 
-    places: dict[int, Array]
+    positions: dict[int, Array]
     final: Ints
     sighted: tuple[dict[str, Ints], ...]
 
     @staticmethod
-    def of(charts: list[MapSnapshot]) -> LandmarkHistory:
-        """Of a chart a frame."""
-        places = {int(n): place for chart in charts for n, place in zip(chart.identity, chart.place, strict=True)}
-        return LandmarkHistory(places, charts[-1].identity if charts else np.zeros(0, dtype=np.int64), tuple(chart.sighted for chart in charts))
+    def of(snapshots: list[MapSnapshot]) -> LandmarkHistory:
+        """Combine the snapshots of all ticks, in order."""
+        positions = {int(n): position for snapshot in snapshots for n, position in zip(snapshot.landmark_id, snapshot.position, strict=True)}
+        final = snapshots[-1].landmark_id if snapshots else np.zeros(0, dtype=np.int64)
+        return LandmarkHistory(positions, final, tuple(snapshot.sighted for snapshot in snapshots))
 
     @property
     def map(self) -> Array:
-        """(m, 3) m: the map at the end."""
-        return np.array([self.places[int(n)] for n in self.final]).reshape(-1, 3)
+        """Positions (m, 3) m of the landmarks in `final`."""
+        return np.array([self.positions[int(n)] for n in self.final]).reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What the tracker believes at one tick.
+    """The estimate of the tracker at one tick.
 
-    T_world_robot and covariance (6, 6) of its right tangent a robot; target_id (k,), never used again; position (k, 3) m on the ground;
-    covariance (k, 3, 3) m²; chart: the map, or None where the tracker tells of none.
+    T_world_robot: robot → pose. robot_covariance: robot → (6, 6) of the right tangent.
+    target_id (k,): ids of the confirmed tracks, never reused. position (k, 3) m on the ground, world. covariance (k, 3, 3) m².
+    counters: name of an event → its count at this tick. map_snapshot: the landmark map, or None where the tracker has none.
     """
 
     index: int
@@ -55,15 +62,15 @@ class Estimate:
     position: Array
     covariance: Array
     counters: dict[str, int] = field(default_factory=dict)
-    chart: MapSnapshot | None = None
+    map_snapshot: MapSnapshot | None = None
 
     @staticmethod
     def of_robots(index: int, T_world_robot: dict[str, Pose], covariance: dict[str, Array], counters: dict[str, int]) -> Estimate:
-        """Nobody is there yet."""
+        """An estimate of the robots without any target."""
         return Estimate(index, T_world_robot, covariance, np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), counters)
 
     def __post_init__(self) -> None:
         n = len(self.target_id)
-        set_ints(self, "target_id", n)
+        set_ints(self, "target_id", (n,))
         set_array(self, "position", (n, 3))
         set_array(self, "covariance", (n, 3, 3))

@@ -1,4 +1,4 @@
-"""A sequence of frames with its setup and, where it is known, the truth; in memory or read from disk as it is iterated."""
+"""A sequence: its setup, its ticks in memory or on disk, and the ground truth where it is known."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from tracker.types.truth import Truth
 
 
 class Ticks(Protocol):
-    """Ticks in order, as often as one likes; odometry: robot → motion, a frame, without looking at images."""
+    """Ticks in order; they can be iterated repeatedly."""
 
     def __len__(self) -> int: ...
 
     def __iter__(self) -> Iterator[Tick]: ...
 
-    def odometry(self) -> Iterator[dict[str, Odometry]]: ...
+    def odometry(self) -> Iterator[dict[str, Odometry]]:
+        """For each tick, robot → odometry. No image is read."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
 class TicksInMemory:
-    """Ticks held in a tuple."""
+    """Ticks held in a tuple; mounts: camera name → Mount."""
 
     ticks: tuple[Tick, ...]
     mounts: dict[str, Mount]
@@ -41,7 +43,7 @@ class TicksInMemory:
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """setup, ticks (one a period), truth (one a tick) or None, provenance: what made it, as JSON values."""
+    """setup; ticks, one per period; truth, one per tick, or None; provenance: source and parameters of the sequence as JSON values."""
 
     setup: Setup
     ticks: Ticks
@@ -50,16 +52,17 @@ class Sequence:
 
 
 def without_starts(sequence: Sequence, robots: Collection[str]) -> Sequence:
-    """The sequence where some robots are not told where they start. Raises ValueError for a robot that it does not have, or where no other one
-    that moves knows its start.
+    """The sequence with the start poses of `robots` removed.
+
+    Raises ValueError for an unknown robot, and where no moving robot with a known start pose is left.
     """
     starts = sequence.setup.starts
     for robot in robots:
         if robot not in starts:
-            raise ValueError(f"{robot!r} is not told its start, needs one of {', '.join(starts)}")
-    # A robot that is known exactly is a fixed camera, whose landmarks nobody maps.
+            raise ValueError(f"robot without a start pose is {robot!r}, needs one of {', '.join(starts)}")
+    # Fixed cameras do not count: they map no landmarks, so no other robot can be located relative to them.
     if robots and not set(sequence.setup.anchored_robots) - set(robots):
-        raise ValueError("no robot is left that knows its start, needs at least one: the world's frame is theirs")
+        raise ValueError("no moving robot with a known start pose is left, needs at least one to define the world frame")
     if not robots:
         return sequence
     return replace(sequence, setup=replace(sequence.setup, starts={name: None if name in robots else start for name, start in starts.items()}))

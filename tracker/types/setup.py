@@ -1,4 +1,4 @@
-"""What the tracker is told once: cameras and their mounts, the ground, the starts of the robots, and the area of interest."""
+"""The constant inputs of the tracker: cameras and their mounts, the ground, start poses of the robots, and the area of interest."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tracker.types.detections import RobotDetections
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A camera on a robot."""
+    """A camera on a robot: T_body_camera, and the name of the robot."""
 
     camera: Camera
     T_body_camera: Pose
@@ -23,7 +23,7 @@ class Mount:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a robot stands before the first tick: pose and covariance (6, 6) of its right tangent."""
+    """The start pose of a robot before the first tick, and the covariance (6, 6) of its right tangent."""
 
     T_world_robot: Pose
     covariance: Array
@@ -35,12 +35,12 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the tracker is told once: mounts (camera name → Mount), the ground as far as it is known, start poses, period s.
+    """The constant inputs of the tracker.
 
-    starts: robot → Start, None where unknown. area: (2, 2) m, the lowest and highest x, y in which targets are reported, or None.
-    height: the band of people's heights in metres that a detection must fit. occluders: the top of what stands on the ground
-    (walls, furniture) as a ground of its own, where it is known: it says what a view cannot see. pillars (p, 5): upright round things that hide
-    people where no occluders are known, each x, y, radius, lowest and highest z in metres.
+    mounts: camera name → Mount. ground: the terrain. starts: robot → Start, None where unknown. period s.
+    area: (2, 2) m, the lowest and highest x, y in which targets are reported, or None for no limit.
+    height: lowest and highest stature of a person, m. occluders: height map of walls and furniture, or None where unknown.
+    pillars (p, 5): upright cylinders that occlude people where no occluders are known: x, y, radius, lowest and highest z in metres.
     """
 
     mounts: dict[str, Mount]
@@ -63,13 +63,13 @@ class Setup:
             raise ValueError(f"robots {sorted(missing)} carry cameras and have no entry in starts")
 
     def is_fixed(self, robot: str) -> bool:
-        """Whether a robot is a fixed camera: its start pose is known and has zero covariance."""
+        """Whether `robot` stands for a fixed camera: its start pose is known and has zero covariance."""
         start = self.starts[robot]
         return start is not None and not start.covariance.any()
 
     @property
     def moving_robots(self) -> tuple[str, ...]:
-        """Robots that are no fixed cameras, in the order of `starts`, whether their start pose is known or not."""
+        """Robots that are not fixed cameras, in the order of `starts`, whether their start pose is known or not."""
         return tuple(robot for robot in self.starts if not self.is_fixed(robot))
 
     @property
@@ -78,29 +78,29 @@ class Setup:
         return tuple(robot for robot in self.moving_robots if self.starts[robot] is not None)
 
     def contains(self, points: Array) -> Mask:
-        """Points (n, 2) or (n, 3) m, world → (n,): whether they lie in the area or on its edge. Without an area all do."""
+        """Points (n, 2) or (n, 3) m, world → (n,) whether each lies in the area or on its edge; all True without an area."""
         if self.area is None:
             return np.ones(len(points), dtype=np.bool_)
         low, high = self.area
         return np.asarray(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
 
     def distance_beyond(self, points: Array) -> Array:
-        """Points (n, 2) or (n, 3) m, world → (n,) m outside the area along x or y, whichever is more; 0 inside. Without an area all are 0."""
+        """Points (n, 2) or (n, 3) m, world → (n,) m: the larger distance outside the area along x or y; 0 inside or without an area."""
         if self.area is None:
             return np.zeros(len(points))
         low, high = self.area
         return np.asarray(np.maximum(low - points[:, :2], points[:, :2] - high).max(axis=1).clip(min=0.0))
 
     def mount_of(self, robot: str) -> Mount:
-        """The camera that others see of a robot: its first. Raises ValueError for a robot without one."""
+        """The first camera of a robot: other robots detect that camera. Raises ValueError for a robot without a camera."""
         mount = next((m for m in self.mounts.values() if m.robot == robot), None)
         if mount is None:
             raise ValueError(f"robot {robot!r} carries no camera, needs one of {sorted({m.robot for m in self.mounts.values()})}")
         return mount
 
-    def check_companions(self, camera: str, companions: RobotDetections) -> None:
-        """Raises ValueError for robots without a camera, and for a robot that sees itself."""
-        for robot in companions.robot:
+    def check_robot_detections(self, camera: str, detections: RobotDetections) -> None:
+        """Raises ValueError for a detected robot without a camera, and for a robot that detects itself."""
+        for robot in detections.robot:
             self.mount_of(robot)
             if robot == self.mounts[camera].robot:
-                raise ValueError(f"{camera} sees robot {robot!r}, which carries it; needs another one")
+                raise ValueError(f"{camera} sees robot {robot!r}, which carries it, needs another robot")

@@ -1,4 +1,4 @@
-"""Odometry, View and Tick: what the tracker is given of a frame. Arrays are copied and read-only."""
+"""The measurements of one frame: Odometry, View and Tick. Arrays are copied and read-only."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tracker.types.detections import Detections, RobotDetections, Sightings
 
 @dataclass(frozen=True, eq=False)
 class Odometry:
-    """The motion of a robot's body since the tick before: T_before_now, covariance (6, 6) of its right tangent [m, rad].
+    """The motion of a robot's body since the previous tick: T_before_now, covariance (6, 6) of its right tangent [m, rad].
 
-    gravity: the unit direction of "up" in the body's frame as the accelerometer has it, or None; gravity_sigma its error, rad an axis.
+    gravity (3,): direction of "up" in the body frame from the accelerometer, or None. gravity_sigma: its standard deviation per axis, rad.
     """
 
     T_before_now: Pose
@@ -33,8 +33,10 @@ class Odometry:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one camera has at one tick. image (H, W, 3) uint8 RGB or None; odometry of the robot that carries the camera, or None; companions: None
-    where nobody looks for other robots.
+    """The measurements of one camera at one tick.
+
+    odometry: that of the robot that carries the camera, or None. image (H, W, 3) uint8 RGB or None.
+    robot_detections: None where no detector of robots runs.
     """
 
     camera: str
@@ -42,12 +44,12 @@ class View:
     sightings: Sightings | None = None
     odometry: Odometry | None = None
     image: Image | None = None
-    companions: RobotDetections | None = None
+    robot_detections: RobotDetections | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One moment: index from 0, time = index · period in seconds, one View a camera that reported."""
+    """One frame: index from 0, time = index · period in seconds, and a View for each camera that reported."""
 
     index: int
     time: float

@@ -5,29 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tracker.geometry import Array, Ints, Pose, frozen, set_array, set_ints
+from tracker.geometry import Array, Ints, Pose, set_array, set_ints
 
 KEYPOINT_NAMES = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
     "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
 )  # fmt: skip
-"""The order of key points (Lin et al. 2014, COCO)."""
-
-HIDDEN, VISIBLE = 1, 2
-"""Visibility of a key point as COCO has it (Lin et al. 2014); 0 is not in the image."""
+"""The key points of COCO, in its order (Lin et al. 2014)."""
 
 KEYPOINT_COUNT = len(KEYPOINT_NAMES)
+
+HIDDEN, VISIBLE = 1, 2
+"""Visibility flags of key points in COCO; 0 is not in the image."""
 
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """True boxes of n people: person (n,) ids; seen, full (n, 4) left, top, right, bottom px of what is seen and of the whole body.
+    """True boxes of n people in one image: person (n,) ids.
 
-    In a panorama right may pass the width, where a body lies over the seam; in other cameras full ends at the image's edge. seen is zero for
-    who is hidden. visible (n,): pixels seen over the pixels that the person would cover alone. range (n,) m from the camera to the middle
-    between the hips.
+    seen, full (n, 4): left, top, right, bottom px of the visible part and of the whole body. seen is zero for people who are hidden.
+    In a panorama right may exceed the width, where a body lies over the seam. In other cameras full ends at the edge of the image.
+    visible (n,): visible pixels over the pixels without occlusion, in [0, 1]. range (n,) m from the camera to the middle between the hips.
     """
 
     person: Ints
@@ -38,19 +37,21 @@ class Boxes:
 
     def __post_init__(self) -> None:
         n = len(self.person)
-        object.__setattr__(self, "person", _whole(self.person, (n,)))
+        set_ints(self, "person", (n,))
         for name, shape in (("seen", (n, 4)), ("full", (n, 4)), ("visible", (n,)), ("range", (n,))):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+            set_array(self, name, shape)
 
     @staticmethod
     def none() -> Boxes:
+        """No people."""
         return Boxes(np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
 class Keypoints:
-    """The 17 key points of COCO of n people in one image: person (n,); pixels (n, 17, 2) u, v, zero where not in the image;
-    visibility (n, 17): 2 visible, 1 hidden by something or by the own body, 0 not in the image.
+    """True key points of n people in one image: person (n,) ids.
+
+    pixels (n, 17, 2) u, v, zero where not in the image. visibility (n, 17): VISIBLE, HIDDEN (also by the person's own body), or 0.
     """
 
     person: Ints
@@ -59,18 +60,19 @@ class Keypoints:
 
     def __post_init__(self) -> None:
         n = len(self.person)
-        object.__setattr__(self, "person", _whole(self.person, (n,)))
-        object.__setattr__(self, "pixels", frozen(self.pixels, (n, KEYPOINT_COUNT, 2), "pixels"))
-        object.__setattr__(self, "visibility", _whole(self.visibility, (n, KEYPOINT_COUNT)))
+        set_ints(self, "person", (n,))
+        set_array(self, "pixels", (n, KEYPOINT_COUNT, 2))
+        set_ints(self, "visibility", (n, KEYPOINT_COUNT))
 
     @staticmethod
     def none() -> Keypoints:
+        """No people."""
         return Keypoints(np.zeros(0, dtype=np.int64), np.zeros((0, KEYPOINT_COUNT, 2)), np.zeros((0, KEYPOINT_COUNT), dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
 class ViewTruth:
-    """One camera at one moment: T_world_camera; ground m, the height of the terrain straight below, and its unit normal (3,); the people."""
+    """The truth of one camera in one frame: T_world_camera, height m and unit normal (3,) of the terrain straight below, and the people."""
 
     T_world_camera: Pose
     ground: float
@@ -79,23 +81,17 @@ class ViewTruth:
     keypoints: Keypoints
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "normal", frozen(self.normal, (3,), "normal"))
-
-
-def _whole(value: NDArray[np.int64], shape: tuple[int, ...]) -> Ints:
-    array = np.array(value, dtype=np.int64)
-    if array.shape != shape:
-        raise ValueError(f"whole numbers have shape {array.shape}, need {shape}")
-    array.flags.writeable = False
-    return array
+        set_array(self, "normal", (3,))
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What was so at one tick. T_world_robot a robot; person_id (m,); feet (m, 3) m: the ground under the middle of the body;
-    visible (m, cameras): pixels seen over the pixels that the person would cover alone, in [0, 1], cameras in the order of Setup.mounts.
-    joints (m, 17, 3) m: the key points of COCO (layout.KEYPOINT_NAMES), or None where they were not read (annotations.read_joints reads them).
-    tipped: the robots that have tipped over: their odometry and panoramas are still there, but nobody should expect much of them.
+    """The ground truth of one tick. Positions are in the world.
+
+    T_world_robot: robot → pose. person_id (m,). feet (m, 3) m: the ground under the middle of the body.
+    visible (m, cameras): visible pixels over the pixels without occlusion, in [0, 1], cameras in the order of Setup.mounts.
+    joints (m, 17, 3) m: positions of KEYPOINT_NAMES, or None where they were not read (truth_tables.read_joints reads them).
+    tipped: the robots that have tipped over. They still have odometry and panoramas.
     """
 
     index: int
@@ -110,10 +106,10 @@ class Truth:
         n = len(self.person_id)
         if not self.tipped <= set(self.T_world_robot):
             raise ValueError(f"tipped is {sorted(self.tipped)}, needs robots of {sorted(self.T_world_robot)}")
-        set_ints(self, "person_id", n)
+        set_ints(self, "person_id", (n,))
         set_array(self, "feet", (n, 3))
         set_array(self, "visible", (n, None))
         if self.joints is not None:
-            set_array(self, "joints", (n, 17, 3))
+            set_array(self, "joints", (n, KEYPOINT_COUNT, 3))
         if len(np.unique(self.person_id)) != n:
             raise ValueError(f"truth of frame {self.index} has a person twice")

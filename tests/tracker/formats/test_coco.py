@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.formats.coco import Content, Rle, Shown, from_text, masks, read_coco, shown_of, to_text, write_coco
+from tracker.formats.coco import CocoFile, PersonAnnotation, Rle, decode_counts, encode_counts, encode_masks, person_annotation, read_coco, write_coco
 
 images = arrays(np.uint16, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.sampled_from([0, 0, 1, 2, 65535]))
 
@@ -20,27 +20,27 @@ images = arrays(np.uint16, array_shapes(min_dims=2, max_dims=2, max_side=12), el
 @settings(max_examples=100, deadline=None)
 @given(images)
 def test_masks_are_those_of_the_image(image: np.ndarray) -> None:
-    found = masks(image)
+    found = encode_masks(image)
     assert list(found) == np.unique(image[image > 0]).tolist()
     for person, rle in found.items():
         assert_array_equal(rle.decode(), image == person)
         assert rle.area == (image == person).sum()
-        assert from_text(to_text(rle.counts)) == rle.counts
+        assert decode_counts(encode_counts(rle.counts)) == rle.counts
 
 
 @settings(max_examples=100, deadline=None)
 @given(images)
 def test_texts_are_pycocotools(image: np.ndarray) -> None:
     mask = pytest.importorskip("pycocotools.mask")
-    for person, rle in masks(image).items():
+    for person, rle in encode_masks(image).items():
         theirs = mask.encode(np.asfortranarray((image == person).astype(np.uint8)))
-        assert theirs == {"size": [rle.height, rle.width], "counts": to_text(rle.counts).encode()}
+        assert theirs == {"size": [rle.height, rle.width], "counts": encode_counts(rle.counts).encode()}
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.integers(0, 2**31), max_size=8))
 def test_any_counts_come_back_from_text(counts: list[int]) -> None:
-    assert from_text(to_text(counts)) == tuple(counts)
+    assert decode_counts(encode_counts(counts)) == tuple(counts)
 
 
 pixel = st.floats(-0.0, 2000).map(lambda x: round(x, 2))
@@ -56,21 +56,21 @@ people = st.builds(
 @settings(max_examples=50, deadline=None)
 @given(st.lists(people, max_size=4))
 def test_what_is_written_is_what_is_read(values: list[tuple[int, tuple[float, ...], float, list[tuple[float, float, int]]]]) -> None:
-    content, image = Content(), np.zeros((6, 8), dtype=np.uint16)
+    content, image = CocoFile(), np.zeros((6, 8), dtype=np.uint16)
     image[2:4, 3:7] = 1
     video = content.add_video("a-view", "view", "a")
     shown = []
     for k, (person, box, visible, points) in enumerate(values):
         pixels, visibility = np.array([p[:2] for p in points]), np.array([p[2] for p in points])
         pixels[visibility == 0] = 0
-        shown.append(Shown(person, np.array(box[:4]), np.array(box[4:]), visible, 3.5, masks(image)[1], pixels, visibility))
+        shown.append(PersonAnnotation(person, np.array(box[:4]), np.array(box[4:]), visible, 3.5, encode_masks(image)[1], pixels, visibility))
         content.add(content.add_image(video, f"{k}.jpg", (8, 6), k), shown[-1])
     with tempfile.TemporaryDirectory() as folder:
         write_coco(Path(folder) / "people.json", content, "test")
         again = read_coco(Path(folder) / "people.json")
     assert (again.videos, again.images, again.annotations) == (content.videos, content.images, content.annotations)
     for annotation, one in zip(again.annotations, shown, strict=True):
-        back = shown_of(annotation)
+        back = person_annotation(annotation)
         assert (back.person, back.visible, back.range, back.mask) == (one.person, one.visible, one.range, one.mask)
         assert_array_equal(back.box, one.box)
         assert_array_equal(back.full, one.full)
@@ -79,11 +79,11 @@ def test_what_is_written_is_what_is_read(values: list[tuple[int, tuple[float, ..
 
 
 def test_ids_that_would_be_bent_are_refused() -> None:
-    content = Content()
+    content = CocoFile()
     content.add_image(content.add_video("v", "c", "s"), "f", (8, 6), 0)
     mask = Rle(6, 8, (48,))
     with pytest.raises(ValueError, match="person is 9007199254740992, needs 0 to less than 2"):
-        content.add(1, Shown(2**53, np.zeros(4), np.zeros(4), 1.0, 1.0, mask, np.zeros((17, 2)), np.zeros(17, dtype=np.int64)))
+        content.add(1, PersonAnnotation(2**53, np.zeros(4), np.zeros(4), 1.0, 1.0, mask, np.zeros((17, 2)), np.zeros(17, dtype=np.int64)))
 
 
 @pytest.mark.parametrize(
@@ -91,8 +91,8 @@ def test_ids_that_would_be_bent_are_refused() -> None:
     [
         ("[]", "field .* is missing or of the wrong kind"),
         ('{"videos": [], "images": []}', "field 'annotations' is missing"),
-        ('{"videos": [], "images": [{"id": 1}, {"id": 1}], "annotations": []}', "an id of the images comes twice"),
-        ('{"videos": [], "images": [], "annotations": [{"id": 1, "image_id": 4}]}', "annotation 1 is of image 4, which is not there"),
+        ('{"videos": [], "images": [{"id": 1}, {"id": 1}], "annotations": []}', "an id of the images occurs twice"),
+        ('{"videos": [], "images": [], "annotations": [{"id": 1, "image_id": 4}]}', "annotation 1 is of image 4, which is missing"),
         ("{", "not JSON"),
     ],
 )
@@ -105,8 +105,8 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None
 
 def test_wrong_run_lengths_are_refused() -> None:
     with pytest.raises(ValueError, match="need characters from"):
-        from_text("é")
+        decode_counts("é")
     with pytest.raises(ValueError, match="end within a number"):
-        from_text("P")
+        decode_counts("P")
     with pytest.raises(ValueError, match="add up to 3, need 2 x 2"):
         Rle(2, 2, (1, 2)).decode()

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from tracker.formats.motchallenge import Annotated, SeqInfo, read_mot17, read_seqinfo, write_mot17, write_seqinfo, write_seqmap
+from tracker.formats.motchallenge import Mot17Rows, SeqInfo, read_mot17, read_seqinfo, write_mot17, write_seqinfo, write_seqmap
 
 number = st.floats(-1e6, 1e6)
 size = st.floats(0, 1e6)
@@ -26,7 +26,7 @@ def test_what_is_written_is_what_is_read(values: list[tuple[tuple[float, ...], .
     frame, ids, consider, category = np.array([v[0] for v in values], dtype=np.int64).reshape(-1, 4).T
     box, position = np.array([v[1] for v in values]).reshape(-1, 4), np.array([v[3] for v in values]).reshape(-1, 3)
     visibility = np.array([v[2] for v in values])
-    rows = Annotated(frame, ids, box, consider, category, visibility, position if places else None)
+    rows = Mot17Rows(frame, ids, box, consider, category, visibility, position if places else None)
     with tempfile.TemporaryDirectory() as folder:
         write_mot17(Path(folder) / "gt.txt", rows)
         again = read_mot17(Path(folder) / "gt.txt")
@@ -42,7 +42,7 @@ def test_what_is_written_is_what_is_read(values: list[tuple[tuple[float, ...], .
 
 def test_rows_are_written_by_frame_then_id(tmp_path: Path) -> None:
     ones = np.ones(3, dtype=np.int64)
-    rows = Annotated(np.array([2, 1, 1]), np.array([1, 9, 4]), np.arange(12.0).reshape(3, 4), ones, ones, np.array([0.25, 1, 0]))
+    rows = Mot17Rows(np.array([2, 1, 1]), np.array([1, 9, 4]), np.arange(12.0).reshape(3, 4), ones, ones, np.array([0.25, 1, 0]))
     write_mot17(tmp_path / "gt.txt", rows)
     assert (tmp_path / "gt.txt").read_text() == "1,4,8,9,10,11,1,1,0\n1,9,4,5,6,7,1,1,1\n2,1,0,1,2,3,1,1,0.25\n"
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from tracker.formats.motchallenge import Rows, read_mot15, rows_from_tracks, write_mot15
+from tracker.formats.motchallenge import Mot15Rows, read_mot15, rows_from_tracks, write_mot15
 
 GOOD = "1,3,10.5,20,30,40,1,1.5,-2.5,0\n"
 
@@ -25,7 +25,7 @@ row = st.tuples(st.integers(1, 10**6), st.integers(0, 10**9), number, number, si
 @given(st.lists(row, max_size=12, unique_by=lambda r: (r[0], r[1])))
 def test_what_is_written_is_what_is_read(values: list[tuple[float, ...]]) -> None:
     t = np.array(sorted(values), dtype=np.float64).reshape(-1, 10)
-    rows = Rows(t[:, 0].astype(int), t[:, 1].astype(int), t[:, 2:6], t[:, 6], t[:, 7:])
+    rows = Mot15Rows(t[:, 0].astype(int), t[:, 1].astype(int), t[:, 2:6], t[:, 6], t[:, 7:])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tracks.txt"
         write_mot15(path, rows)
@@ -37,17 +37,17 @@ def test_what_is_written_is_what_is_read(values: list[tuple[float, ...]]) -> Non
     nudged = rows.position.copy()
     nudged[:, :2][nudged[:, :2] == 0] = 1e-9
     assert_array_equal(again.position, nudged)
-    assert_array_equal(again.positioned, rows.positioned)
+    assert_array_equal(again.has_position, rows.has_position)
 
 
 def test_rows_are_written_by_frame_then_id(tmp_path: Path) -> None:
-    rows = Rows([2, 1, 1], [1, 9, 4], np.full((3, 4), -1.0), np.ones(3), np.full((3, 3), -1.0))
+    rows = Mot15Rows([2, 1, 1], [1, 9, 4], np.full((3, 4), -1.0), np.ones(3), np.full((3, 3), -1.0))
     write_mot15(tmp_path / "t.txt", rows)
     again = read_mot15(tmp_path / "t.txt")
     assert_array_equal(again.frame, [1, 1, 2])
     assert_array_equal(again.id, [4, 9, 1])
-    assert not again.positioned.any()
-    assert not again.boxed.any()
+    assert not again.has_position.any()
+    assert not again.has_box.any()
     assert {f: k.tolist() for f, k in again.by_frame().items()} == {1: [0, 1], 2: [2]}
 
 
@@ -56,7 +56,7 @@ def test_tracks_become_rows() -> None:
     assert_array_equal(rows.frame, [1, 2, 2])
     assert_array_equal(rows.id, [5, 7, 5])
     assert_array_equal(rows.position, [[0, 0, 0], [1, 2, 3], [4, 5, 6]])
-    assert not rows.boxed.any()
+    assert not rows.has_box.any()
     assert len(rows_from_tracks({})) == 0
 
 
@@ -120,9 +120,9 @@ def test_other_encodings_are_refused(tmp_path: Path) -> None:
 )
 def test_rows_are_checked(change: dict[str, Any], text: str) -> None:
     good: dict[str, Any] = {"frame": [1], "id": [1], "box": [[0.0, 0, 1, 1]], "confidence": [1.0], "position": [[0.0, 0, 0]]}
-    Rows(**good)
+    Mot15Rows(**good)
     with pytest.raises(ValueError, match=text):
-        Rows(**{**good, **change})
+        Mot15Rows(**{**good, **change})
 
 
 def test_the_real_files_are_read(data: Any) -> None:

@@ -194,10 +194,10 @@ def test_the_older_spelling_says_the_same(written: Callable[[str], Path]) -> Non
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ('number="1"', 'number="0"', "line 9: field frame.number 0 comes twice"),
+        ('number="1"', 'number="0"', "line 9: field frame.number 0 occurs twice"),
         ('number="1"', 'number="-1"', "line 9: field frame.number -1 is below 0"),
         ('number="1"', "", "line 9: field frame.number is missing"),
-        ('id="15"', 'id="9"', "line 6: field object.id 9 comes twice in frame 0"),
+        ('id="15"', 'id="9"', "line 6: field object.id 9 occurs twice in frame 0"),
         ('id="15"', 'id="x"', "line 6: field object.id is 'x'"),
         ('w="32.5"', 'w="-32.5"', "line 6: field box.w is -32.5, needs more than 0"),
         ('h="88.5"', 'h="0"', "line 6: field box.h is 0.0, needs more than 0"),

@@ -7,19 +7,19 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tracker.formats.pom import HEIGHT, RADIUS, read_rectangles, rectangles, write_rectangles
-from tracker.formats.wildtrack import Calibrated, Region
+from tracker.formats.wildtrack import GroundGrid, OpenCvCamera
 
 SIZE = (400, 600)
 
 
-def camera() -> Calibrated:
+def camera() -> OpenCvCamera:
     """At the origin, 1 m up, level, along x: 500 px of focal length, the axis through (300, 200)."""
     matrix = np.array([[500.0, 0.0, 300.0], [0.0, 500.0, 200.0], [0.0, 0.0, 1.0]])
     rotation = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     # The rotation by 120 degrees that takes x to z, y to -x and z to -y.
     axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
     rvec = axis / np.linalg.norm(axis) * np.arccos((np.trace(rotation) - 1) / 2)
-    return Calibrated(matrix, np.zeros(5), rvec, -rotation @ np.array([0.0, 0.0, 1.0]))
+    return OpenCvCamera(matrix, np.zeros(5), rvec, -rotation @ np.array([0.0, 0.0, 1.0]))
 
 
 def test_a_person_ahead_covers_what_perspective_says() -> None:
@@ -42,8 +42,8 @@ def test_who_stands_at_the_border_is_cut_there() -> None:
 
 
 def test_rectangles_come_back(tmp_path: Path) -> None:
-    region = Region(np.array([2.0, -2.0]), 40, 160, 0.1)
-    turned = Calibrated(camera().matrix, np.zeros(5), camera().rvec, camera().tvec + np.array([0.5, 0.0, 0.0]))
+    region = GroundGrid(np.array([2.0, -2.0]), 40, 160, 0.1)
+    turned = OpenCvCamera(camera().matrix, np.zeros(5), camera().rvec, camera().tvec + np.array([0.5, 0.0, 0.0]))
     write_rectangles(tmp_path / "rectangles.pom", region, [camera(), turned], SIZE, lambda points: 0.1 * points[:, 0])
     found = read_rectangles(tmp_path / "rectangles.pom", 2, 40 * 160)
     places = region.points(np.arange(40 * 160))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tests.tracker.formats.mrclam import BEGIN, LANDMARKS, write_set
-from tracker.formats.utias import is_utias, read_team
+from tracker.formats.utias import is_utias, read_utias
 
 
 def test_a_drawn_set(tmp_path: Path) -> None:
-    team = read_team(write_set(tmp_path / "s"))
+    team = read_utias(write_set(tmp_path / "s"))
     assert is_utias(tmp_path / "s")
     assert not is_utias(tmp_path)
     assert list(team.robots) == [1, 2]
@@ -22,21 +22,21 @@ def test_a_drawn_set(tmp_path: Path) -> None:
     assert robot.odometry[0].tolist() == [BEGIN, 0.1, 0.1]
     assert sorted(set(robot.subject.tolist())) == [2, 6, 7, 8, 9]
     assert not robot.rejected
-    assert team.mended == ()
+    assert team.repairs == ()
 
 
 def test_real_sets_and_the_swapped_landmarks(data: Callable[..., Path]) -> None:
     """Where the truth says that robot 2 was, landmark 11 is seen where the exchanged table has it."""
-    team = read_team(data("utias", "MRCLAM_Dataset1"))
-    assert team.mended == ("landmarks 11 and 17 of set 1 exchanged",)
+    team = read_utias(data("utias", "MRCLAM_Dataset1"))
+    assert team.repairs == ("landmarks 11 and 17 of set 1 exchanged",)
     robot = team.robots[2]
     mine = robot.subject == 11
-    t, truth = robot.seen[mine, 0], robot.truth
+    t, truth = robot.measurements[mine, 0], robot.truth
     x, y = np.interp(t, truth[:, 0], truth[:, 1]), np.interp(t, truth[:, 0], truth[:, 2])
     reach = np.hypot(team.landmarks[11][0] - x, team.landmarks[11][1] - y)
-    assert np.median(np.abs(reach - robot.seen[mine, 1])) < 0.2
-    other = read_team(data("utias", "MRCLAM_Dataset6"))
-    assert other.mended == ()
+    assert np.median(np.abs(reach - robot.measurements[mine, 1])) < 0.2
+    other = read_utias(data("utias", "MRCLAM_Dataset6"))
+    assert other.repairs == ()
     assert sum(sum(r.rejected.values()) for r in other.robots.values()) == 6
 
 
@@ -47,7 +47,7 @@ def test_sightings_of_no_use_are_counted_by_reason(tmp_path: Path) -> None:
     (folder / "Barcodes.dat").write_text((folder / "Barcodes.dat").read_text() + " 3 41 \n")
     with (folder / "Robot2_Measurement.dat").open("a") as file:
         file.write(f"{BEGIN + 1} 41 1.0 0.0\n")
-    team = read_team(folder)
+    team = read_utias(folder)
     assert team.robots[1].rejected == {"barcode not in the table": 1, "robot sees itself": 1, "range not above zero": 2}
     assert team.robots[2].rejected == {"subject not in the set": 1}
 
@@ -73,15 +73,15 @@ def test_bad_files_are_named(tmp_path: Path, name: str, line: int, text: str, me
     folder = write_set(tmp_path / "s")
     change(folder / name, line, text)
     with pytest.raises(ValueError, match=message):
-        read_team(folder)
+        read_utias(folder)
 
 
 def test_missing_files(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "s")
     (folder / "Robot2_Groundtruth.dat").unlink()
     with pytest.raises(ValueError, match=r"Robot2_Groundtruth.dat: no such file"):
-        read_team(folder)
-    for path in folder.glob("Robot*"):
+        read_utias(folder)
+    for path in folder.glob("UtiasRobot*"):
         path.unlink()
     with pytest.raises(ValueError, match="needs at least one robot"):
-        read_team(folder)
+        read_utias(folder)

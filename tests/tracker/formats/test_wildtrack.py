@@ -14,12 +14,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tracker.formats.pets2009 import read_camera
 from tracker.formats.wildtrack import (
-    Calibrated,
-    Region,
+    GroundGrid,
+    OpenCvCamera,
     WildtrackPosition,
     read_calibration,
+    read_ground_grid,
     read_positions,
-    read_region,
     write_calibration,
     write_config,
     write_positions,
@@ -49,7 +49,7 @@ def test_annotations_come_back(people: list[WildtrackPosition]) -> None:
 @given(st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=1, max_size=8))
 def test_places_come_back_to_half_a_cell(points: list[tuple[float, float]]) -> None:
     given_ = np.array(points)
-    region = Region.around(given_)
+    region = GroundGrid.around(given_)
     positions = region.positions(given_)
     assert (positions >= 0).all()
     assert (positions < region.columns * region.rows).all()
@@ -57,14 +57,14 @@ def test_places_come_back_to_half_a_cell(points: list[tuple[float, float]]) -> N
     assert_array_equal(region.positions(region.points(positions)), positions)
     with tempfile.TemporaryDirectory() as folder:
         write_config(Path(folder) / "config.json", region, 4, 10, (720, 1280))
-        again = read_region(Path(folder) / "config.json")
+        again = read_ground_grid(Path(folder) / "config.json")
     assert (again.columns, again.rows, again.cell) == (region.columns, region.rows, region.cell)
     assert_array_equal(again.origin, region.origin)
 
 
 def test_cells_count_along_x_first_as_in_multiviewx() -> None:
     """25 × 16 m, 0.025 m, positionID = gx + 1000 gy (FORMATS of the dataset)."""
-    region = Region(np.zeros(2), 1000, 640)
+    region = GroundGrid(np.zeros(2), 1000, 640)
     assert_array_equal(region.positions(np.array([[0, 0], [0.025, 0], [0, 0.025], [24.975, 15.975]])), [0, 1, 1000, 639_999])
     assert_allclose(region.points(np.array([1002])), [[0.05, 0.025]])
     with pytest.raises(ValueError, match=r"point \[25.0, 0.0\] m is outside the region of 1000 x 640 cells"):
@@ -73,7 +73,7 @@ def test_cells_count_along_x_first_as_in_multiviewx() -> None:
 
 def test_a_pinhole_is_opencv_s_exactly(tmp_path: Path) -> None:
     camera, T = pinhole(320, 240, 1.1), Pose.planar(3, -2, 0.7, 2.5)
-    calibrated, error = Calibrated.of(camera, T)
+    calibrated, error = OpenCvCamera.from_tsai(camera, T)
     assert error < 1e-9
     assert not calibrated.distortion.any()
     write_calibration(tmp_path, "Camera1", calibrated)
@@ -87,7 +87,7 @@ def test_a_pinhole_is_opencv_s_exactly(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (2, 1.5), (3, 0.05), (4, 1e-6), (5, 0.6), (6, 0.8), (8, 8.0)])
 def test_real_cameras_are_opencv_s_as_nearly_as_is_said(data: Any, view: int, bound: float) -> None:
     _, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
-    calibrated, error = Calibrated.of(camera, T)
+    calibrated, error = OpenCvCamera.from_tsai(camera, T)
     assert error < bound
     pixels = np.random.default_rng(view).uniform([0, 0], [camera.width - 1, camera.height - 1], (300, 2))
     points = T.apply(10 * camera.bearings_from_pixels(pixels))
@@ -118,7 +118,7 @@ def test_wrong_files_and_ids_are_named(tmp_path: Path) -> None:
         write_positions(tmp_path / "0.json", [WildtrackPosition(2**53, 0, np.zeros((0, 4), dtype=np.int64))])
     with pytest.raises(ValueError, match=r"intr_Camera1\.xml: no such file"):
         read_calibration(tmp_path, "Camera1")
-    calibrated, _ = Calibrated.of(pinhole(320, 240, 1.1), Pose.identity())
+    calibrated, _ = OpenCvCamera.from_tsai(pinhole(320, 240, 1.1), Pose.identity())
     write_calibration(tmp_path, "Camera1", calibrated)
     (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text('<?xml version="1.0"?>\n<opencv_storage>\n<rvec>3</rvec></opencv_storage>\n')
     with pytest.raises(ValueError, match=r"extr_Camera1\.xml: "):
@@ -128,4 +128,4 @@ def test_wrong_files_and_ids_are_named(tmp_path: Path) -> None:
         read_calibration(tmp_path, "Camera1")
     (tmp_path / "config.json").write_text('{"grid_shape": [0, 4], "origin": [0, 0], "grid_cell": 0.1}')
     with pytest.raises(ValueError, match=r"config.json: region is 4 x 0 cells"):
-        read_region(tmp_path / "config.json")
+        read_ground_grid(tmp_path / "config.json")

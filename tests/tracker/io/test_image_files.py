@@ -9,35 +9,35 @@ import cv2
 import numpy as np
 import pytest
 
-from tracker.io.image_files import JPEG, PNG, RUNS, Coders, decode, range_counts, range_from_counts, size_in
-from tracker.io.video_files import Videos
+from tracker.io.image_files import JPEG, PNG, PNG_RUN_LENGTH, ImageWriter, decode_image, image_size, range_counts, range_from_counts
+from tracker.io.video_files import VideoWriters
 
 ROOT = Path(__file__).parents[3]
 
 
-@pytest.mark.parametrize("options", [PNG, RUNS])
+@pytest.mark.parametrize("options", [PNG, PNG_RUN_LENGTH])
 @pytest.mark.parametrize("shape", [(1, 1), (7, 13), (64, 128)])
 def test_instances_come_back(tmp_path: Path, options: list[int], shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     columns = np.repeat(rng.integers(0, 300, (1, shape[1])), shape[0], axis=0)
     images = [np.zeros(shape, np.uint16), rng.integers(0, 65536, shape), columns]
-    coders = Coders(tmp_path)
+    coders = ImageWriter(tmp_path)
     for k, image in enumerate(images):
         coders.put(f"{k}.png", image.astype(np.uint16), options)
     coders.wait()
     coders.close()
     for k, image in enumerate(images):
         data = (tmp_path / f"{k}.png").read_bytes()
-        assert size_in(data) == shape
-        assert coders.sums[f"{k}.png"][1] == len(data)
-        np.testing.assert_array_equal(decode(data, shape), image)
+        assert image_size(data) == shape
+        assert coders.checksums[f"{k}.png"][1] == len(data)
+        np.testing.assert_array_equal(decode_image(data, shape), image)
 
 
 def test_runs_are_smaller_than_what_they_replace() -> None:
     image = np.zeros((512, 1024), np.uint16)
     for k in range(12):
         cv2.ellipse(image, (80 * k + 50, 250), (12 + k, 40 + 3 * k), 0, 0, 360, k + 1, -1)
-    runs, plain = (len(cv2.imencode(".png", image, options)[1]) for options in (RUNS, [cv2.IMWRITE_PNG_COMPRESSION, 1]))
+    runs, plain = (len(cv2.imencode(".png", image, options)[1]) for options in (PNG_RUN_LENGTH, [cv2.IMWRITE_PNG_COMPRESSION, 1]))
     assert runs < plain
 
 
@@ -52,16 +52,16 @@ def test_range_comes_back_to_half_a_unit() -> None:
 def test_another_size_and_a_cut_are_refused(ending: str) -> None:
     image = np.random.default_rng(0).integers(0, 255, (48, 80, 3), np.uint8)
     data = cv2.imencode(ending, image, JPEG if ending == ".jpg" else PNG)[1].tobytes()
-    assert size_in(data) == (48, 80)
+    assert image_size(data) == (48, 80)
     with pytest.raises(ValueError, match=r"\(48, 80\) pixels, needs \(48, 81\)"):
-        decode(data, (48, 81))
+        decode_image(data, (48, 81))
     for cut in (0, 10, 30, len(data) // 2, len(data) - 3):
-        with pytest.raises(ValueError, match=r"no PNG or JPEG|ends too soon|pixels"):
-            decode(data[:cut], (48, 80))
+        with pytest.raises(ValueError, match=r"no PNG or JPEG|is truncated|pixels"):
+            decode_image(data[:cut], (48, 80))
 
 
 def test_videos_have_all_frames_in_their_colours(tmp_path: Path) -> None:
-    videos = Videos(tmp_path / "videos", 7.0)
+    videos = VideoWriters(tmp_path / "videos", 7.0)
     for k in range(5):
         videos.put("a", np.full((48, 64, 3), (40 * k, 60, 200), np.uint8))
     videos.finish()
@@ -79,8 +79,8 @@ def test_a_video_on_a_full_disk_is_an_error(tmp_path: Path) -> None:
     program = """
 import sys, numpy as np
 from pathlib import Path
-from tracker.io.video_files import Videos
-videos, rng = Videos(Path(sys.argv[1]), 7.0), np.random.default_rng(0)
+from tracker.io.video_files import VideoWriters
+videos, rng = VideoWriters(Path(sys.argv[1]), 7.0), np.random.default_rng(0)
 for _ in range(30):
     videos.put("a", rng.integers(0, 255, (240, 320, 3), np.uint8))
 videos.finish()

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracker.io.resume import check_same, holds, json_value
+from tracker.io.resume import check_same, holds_run, json_value
 
 
 def test_a_folder_holds_its_statement_or_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    assert not holds(folder, "run.json")
+    assert not holds_run(folder, "run.json")
     folder.mkdir()
-    assert not holds(folder, "run.json")
+    assert not holds_run(folder, "run.json")
     (folder / ".lock").touch()
-    assert not holds(folder, "run.json", (".*",))
+    assert not holds_run(folder, "run.json", (".*",))
     with pytest.raises(ValueError, match=r"out: holds \.lock and no run\.json; choose another --out or remove it"):
-        holds(folder, "run.json")
+        holds_run(folder, "run.json")
     (folder / "run.json").touch()
-    assert holds(folder, "run.json")
+    assert holds_run(folder, "run.json")
     with pytest.raises(ValueError, match=r"run\.json: is a file, needs a folder"):
-        holds(folder / "run.json", "run.json")
+        holds_run(folder / "run.json", "run.json")
 
 
 def test_results_and_the_order_of_keys_do_not_make_another_run(tmp_path: Path) -> None:
@@ -61,5 +61,5 @@ class Outer:
 
 def test_dataclasses_become_json() -> None:
     assert json_value(Outer()) == {"inner": {"path": "a/b", "limit": "inf"}, "pair": [1.0, 2.5], "array": [[1.0, 0.0], [0.0, 1.0]]}
-    with pytest.raises(ValueError, match="a value is a set, needs a type that JSON holds"):
+    with pytest.raises(ValueError, match="a value is a set, needs a JSON type"):
         json_value({"a": {1}})

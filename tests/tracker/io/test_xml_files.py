@@ -24,7 +24,7 @@ def test_elements_know_their_lines_in_any_encoding(tmp_path: Path, encoding: str
 
 def test_lines_are_counted_through_a_file_of_many_reads(tmp_path: Path) -> None:
     top = parse(written(tmp_path, "<a>\n" + "<b x='1'/>\n" * 50_000 + "</a>"), "a")
-    assert [child.line for child in top.every("b")] == list(range(2, 50_002))
+    assert [child.line for child in top.find_all("b")] == list(range(2, 50_002))
 
 
 def test_the_deepest_element(tmp_path: Path) -> None:

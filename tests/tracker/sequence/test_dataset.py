@@ -20,7 +20,7 @@ def test_only_whole_sequences_count(tmp_path: Path) -> None:
         sequences(tmp_path)
     (tmp_path / "dataset.json").write_text(DATASET.to_json())
     (tmp_path / "pilsun-00000").mkdir()
-    with pytest.raises(ValueError, match="no sequence of this dataset is whole yet"):
+    with pytest.raises(ValueError, match="no sequence of this dataset is complete yet"):
         sequences(tmp_path)
     made.write(tmp_path / "pilsun-00001")
     assert sequences(tmp_path) == [tmp_path / "pilsun-00001"]
@@ -33,7 +33,7 @@ def test_only_whole_sequences_count(tmp_path: Path) -> None:
         ('"schema": 1', '"schema": 7', "schema is 7, this version reads 1"),
         ('"views": 4', '"views": "4"', "views is '4'"),
         ("pilsun-00001", "../pilsun", "sequence is '../pilsun', needs a name of letters"),
-        ("pilsun-00001", "pilsun-00000", "a name is there twice"),
+        ("pilsun-00001", "pilsun-00000", "a name occurs twice"),
         ('"seed": 3', '"seed": Infinity', "holds Infinity"),
         ("{", "[", "not JSON"),
     ],

@@ -33,11 +33,11 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
             if u.odometry and v.odometry:
                 np.testing.assert_allclose(u.odometry.T_before_now.log(), v.odometry.T_before_now.log(), atol=1e-8)
                 np.testing.assert_allclose(u.odometry.covariance, v.odometry.covariance)
-            assert u.companions is not None
-            assert v.companions is not None
-            assert u.companions.robot == v.companions.robot
-            np.testing.assert_allclose(u.companions.bearing, v.companions.bearing, atol=1e-9)
-            np.testing.assert_allclose(u.companions.covariance, v.companions.covariance, rtol=1e-8)
+            assert u.robot_detections is not None
+            assert v.robot_detections is not None
+            assert u.robot_detections.robot == v.robot_detections.robot
+            np.testing.assert_allclose(u.robot_detections.bearing, v.robot_detections.bearing, atol=1e-9)
+            np.testing.assert_allclose(u.robot_detections.covariance, v.robot_detections.covariance, rtol=1e-8)
             assert v.image is not None
             assert v.image.shape == (32, 64, 3)
     assert read.truth is not None
@@ -169,12 +169,12 @@ def edit(folder: Path, name: str, change: object) -> None:
         ("truth/people.csv", "0,9,3,", "0,9,three,", r"people.csv:3: x is 'three', needs a number"),
         ("truth/people.csv", "0,9,3,", "0,9,", r"people.csv:3: 6 values, needs 7"),
         ("truth/people.csv", "frame,person", "frame,who", r"people.csv:1: columns are"),
-        ("companions.csv", "0,robot_0_camera,robot_1", "0,robot_0_camera,robot_2", r"companions.csv:2: robot is robot_2, the sequence does not have"),
+        ("companions.csv", "0,robot_0_camera,robot_1", "0,robot_0_camera,robot_2", r"companions.csv:2: robot is robot_2, which is not in the sequence"),
         ("companions.csv", "0,robot_0_camera,robot_1", "0,robot_0_camera,robot_0", r"companions.csv: frame 0 of robot_0_camera: .* which carries it"),
         ("companions.csv", "1,robot_0_camera", "0,robot_0_camera", r"companions.csv:3: frame 0 has camera robot_0_camera twice"),
-        ("companions.csv", ",1e-07,", ",1,", r"companions.csv: frame 0 of robot_0_camera: covariance of companion 0 is"),
+        ("companions.csv", ",1e-07,", ",1,", r"companions.csv: frame 0 of robot_0_camera: covariance of robot detection 0 is"),
         ("calibration.json", '"period"', '"pause"', r"calibration.json: field 'period' is missing"),
-        ("truth/robots.csv", "\n2,", "\n3,", r"robots.csv: frames are not 0 to 2 without a gap"),
+        ("truth/robots.csv", "\n2,", "\n3,", r"robots.csv: frames are not 0 to 2 without gaps"),
     ],
 )
 def test_wrong_fields_are_named(tmp_path: Path, name: str, old: str, new: str, message: str) -> None:
@@ -191,7 +191,7 @@ def test_a_sequence_of_before_has_no_companions(tmp_path: Path) -> None:
     del manifest["files"]["companions.csv"]
     (tmp_path / "s" / "manifest.json").write_text(json.dumps(manifest))
     (tmp_path / "s" / "companions.csv").unlink()
-    assert all(view.companions is None for tick in read_sequence(tmp_path / "s").ticks for view in tick.views)
+    assert all(view.robot_detections is None for tick in read_sequence(tmp_path / "s").ticks for view in tick.views)
 
 
 def test_another_schema_is_refused(tmp_path: Path) -> None:

@@ -42,11 +42,11 @@ def test_the_map_is_written_and_read(tmp_path: Path) -> None:
     maps = [([7, 9], [[7.0, 0, 0], [9, 0, 0]]), ([9], [[9, 1, 0]]), ([9, 12], [[9, 2, 0], [12, 0, 0]])]
     seen = [{"robot_0": np.array([9, 7])}, {"robot_0": np.zeros(0, dtype=np.int64)}, {"robot_0": np.array([12])}]
     charts = [MapSnapshot(np.array(ids), np.array(places), sighted) for (ids, places), sighted in zip(maps, seen, strict=True)]
-    results = Results.of([replace(e, chart=chart) for e, chart in zip(estimates(), charts, strict=True)], {})
+    results = Results.of([replace(e, map_snapshot=chart) for e, chart in zip(estimates(), charts, strict=True)], {})
     write_results(tmp_path / "r", results)
-    survey = read_results(tmp_path / "r").survey
+    survey = read_results(tmp_path / "r").landmark_history
     assert survey is not None
-    assert {n: place.tolist() for n, place in survey.places.items()} == {7: [7, 0, 0], 9: [9, 2, 0], 12: [12, 0, 0]}
+    assert {n: place.tolist() for n, place in survey.positions.items()} == {7: [7, 0, 0], 9: [9, 2, 0], 12: [12, 0, 0]}
     np.testing.assert_array_equal(survey.map, [[9, 2, 0], [12, 0, 0]])
     assert [{r: sorted(ids.tolist()) for r, ids in frame.items()} for frame in survey.sighted] == [{"robot_0": [7, 9]}, {}, {"robot_0": [12]}]
     with (tmp_path / "r" / "sightings.csv").open("a") as file:

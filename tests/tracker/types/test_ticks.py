@@ -47,14 +47,14 @@ def test_up_is_a_direction(up: list[float], sigma: float) -> None:
         Odometry(Pose.identity(), np.eye(6), np.array(up, dtype=np.float64), sigma)
 
 
-def test_companions_are_directions_of_different_robots() -> None:
+def test_robot_detections_are_directions_of_different_robots() -> None:
     ahead, sure = np.array([[1.0, 0, 0], [0, 1, 0]]), np.tile(1e-4 * np.eye(2), (2, 1, 1))
     assert RobotDetections(ahead, ("a", "b"), sure).robot == ("a", "b")
-    with pytest.raises(ValueError, match="companions are a, a, needs each robot once"):
+    with pytest.raises(ValueError, match="detected robots are a, a, needs each robot once"):
         RobotDetections(ahead, ("a", "a"), sure)
-    with pytest.raises(ValueError, match="bearing of a companion has length 2 off 1"):
+    with pytest.raises(ValueError, match="robot bearing has length 2 off 1"):
         RobotDetections(2 * ahead, ("a", "b"), sure)
-    with pytest.raises(ValueError, match="covariance of companion 0 is"):
+    with pytest.raises(ValueError, match="covariance of robot detection 0 is"):
         RobotDetections(ahead, ("a", "b"), 0 * sure)
     with pytest.raises(ValueError, match=r"bearing has shape \(2, 3\)"):
         RobotDetections(ahead, ("a",), sure)
