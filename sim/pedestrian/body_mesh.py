@@ -1,8 +1,8 @@
-"""The shape of a body and of what it wears, limb by limb: sections in the proportions of pedestrian.py.
+"""Lofted sections of the body, clothes, hair and luggage of a person, limb by limb.
 
-Heights and lengths are those of pedestrian.py (Drillis & Contini). Breadths and depths, shares of stature, are about the means of adults in
-NASA-STD-3000 (1995), vol. I, 3.3.1: bideltoid breadth 0.28, hip breadth 0.20, chest depth 0.13, head breadth 0.088, head length 0.113.
-Every limb begins and ends in a ball about its joint, so that nothing gapes however it bends.
+Heights and lengths are those of skeleton.py (Drillis & Contini). Breadths and depths are about the means of adults in
+NASA-STD-3000 (1995), vol. I, 3.3.1. As shares of stature: bideltoid breadth 0.28, hip breadth 0.20, chest depth 0.13,
+head breadth 0.088, head length 0.113. Every limb ends in a ball about its joint, so that bent limbs leave no gap.
 """
 
 from __future__ import annotations
@@ -18,15 +18,18 @@ from sim.pedestrian.skeleton import FOREARM, HAND, UPPER_ARM
 from tracker.geometry import Array
 
 TRUNK, LIMB, SMALL, TINY = (12, 7, 5), (8, 5, 4), (7, 4, 3), (7, 4, 0)
-"""Corners of sections at each level of detail."""
+"""Corners of a section at each level of detail."""
 DETAIL = (7, 0, 0)
 
 
 @dataclass(frozen=True)
 class Outfit:
-    """What one person looks like. Tiles of the atlas: head, top, bottom, shoes, bag. girth scales breadths; sleeves: "long" or "short"; legs:
-    "long", "short", "skirt" or "coat"; tucked: the shirt in the trousers; hair: "short", "long", "bun", "cap", "beanie" or "none"; luggage: "none",
-    "backpack" or "shoulder"; side: +1 or −1, where a shoulder bag hangs.
+    """Appearance of one person.
+
+    head, top, bottom, shoes, bag: tiles of the texture atlas. girth: scale of breadths and depths. sleeves: "long" or "short".
+    legs: "long", "short", "skirt" or "coat". tucked: whether the shirt is in the trousers.
+    hair: "short", "long", "bun", "cap", "beanie" or "none". luggage: "none", "backpack" or "shoulder".
+    side: of a shoulder bag, +1 (left) or −1 (right).
     """
 
     head: int
@@ -44,7 +47,7 @@ class Outfit:
 
 
 def parts(outfit: Outfit) -> dict[str, list[Part]]:
-    """Limb → its parts, in the limb's own frame."""
+    """Limb → its parts, in the limb's frame."""
     out = {"pelvis": _pelvis(outfit), "torso": _torso(outfit) + _luggage(outfit), "head": _head(outfit) + _hair(outfit)}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         out[f"{side}_upper_arm"] = _upper_arm(outfit)
@@ -56,7 +59,7 @@ def parts(outfit: Outfit) -> dict[str, list[Part]]:
 
 
 def _scaled_girth(rows: Array, girth: float) -> Array:
-    """The sections with depths and breadths scaled."""
+    """Sections with depth and breadth scaled, in place."""
     rows[:, 1:3] *= girth
     return rows
 
@@ -81,7 +84,7 @@ def _pelvis(o: Outfit) -> list[Part]:
 
 
 def _torso(o: Outfit) -> list[Part]:
-    """From the hips to the root of the neck: broad at the shoulders, narrow at the waist."""
+    """The trunk from the hips to the root of the neck."""
     waist, chest, hem = o.girth**1.5, o.girth**0.5, (0.80 if o.tucked else 1.0) * o.girth
     rows = sections(
         (-0.022, 0.077 * hem, 0.107 * hem, -0.006), (0.02, 0.070 * hem, 0.099 * hem, -0.003), (0.075, 0.060 * waist, 0.082 * waist, 0.004),
@@ -139,7 +142,7 @@ def _head(o: Outfit) -> list[Part]:
 
 
 def _hair(o: Outfit) -> list[Part]:
-    """Hair stands out from the skull, higher in front than at the nape; or a cap or a knitted hat."""
+    """Hair, a cap or a knitted hat. The hairline is higher in front than at the nape."""
     strands = region(o.head, HAIR)
     if o.hair == "none":
         return []
@@ -183,7 +186,10 @@ def _upper_arm(o: Outfit) -> list[Part]:
         rows[:, 1:3] *= 1.08
         return [Part(_scaled_girth(rows, o.girth), cloth, LIMB, rounding=(1, 2))]
     sleeve = sections((-0.105, 0.0325, 0.031), (-0.045, 0.0310, 0.0295), (-0.006, 0.0300, 0.027), (0.010, 0.023, 0.020), (0.019, 0.009, 0.008))
-    return [Part(_scaled_girth(rows[:4], o.girth), region(o.head, SKIN), LIMB, rounding=(1, 0)), Part(_scaled_girth(sleeve, o.girth), cloth, LIMB, rounding=(0, 2))]
+    return [
+        Part(_scaled_girth(rows[:4], o.girth), region(o.head, SKIN), LIMB, rounding=(1, 0)),
+        Part(_scaled_girth(sleeve, o.girth), cloth, LIMB, rounding=(0, 2)),
+    ]
 
 
 def _forearm(o: Outfit, sign: float) -> list[Part]:
@@ -252,7 +258,7 @@ def _shin(o: Outfit) -> list[Part]:
 
 
 def _shoe(o: Outfit, sign: float) -> list[Part]:
-    """A shoe grows forwards from the heel; its toe is turned up a little, as it rolls over it."""
+    """A shoe, lofted from the heel forwards. Its toe is turned up a little, because the foot rolls over it."""
     low = -ANKLE
 
     def slice_(x: float, top: float, half: float, bottom: float = low, aside: float = 0.0) -> tuple[float, ...]:

@@ -1,9 +1,9 @@
-"""What people look like: the meshes of one person's limbs, and clothes of their own.
+"""Limb meshes, random outfits and colliders of people, as bodies of a MuJoCo model.
 
-Every limb is one geom `person_7/head` of the mesh of that name, with coarser meshes of it in the model as `person_7/head@1` and
-`person_7/head@2`. MuJoCo puts every mesh into the frame of its own inertia. The three of a limb share that frame exactly, because all of them carry
-the corners of one box, which belong to no face, and inertia is taken of the convex hull: to change the level of detail is to change
-mjvGeom.dataid, nothing else.
+Every limb is one geom `person_7/head` with a mesh of that name. Coarser levels of detail are the meshes `person_7/head@1` and `person_7/head@2`.
+MuJoCo expresses a mesh in the frame of its inertia, which is that of its convex hull.
+All levels of a limb contain the corners of one box as unused vertices, hence share that hull and that frame.
+Thus a renderer changes the level of detail by the mesh index alone.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _GIRTH = (0.92, 1.12)
 
 
 def add_person(spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Generator) -> None:
-    """Add the limbs (mocap bodies `name/limb`) to the world body of `spec`, which has the fabrics already (fabrics.add_clothing_textures)."""
+    """Add the limbs (mocap bodies `name/limb`) to the world body of `spec`, which must have the clothing textures already."""
     shapes = body_mesh.parts(draw_outfit(rng))
     size = {limb: float(trunk_size(np.array(stature))) for limb in LIMBS} | {"head": float(head_size(np.array(stature)))}
     for limb in LIMBS:
@@ -34,7 +34,7 @@ def add_person(spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Ge
 
 
 def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
-    """Add the upright capsule that robots collide with (mocap body `name/collider`, its origin on the ground) to the world body of `spec`."""
+    """Add the upright capsule that robots collide with: mocap body `name/collider`, with its origin on the ground."""
     collider = spec.worldbody.add_body(name=f"{name}/collider", mocap=True)
     half = stature / 2 - RADIUS
     collider.add_geom(
@@ -44,7 +44,7 @@ def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
 
 
 def draw_outfit(rng: np.random.Generator) -> Outfit:
-    """Clothes, hair and luggage by chance."""
+    """Random clothes, hair and luggage."""
 
     def one(options: dict[str, float]) -> str:
         return str(rng.choice(list(options), p=list(options.values())))
@@ -70,7 +70,7 @@ def draw_outfit(rng: np.random.Generator) -> Outfit:
 
 
 def limb_meshes(parts: list[Part], size: float) -> list[Skin]:
-    """A limb of `size` m of stature at all levels of detail, m."""
+    """Meshes of a limb at all levels of detail, m. size: stature of its person, m."""
     out = []
     for level in range(LEVELS):
         skin = Skin.joined([s for part in parts if (s := part.skin(level)) is not None])
@@ -93,7 +93,7 @@ def _add_meshes(spec: mujoco.MjSpec, name: str, parts: list[Part], size: float) 
 
 
 def _inertia_box(points: Array) -> Array:
-    """Corners (8, 3) of a box about the points (n, 3), no two of its edges nearly alike: its axes of inertia are its own."""
+    """Corners (8, 3) of a box about points (n, 3). Its edges differ by 5 % at least, so that its axes of inertia are unique."""
     low, high = points.min(axis=0) - 1e-3, points.max(axis=0) + 1e-3
     order = np.argsort(high - low)
     for before, after in pairwise(order):

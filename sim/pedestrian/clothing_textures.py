@@ -1,4 +1,4 @@
-"""What people and their clothes are made of: one picture for all of them, an atlas of skins and hairs, fabrics, shoes and bags."""
+"""Texture atlas of all people: heads with skin and hair, fabrics, shoes and bags."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from tracker.geometry import Array
 from worlds.terrain.noise import Pattern, fractal, noise
 
 NAME = "people"
-"""The texture and the material."""
+"""Name of the texture and of the material."""
 TILE, ACROSS = 256, 8
-"""Pixels of a tile, tiles in a row and in a column."""
+"""Pixels along a tile, tiles along the atlas."""
 HEADS, TOPS, BOTTOMS, SHOES, BAGS = range(20), range(20, 42), range(42, 54), range(54, 59), range(59, 64)
-"""Numbers of the tiles: heads with skin and hair, what is worn above and below, shoes, bags and hats."""
+"""Indices of the tiles: heads with skin and hair, upper and lower garments, shoes, bags and hats."""
 BALD = 7
-"""Of the heads, every so manieth has no hair."""
+"""Every BALD-th head has no hair."""
 HAIR, FACE, SKIN = (0.0, 0.01, 1.0, 0.13), (0.0, 0.14, 1.0, 0.80), (0.0, 0.83, 1.0, 0.98)
-"""Parts of a head's tile (u0, v0, u1, v1), v downwards: strands, the whole head from crown to throat, bare skin."""
+"""Regions of a head's tile (u0, v0, u1, v1), v downwards: strands, the whole head from crown to throat, bare skin."""
 CROWN, THROAT = 0.182, 0.045
-"""Shares of stature above the shoulders: what the top and the bottom of FACE are."""
+"""Heights of the top and the bottom of FACE above the shoulders, shares of stature."""
 
 _SKINS = ((246, 206, 178), (232, 186, 150), (202, 150, 112), (146, 102, 74), (96, 66, 48))
 _HAIRS = ((22, 18, 16), (64, 42, 28), (112, 78, 46), (196, 160, 98), (138, 136, 134), (104, 56, 34))
@@ -35,7 +35,7 @@ Colour = tuple[int, int, int]
 
 
 def add_clothing_textures(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
-    """Add the texture and the material NAME to `spec`, painted by `rng`."""
+    """Add the texture and the material NAME to `spec`; `rng` draws colours and patterns."""
     side = TILE * ACROSS
     texture = spec.add_texture(name=NAME, type=mujoco.mjtTexture.mjTEXTURE_2D, width=side, height=side, nchannel=3)
     texture.data = texture_atlas(rng).tobytes()
@@ -44,7 +44,7 @@ def add_clothing_textures(spec: mujoco.MjSpec, rng: np.random.Generator) -> None
 
 
 def texture_atlas(rng: np.random.Generator) -> NDArray[np.uint8]:
-    """The picture (2048, 2048, 3): tile k in row k // ACROSS from the top, column k % ACROSS."""
+    """The image (2048, 2048, 3). Tile k is in row k // ACROSS from the top, column k % ACROSS."""
     side = TILE * ACROSS
     picture = np.zeros((side, side, 3), np.uint8)
     for k in range(ACROSS**2):
@@ -62,19 +62,19 @@ def texture_atlas(rng: np.random.Generator) -> NDArray[np.uint8]:
 
 
 def region(tile: int, part: tuple[float, float, float, float]) -> Array:
-    """Texture coordinates (u0, v0, u1, v1) of a part of a tile, shares of it; a little inside, where mip maps do not mix in the neighbours."""
+    """Texture coordinates (u0, v0, u1, v1) of a part of a tile. It is inset, so that mip maps do not mix in neighbouring tiles."""
     return np.asarray((np.tile([tile % ACROSS, tile // ACROSS], 2) + np.clip(part, 0.012, 0.988)) / ACROSS)
 
 
 def _head(rng: np.random.Generator, k: int) -> Pattern:
-    """Strands of hair on top, then the head laid flat with the face in the middle, then skin."""
+    """A head: strands of hair on top, then the unrolled head with the face in the middle, then skin."""
     skin, hair = _varied_colour(rng, _SKINS[k % len(_SKINS)], 6), _varied_colour(rng, _HAIRS[int(rng.integers(len(_HAIRS)))], 4)
     tile = _cloth(rng, skin, 0.05)
     strands = hair * (1 + 0.35 * noise(rng, (TILE, TILE), (60.0, 2.2)) + 0.15 * noise(rng, (TILE, TILE), (20.0, 6.0)))[..., None]
     rows, columns = np.mgrid[0:TILE, 0:TILE]
     aside = np.abs(columns - 127.5) / 128
     if k % BALD:
-        # The hairline: high over the forehead, down before the ears, low at the nape.
+        # Height of the hairline from the forehead (aside 0) past the ears to the nape (1).
         line = np.interp(aside, [0.0, 0.20, 0.27, 0.33, 0.38, 1.0], [_row(0.157), _row(0.152), _row(0.122), _row(0.110), _row(0.085), _row(0.075)])
         covered = (rows < line + 3 * noise(rng, (TILE, TILE), (40.0, 4.0))) & (rows < 0.81 * TILE)
         tile[covered] = strands[covered]
@@ -115,7 +115,7 @@ def _face(tile: Pattern, skin: Pattern, brow: Pattern) -> None:
 
 
 def _top(rng: np.random.Generator, k: int) -> Pattern:
-    """Shirts, jumpers, jackets. A third has something of its own in front."""
+    """Shirts, jumpers and jackets; the number of the tile sets the pattern."""
     base, other = (_varied_colour(rng, _CLOTHS[i], 10) for i in rng.choice(len(_CLOTHS), 2, replace=False))
     style = (k - TOPS.start) % 8
     tile = _cloth(rng, base, 0.13)
@@ -140,7 +140,7 @@ def _top(rng: np.random.Generator, k: int) -> Pattern:
 
 
 def _print(rng: np.random.Generator, tile: Pattern, colour: Pattern) -> None:
-    """A picture on the chest and a number on the back."""
+    """A print on the chest, and one on the back across the seam."""
     for left, top, width, height in ((92, 62, 72, 56), (0, 70, 26, 50), (230, 70, 26, 50)):
         shape = fractal(rng, (height, width), 22.0, 3)
         area = tile[top : top + height, left : left + width]
@@ -191,7 +191,7 @@ def _bottom(rng: np.random.Generator, k: int) -> Pattern:
 
 
 def _shoe(rng: np.random.Generator, k: int) -> Pattern:
-    """The instep in the middle with laces, the sole along both edges."""
+    """A shoe: laces on the instep in the middle, the sole along both edges."""
     tile = _cloth(rng, _varied_colour(rng, _LEATHER[(k - SHOES.start) % len(_LEATHER)], 8), 0.08)
     light = np.full(3, 225 if k % 2 else 60, np.float32)
     for row in range(110, 200, 14):
@@ -201,7 +201,7 @@ def _shoe(rng: np.random.Generator, k: int) -> Pattern:
 
 
 def _bag(rng: np.random.Generator, k: int) -> Pattern:
-    """Cloth of one colour with zips and seams; the first one is knitted."""
+    """Cloth of one colour with zips and seams; the first bag is knitted."""
     tile = _cloth(rng, _varied_colour(rng, _CLOTHS[int(rng.integers(len(_CLOTHS)))], 12), 0.1)
     rows, columns = np.mgrid[0:TILE, 0:TILE]
     if k == BAGS.start:
@@ -214,7 +214,7 @@ def _bag(rng: np.random.Generator, k: int) -> Pattern:
 
 
 def _cloth(rng: np.random.Generator, colour: Pattern, folds: float) -> Pattern:
-    """(TILE, TILE, 3) of a colour with soft folds and a fine grain."""
+    """A tile (TILE, TILE, 3) of one colour with soft folds and fine grain."""
     shade = folds * fractal(rng, (TILE, TILE), 70.0, 3) + 0.04 * noise(rng, (TILE, TILE), 1.5)
     return np.asarray(colour * (1 + shade)[..., None], dtype=np.float32)
 
@@ -224,11 +224,11 @@ def _varied_colour(rng: np.random.Generator, colour: Colour, spread: float) -> P
 
 
 def _row(z: float) -> float:
-    """The row of a head's tile at height z, a share of stature above the shoulders."""
+    """Row of a head's tile at height z above the shoulders, a share of stature."""
     return TILE * float(FACE[1] + (FACE[3] - FACE[1]) * (CROWN - z) / (CROWN - THROAT))
 
 
 def _ellipse(centre: tuple[float, float], radii: tuple[float, float]) -> NDArray[np.bool_]:
-    """(TILE, TILE): within the oval about (column, row)."""
+    """Mask (TILE, TILE) of the ellipse about (column, row)."""
     rows, columns = np.ogrid[0:TILE, 0:TILE]
     return ((columns - centre[0]) / radii[0]) ** 2 + ((rows - centre[1]) / radii[1]) ** 2 <= 1

@@ -1,4 +1,4 @@
-"""Shoes on the ground: how a stiff sole rests on uneven terrain, rolls over heel and toes, and swings from footfall to footfall."""
+"""Foot contact: rest of a stiff sole on uneven terrain, its roll over heel and toes, and its swing between footfalls."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from sim.pedestrian.gait import Footing, Terrain
 from tracker.geometry import Array
 
 HEEL, PIVOT, ANKLE = 0.040, 0.095, 0.039
-"""Shares of stature: from the ankle back to the heel, forward to where the shoe rolls off, down to the sole (the foot is 0.152 long)."""
+"""Distances from the ankle to the heel, to the toe pivot and down to the sole, shares of stature (the foot is 0.152 long)."""
 HALF_SOLE = 0.024
 """Half the width of the sole, a share of stature."""
 _SOLE_POINTS = np.linspace(-HEEL, PIVOT, 9)
-"""Where the ground under a sole is felt, from the ankle forward; the body's weight is over the middle one."""
+"""Sample points along the sole, from the ankle forward, shares of stature. The body's weight is over the middle one."""
 _STEEPEST_SLOPE = 0.7
-"""Tangent of the steepest that a foot stands, to the front or to a side by half of it."""
+"""Tangent of the steepest slope of a standing sole along the foot; half of it across."""
 _LARGEST_ROLL = 1.5
-"""rad: more than any foot rolls."""
+"""rad: bound of the roll angle, beyond that of any foot."""
 _WALL_SLOPE = 50.0
-"""Tangent of a slope as steep as a wall."""
+"""Tangent that stands for a vertical slope."""
 _CONTACT_GAP = 0.005
-"""m: what is nearer to the sole than this carries it."""
+"""m: ground nearer to the sole than this supports it."""
 _LARGEST_HEEL_RISE = 1.2
-"""rad that a heel rises at most before the toes leave the ground."""
+"""rad: largest rise of a heel before the toes leave the ground."""
 _HEEL_RELEASE_START, _HEEL_RELEASE_END, _HEEL_RELEASE_SWING = 0.78, 0.95, 0.6
-"""Shares of a stride since a foot left the ground at which its heel begins to be free to rise, and is; share of the next swing that ends it."""
+"""Foot phases at which the heel starts and ends to become free to rise; share of the next swing in which it is set back."""
 
 
 @dataclass(frozen=True, eq=False)
 class Feet:
-    """ankle (m, 2, 3) m and rotation (m, 2, 3, 3) of the shoes, world frame; left is 0, right is 1.
+    """Poses of the feet of m people, world frame; left is 0, right is 1.
 
-    toe (m, 2, 3) m: what they roll over in front, and by how much more they can, further (m, 2) rad. landing (m, 2, 3) m: where the ankle is
-    once the foot stands, seen from the hip as it will be then: the body's way until then is taken off.
+    ankle (m, 2, 3) m, rotation (m, 2, 3, 3). toe (m, 2, 3) m: pivot in front. remaining_roll (m, 2) rad: how much farther the heel may rise.
+    landing (m, 2, 3) m: position of the ankle at touchdown, less the displacement of the body until then.
     """
 
     ankle: Array
@@ -46,7 +46,7 @@ class Feet:
     landing: Array
 
     def rolled(self, angle: Array) -> Feet:
-        """The feet with the heels higher, rolled over the toes by angle (m, 2) rad more."""
+        """The feet with the heels raised: rotated about the toes by angle (m, 2) rad."""
         c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
         x, y, z = np.moveaxis(self.rotation, -1, 0)
         arm = self.ankle - self.toe
@@ -56,9 +56,9 @@ class Feet:
 
 
 def foot_poses(size: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> Feet:
-    """The shoes of m people of size (m,) m, over position (m, 2) m, on the ground or in the air between two footfalls.
+    """Poses of the feet of m people of size (m,) m, with bodies at position (m, 2) m and heading (m,) rad.
 
-    They roll over the heel when they land and over the toes when they leave.
+    A foot stands on the ground or swings between two footfalls. It rolls over the heel at touchdown and over the toes at push-off.
     """
     place, yaw = gait.foot_positions(footing)
     here, landing, leaving = (
@@ -66,7 +66,7 @@ def foot_poses(size: Array, footing: Footing, position: Array, heading: Array, g
     )
     share = (footing.swing**2 * (3 - 2 * footing.swing))[..., None]
     moving = ~footing.standing[..., None]
-    # On the ground, or on the line between footfalls, but never below the ground.
+    # The swing is an arc over the line between footfalls, and never below the ground.
     sole = np.where(moving, leaving + share * (landing - leaving), here)
     arc = gait.foot_lift(footing, size)[..., None]
     sink = np.maximum((here - sole)[..., :2].max(axis=-1, keepdims=True) + 0.3 * arc, 0.0) * moving
@@ -76,16 +76,22 @@ def foot_poses(size: Array, footing: Footing, position: Array, heading: Array, g
     ankle, rotation, toe = _ankle_poses(place, yaw, sole, rolls, size)
     drop = _gap_below(ankle, rotation, footing.standing, size, ground)
     ankle[..., 2], toe[..., 2] = ankle[..., 2] - drop, toe[..., 2] - drop
-    # A heel rises when the body has gone on over the toes, not when the foot is in front of it.
+    # A heel rises only once the body has moved past the toes.
     over = np.einsum("mfi,mfi->mf", position[:, None] - place, np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)) / size[:, None]
-    remaining_roll = _heel_freedom(footing) * np.clip(0.5 + 5 * over, 0.0, 1.0) * np.maximum(np.minimum(_LARGEST_HEEL_RISE, sole[..., 6]) - rolls, 0.0)
+    remaining_roll = (
+        _heel_freedom(footing) * np.clip(0.5 + 5 * over, 0.0, 1.0) * np.maximum(np.minimum(_LARGEST_HEEL_RISE, sole[..., 6]) - rolls, 0.0)
+    )
     return Feet(ankle, rotation, toe, remaining_roll, _landing(footing, landing, position, heading, size))
 
 
 def _gap_below(ankle: Array, rotation: Array, standing: NDArray[np.bool_], size: Array, ground: Terrain) -> Array:
-    """(m, 2) m between the soles of feet that stand and the ground, where that is least: not quite nothing at an edge, since a steep sole is shorter
-    seen from above than the one whose rest was found; nothing for feet in the air."""
-    sole = np.stack([*np.meshgrid(_SOLE_POINTS, np.array([-1.0, 0.0, 1.0]) * HALF_SOLE), np.full((3, len(_SOLE_POINTS)), -ANKLE)], axis=-1).reshape(-1, 3)
+    """Smallest gap (m, 2) m between standing soles and the ground; 0 for swinging feet.
+
+    It is above 0 at edges, because `sole_contact` neglects that a tilted sole covers less ground.
+    """
+    sole = np.stack([*np.meshgrid(_SOLE_POINTS, np.array([-1.0, 0.0, 1.0]) * HALF_SOLE), np.full((3, len(_SOLE_POINTS)), -ANKLE)], axis=-1).reshape(
+        -1, 3
+    )
     scale = np.broadcast_to(size[:, None], standing.shape)[standing]
     points = ankle[standing][:, None] + np.einsum("kij,pj->kpi", rotation[standing], sole) * scale[:, None, None]
     gap = (points[..., 2] - ground.height_at(points[..., :2].reshape(-1, 2)).reshape(points.shape[:-1])).min(axis=1, initial=np.inf)
@@ -95,8 +101,10 @@ def _gap_below(ankle: Array, rotation: Array, standing: NDArray[np.bool_], size:
 
 
 def _ankle_poses(place: Array, yaw: Array, sole: Array, rolls: Array, size: Array) -> tuple[Array, Array, Array]:
-    """Ankles (m, 2, 3) m, rotations (m, 2, 3, 3) and front pivots (m, 2, 3) m of shoes at place (m, 2, 2) m that lie as sole (m, 2, 7) has it and
-    have rolled by rolls (m, 2) rad over toes or heel."""
+    """Ankles (m, 2, 3) m, rotations (m, 2, 3, 3) and front pivots (m, 2, 3) m of feet at place (m, 2, 2) m.
+
+    sole: (m, 2, 7) from `sole_contact`. rolls (m, 2): rad about the toes (above 0) or the heel (below 0).
+    """
     slope = -np.arctan2(sole[..., 1] - sole[..., 0], (HEEL + PIVOT) * size[:, None])
     forward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
     heel = np.concatenate([place, sole[..., :1]], axis=-1) - forward * (HEEL * size)[:, None, None]
@@ -108,7 +116,7 @@ def _ankle_poses(place: Array, yaw: Array, sole: Array, rolls: Array, size: Arra
 
 
 def _landing(footing: Footing, sole: Array, position: Array, heading: Array, size: Array) -> Array:
-    """Feet.landing of feet that will lie as sole (m, 2, 7) has it."""
+    """Feet.landing of feet with contact sole (m, 2, 7) after touchdown."""
     way = gait.displacement_to_landing(footing, position, heading, size)
     ahead = np.einsum("mfi,mi->mf", position[:, None] + way - footing.planted, _forward(heading)) / size[:, None]
     rolls = np.clip(_roll_angle(ahead), -sole[..., 5], sole[..., 6])
@@ -117,7 +125,7 @@ def _landing(footing: Footing, sole: Array, position: Array, heading: Array, siz
 
 
 def _heel_freedom(footing: Footing) -> Array:
-    """(m, 2) in [0, 1]: how free a heel is to rise, as much as the leg needs: wholly when the other foot carries the body."""
+    """(m, 2) in [0, 1]: share of the rise that a heel may take. It is 1 while the other foot carries the body."""
     rising = np.clip((footing.foot_phase - _HEEL_RELEASE_START) / (_HEEL_RELEASE_END - _HEEL_RELEASE_START), 0.0, 1.0)
     falling = np.clip(1 - footing.swing / _HEEL_RELEASE_SWING, 0.0, 1.0)
     share = np.where(footing.standing, rising, falling)
@@ -125,10 +133,12 @@ def _heel_freedom(footing: Footing) -> Array:
 
 
 def sole_contact(place: Array, yaw: Array, size: Array, ground: Terrain) -> Array:
-    """(m, 2, 7): how a stiff sole rests where feet (m, 2, 2) m stand: its height m under heel and toe, its tilt to the left rad, how far before the
-    ankle it is carried behind and in front, shares of size, and by how much it can roll over these before heel or toe hit the ground, rad.
+    """Rest (m, 2, 7) of stiff soles at place (m, 2, 2) m with yaw (m, 2) rad, for people of size (m,) m.
 
-    It touches the ground before and behind the middle of the foot, or only there, and nothing sticks into it, as long as that is not too steep.
+    Columns 0 and 1: height under heel and under toe, m. Column 2: tilt to the left, rad.
+    Columns 3 and 4: rear and front support, from the ankle forward, shares of size.
+    Columns 5 and 6: rotation about the rear support until the heel touches, about the front support until the toe touches, rad.
+    The sole touches the ground on both sides of its middle, or at its middle alone. No ground penetrates it, up to the steepest slope.
     """
     forward = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
     left = np.stack([-forward[..., 1], forward[..., 0]], axis=-1)
@@ -144,7 +154,9 @@ def sole_contact(place: Array, yaw: Array, size: Array, ground: Terrain) -> Arra
     line = (under[..., :half, None] * before - under[..., None, half + 1 :] * behind[:, None]) / (before - behind[:, None])
     level = np.maximum(under[..., half], line.max(axis=(-1, -2)))[..., None]
     low, high = ((under[..., half + 1 :] - level) / before).max(axis=-1), ((under[..., :half] - level) / behind).min(axis=-1)
-    slope = np.clip(np.clip((under[..., -1] - under[..., 0]) / (along[-1] - along[0]), low, np.maximum(low, high)), -_STEEPEST_SLOPE, _STEEPEST_SLOPE)[..., None]
+    slope = np.clip(
+        np.clip((under[..., -1] - under[..., 0]) / (along[-1] - along[0]), low, np.maximum(low, high)), -_STEEPEST_SLOPE, _STEEPEST_SLOPE
+    )[..., None]
     level = (under - slope * along).max(axis=-1, keepdims=True)
     gap = level + slope * along - under
     touches = gap * size[:, None, None] < _CONTACT_GAP
@@ -159,7 +171,7 @@ def sole_contact(place: Array, yaw: Array, size: Array, ground: Terrain) -> Arra
 
 
 def rotation_matrices(yaw: Array, pitch: Array, roll: Array) -> Array:
-    """Rotations (..., 3, 3) by yaw, then pitch (positive is nose down), then roll about the turned axes, rad."""
+    """Rotations (..., 3, 3) by yaw, pitch (positive is nose down) and roll about the rotated axes, rad."""
     cy, sy, cp, sp, cr, sr = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
     rows = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -174,7 +186,7 @@ def _forward(heading: Array) -> Array:
 
 
 def _roll_angles(footing: Footing, place: Array, position: Array, heading: Array, size: Array) -> Array:
-    """(m, 2) rad by which the toes are down (the body has left the foot behind) or up (the foot is ahead)."""
+    """(m, 2) rad: above 0 with the toes down (the foot is behind the body), below 0 with the toes up (the foot is ahead)."""
 
     def of(foot_poses: Array) -> Array:
         return _roll_angle(np.einsum("mfi,mi->mf", position[:, None] - foot_poses, _forward(heading)) / size[:, None])
@@ -184,6 +196,6 @@ def _roll_angles(footing: Footing, place: Array, position: Array, heading: Array
 
 
 def _roll_angle(ahead: Array) -> Array:
-    """rad by which a foot has rolled that the body is `ahead` of, a share of size."""
+    """Roll angle, rad, of a foot that the body is `ahead` of by that share of size."""
     down, up = np.clip((ahead - 0.09) / 0.22, 0.0, 1.0), np.clip((-ahead - 0.08) / 0.10, 0.0, 1.0)
     return 0.95 * down**1.5 - 0.33 * up

@@ -1,6 +1,6 @@
-"""Where people look: ahead as they walk, and at whoever is near when they stand.
+"""Gaze: walking people look ahead, standing people look at the nearest person or robot.
 
-The head turns as fast as in gaze shifts to what one wants to see (Freedman & Sparks 1997: up to some 150 °/s) and as far as a neck does (±70°).
+The speed of a head is that of gaze shifts (Freedman & Sparks 1997: up to some 150 °/s), its range that of a neck (±70°).
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from sim.pedestrian.skeleton import LIMBS, Poses
 from tracker.geometry import Array, rotation_z, wrap
 
 FASTEST_TURN, LARGEST_TURN = 2.5, 1.2
-"""rad/s and rad."""
+"""rad/s and rad: speed and range of a head about the vertical axis."""
 GAZE_RANGE = 8.0
-"""m: what is farther off is not looked at."""
+"""m: range within which people look at others."""
 STANDING_SPEED = 0.25
-"""m/s: who is slower looks around."""
+"""m/s: speed below which a person counts as standing."""
 _FACE = slice(0, 5)
 
 
 def head_yaw(yaw: Array, bodies: Bodies, points: Array, dt: float) -> Array:
-    """How far heads are turned to the left (m,) rad, `dt` s after they were at `yaw` (m,).
+    """Yaw (m,) rad of the heads to the left of the bodies, `dt` s after it was `yaw` (m,).
 
-    Who stands turns it to the nearest of points (k, 2) m that a neck can turn to.
+    Standing people turn towards the nearest of points (k, 2) m within the range of the neck, others look ahead.
     """
     if not len(points):
         wanted = np.zeros_like(yaw)
@@ -34,7 +34,7 @@ def head_yaw(yaw: Array, bodies: Bodies, points: Array, dt: float) -> Array:
         away = points - bodies.position[:, None]
         angle = wrap(np.arctan2(away[..., 1], away[..., 0]) - bodies.heading[:, None])
         distance = np.hypot(away[..., 0], away[..., 1])
-        # Oneself is among the points.
+        # The points include the person itself.
         distance = np.where((distance < 0.1) | (np.abs(angle) > LARGEST_TURN), np.inf, distance)
         nearest = distance.argmin(axis=1)[:, None]
         sees = (np.take_along_axis(distance, nearest, axis=1)[:, 0] < GAZE_RANGE) & (np.hypot(*bodies.velocity.T) < STANDING_SPEED)
@@ -43,7 +43,7 @@ def head_yaw(yaw: Array, bodies: Bodies, points: Array, dt: float) -> Array:
 
 
 def with_head_yaw(poses: Poses, yaw: Array) -> Poses:
-    """The poses with the heads turned by yaw (m,) rad about their own upright axes, faces with them."""
+    """The poses with heads and faces rotated by yaw (m,) rad about the heads' own z axes."""
     if not len(yaw):
         return poses
     head = LIMBS.index("head")

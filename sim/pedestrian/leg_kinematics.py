@@ -1,7 +1,7 @@
-"""Legs: how high the hips are over both feet, how far heels rise for it, and where knees and shins are.
+"""Inverse kinematics of the legs: hip height over both feet, rise of the heels, positions of the knees.
 
-A leg is two links from hip to ankle (law of cosines). The foot in front carries the body; the heel of the one behind rises as much as its leg
-needs. Before a foot lands, the hips sink to where its leg will reach, so that nobody drops onto it.
+A leg has two links from hip to ankle (law of cosines). The front foot carries the body. The heel of the rear foot rises as far as its leg needs.
+Before touchdown the hips sink to the reach of the landing leg, so that the hip height has no jump.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from tracker.geometry import Array
 THIGH, SHIN = 0.245, 0.246
 """Hip to knee, knee to ankle; shares of stature (Drillis & Contini 1966, in Winter 2009, fig. 4.1)."""
 _LARGEST_STRETCH = 0.996
-"""The share of its length to which a leg is stretched."""
+"""Largest distance from hip to ankle, a share of the length of the leg."""
 _RISE_AFTER_LIFT_OFF = 0.25
-"""Shares of size by which the hips rise in a swing at most, over what the leg behind let them."""
+"""Largest rise of the hips in a swing above the limit of the leg that left the ground, a share of size."""
 _DESCENT_BEFORE_LANDING = 0.08, 0.17
-"""Shares of size by which hips are higher than a landing leg lets them at most, to the first and the second power of what is left of the swing."""
+"""Margin of the hips above the limit of a landing leg: coefficients of the remaining swing and of its square, shares of size."""
 _BLEND = 0.012
-"""Share of size within which one leg takes over from the other."""
+"""Difference between the limits of both legs within which they are blended, a share of size."""
 
 
 def hip_height(size: Array, feet: Feet, footing: Footing, hips: Array) -> Array:
-    """(m,) m: the height at which both legs of people of size (m,) m reach their feet from hips over (m, 2, 2) m, hardly bent.
+    """Hip height (m,) m of people of size (m,) m at which both nearly straight legs reach their feet. hips: (m, 2, 2) m in the plane.
 
-    It has no jumps: a foot in the air holds the body down less and less after it has left the ground, and more and more before it lands.
+    It is continuous: the limit of a swinging leg fades out after lift-off and fades in before touchdown.
     """
     upright = feet.toe[..., 2] + (ANKLE + _LARGEST_STRETCH * (THIGH + SHIN)) * size[:, None]
-    # A heel rises to let the body go on, not to lift it.
+    # A raised heel extends the reach but does not lift the body.
     held = np.maximum(_highest_hips(size, feet.ankle, hips), np.minimum(_highest_hips(size, feet.rolled(feet.remaining_roll).ankle, hips), upright))
     left = 1 - footing.swing
     leaving = held + _RISE_AFTER_LIFT_OFF * size[:, None] * footing.swing
@@ -42,12 +42,12 @@ def hip_height(size: Array, feet: Feet, footing: Footing, hips: Array) -> Array:
 
 
 def raise_heels(size: Array, hips: Array, feet: Feet) -> Feet:
-    """The feet with heels as high as legs from hips (m, 2, 3) m need; ankles that they do not reach even so are drawn up."""
+    """The feet with heels raised as far as legs from hips (m, 2, 3) m need. Ankles that stay out of reach are moved within it."""
     leg = _LARGEST_STRETCH * (THIGH + SHIN) * size[:, None]
     arm, off = feet.ankle - feet.toe, hips - feet.toe
     y = feet.rotation[..., 1]
     across = np.einsum("...i,...i->...", arm, y)
-    # |off − arm rolled by an angle|² = constant − 2 (p cos + q sin).
+    # |off − arm rotated by an angle|² = constant − 2 (p cos + q sin).
     constant = (off**2).sum(-1) + (arm**2).sum(-1) - 2 * across * np.einsum("...i,...i->...", off, y)
     p = np.einsum("...i,...i->...", off, arm) - across * np.einsum("...i,...i->...", off, y)
     q = np.einsum("...i,...i->...", off, np.cross(y, arm))
@@ -60,7 +60,7 @@ def raise_heels(size: Array, hips: Array, feet: Feet) -> Feet:
 
 
 def solve_knees(size: Array, hips: Array, feet: Feet) -> tuple[Array, Array, Array]:
-    """Knees (m, 2, 3) m, rotations of thighs and shins (m, 2, 3, 3): two links, the knee to the front, between hips (m, 2, 3) m and feet."""
+    """Knees (m, 2, 3) m, rotations of thighs and of shins (m, 2, 3, 3) for hips (m, 2, 3) m. The knees point forward."""
     thigh, shin = THIGH * size[:, None], SHIN * size[:, None]
     down = feet.ankle - hips
     length = np.linalg.norm(down, axis=2)
@@ -73,14 +73,14 @@ def solve_knees(size: Array, hips: Array, feet: Feet) -> tuple[Array, Array, Arr
 
 
 def _highest_hips(size: Array, ankle: Array, hips: Array) -> Array:
-    """(m, 2) m: the height over which hips over (m, 2, 2) m do not get away from ankles (m, 2, 3) m."""
+    """Greatest height (m, 2) m of hips at (m, 2, 2) m in the plane from which legs reach the ankles (m, 2, 3) m."""
     leg = _LARGEST_STRETCH * (THIGH + SHIN) * size[:, None]
     across = np.linalg.norm(hips - ankle[..., :2], axis=2)
     return ankle[..., 2] + np.sqrt(np.maximum(leg**2 - across**2, (0.4 * leg) ** 2))
 
 
 def _perpendicular(direction: Array, axis: Array) -> Array:
-    """The part of `direction` across the unit `axis`, of length 1."""
+    """Unit vector along the component of `direction` perpendicular to the unit `axis`."""
     rest = direction - np.einsum("...i,...i->...", direction, axis)[..., None] * axis
     return rest / np.maximum(np.linalg.norm(rest, axis=-1), 1e-9)[..., None]
 

@@ -1,7 +1,8 @@
-"""Limbs as lofts: closed curves one above the other, joined to a skin, with a picture around it, at several levels of detail.
+"""Lofted limbs: sections joined to a textured triangle mesh at several levels of detail.
 
-A section is an oval in a plane: z its height, a and b half its width along x and y, cx and cy its middle, sx and sy the slope of its plane along x
-and y. The picture goes once around, its middle column in front (+x), its left and right edges behind.
+A section (z, a, b, cx, cy, sx, sy) is a superellipse in a plane at height z with centre (cx, cy).
+Its half widths along x and y are a and b, the slopes of its plane sx and sy.
+The texture wraps around once: its middle column is in front (+x), its left and right edges are at the back.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from tracker.geometry import Array, frozen
 
 LEVELS = 3
-"""Levels of detail: 0 is what is seen from near."""
+"""Levels of detail; 0 is the finest."""
 TOLERANCE = (0.0, 0.006, 0.014)
-"""Shares of stature by which a section that a level leaves out may lie off the straight line between its neighbours."""
+"""Tolerance of each level, a share of stature. Sections nearer to the line between their neighbours are left out."""
 UPRIGHT = np.eye(3)
 FORWARD = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
-"""Turns a loft that grows upwards so that it grows forwards, its front on top."""
+"""Rotates an upward loft to a forward loft with its front on top."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class Skin:
 
     @staticmethod
     def joined(skins: list[Skin]) -> Skin:
-        """All of them as one."""
+        """All meshes as one."""
         first = np.cumsum([0, *(len(s.vertices) for s in skins)])
         faces = np.concatenate([s.faces + k for s, k in zip(skins, first[:-1], strict=True)])
         vertices, normals, texcoord = (np.concatenate([getattr(s, name) for s in skins]) for name in ("vertices", "normals", "texcoord"))
@@ -42,10 +43,12 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One loft of a limb. sections (k, 7): z, a, b, cx, cy, sx, sy from one end to the other, shares of stature; region (4,): texture coordinates
-    u0, v0, u1, v1 of its picture, v0 at the last section; around: corners of an oval at each level, 0 where the level leaves the part out;
-    power of the superellipse that the ovals are (2 an ellipse, more is boxier); closed: whether its ends have lids; axes (3, 3) turns it;
-    balls: how many sections at either end only round it off, which the coarsest level does without.
+    """One loft of a limb.
+
+    sections (k, 7): z, a, b, cx, cy, sx, sy from one end to the other, shares of stature.
+    region (4,): texture coordinates u0, v0, u1, v1, with v0 at the last section. around: corners of a section at each level, 0 to omit the part.
+    power: exponent of the superellipse (2 is an ellipse, higher is boxier). closed: whether the ends have caps. axes (3, 3): rotation.
+    rounding: sections that round off the first and the last end; the coarsest level omits them.
     """
 
     sections: Array
@@ -61,14 +64,14 @@ class Part:
         object.__setattr__(self, "region", frozen(self.region, (4,), "region"))
 
     def skin(self, level: int) -> Skin | None:
-        """The part at a level of detail; None where it is left out."""
+        """Mesh of the part at a level of detail; None if the level omits it."""
         n = self.around[level]
         rows = self.sections[self.rounding[0] : len(self.sections) - self.rounding[1]] if level == LEVELS - 1 else self.sections
         return _loft(self, rows[_simplified(rows, TOLERANCE[level])], n) if n else None
 
 
 def sections(*rows: ArrayLike) -> Array:
-    """Sections (k, 7) from rows (z, a, b), (z, a, b, cx), … : what is not given is 0."""
+    """Sections (k, 7) from rows (z, a, b), (z, a, b, cx), …; missing values are 0."""
     out = np.zeros((len(rows), 7))
     for k, row in enumerate(rows):
         values = np.asarray(row, dtype=np.float64)
@@ -77,9 +80,9 @@ def sections(*rows: ArrayLike) -> Array:
 
 
 def _loft(part: Part, rows: Array, n: int) -> Skin:
-    """The skin over these sections with n corners around."""
+    """Mesh over these sections with n corners around."""
     angle = np.linspace(-np.pi, np.pi, n + 1)
-    # A polygon as wide on the average as the oval that it stands for.
+    # Widen the polygon, so that its mean width is that of the section.
     wide = 2 / (1 + np.cos(np.pi / n))
     c, s = np.cos(angle), np.sin(angle)
     x, y = np.sign(c) * np.abs(c) ** (2 / part.power), np.sign(s) * np.abs(s) ** (2 / part.power)
@@ -107,7 +110,7 @@ def _loft(part: Part, rows: Array, n: int) -> Skin:
 
 
 def _with_end_caps(skin: Skin, points: Array, texcoord: Array, sign: float) -> Skin:
-    """The skin with a fan over each of its ends."""
+    """The mesh with a triangle fan over each end."""
     rings, n = points.shape[0], points.shape[1] - 1
     total = len(skin.vertices)
     middles = points[[0, -1], :-1].mean(axis=1)
@@ -126,7 +129,7 @@ def _with_end_caps(skin: Skin, points: Array, texcoord: Array, sign: float) -> S
 
 
 def _simplified(rows: Array, tolerance: float) -> NDArray[np.int64]:
-    """Which sections are kept (Douglas & Peucker 1973, on how middle and widths change with height)."""
+    """Indices of the kept sections (Douglas & Peucker 1973, on centre and widths as functions of height)."""
     if tolerance <= 0 or len(rows) < 3:
         return np.arange(len(rows))
     span = rows[-1, 0] - rows[0, 0]

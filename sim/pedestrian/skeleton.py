@@ -1,8 +1,8 @@
-"""The walking body: proportions, limbs, clothes, and the pose of every limb.
+"""Skeleton of a pedestrian: proportions, statures, and the poses of all limbs and key points.
 
-Lengths are shares of stature after Drillis & Contini (1966), Body segment parameters, as reprinted in Winter (2009), Biomechanics and Motor
-Control of Human Movement, fig. 4.1. A limb's frame has its origin in the joint nearer to the trunk and is x forward, y left, z up when a
-person stands upright.
+Lengths are shares of stature after Drillis & Contini (1966), Body segment parameters, reprinted in Winter (2009), Biomechanics and Motor
+Control of Human Movement, fig. 4.1. The origin of a limb's frame is the joint nearer to the trunk.
+Its axes are x forward, y left, z up when the person stands upright.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from tracker.types import KEYPOINT_NAMES
 HIP_HEIGHT, SHOULDER_HEIGHT = 0.530, 0.818
 UPPER_ARM, FOREARM, HAND = 0.186, 0.146, 0.108
 HALF_HIPS, HALF_SHOULDERS = 0.050, 0.107
-"""Half the distance of the hip joints and of the shoulder joints (the outer shoulder is at 0.129)."""
+"""Half the distance between the hip joints and between the shoulder joints (the outer shoulder is at 0.129)."""
 CHILDREN, ADULTS = (1.1, 1.5), (1.5, 2.0)
-"""m: the lowest and the highest statures."""
+"""m: lowest and highest statures."""
 RADIUS = 0.22
-"""m: the upright capsule that robots run into."""
+"""m: radius of the upright capsule that robots collide with."""
 
 LIMBS = (
     "pelvis", "torso", "head", "left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm",
     "left_thigh", "right_thigh", "left_shin", "right_shin", "left_shoe", "right_shoe",
 )  # fmt: skip
-"""The limbs in the order of every array of poses; each is a mocap body `person_7/head`."""
+"""Limbs in the order of all arrays of poses; each is a mocap body such as `person_7/head`."""
 
 _SIDES = np.array([1.0, -1.0])
 _FACE = np.array([[0.070, 0.0, 0.103], [0.053, 0.018, 0.124], [0.053, -0.018, 0.124], [0.0, 0.046, 0.117], [0.0, -0.046, 0.117]])
-"""Nose, eyes and ears in the head's frame, shares of stature; the head's origin is between the shoulders."""
+"""Nose, eyes and ears in the head's frame, shares of stature. The head's origin is between the shoulders."""
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """The limbs of m people: position (m, limbs, 3) m and quaternion (m, limbs, 4) wxyz, world frame; joints (m, 17, 3) m in the order of COCO."""
+    """Limbs of m people: position (m, limbs, 3) m, quaternion (m, limbs, 4) wxyz, joints (m, 17, 3) m in the order of KEYPOINT_NAMES; world frame."""
 
     position: Array
     quaternion: Array
@@ -54,7 +54,7 @@ class Poses:
 
 
 def statures(rng: np.random.Generator, n: int, children: float = 0.0) -> Array:
-    """Body heights (n,) m of adults: normal 1.72 ± 0.09 m, drawn again outside of [1.5, 2.0]; a share of `children`, 1.1 to 1.5 m (5 to 11 years)."""
+    """Random statures (n,) m. Adults: normal 1.72 ± 0.09 m, truncated to [1.5, 2.0]. A share `children`: 1.1 to 1.5 m (5 to 11 years)."""
     out = rng.normal(1.72, 0.09, n)
     while ((out < 1.5) | (out > 2.0)).any():
         out = np.where((out < 1.5) | (out > 2.0), rng.normal(1.72, 0.09, n), out)
@@ -62,29 +62,28 @@ def statures(rng: np.random.Generator, n: int, children: float = 0.0) -> Array:
 
 
 def head_size(stature: Array) -> Array:
-    """(m,) m: the stature of the adult whose head, neck included, is as large as that of people of stature (m,) m.
+    """Stature (m,) m of an adult with the same head and neck as people of stature (m,) m.
 
-    The head of a child of 1.1 m is 1.27 times as large a share of it as an adult's (0.165 against 0.130, vertex to menton, after Snyder et al. 1977,
-    Anthropometry of Infants, Children and Youths to Age 18); from there to 1.5 m the share falls to that of an adult.
+    The head (vertex to menton) is 0.165 of the stature of a child of 1.1 m, and 0.130 of that of an adult: 1.27 times the share
+    (Snyder et al. 1977, Anthropometry of Infants, Children and Youths to Age 18). The share falls to the adult's at 1.5 m.
     """
     return stature * np.interp(stature, [1.1, 1.5], [1.27, 1.0])
 
 
 def trunk_size(stature: Array) -> Array:
-    """(m,) m: the stature of the adult whose body below the shoulders is as large: what the head takes, trunk and legs lack."""
+    """Stature (m,) m of an adult with the same shoulder height. Children have a larger head, hence shorter trunk and legs."""
     return (stature - (1 - SHOULDER_HEIGHT) * head_size(stature)) / SHOULDER_HEIGHT
 
 
 def limb_poses(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> Poses:
-    """The limbs of m people of stature (m,) m whose middle is over position (m, 2) m, heading (m,) rad, with these feet on that ground.
+    """Poses of the limbs of m people of stature (m,) m at position (m, 2) m with heading (m,) rad, with these footfalls on that ground.
 
-    Legs are two links from hip to ankle (legs.py), and pelvis, shoulders and arms swing with the distance between the feet: who stands hangs
-    the arms.
+    Legs are solved by leg_kinematics.py. Pelvis, shoulders and arms swing with the distance between the feet.
     """
     size = trunk_size(stature)
     feet = foot_poses(size, footing, position, heading, ground)
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    # How far the right foot is ahead of the left one, as an angle of the legs.
+    # Lead of the right foot over the left one, as an angle of the legs.
     stagger = np.einsum("mi,mi->m", feet.ankle[:, 1, :2] - feet.ankle[:, 0, :2], forward) / (2 * (THIGH + SHIN) * size)
     none = np.zeros_like(heading)
     pelvis_turn = rotation_matrices(heading + 0.25 * stagger, none, none)
@@ -111,7 +110,7 @@ def limb_poses(stature: Array, footing: Footing, position: Array, heading: Array
 
 
 def _arms(heading: Array, stagger: Array) -> tuple[Array, Array]:
-    """Rotations of upper arms and forearms (m, 2, 3, 3): each arm swings with the other side's leg, the elbow bends on the way forward."""
+    """Rotations of upper arms and forearms (m, 2, 3, 3). An arm swings with the opposite leg, and its elbow bends in front."""
     swing = 0.95 * stagger[:, None] * _SIDES
     bend = 0.18 + 0.4 * np.maximum(swing, 0.0) + 0.3 * np.abs(stagger[:, None])
     away = np.broadcast_to(0.09 * _SIDES, swing.shape)

@@ -1,3 +1,3 @@
-"""Offscreen OpenGL: a MuJoCo model drawn into cube faces and sampled into any camera, with colour, instances, classes and range.
+"""Offscreen rendering: OpenGL draws a MuJoCo model into cube faces, which are sampled for any camera.
 
 Read `panorama.py` first."""

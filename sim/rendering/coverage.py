@@ -1,4 +1,4 @@
-"""What single bodies cover: pixels and boxes, read from bits that say which bodies lie at a texel."""
+"""Unoccluded extents of single bodies: pixel counts and boxes, decoded from a buffer with one bit a body."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from tracker.geometry import Array
 
 BITS = 32
-"""Bodies in one picture of bits."""
+"""Bodies that one buffer of 32-bit texels can hold."""
 
 
 @dataclass(frozen=True, eq=False)
 class UnoccludedExtent:
-    """What one instance covers where nothing else is there.
+    """The pixels that one instance would cover if nothing occluded it (its amodal mask).
 
-    pixels: their number; box (4,) u0, v0, u1, v1 px around them; of a panorama with u0 in [0, W) and u1 in (u0, u0 + W], beyond W where it
-    goes over the seam; NaN where no pixel is covered.
+    pixels: their number. box (4,): u0, v0, u1, v1 px around them; NaN where no pixel is covered.
+    In a panorama u0 is in [0, W) and u1 in (u0, u0 + W]: a box across the seam has u1 > W.
     """
 
     pixels: int
@@ -27,13 +27,13 @@ class UnoccludedExtent:
 
 
 def covered(slot_bits: NDArray[np.uint32], nearest: NDArray[np.int32], count: int, wraps: bool) -> list[UnoccludedExtent]:
-    """What each of `count` ≤ BITS bodies covers; nearest (H, W): every pixel's texel in bits; around: whether the picture closes in itself."""
+    """Extents of `count` ≤ BITS bodies. nearest (H, W): flat texel index of every pixel; wraps: whether the image is a full panorama."""
     pixels, rows, columns = _count(slot_bits.ravel(), nearest, count)
     return [UnoccludedExtent(int(pixels[k]), _bounding_box(rows[k], columns[k], wraps)) for k in range(count)]
 
 
 def _bounding_box(rows: NDArray[np.int64], columns: NDArray[np.bool_], wraps: bool) -> Array:
-    """The smallest box from the first and last row (2,) and the columns (W,) that are used; around the seam it starts after the widest gap."""
+    """The smallest box (4,) from the first and last row (2,) and the used columns (W,). In a panorama it starts after the widest gap."""
     across = np.flatnonzero(columns)
     if not len(across):
         return np.full(4, np.nan)

@@ -1,11 +1,12 @@
-"""From faces to the picture of any camera: tables made once, by which colour, range and what is seen are sampled.
+"""Cube map: perspective faces for any camera, and a lookup table from its pixels to texels of the faces.
 
-A face is a perspective view. A camera whose field is narrow enough needs one; else the faces of a cube are taken, each cut to what the
-camera sees through it, and those left out through which it sees nothing. The faces lie one above the other in an atlas, whose rows run
-upwards in each face, as OpenGL hands them over. Every face is a little larger than what is needed, so that no interpolation reaches over its edge.
+A face is a perspective view. A camera with a narrow field of view needs one face. Other cameras use the faces of a cube.
+Each face is cropped to the part that the camera sees, and unseen faces are left out.
+The faces are stacked in an atlas, whose rows run upwards as OpenGL reads them.
+Every face has a border, so that no interpolation crosses its edge.
 
-Past the fold of a lens (Tsai with κ1 < 0) a pixel has the direction of another one, nearer to the middle: a real lens shows something else there,
-which the calibration does not say. Such pixels are blind: black, of no instance and class, at range inf.
+Beyond the fold of a lens (Tsai model with κ1 < 0) the calibration gives a pixel the direction of another pixel nearer to the centre.
+A real lens shows something else there. Such pixels are blind: black, without instance and class, at range inf.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ from tracker.geometry import Array, Mask, frozen
 from tracker.geometry.cameras import Camera, Tsai
 
 BORDER = 2
-"""Texels of a face on each side beyond what is needed."""
+"""Texels that a face has on each side beyond what the camera sees."""
 DENSITY = 1.0
-"""Texels along a pixel, where a face is coarsest: below 1 pixels would go unseen, above 1 what is sampled is smoother."""
+"""Texels along a pixel where the face is coarsest. Values below 1 skip texels of the scene, values above 1 smooth the image."""
 NARROW = 1.2
-"""The greatest tangent off the middle of a field that one face takes; a wider one is cheaper by the faces of a cube."""
+"""Largest tangent from the centre of a field of view that one face covers. The faces of a cube are cheaper for a wider field."""
 LARGEST_BLIND_SHARE = 0.5
-"""Of an image: a lens that leaves more of it without a direction was not calibrated for it."""
+"""Share of the image. A calibration that leaves more of it blind was not made for this image size."""
 BLIND_ROWS = 2
-"""Rows of an atlas that hold nothing, for pixels that see nothing: two, for what is interpolated there."""
+"""Empty rows of an atlas that blind pixels point to. Bilinear interpolation needs two."""
 STRIP = 1 << 16
-"""Pixels that are worked on at once, so that a large picture's table takes little memory to make."""
+"""Pixels that are processed at once; it bounds the memory that building a table takes."""
 
 CUBE = np.array(
     [
@@ -46,15 +47,15 @@ CUBE = np.array(
     ],
     dtype=np.float64,
 )
-"""(6, 3, 3): of every face of a cube (ahead, left, behind, right, up, down) the directions forward, right and up in the camera's frame."""
+"""(6, 3, 3): directions forward, right and up of the faces ahead, left, behind, right, up and down, camera frame."""
 CUBE.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """A perspective view, its place in the atlas from row `row` on.
+    """A perspective view, stored in the atlas from row `row` on.
 
-    axes (3, 3): forward, right, up in the camera's frame; low, high (2,): tangents right and up of its edges; width, height: texels.
+    axes (3, 3): forward, right, up, camera frame. low, high (2,): tangents of its edges to the right and up. width, height: texels.
     """
 
     axes: Array
@@ -70,14 +71,14 @@ class Face:
 
     @property
     def resolution(self) -> float:
-        """Texels a radian in the middle."""
+        """Texels a radian at the centre."""
         return float((np.array([self.width, self.height]) / (self.high - self.low)).max())
 
     @property
     def planes(self) -> Array:
-        """Inward unit normals (5, 3), camera frame, of the planes through the camera that bound what is seen: four, and behind.
+        """Inward unit normals (5, 3) of the planes through the camera that bound the view, camera frame: four sides and the rear.
 
-        Behind adds nothing for points; what is large and lies behind may yet be before each of the four.
+        The rear plane culls large boxes behind the camera that intersect all four side planes.
         """
         forward, right, up = self.axes
         sides = [right - self.low[0] * forward, self.high[0] * forward - right, up - self.low[1] * forward, self.high[1] * forward - up]
@@ -86,13 +87,13 @@ class Face:
 
 @dataclass(frozen=True, eq=False)
 class FaceTable:
-    """Where every pixel of a camera lies in the atlas of its faces. Every array is (H, W), read-only.
+    """Lookup table from the pixels of a camera to texels of its faces. Every array is (H, W), read-only.
 
-    Blind pixels lie in the last rows of the atlas, beyond the faces, which stay empty; there are such rows only where there are such pixels.
-
-    first: the flat index of the texel below and to the left, whose centre, as every texel's, is at whole numbers; part (H, W, 2): how far on
-    the pixel is, across and up, in 65536ths of a texel; nearest: the flat index of the nearest texel; stretch: range along the ray over
-    planar depth. width, height: texels of the atlas. colour_maps: the same places in OpenCV's fixed point.
+    first: flat index of the texel to the lower left; texel centres are at whole numbers.
+    fraction (H, W, 2): offset of the pixel from that texel, to the right and up, in 65536ths of a texel.
+    nearest: flat index of the nearest texel. range_per_depth: range along the ray divided by planar depth.
+    width, height: texels of the atlas. colour_maps: the same positions in OpenCV's fixed-point format.
+    Blind pixels point to empty rows at the end of the atlas, which exist only if there are blind pixels.
     """
 
     faces: tuple[Face, ...]
@@ -108,7 +109,7 @@ class FaceTable:
     def make(camera: Camera, density: float = DENSITY) -> FaceTable:
         """The table of a camera; density: texels along a pixel, where they are fewest.
 
-        Raises ValueError for a density that is not in [0.25, 16], and for a lens past whose fold more than MOST_BLIND of the image lies.
+        Raises ValueError for a density outside [0.25, 16], and if more than LARGEST_BLIND_SHARE of the image is blind.
         """
         if not 0.25 <= density <= 16:
             raise ValueError(f"density is {density}, needs 0.25 to 16 texels a pixel")
@@ -138,14 +139,15 @@ class FaceTable:
         return FaceTable(faces, width, height, first, fraction, nearest, range_per_depth, maps)
 
     def texel_positions(self) -> Array:
-        """(H, W, 2) texels across and up in the atlas, a texel's centre at whole numbers."""
+        """Positions (H, W, 2) of the pixels in the atlas, texels to the right and up. Texel centres are at whole numbers."""
         return np.stack([self.first % self.width, self.first // self.width], axis=-1) + self.fraction / 65536
 
     def sample(self, atlas: Atlas, limits: tuple[float, float], lookups: Sequence[NDArray[Any]]) -> Sampled:
-        """Atlas → colour, bilinear; range, inf where the code is 0; and of every lookup (codes,) the value of the nearest texel's code.
+        """Sample the atlas: bilinear colour, range (inf where the code is 0), and for every lookup (codes,) the value at the nearest texel.
 
-        A code is one geom. Depth is OpenGL's, reversed: 1 at limits[0], 0 at limits[1] m, linear in the inverse of the planar depth, hence
-        interpolated as it is, which is exact on planes, where the four neighbours are of one geom; the nearest elsewhere.
+        A code stands for one geom. Depth is reversed: 1 at limits[0] m, 0 at limits[1] m.
+        It is linear in the inverse planar depth, so that its bilinear interpolation is exact on planes.
+        It is interpolated where the four neighbours belong to one geom; elsewhere the nearest texel counts.
         """
         seen, distance = codes_and_ranges(atlas, (self.first, self.fraction, self.range_per_depth), limits)
         colour = cv2.cvtColor(cv2.remap(atlas.colour, *self.colour_maps, interpolation=cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB)
@@ -153,7 +155,7 @@ class FaceTable:
 
 
 def _strips(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator[tuple[slice, Array, Mask]]:
-    """Strips of rows, the bearings of their pixels' centres, shifted by a part of a pixel, and which pixels are blind."""
+    """Strips of rows, the bearings of their pixel centres, shifted by a fraction of a pixel, and which pixels are blind."""
     rows = max(1, STRIP // camera.width)
     # Tsai's pixels have their centres at whole numbers.
     half = 0.0 if isinstance(camera, Tsai) else 0.5
@@ -166,7 +168,7 @@ def _strips(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator
 
 
 def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
-    """One face, or those of the cube through which the camera sees, one above the other."""
+    """One face, or the visible faces of the cube, stacked."""
     count = camera.width * camera.height
     unseen = sum(int(blind.sum()) for _, _, blind in _strips(camera)) / count
     if unseen > LARGEST_BLIND_SHARE:
@@ -180,7 +182,7 @@ def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
     for k in np.flatnonzero(np.isfinite(pitch[:, 0])):
         bounds = np.array([low[k], high[k]])
         if len(axes) > 1:
-            # A face of the cube that is needed almost whole is taken whole: then its texels lie in it as in the others.
+            # A cube face that is nearly whole becomes whole, so that all faces have the same texel grid.
             bounds = np.where(np.abs(np.abs(bounds) - 1) < 0.05, np.sign(bounds), bounds)
         scale = density / pitch[k]
         middle, half = (bounds[0] + bounds[1]) / 2, np.ceil(np.round((bounds[1] - bounds[0]) * scale / 2, 6)) + BORDER
@@ -190,7 +192,7 @@ def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
 
 
 def _axes_along(mean: Array) -> Array:
-    """Axes (3, 3) of a face that looks along `mean`, upright as the camera is."""
+    """Axes (3, 3) of a face along `mean`, upright as the camera is."""
     forward = mean / np.linalg.norm(mean)
     right = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.99 else [1.0, 0.0, 0.0])
     right = right / np.linalg.norm(right)
@@ -198,10 +200,10 @@ def _axes_along(mean: Array) -> Array:
 
 
 def _bounds(camera: Camera, axes: Array) -> tuple[Array, Array, Array]:
-    """Per face the least and greatest tangents (n, 2) of pixels' corners in it, and the finest pixel (n, 2) as tangents; inf where no pixel is.
+    """Per face the lowest and highest tangents (n, 2) of pixel corners, and the size (n, 2) of its finest pixel; inf without pixels.
 
-    Texels are square, or, where one face is enough, as wide for their height as the camera's pixels are. The finest pixel is the one whose larger
-    side is smallest: near the pole of a panorama pixels are narrow for nothing.
+    Texels are square, or have the aspect ratio of the camera's pixels if one face is enough.
+    The finest pixel is the one whose longer side is shortest, since pixels near the pole of a panorama are needlessly narrow.
     """
     aspect = np.array([camera.dpx / camera.sx, camera.dpy]) / camera.dpy if len(axes) == 1 and isinstance(camera, Tsai) else np.ones(2)
     low, high, pitch = np.full((len(axes), 2), np.inf), np.full((len(axes), 2), -np.inf), np.full((len(axes), 2), np.inf)

@@ -1,6 +1,6 @@
-"""What there is to draw: every geom of a model as records for the drawing, and which of them, how finely, matter to which face.
+"""Draw list: records of all geoms of a model, view-frustum culling and levels of detail for each face.
 
-A record is a geom, or a tile of a height field. Its transform changes with the moment, the rest does not.
+A record is one geom, or one tile of a height field. Only its transform changes from frame to frame.
 """
 
 from __future__ import annotations
@@ -20,27 +20,28 @@ Indices = NDArray[np.int64]
 GROUPS = (0, 1, 2, 3)
 """Geom groups that are drawn: ground, props, people, robots; 4 holds invisible collision shapes."""
 ABSENT = 5
-"""The group of what is not drawn now and may be later: a geom may go from here to GROUPS and back from one moment to the next."""
+"""Group of geoms that are hidden for now. A geom may change between this group and GROUPS from frame to frame."""
 TRIANGLES_PER_PIXEL = 5.0
-"""Triangles of a round shape per pixel of its radius: a ball of n triangles is off by 3.6 r / n, so by 0.7 pixel at most."""
+"""Triangles of a round shape per pixel of its radius. A sphere of n triangles deviates by 3.6 r / n, hence by 0.7 pixel at most."""
 CULLING_MARGIN = 1e-3
-"""m: what is so near to a face's edge is drawn, for rounding."""
+"""m: tolerance of culling, for rounding errors."""
 OPAQUE = 0.995
 PLAIN, TEXTURED, CUBE_MAPPED, FACETS, TEXTURED_FACETS = range(5)
-"""Kinds of surface: without a texture, with a flat one, with one on a cube about the shape; and the first two where triangles are lit flat."""
+"""Kinds of surface: untextured, 2-D texture, cube texture; untextured and 2-D texture with flat shading."""
 
 RECORD = np.dtype(
     [("rows", "f4", (3, 4)), ("scale", "f4", 4), ("rgba", "f4", 4), ("shine", "f4", 4), ("mapping", "f4", 4), ("code", "u4"), ("slot", "u4")]
 )
-"""rows: from the shape's frame to the world; scale: x, y, z and half the distance of a capsule's halves; shine: emission, specular, shininess,
-0; mapping: texture coordinates per unit along x, y, z, and 1 where they come from the place instead of the mesh; code: geom + 1."""
+"""Per-instance data. rows: transform from shape to world. scale: x, y, z, and half the length of a capsule's cylinder.
+shine: emission, specular, shininess, 0. code: geom + 1. slot: bit of its body.
+mapping: texture coordinates per unit along x, y, z, and 1 where they are computed from the position."""
 COMMAND = np.dtype([("count", "u4"), ("instances", "u4"), ("first", "u4"), ("base", "i4"), ("record", "u4")])
 """OpenGL's DrawElementsIndirectCommand."""
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Commands `first` to `last` of a list that share kind and texture (−1 for none); blended where they are seen through."""
+    """Commands `first` to `last` (exclusive) of a list. They share kind, texture (−1 for none) and alpha blending."""
 
     kind: int
     texture: int
@@ -51,14 +52,17 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class DrawCommands:
-    """What is drawn through one face, near things first: commands, and in which batches."""
+    """Commands of one face, near shapes first, and their batches."""
 
     commands: NDArray[np.void]
     batches: tuple[Batch, ...]
 
 
 class DrawList:
-    """The records of a model. `update` takes in a moment; `seen_from` chooses for a camera."""
+    """The records of a model. `update` reads the transforms; `visible_from` culls and orders for a camera.
+
+    Raises ValueError for a model with flexes or skins.
+    """
 
     def __init__(self, model: mujoco.MjModel) -> None:
         if model.nflex or model.nskin:
@@ -81,7 +85,7 @@ class DrawList:
         self._triangles = self.buffers.count[self._levels] // 3
         self._boxes = np.where(np.isnan(self.buffers.boxes[self._shape]), model.geom_aabb[self.geom], self.buffers.boxes[self._shape])
         flat = model.geom_type[self.geom] == G.mjGEOM_PLANE
-        # MuJoCo's box of a plane is all that lies below it, and 0 stands for a plane without an edge.
+        # MuJoCo's bounding box of a plane is the half space below it; size 0 means an infinite plane.
         edges = np.where(model.geom_size[self.geom, :2] > 0, model.geom_size[self.geom, :2], 2 * model.vis.map.zfar * model.stat.extent)
         self._boxes[flat] = np.concatenate([np.zeros((flat.sum(), 3)), edges[flat], np.zeros((flat.sum(), 1))], axis=1)
         self.infinite = flat & (model.geom_size[self.geom, :2] <= 0).any(axis=1)
@@ -89,7 +93,7 @@ class DrawList:
         self.records["scale"][flat, :2] = edges[flat]
 
     def update(self, data: mujoco.MjData) -> None:
-        """Take in where everything is, and what is there at all: `present` (m,)."""
+        """Read the transforms of all geoms, and which records are in a drawn group: `present` (m,)."""
         self.present = np.isin(self._groups[self.geom], GROUPS)
         rotation, self._place = data.geom_xmat[self.geom].reshape(-1, 3, 3), data.geom_xpos[self.geom]
         self.records["rows"][:, :, :3], self.records["rows"][:, :, 3] = rotation, self._place
@@ -99,9 +103,9 @@ class DrawList:
         self.radius = np.linalg.norm(self._boxes[:, 3:], axis=1)
 
     def visible_from(self, pose: Pose, planes: Array, resolution: float, among: Indices | None = None) -> list[DrawCommands]:
-        """What each face, of planes (n, 5, 3), of a camera at `pose` (T_world_camera) sees, near things first.
+        """Draw commands of n faces of a camera at `pose` (T_world_camera), near shapes first.
 
-        fineness: pixels a radian. among: the records to choose from, all where None.
+        planes (n, 5, 3): inward normals of the faces. resolution: pixels a radian. among: candidate records, all where None.
         """
         records = np.flatnonzero(self.present) if among is None else among[self.present[among]]
         normals = planes.reshape(-1, 3) @ pose.rotation.T
@@ -115,7 +119,7 @@ class DrawList:
         return [self._draw_commands(commands[chosen], records[chosen]) for chosen in (draw_order[face[draw_order]] for face in seen.T)]
 
     def commands(self, records: Indices, pixels: Array) -> NDArray[np.void]:
-        """How the records are drawn whose radius takes so many pixels each: in the coarsest form that is exact enough."""
+        """Commands of records with radius `pixels` (m,) px, each at the coarsest level of detail that is accurate enough."""
         needed = TRIANGLES_PER_PIXEL * np.minimum(pixels, 1e6)
         enough = (self._triangles[records] >= needed[:, None]).sum(axis=1)
         shape = self._levels[records, np.maximum(enough - 1, 0)]
@@ -133,18 +137,18 @@ class DrawList:
 
 
 def _draw_order(kind: Indices, texture: Indices, blended: NDArray[np.bool_], distance: Array) -> Indices:
-    """An order in which what shares its surface is together, surfaces and things in them go from near to far, and what is seen through is last."""
+    """Draw order: opaque records grouped by surface, near to far, then blended records from far to near."""
     group = (texture + 1) * 5 + kind
     nearest = np.full(group.max(initial=0) + 1, np.inf)
     np.minimum.at(nearest, group[~blended], distance[~blended])
     draw_order = np.lexsort((distance, group, nearest[group], blended))
     last = np.flatnonzero(blended)
-    # Far to near, whatever the surface: each is laid over what is behind it.
+    # Alpha blending is only right from far to near.
     return np.concatenate([draw_order[: len(draw_order) - len(last)], last[np.argsort(-distance[last], kind="stable")]])
 
 
 def _colours(model: mujoco.MjModel) -> NDArray[np.float32]:
-    """(ngeom, 4) rgba: the geom's own, or, where it has the default, its material's."""
+    """(ngeom, 4) rgba: the geom's own colour, or that of its material if the geom has the default."""
     material = model.geom_matid
     default = (model.geom_rgba == np.array([0.5, 0.5, 0.5, 1.0], np.float32)).all(axis=1)
     inherited = (material >= 0) & default
@@ -161,7 +165,7 @@ def _shapes(model: mujoco.MjModel, shapes: ShapeBuffers, geom: int) -> list[int]
 
 
 def _scales(model: mujoco.MjModel, geom: Indices) -> Array:
-    """(m, 4): half sizes along x, y, z, and half the distance of a capsule's halves."""
+    """(m, 4): half sizes along x, y, z, and half the length of a capsule's cylinder."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
     scale = np.ones((len(geom), 4))
     scale[:, 3] = 0
@@ -173,7 +177,7 @@ def _scales(model: mujoco.MjModel, geom: Indices) -> Array:
 
 
 def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], colour: NDArray[np.float32]) -> tuple[Indices, Indices]:
-    """Kind and texture (m,) of every record; fills in shine and mapping as MuJoCo has them."""
+    """Kind and texture (m,) of every record. Fills in shine and mapping by MuJoCo's rules."""
     material, kind = model.geom_matid[geom], model.geom_type[geom]
     has = material >= 0
     records["shine"] = np.array([0.0, 0.5, 64.0, 0.0])
@@ -187,7 +191,7 @@ def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], 
     field, size = kind == G.mjGEOM_HFIELD, model.geom_size[geom].copy()
     size[field] = model.hfield_size[model.geom_dataid[geom[field]], :3]
     size[size <= 0] = 1
-    # Shapes that are scaled from a unit are mapped before they are scaled; meshes, height fields and planes lie in metres.
+    # Texture coordinates of scaled unit shapes are computed before scaling; meshes and height fields are in metres.
     metric = np.isin(kind, [int(G.mjGEOM_MESH), int(G.mjGEOM_HFIELD)])[:, None]
     flat = repeat / np.where(metric, size[:, :2], 1) * np.where(uniform, size[:, :2], 1)
     records["mapping"][:, :2] = flat * [0.5, -0.5]

@@ -1,4 +1,4 @@
-"""The atlas that faces are drawn into, and the sampling of it: codes of the nearest texels, range between texels of one thing."""
+"""Atlas of rendered faces, and its sampling: code of the nearest texel, range interpolated within one geom."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 UNIFORM = np.uint32(1 << 31)
-"""Marks the code of a texel whose neighbours to the right, above, and both have it too."""
+"""Bit that marks a texel whose right, upper and upper right neighbours have the same code."""
 
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """All faces, as they were drawn: colour (height, width, 4); codes, depth (height, width)."""
+    """All rendered faces: colour (height, width, 4); codes, depth (height, width)."""
 
     colour: NDArray[np.uint8]
     codes: NDArray[np.uint32]
@@ -24,7 +24,7 @@ class Atlas:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """What a camera sees: colour (H, W, 3) RGB; range (H, W) m along the ray; values: (H, W) of every table that was looked up."""
+    """Sampled image of a camera: colour (H, W, 3) RGB; range (H, W) m along the ray; values: (H, W) for every lookup table."""
 
     colour: NDArray[np.uint8]
     range: NDArray[np.float32]
@@ -32,17 +32,17 @@ class Sampled:
 
 
 def inverse_depth(near: float, far: float) -> tuple[float, float]:
-    """Slope and offset with 1 / planar depth = slope · depth + offset, 1/m, where depth is 1 at `near` and 0 at `far`."""
+    """Slope and offset, 1/m, of 1 / planar depth = slope · depth + offset, where depth is 1 at `near` and 0 at `far`."""
     return (far - near) / (near * far), 1 / far
 
 
 def codes_and_ranges(
     atlas: Atlas, table: tuple[NDArray[np.uint32], NDArray[np.uint16], NDArray[np.float32]], limits: tuple[float, float]
 ) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
-    """The code of the nearest texel and range m, inf where it is 0, of every pixel (H, W).
+    """Code of the nearest texel, and range in m (inf where the code is 0), of every pixel (H, W).
 
-    table: first, part and stretch of a FaceTable; limits: near and far, m. A code is one geom. Depth is OpenGL's, reversed, and linear in the inverse
-    of the planar depth, hence interpolated as it is, which is exact on planes, where the four neighbours are of one geom; the nearest elsewhere.
+    table: first, fraction and range_per_depth of a FaceTable. limits: near and far plane, m.
+    Depth is interpolated bilinearly where the four neighbours have one code, which is exact on planes. Elsewhere the nearest texel counts.
     """
     tags, seen = np.empty(atlas.codes.shape, np.uint32), np.empty(table[0].shape, np.uint32)
     _mark_uniform(atlas.codes, tags)
@@ -51,20 +51,20 @@ def codes_and_ranges(
 
 @numba.njit(cache=True)
 def _mark_uniform(codes, out):  # type: ignore[no-untyped-def]
-    """Writes the codes (height, width) into `out`, with EVEN set where the neighbours to the right, above, and both share a texel's code."""
+    """Write the codes (height, width) into `out`, with UNIFORM set where the right, upper and upper right neighbours share the code."""
     flat, tags, pitch = codes.ravel(), out.ravel(), codes.shape[1]
     for k in range(flat.size - pitch - 1):
         code = flat[k]
         other = (flat[k + 1] ^ code) | (flat[k + pitch] ^ code) | (flat[k + pitch + 1] ^ code)
         tags[k] = code | (UNIFORM if other == 0 else np.uint32(0))
-    # The last have no such neighbours.
+    # The last texels have no such neighbours.
     for k in range(max(flat.size - pitch - 1, 0), flat.size):
         tags[k] = flat[k]
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _ranges(atlas, table, inverse, seen):  # type: ignore[no-untyped-def]
-    """Fills in the codes that are seen (H, W); returns range (H, W). Unsigned indices need no look at their sign."""
+    """Fill in the codes of the pixels (H, W) and return their range (H, W). Unsigned indices skip numba's test for negative ones."""
     tags, depth = atlas[0].ravel(), atlas[1].ravel()
     first, fraction, range_per_depth = table
     pitch, one, half = np.uint64(atlas[0].shape[1]), np.uint64(1), np.uint32(15)

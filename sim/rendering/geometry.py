@@ -1,11 +1,8 @@
-"""Terrain in tiles: the triangles of MuJoCo's height fields, as it draws them, in pieces that can be left out where they are not seen.
+"""Triangle geometry of a model: unit primitives, meshes, and height fields in tiles that can be culled one by one.
 
-Triangles are lit flat, by the normal of their last corner, so that most corners serve several of them.
-
-The shapes of a model as triangles: unit spheres, capsules, cylinders, boxes and planes, meshes, and height fields in tiles.
-
-Shapes that come in several finenesses form a family, finest first; a mesh's coarser forms are the model's meshes `name@1`, `name@2`, …
-A capsule's halves are spheres that the drawing moves apart by its length: the fourth coordinate of a vertex says which way.
+Round primitives and meshes have several levels of detail, finest first. The coarser levels of the mesh `name` are the meshes `name@1`, `name@2`, …
+The halves of a capsule are unit hemispheres. The vertex shader moves them apart by the capsule's length; the fourth coordinate is the sign.
+Height fields are shaded flat, by the normal of a triangle's last corner, so that triangles share most corners.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ from numpy.typing import NDArray
 from tracker.geometry import Array
 
 CELLS = 8
-"""Cells along the edge of a tile: smaller tiles are culled better, larger ones cost fewer calls."""
+"""Cells along the edge of a tile. Smaller tiles are culled better, larger tiles need fewer draw commands."""
 
 Points = NDArray[np.float32]
 
@@ -28,9 +25,9 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A piece of a height field in the frame of its geom: points and normals (n, 3), triangles (t, 3), box (6,) centre and half edges, m.
+    """A piece of a height field in its geom's frame: points (n, 3) m, normals (n, 3), triangles (t, 3), box (6,) centre and half edges, m.
 
-    A triangle's own normal is that of its last corner.
+    The normal of a triangle's last corner is the normal of the triangle.
     """
 
     points: Points
@@ -40,7 +37,7 @@ class Tile:
 
 
 def tiles_of(model: mujoco.MjModel, hfield: int) -> list[Tile]:
-    """The height field of that number, without the bottom of its solid."""
+    """Tiles of the height field of that index: its surface and side walls, without the bottom."""
     rows, columns, start = model.hfield_nrow[hfield], model.hfield_ncol[hfield], model.hfield_adr[hfield]
     width, depth, height, base = model.hfield_size[hfield].astype(np.float32)
     heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * height
@@ -59,17 +56,17 @@ def tiles_of(model: mujoco.MjModel, hfield: int) -> list[Tile]:
 
 
 def _surface(patch: Points) -> tuple[Points, Numbers]:
-    """Nodes (r, c, 3) → points, each node twice, and two triangles a cell, anticlockwise from above, split along (i, j) → (i+1, j+1)."""
+    """Points and triangles of nodes (r, c, 3): each node twice, two triangles a cell, anticlockwise, split along (i, j) → (i+1, j+1)."""
     rows, columns = patch.shape[:2]
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
-    # A node is the last corner of two triangles at most: as itself, and as its double.
+    # A node is the last corner of at most two triangles, one for each of its copies.
     triangles = np.stack([np.stack([a, c, d], axis=2), np.stack([c, a, b + rows * columns], axis=2)], axis=2)
     return np.concatenate([patch.reshape(-1, 3)] * 2), triangles.reshape(-1, 3)
 
 
 def _skirt(rim: Points, base: np.float32) -> tuple[Points, Numbers]:
-    """The wall from a rim (n, 3), which goes anticlockwise around the field, down to the solid's bottom."""
+    """The wall from a rim (n, 3), anticlockwise around the field, down to the bottom of the height field."""
     foot = rim.copy()
     foot[:, 2] = -base
     k, n = np.arange(len(rim) - 1), len(rim)
@@ -78,7 +75,7 @@ def _skirt(rim: Points, base: np.float32) -> tuple[Points, Numbers]:
 
 
 def _tile(parts: list[tuple[Points, Numbers]]) -> Tile:
-    """The parts as one; every triangle's normal goes to its last corner."""
+    """The parts as one tile; the normal of every triangle is stored at its last corner."""
     starts = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
     points = np.concatenate([points for points, _ in parts])
     triangles = np.concatenate([triangles + start for (_, triangles), start in zip(parts, starts, strict=True)])
@@ -95,7 +92,7 @@ def _tile(parts: list[tuple[Points, Numbers]]) -> Tile:
 G = mujoco.mjtGeom
 
 SLICES = ((48, 28), (32, 18), (20, 12), (14, 8), (10, 6))
-"""Around and from pole to pole, of round shapes."""
+"""Slices around and from pole to pole of round shapes, finest level first."""
 
 DRAWN = (G.mjGEOM_PLANE, G.mjGEOM_HFIELD, G.mjGEOM_SPHERE, G.mjGEOM_CAPSULE, G.mjGEOM_ELLIPSOID, G.mjGEOM_CYLINDER, G.mjGEOM_BOX, G.mjGEOM_MESH)
 
@@ -106,7 +103,7 @@ Indices = NDArray[np.uint32]
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """One shape: vertices (n, 9) x, y, z, away (0 or ±1), normal, texture u, v; triangles (t, 3), anticlockwise from outside."""
+    """Vertices (n, 9): x, y, z, sign of a capsule's half (0 or ±1), normal, texture u, v. Triangles (t, 3), anticlockwise from outside."""
 
     vertices: Floats
     triangles: Indices
@@ -114,11 +111,11 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class ShapeBuffers:
-    """All shapes of a model one after the other.
+    """Vertex and index buffers of all shapes of a model.
 
-    vertices (n, 9), indices (m,): as Solid has them. first, count, base (s,): of every shape its first index, their number, its first vertex.
-    family (s,): of every shape the numbers (s, k) of its forms, finest first, the last repeated. mesh, hfield: the model's number → shape or
-    shapes. boxes (s, 6): centre and half edges of a tile, m; else NaN. plain: by geom type its shape's finest form.
+    vertices (n, 9), indices (m,): as in Shape. first, count, base (s,): first index, number of indices and first vertex of a shape.
+    levels (s, k): shapes of its levels of detail, finest first, the last one repeated. boxes (s, 6): centre and half edges of a tile, m, else NaN.
+    plain: geom type → finest shape. mesh, hfield: index in the model → shape, or shapes of the tiles.
     """
 
     vertices: Floats
@@ -161,7 +158,7 @@ class ShapeBuffers:
 
 @dataclass(frozen=True, eq=False)
 class _ShapeIndices:
-    """Where in a list of solids what is: by geom type, mesh, and height field's tile; forms of families; boxes of tiles."""
+    """Indices into a list of shapes by geom type, mesh and height field; levels of detail by finest shape; boxes by tile."""
 
     plain: dict[int, int]
     mesh: NDArray[np.int64]
@@ -187,7 +184,7 @@ def _joined(shapes: list[Shape], indices_of: _ShapeIndices) -> ShapeBuffers:
 
 
 def _levels_of_detail(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Meshes that have coarser forms, and the numbers of all their forms, finest first."""
+    """Meshes with coarser levels of detail → indices of all their levels, finest first."""
     number = {model.mesh(k).name: k for k in range(model.nmesh)}
     levels = {}
     for name, fine in number.items():
@@ -203,13 +200,13 @@ def sphere(around: int, along: int) -> Shape:
 
 
 def capsule(around: int, along: int) -> Shape:
-    """Two unit half spheres, to be moved apart, and what is between them."""
+    """Two unit hemispheres, which the vertex shader moves apart, joined by a ring."""
     half = np.linspace(0, np.pi / 2, along // 2 + 1)
     return _revolved(np.concatenate([half[::-1], -half]), np.concatenate([np.ones(len(half)), -np.ones(len(half))]), around)
 
 
 def _revolved(elevation: Array, away: Array, around: int) -> Shape:
-    """Rings of a unit sphere at these elevations, from the top on."""
+    """Surface of revolution: rings of a unit sphere at these elevations, top first."""
     turn = np.arange(around) * 2 * np.pi / around
     ring = np.stack([np.cos(turn), np.sin(turn), np.ones(around)], axis=1)
     at = np.stack([np.cos(elevation), np.cos(elevation), np.sin(elevation)], axis=1)[:, None] * ring
@@ -221,17 +218,17 @@ def _revolved(elevation: Array, away: Array, around: int) -> Shape:
     triangles = np.concatenate(quads)
     corners = vertices.reshape(-1, 9)[triangles][:, :, :4]
     area = np.linalg.norm(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]), axis=1)
-    # At the poles half of every quadrilateral is nothing; the ring between a capsule's halves is not, once it is drawn.
+    # Half of every quadrilateral at a pole has no area. The ring of a capsule has none either until its halves are moved apart.
     return Shape(vertices.reshape(-1, 9), triangles[(area > 1e-9) | (np.ptp(corners[:, :, 3], axis=1) > 0)].astype(np.uint32))
 
 
 def _quad(a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], d: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Corners (n,) of quadrilaterals, anticlockwise → triangles (2 n, 3)."""
+    """Triangles (2 n, 3) of quadrilaterals with corners (n,), anticlockwise."""
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
 def cylinder(around: int, along: int) -> Shape:
-    """Radius 1, from z = −1 to 1; `along` is of no matter."""
+    """The cylinder of radius 1 from z = −1 to 1; `along` has no effect."""
     turn = np.arange(around) * 2 * np.pi / around
     ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     vertices = np.zeros((4, around, 9), np.float32)
@@ -245,7 +242,7 @@ def cylinder(around: int, along: int) -> Shape:
 
 
 def box() -> Shape:
-    """From −1 to 1 along every axis."""
+    """The cube from −1 to 1 along every axis."""
     corners, normals = [], []
     for axis in range(3):
         for side in (1.0, -1.0):
@@ -257,13 +254,13 @@ def box() -> Shape:
 
 
 def plane() -> Shape:
-    """From −1 to 1 along x and y, seen from above."""
+    """The square from −1 to 1 along x and y, visible from above."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1, -1, 0], [1, 1, 0], [-1, 1, 0]]], np.float32)
     return _separate_triangles(corners, np.broadcast_to(np.array([0.0, 0.0, 1.0]), corners.shape))
 
 
 def _separate_triangles(corners: Array | Floats, normals: Array | Floats) -> Shape:
-    """Corners and normals (t, 3, 3) of triangles that share no vertex, but where all of it is the same."""
+    """Shape of triangles with corners and normals (t, 3, 3) that share no vertices."""
     vertices = np.zeros((3 * len(corners), 9), np.float32)
     vertices[:, :3], vertices[:, 4:7] = corners.reshape(-1, 3), normals.reshape(-1, 3)
     return Shape(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
@@ -276,7 +273,7 @@ def _tile_shape(tile: Tile) -> Shape:
 
 
 def mesh(model: mujoco.MjModel, number: int) -> Shape:
-    """A mesh of the model, in the frame of its geoms; vertices that differ in normal or texture are apart."""
+    """A mesh of the model in the frame of its geoms. Corners that differ in normal or texture coordinates are separate vertices."""
     faces = slice(model.mesh_faceadr[number], model.mesh_faceadr[number] + model.mesh_facenum[number])
     points = model.mesh_vert[model.mesh_vertadr[number] :][: model.mesh_vertnum[number]]
     normals = model.mesh_normal[model.mesh_normaladr[number] :][: model.mesh_normalnum[number]]

@@ -1,13 +1,10 @@
-"""A watchdog over calls into the OpenGL driver: one that does not come back ends the process with a line that says so.
+"""Offscreen OpenGL contexts: choice of the backend, creation, driver information, and a watchdog over driver calls.
 
-A call that hangs in a driver cannot be interrupted from within, so there is nothing to go on with: better an end than an endless wait.
+Three settings must name the same backend. MUJOCO_GL is read by libmujoco when it makes its first rendering context; `choose_gl` sets it.
+PYOPENGL_PLATFORM is read by PyOpenGL when it is imported; mujoco's backend modules set it.
+The third is the class of the context, which `open_context` takes from MUJOCO_GL. mujoco may have been imported earlier.
 
-The door to OpenGL without a screen: which backend to use, a context of it, and who draws.
-
-Three things must name the same backend: MUJOCO_GL, which libmujoco reads when its first rendering context is made,
-PYOPENGL_PLATFORM, which PyOpenGL reads when it is imported, and the class that makes the context. `choose_gl` sets the first,
-mujoco's own backend modules set the second, `open_context` takes the third from the first. It does not matter whether mujoco
-itself was imported before.
+A call that hangs in a driver cannot be interrupted from Python. The watchdog ends the process with one line instead.
 """
 
 from __future__ import annotations
@@ -25,7 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 TIME_LIMIT = 120.0
-"""What the slowest computer takes for one picture, many times over."""
+"""s that one guarded operation may take: many times what the slowest computer takes for one image."""
 
 STATUS = 2
 
@@ -33,7 +30,7 @@ _watchdog: _Watchdog | None = None
 
 
 class _Watchdog(threading.Thread):
-    """Looks now and then whether the deadline of what goes on has passed."""
+    """Ends the process once the deadline of the current operation has passed."""
 
     def __init__(self) -> None:
         super().__init__(name="watchdog", daemon=True)
@@ -44,7 +41,7 @@ class _Watchdog(threading.Thread):
             left = self.deadline - time.monotonic()
             if left <= 0:
                 said = f"error: the OpenGL driver hangs: {self.operation} took more than {TIME_LIMIT:g} s\n"
-                # Past Python's buffers, whose locks another thread may hold.
+                # os.write bypasses Python's buffers, whose locks another thread may hold.
                 os.write(2, said.encode())
                 os._exit(STATUS)
             time.sleep(min(left, TIME_LIMIT / 10, 1.0))
@@ -52,9 +49,9 @@ class _Watchdog(threading.Thread):
 
 @contextmanager
 def watched(operation: str) -> Iterator[None]:
-    """What is done in this context takes at most SECONDS, else the process ends with one line on its standard error and exit status 2.
+    """Guard an operation: after TIME_LIMIT s the process ends with one line on standard error and exit status 2.
 
-    The calls within must let other threads run, as those of ctypes do, by which PyOpenGL calls the driver.
+    The calls within must release the interpreter lock. PyOpenGL's calls do, since it calls the driver by ctypes.
     """
     global _watchdog
     if _watchdog is None or _watchdog.process != os.getpid():
@@ -85,7 +82,7 @@ class GLUnavailable(RuntimeError):  # noqa: N818  it is a state of the computer
 
 @dataclass(frozen=True)
 class GLInformation:
-    """Who draws: the driver's own words, and whether they name a GPU."""
+    """Vendor, renderer and version as the driver reports them, and whether the renderer is a GPU."""
 
     vendor: str
     renderer: str
@@ -94,11 +91,11 @@ class GLInformation:
 
 
 def choose_gl() -> str:
-    """The backend to draw with, left in os.environ["MUJOCO_GL"] for this process and those that it starts.
+    """The backend for rendering, stored in os.environ["MUJOCO_GL"] for this process and its children.
 
-    A MUJOCO_GL that is set is believed. Else EGL, then OSMesa, is tried by making a context in a process of its own (0.3 s):
-    a driver that crashes or hangs does not take this process with it, and PyOpenGL stays free to load for the other.
-    Raises GLUnavailable where neither works.
+    A given MUJOCO_GL is kept. Otherwise a child process (0.3 s) tries to make a context of EGL, then one of OSMesa.
+    A driver that crashes or hangs then leaves this process unharmed, and PyOpenGL is not bound to a backend yet.
+    Raises GLUnavailable if neither works.
     """
     chosen = os.environ.get("MUJOCO_GL", "").strip()
     if chosen:
@@ -114,7 +111,7 @@ def choose_gl() -> str:
 
 
 def _failure_of(backend: str) -> str | None:
-    """Why a context of `backend` cannot be made, in one line, or None where it can."""
+    """Why a context of `backend` cannot be made, in one line; None if it can."""
     environment = {key: value for key, value in os.environ.items() if key != "PYOPENGL_PLATFORM"} | {"MUJOCO_GL": backend}
     command = [sys.executable, "-c", PROBE.format(backend)]
     try:
@@ -128,9 +125,9 @@ def _failure_of(backend: str) -> str | None:
 
 
 def open_context() -> Any:
-    """A fresh, current OpenGL context of the chosen backend, to be freed by its own `free()`.
+    """A new, current OpenGL context of the chosen backend; free it by its method `free()`.
 
-    What is drawn goes to buffers of MuJoCo's, so the context's own is 16 x 16. Raises GLUnavailable.
+    Rendering uses framebuffer objects, so the context's own buffer is only 16 x 16. Raises GLUnavailable.
     """
     backend = choose_gl().lower()
     if backend not in BACKENDS:
@@ -138,7 +135,7 @@ def open_context() -> Any:
     try:
         context = importlib.import_module(f"mujoco.{backend}").GLContext(16, 16)
         context.make_current()
-    # The backends raise ImportError, RuntimeError, AttributeError or PyOpenGL's own errors, according to what is missing.
+    # Depending on what is missing, backends raise ImportError, RuntimeError, AttributeError or errors of PyOpenGL.
     except Exception as error:
         raise GLUnavailable(f"{INSTALL} (MUJOCO_GL={backend}: {' '.join(str(error).split())[:200]})") from error
     _check(backend)
@@ -146,27 +143,27 @@ def open_context() -> Any:
 
 
 def _check(backend: str) -> None:
-    """Raises GLUnavailable where the current context answers nothing, or where PyOpenGL, imported before, is bound to another platform."""
+    """Raises GLUnavailable if the current context does not respond, or if PyOpenGL is already bound to another platform."""
     from OpenGL import GL, platform
 
     if GL.glGetString(GL.GL_VERSION) is None:
-        raise GLUnavailable(f"{INSTALL} (MUJOCO_GL={backend}: its context is dead)")
+        raise GLUnavailable(f"{INSTALL} (MUJOCO_GL={backend}: its context does not respond)")
     bound = type(platform.PLATFORM).__name__.removesuffix("Platform")
     if backend in ("egl", "osmesa") and bound.lower() != backend:
         raise GLUnavailable(f"PyOpenGL was imported before and is bound to {bound}: set PYOPENGL_PLATFORM={backend} before it is imported")
 
 
 def gl_information(context: Any) -> GLInformation:
-    """What the driver behind `context` says of itself. The context is current afterwards."""
+    """What the driver of `context` reports. The context becomes current."""
     context.make_current()
-    from OpenGL import GL  # only now does PYOPENGL_PLATFORM fit
+    from OpenGL import GL  # PYOPENGL_PLATFORM is set only once a context exists
 
     vendor, renderer, version = ((GL.glGetString(name) or b"unknown").decode() for name in (GL.GL_VENDOR, GL.GL_RENDERER, GL.GL_VERSION))
     return GLInformation(vendor, renderer, version, not any(word in renderer.lower() for word in SOFTWARE))
 
 
 def largest_buffer(context: Any) -> int:
-    """The greatest width and height in pixels that a buffer of `context` may have. The context is current afterwards."""
+    """The largest width and height in pixels of a buffer of `context`. The context becomes current."""
     context.make_current()
     from OpenGL import GL
 
@@ -174,13 +171,13 @@ def largest_buffer(context: Any) -> int:
 
 
 def use_reversed_depth() -> None:
-    """Let depth run from 0 to 1 in the current context, so that floating point is finest far away, where a picture needs it."""
+    """Set the depth range of the current context to [0, 1], so that reversed depth has the finest resolution far away."""
     from OpenGL import GL, platform
 
     arguments = GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE
     if GL.glClipControl:
         GL.glClipControl(*arguments)
     else:
-        # libOSMesa has the function, but does not list it: it must be asked for.
+        # libOSMesa has the function but does not list it among its extensions.
         address = platform.PLATFORM.getExtensionProcedure(b"glClipControl")
         ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_uint)(address)(*(int(argument) for argument in arguments))

@@ -1,4 +1,4 @@
-"""Objects of OpenGL, made by the functions of the module that is handed in: programs, textures, framebuffers."""
+"""OpenGL objects: programs, framebuffers, shadow maps and textures. The module OpenGL.GL is passed in as `GL`."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ NEEDED = ("GL_ARB_multi_draw_indirect", "GL_ARB_clip_control", "GL_ARB_base_inst
 
 
 def check(GL: Any) -> None:
-    """Raises GLUnavailable where the current context's OpenGL is too old."""
+    """Raises GLUnavailable if the OpenGL of the current context is too old."""
     version = (GL.glGetString(GL.GL_VERSION) or b"").decode()
     has = {GL.glGetStringi(GL.GL_EXTENSIONS, k).decode() for k in range(GL.glGetIntegerv(GL.GL_NUM_EXTENSIONS))}
     missing = [name for name in NEEDED if name not in has]
     if missing:
-        raise GLUnavailable(f"OpenGL {version} lacks {', '.join(missing)}: needs OpenGL 4.5, as Mesa has it since 2020")
+        raise GLUnavailable(f"OpenGL {version} lacks {', '.join(missing)}: needs OpenGL 4.5, which Mesa has since 2020")
 
 
 def program(GL: Any, vertex: str, pixel: str) -> int:
-    """A program of these texts. Raises GLUnavailable with the driver's words where it does not take them."""
+    """A program of a vertex and a fragment shader. Raises GLUnavailable with the driver's message if it does not compile."""
     made = GL.glCreateProgram()
     for kind, text in ((GL.GL_VERTEX_SHADER, vertex), (GL.GL_FRAGMENT_SHADER, pixel)):
         shader = GL.glCreateShader(kind)
         GL.glShaderSource(shader, text)
         GL.glCompileShader(shader)
         if not GL.glGetShaderiv(shader, GL.GL_COMPILE_STATUS):
-            raise GLUnavailable(f"the driver does not take a shader: {_line(GL.glGetShaderInfoLog(shader))}")
+            raise GLUnavailable(f"the driver does not compile a shader: {_line(GL.glGetShaderInfoLog(shader))}")
         GL.glAttachShader(made, shader)
     GL.glLinkProgram(made)
     if not GL.glGetProgramiv(made, GL.GL_LINK_STATUS):
@@ -40,7 +40,7 @@ def program(GL: Any, vertex: str, pixel: str) -> int:
 
 
 def framebuffer(GL: Any, size: tuple[int, int], colours: Sequence[int], depth: int | None) -> int:
-    """A framebuffer of renderbuffers of these formats, all of them drawn into."""
+    """A framebuffer with renderbuffers of these formats as draw buffers."""
     frame = int(GL.glGenFramebuffers(1))
     GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
     places = [GL.GL_COLOR_ATTACHMENT0 + k for k in range(len(colours))]
@@ -51,17 +51,17 @@ def framebuffer(GL: Any, size: tuple[int, int], colours: Sequence[int], depth: i
         GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, buffer)
     GL.glDrawBuffers(len(places), places)
     if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
-        raise GLUnavailable(f"the driver does not give a buffer of {size[0]} x {size[1]} px")
+        raise GLUnavailable(f"the driver cannot make a buffer of {size[0]} x {size[1]} px")
     return frame
 
 
 def shadow_map(GL: Any, unit: int, side: int) -> int:
-    """A framebuffer of depth alone, side x side, that programs may look up, softly, on that texture unit."""
+    """A depth framebuffer, side x side, with its texture on that unit for interpolated shadow lookups."""
     GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
     texture = GL.glGenTextures(1)
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glTexStorage2D(GL.GL_TEXTURE_2D, 1, GL.GL_DEPTH_COMPONENT32F, side, side)
-    # Beyond the map nothing throws a shadow.
+    # Outside of the map there is no shadow.
     for name, value in (
         (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_BORDER),
         (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_BORDER),
@@ -80,7 +80,7 @@ def shadow_map(GL: Any, unit: int, side: int) -> int:
 
 
 def texture_of(GL: Any, model: mujoco.MjModel, number: int) -> int:
-    """A texture of the model; pictures repeat themselves, and are smoothed far away."""
+    """A texture of the model, with mip maps. 2-D textures repeat."""
     height, width, channels = (int(of[number]) for of in (model.tex_height, model.tex_width, model.tex_nchannel))
     start = int(model.tex_adr[number])
     pixels = model.tex_data[start : start + height * width * channels].reshape(height, width, channels)
@@ -94,7 +94,7 @@ def texture_of(GL: Any, model: mujoco.MjModel, number: int) -> int:
         GL.glTexImage2D(side, 0, GL.GL_RGBA8, part.shape[1], part.shape[0], 0, kind, GL.GL_UNSIGNED_BYTE, np.ascontiguousarray(part))
     GL.glGenerateMipmap(target)
     wrap = GL.GL_REPEAT if flat else GL.GL_CLAMP_TO_EDGE
-    # The sky is always as far away as it is.
+    # The sky needs no mip maps: its distance does not change.
     sky = model.tex_type[number] == mujoco.mjtTexture.mjTEXTURE_SKYBOX
     smoothing = GL.GL_LINEAR if sky else GL.GL_LINEAR_MIPMAP_LINEAR
     for name, value in ((GL.GL_TEXTURE_WRAP_S, wrap), (GL.GL_TEXTURE_WRAP_T, wrap), (GL.GL_TEXTURE_MIN_FILTER, smoothing)):
@@ -103,7 +103,7 @@ def texture_of(GL: Any, model: mujoco.MjModel, number: int) -> int:
 
 
 def _sides(GL: Any, flat: bool, pixels: NDArray[np.uint8]) -> Iterable[tuple[int, NDArray[np.uint8]]]:
-    """Of a flat texture itself, of a cube's its six sides; one that is a single square serves for all."""
+    """Targets and pixels: one for a 2-D texture, six for a cube texture. A cube texture of one square has it on all sides."""
     if flat:
         return [(GL.GL_TEXTURE_2D, pixels)]
     side = pixels.shape[1]

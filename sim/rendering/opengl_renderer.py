@@ -1,7 +1,7 @@
-"""OpenGL: a model's shapes, textures and lights on the driver, and the drawing of faces into one buffer. Nothing else in the project draws.
+"""Renderer in OpenGL: uploads a model's shapes, textures and lights, and draws faces into one framebuffer.
 
-A face is drawn in one pass: its colour, the code of the geom at every texel, and the depth. Commands of one surface go to the driver
-in one call. Needs OpenGL 4.3 and clip control (2012 and 2014): any Mesa of the last years has them, on a processor too.
+One pass draws the colour, the geom code and the depth of a face. All commands of one surface are one indirect draw call.
+It needs OpenGL 4.3 and clip control, which Mesa's software renderers have, too.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from sim.rendering.shaders import Lights
 from tracker.geometry import Array
 
 SHADOW_SIZE = 2048
-"""Texels along a shadow map's edge. It is drawn once a moment for all cameras."""
+"""Texels along the edge of a shadow map. It is drawn once a frame for all cameras."""
 SHADOW_BIAS = 1.5
-"""Texels of the shadow map that a surface is lifted by before it is looked up: else it would shade itself."""
+"""Texels of the shadow map by which a surface is moved along its normal before the lookup, against self-shadowing."""
 
 Place = tuple[int, int, int, int]
-"""Left, bottom, width, height in the buffer, px."""
+"""Viewport in the buffer: left, bottom, width, height, px."""
 
 
 class OpenGLRenderer:
-    """Draws a model with one OpenGL context, which is current whenever it is called. What it holds goes when the context goes.
+    """Draws a model with one OpenGL context, which must be current in every call. Freeing the context frees its objects.
 
-    size: width and height of the buffer. Raises GLUnavailable for an OpenGL that is too old, ValueError for a size beyond its limit.
+    size: width and height of the buffer, px. Raises GLUnavailable for an OpenGL that is too old, ValueError for a size beyond its limit.
     """
 
     def __init__(self, context: Any, model: mujoco.MjModel, drawn: DrawList, size: tuple[int, int]) -> None:
@@ -60,7 +60,7 @@ class OpenGLRenderer:
         self._make_framebuffers()
 
     def update(self, data: mujoco.MjData) -> None:
-        """Take in a moment: the records as they are in the draw list now, and the shadows."""
+        """Upload the current records of the draw list, and draw the shadow maps."""
         GL = self._gl
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._record_buffer)
         GL.glBufferData(GL.GL_ARRAY_BUFFER, self._draw_list.records.nbytes, self._draw_list.records, GL.GL_STREAM_DRAW)
@@ -68,7 +68,7 @@ class OpenGLRenderer:
         self._cast_shadows(data)
 
     def begin(self, eye: Array) -> None:
-        """Clear the buffer, and light the scene as seen from `eye` (3,) m."""
+        """Clear the buffer, and set the lights for a camera at `eye` (3,) m, world."""
         GL = self._gl
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
         GL.glViewport(0, 0, *self._size)
@@ -85,7 +85,7 @@ class OpenGLRenderer:
                 GL.glUniformMatrix4fv(self._uniform_location(program, "shadows"), self.lights.shadows, GL.GL_TRUE, self._shadow_matrices)
 
     def draw(self, place: Place, matrix: Array, draw_commands: DrawCommands) -> None:
-        """Draw what is listed into `place` (left, bottom, width, height) of the buffer; matrix (4, 4) is its projection."""
+        """Draw commands into the viewport `place` (left, bottom, width, height); matrix (4, 4): projection from world to clip space."""
         GL = self._gl
         GL.glViewport(*place)
         self._upload_commands(draw_commands.commands)
@@ -108,7 +108,7 @@ class OpenGLRenderer:
             GL.glDisablei(GL.GL_BLEND, 0)
 
     def draw_sky(self, place: Place, ways: Array, edges: Array) -> None:
-        """Fill what is still empty of `place` with the sky. ways (3, 3): columns forward, right, up, world; edges (4,): as of `projection`."""
+        """Fill the empty texels of `place` with the sky. ways (3, 3): columns forward, right, up, world. edges (4,): as in `projection`."""
         if self._sky is None:
             return
         GL = self._gl
@@ -123,7 +123,7 @@ class OpenGLRenderer:
         GL.glDepthFunc(GL.GL_GREATER)
 
     def read(self, width: int, height: int) -> Atlas:
-        """What has been drawn since `begin`, the lower left of the buffer; valid until it is called again."""
+        """Read back the lower left of the buffer. The arrays are valid until the next call."""
         GL = self._gl
         if (width, height) not in self._atlas_buffers:
             arrays = np.empty((height, width, 4), np.uint8), np.empty((height, width), np.uint32), np.empty((height, width), np.float32)
@@ -137,10 +137,12 @@ class OpenGLRenderer:
         GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, atlas.depth)
         return atlas
 
-    def coverage_bits(self, slots: NDArray[np.uint32], faces: Sequence[tuple[Place, Array, DrawCommands]], size: tuple[int, int]) -> NDArray[np.uint32]:
-        """Bits (height, width) of all that covers a texel, near or far: every record (m,) leaves those of its slot.
+    def coverage_bits(
+        self, slots: NDArray[np.uint32], faces: Sequence[tuple[Place, Array, DrawCommands]], size: tuple[int, int]
+    ) -> NDArray[np.uint32]:
+        """Bits (height, width) of all bodies that cover a texel at any depth. slots (m,): bit of every record.
 
-        faces: of each its place in the buffer, its projection, and what is drawn, as for `draw`.
+        faces: viewport, projection and commands of each face, as in `draw`.
         """
         GL = self._gl
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._mark_framebuffer)
@@ -163,7 +165,7 @@ class OpenGLRenderer:
         return bits
 
     def _cast_shadows(self, data: mujoco.MjData) -> None:
-        """Draw the shadow maps of the moment."""
+        """Draw the shadow maps of the current frame."""
         GL, drawn = self._gl, self._draw_list
         bounded = drawn.present & ~drawn.infinite
         signs = np.mgrid[-1:2:2, -1:2:2, -1:2:2].reshape(3, -1).T
@@ -182,7 +184,7 @@ class OpenGLRenderer:
             GL.glViewport(0, 0, SHADOW_SIZE, SHADOW_SIZE)
             GL.glClearBufferfv(GL.GL_DEPTH, 0, np.ones(1, np.float32))
             self._use_program(self._depth_program, matrix)
-            # Thin sheets throw shadows whichever side they turn to the light.
+            # Thin sheets cast shadows from either side, so that back faces are drawn, too.
             GL.glDisable(GL.GL_CULL_FACE)
             GL.glDepthFunc(GL.GL_LESS)
             self._upload_commands(drawn.commands(casting, drawn.radius[casting] * per_metre / SHADOW_BIAS / 2))
@@ -202,7 +204,7 @@ class OpenGLRenderer:
             GL.glMultiDrawElementsIndirect(GL.GL_TRIANGLES, GL.GL_UNSIGNED_INT, start, batch.last - batch.first, COMMAND.itemsize)
 
     def _use_program(self, program: int, matrix: Array | None) -> None:
-        """Take a program; matrix: its projection, as it is where None."""
+        """Use a program. matrix: its projection, unchanged where None."""
         GL = self._gl
         GL.glUseProgram(program)
         if matrix is not None:
@@ -215,7 +217,7 @@ class OpenGLRenderer:
         return self._uniform_locations[key]
 
     def _upload_shapes(self) -> None:
-        """Vertices, indices and records, and how programs read them."""
+        """Upload vertices and indices, and set the layout of vertices and records."""
         GL, buffers = self._gl, self._draw_list.buffers
         GL.glBindVertexArray(GL.glGenVertexArrays(1))
         vertices, indices, self._record_buffer, self._command_buffer = (int(name) for name in GL.glGenBuffers(4))
@@ -237,7 +239,7 @@ class OpenGLRenderer:
                 GL.glVertexAttribIPointer(place, 2, GL.GL_UNSIGNED_INT, RECORD.itemsize, offset)
 
     def _make_framebuffers(self) -> None:
-        """The buffers that are drawn into, and what stays as it is while drawing."""
+        """Make the framebuffers, and set the state that stays constant."""
         GL = self._gl
         self._framebuffer = gl_objects.framebuffer(GL, self._size, [GL.GL_RGBA8, GL.GL_R32UI], GL.GL_DEPTH_COMPONENT32F)
         self._mark_framebuffer = gl_objects.framebuffer(GL, self._size, [GL.GL_R32UI], None)

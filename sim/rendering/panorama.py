@@ -1,11 +1,11 @@
-"""What cameras see of a MuJoCo scene without a screen: colour, instances, semantic classes and range, all of the same data.
+"""Offscreen rendering of a MuJoCo scene for any camera: colour, instances, semantic classes and range of the same MjData.
 
     with PanoramaRenderer(model, [Panorama(1024, 512), Tsai(...)], instance_of_geom) as renderer:
-        shots = renderer.render(data, [T_world_robot_camera, T_world_fixed_camera], which=[0, 1])
+        images = renderer.render(data, [T_world_robot_camera, T_world_fixed_camera], which=[0, 1])
 
-Any Camera of tracker.geometry.cameras will do, and several of different kinds share one renderer; a panorama is what most of them are. Each is
-sampled from perspective faces (sim.rendering.cubemap), which are drawn into one buffer in one pass and read back at once. `alone` draws bodies into
-the same faces, pixel for pixel, to learn what they would cover if nothing hid them.
+One renderer serves several cameras of any kind in tracker.geometry.cameras. Each image is sampled from perspective faces (sim.rendering.cubemap),
+which are drawn into one buffer in one pass and read back at once.
+`unoccluded` draws single bodies into the same faces, to find the pixels that they would cover without occlusion.
 """
 
 from __future__ import annotations
@@ -30,13 +30,15 @@ from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera, Panorama
 
 NEAR = 0.02
-"""m: nothing nearer to the camera is drawn. The depth buffer is floating point and reversed, so that this costs no precision."""
+"""m: near plane. The depth buffer is reversed floating point, so that a close near plane costs no precision."""
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedImage:
-    """One picture: colour (H, W, 3) RGB; instances (H, W) with 0 for the background; range (H, W) m along the ray, inf where nothing is;
-    classes (H, W) of worlds.semantics, 0 where nothing is, or None where the renderer was not told them."""
+    """The image of one camera: colour (H, W, 3) RGB; instances (H, W), 0 for the background; range (H, W) m along the ray, inf for no hit.
+
+    classes (H, W): classes of worlds.semantics, 0 for no hit; None if the renderer does not know them.
+    """
 
     colour: NDArray[np.uint8]
     instances: NDArray[np.uint16]
@@ -45,11 +47,12 @@ class RenderedImage:
 
 
 class PanoramaRenderer:
-    """Draws what cameras at given poses see of a scene. A context manager; `close` frees what the driver holds.
+    """Renders a scene for cameras at given poses. It is a context manager; `close` frees the OpenGL context.
 
-    model: compiled; it is left as it was. cameras: one or several. instance_of_geom (ngeom,) uint16: 0 is the background. class_of_geom
-    (ngeom,) uint8 or None. density: texels of a face along a pixel of the camera, where they are fewest. Geom groups 0 to 3 are drawn,
-    sites and other decoration are not. Raises ValueError for what does not fit, GLUnavailable where there is no OpenGL.
+    model: compiled; it is not changed. cameras: one or several. instance_of_geom (ngeom,) uint16: 0 is the background.
+    class_of_geom: (ngeom,) uint8 or None. density: texels of a face along a pixel of the camera, where they are fewest.
+    Geom groups 0 to 3 are drawn, sites and other decoration are not.
+    Raises ValueError for arrays of another shape or type, GLUnavailable without OpenGL.
     """
 
     def __init__(
@@ -72,14 +75,14 @@ class PanoramaRenderer:
         self._draw_list = DrawList(model)
         self._far = float(model.vis.map.zfar * model.stat.extent)
         self._gl = open_context()
-        # Bound to neither self nor its methods, or the renderer would never be collected. It must also run before the backend's own
-        # exit handler, which was registered when the first context was made: hence a handler of ours, registered now.
+        # The finalizer refers to the context only: a reference to self would keep the renderer alive. It must also run before the
+        # exit handler of the backend, which the first context registered. Exit handlers run in reverse order: hence the one below.
         self._finalizer = weakref.finalize(self, self._gl.free)
         self._finalizer.atexit = False
         atexit.register(self._finalizer)
         size = max(table.width for table in self._tables), max(table.height for table in self._tables)
         try:
-            with watched("preparing to draw"):
+            with watched("uploading the scene"):
                 self._renderer = OpenGLRenderer(self._gl, model, self._draw_list, size)
         except Exception:
             self.close()
@@ -92,20 +95,20 @@ class PanoramaRenderer:
         self.close()
 
     def close(self) -> None:
-        """Free the context and its buffers; a second call does nothing."""
+        """Free the context and its buffers. A second call does nothing."""
         self._finalizer()
         atexit.unregister(self._finalizer)
 
     @property
     def information(self) -> GLInformation:
-        """Who draws."""
+        """Vendor, renderer and version of the driver."""
         self._make_current()
         return gl_information(self._gl)
 
     def render(self, data: mujoco.MjData, poses: Sequence[Pose], which: Sequence[int] | None = None) -> list[RenderedImage]:
-        """What cameras at `poses` (T_world_camera) see of `data`, which has been brought up to date (mj_forward, mj_step or mj_kinematics).
+        """Images of cameras at `poses` (T_world_camera). `data` must be up to date (mj_forward, mj_step or mj_kinematics).
 
-        which: per pose the number of its camera in `cameras`; the first for all where None.
+        which: index in `cameras` for each pose; the first camera for all where None.
         """
         indices = self._camera_indices(poses, which)
         self._make_current()
@@ -114,10 +117,12 @@ class PanoramaRenderer:
             self._renderer.update(data)
         return [self._render_camera(pose, index) for pose, index in zip(poses, indices, strict=True)]
 
-    def unoccluded(self, data: mujoco.MjData, poses: Sequence[Pose], instances: Sequence[int], which: Sequence[int] | None = None) -> list[list[UnoccludedExtent]]:
-        """Per pose and per instance, what the instance would cover if nothing else were there; which: as in `render`.
+    def unoccluded(
+        self, data: mujoco.MjData, poses: Sequence[Pose], instances: Sequence[int], which: Sequence[int] | None = None
+    ) -> list[list[UnoccludedExtent]]:
+        """Extents of `instances` without occlusion, per pose and per instance. which: as in `render`.
 
-        The faces are drawn as in `render`, by the same numbers: a pixel where `render` shows the instance is always among them.
+        The faces and the arithmetic are those of `render`: a pixel where `render` shows an instance is always in its extent.
         """
         for instance in instances:
             if not 0 < instance < 1 << 16:
@@ -174,7 +179,7 @@ def _viewport(face: Face) -> tuple[int, int, int, int]:
 
 
 def _table_by_code(model: mujoco.MjModel, name: str, of_geom: NDArray[Any], kind: type) -> NDArray[Any]:
-    """What every code stands for: 0 for none, then the geoms in their order."""
+    """Lookup table from code to value: 0 for code 0, then the values of the geoms in order."""
     values = np.asarray(of_geom)
     if values.shape != (model.ngeom,) or values.dtype != kind:
         raise ValueError(f"{name} is {values.dtype} of shape {values.shape}, needs {np.dtype(kind)} of shape ({model.ngeom},)")

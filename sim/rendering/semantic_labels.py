@@ -1,4 +1,4 @@
-"""What every geom of a simulation's model is: its semantic class."""
+"""Semantic class of every geom of a simulation's model."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from worlds.semantics import CLASSES, class_of
 
 
 def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
-    """(ngeom,) class of every geom, by its name, or by its body's: of people, of robots, or of a world; 0 for what is not drawn.
+    """Class (ngeom,) of every geom, from its name or its body's name; 0 for geoms that are not drawn.
 
-    Raises ValueError for a drawn geom of a kind that worlds.semantics does not know.
+    Raises ValueError for a drawn geom whose name worlds.semantics does not know.
     """
     out = np.zeros(model.ngeom, np.uint8)
     for k in np.flatnonzero(np.isin(model.geom_group, (*GROUPS, ABSENT)) & (model.geom_rgba[:, 3] > 0)):

@@ -1,7 +1,7 @@
-"""Light, as MuJoCo's lights are meant, in OpenGL's shading language: the text of the programs and the numbers that they are given.
+"""Shaders in GLSL with MuJoCo's lights, their uniforms, and the projection matrices of views and shadow maps.
 
-Lambert's and Blinn's reflection at the vertices, with MuJoCo's own terms (OpenGL 2.1 specification, 2.14), shadows at the pixels. What
-one program puts at a place, all put there: the same words compute it.
+Lambert and Blinn reflection are computed at the vertices with MuJoCo's terms (OpenGL 2.1 specification, 2.14), shadows at the pixels.
+All programs compute positions by the same source text, so that their depths agree bit by bit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from sim.rendering.draw_list import CUBE_MAPPED, FACETS, PLAIN, TEXTURED, TEXTUR
 from tracker.geometry import Array, Pose
 
 MOST_LIGHTS = 8
-"""Lights at once, as in MuJoCo."""
+"""Largest number of lights, as in MuJoCo."""
 
 INPUTS = """#version 430
 layout(location = 0) in vec4 position;
@@ -95,7 +95,7 @@ layout(binding = 1) uniform sampler2DShadow hidden[SHADOWS + 1];
 void main() {
   vec3 light = steady;
   for (int k = 0; k < SHADOWS; ++k) {
-    // What is turned away from the light needs no look at its shadow.
+    // Surfaces that face away from the light need no shadow lookup.
     if (shadowed[k].r + shadowed[k].g + shadowed[k].b > 0) {
       vec3 place = fallen[k].xyz / fallen[k].w;
       light += shadowed[k] * texture(hidden[k], vec3(place.xy, min(place.z, 1)));
@@ -130,7 +130,7 @@ void main() { colour = vec4(texture(picture, vec3(way.x, way.z, -way.y)).rgb, 1)
 
 
 def programs(lights: int, shadows: int) -> dict[int, tuple[str, str]]:
-    """By kind of surface the texts for vertices and for pixels; `shadows` of the `lights` throw some."""
+    """Kind of surface → source of its vertex and fragment shader. The first `shadows` of `lights` lights cast shadows."""
     texts = {}
     for kind, pictures, textured in (
         (PLAIN, "sampler2D", ""),
@@ -150,10 +150,10 @@ def programs(lights: int, shadows: int) -> dict[int, tuple[str, str]]:
 
 @dataclass(frozen=True, eq=False)
 class Lights:
-    """The lights of a model that are on, those with shadows first; the headlight, if on, is the last and sits in the camera.
+    """The active lights of a model, those that cast shadows first. The headlight, if active, is the last and sits at the camera.
 
-    number (n,) of each in the model, −1 for the headlight; shadows: how many throw shadows; numbers (n, 6, 4) for the program, but for
-    their places; gloom: light from nowhere, where there are no lights.
+    index (n,): of each light in the model, −1 for the headlight. shadows: how many cast shadows.
+    parameters (n, 6, 4): uniforms of the programs without position and direction. ambient: ambient light if there are no lights.
     """
 
     index: NDArray[np.int64]
@@ -164,7 +164,7 @@ class Lights:
 
     @staticmethod
     def of(model: mujoco.MjModel) -> Lights:
-        """Raises ValueError for more than MOST lights, or for a kind that cannot be drawn."""
+        """Raises ValueError for more than MOST_LIGHTS lights, or for an unsupported kind of light."""
         on = np.flatnonzero(model.light_active)
         order = on[np.argsort(~model.light_castshadow[on].astype(bool), kind="stable")]
         headlight = bool(model.vis.headlight.active)
@@ -173,7 +173,7 @@ class Lights:
         kinds = mujoco.mjtLightType
         directional = model.light_type[order] == kinds.mjLIGHT_DIRECTIONAL
         if not (directional | np.isin(model.light_type[order], [int(kinds.mjLIGHT_SPOT), int(kinds.mjLIGHT_POINT)])).all():
-            raise ValueError("a light of the model is neither directional nor a spot nor a point, needs to be")
+            raise ValueError("a light of the model is neither directional nor a spot nor a point light, needs to be one of them")
         parameters = np.zeros((len(order) + headlight, 6, 4), np.float32)
         for k, light in enumerate(order):
             beam = model.light_type[light] == kinds.mjLIGHT_SPOT and model.light_cutoff[light] < 180
@@ -185,10 +185,12 @@ class Lights:
             parameters[-1, 0, 3], parameters[-1, 1, 3], parameters[-1, 5, 0] = 1, -1, 1
             parameters[-1, 2:5, :3] = shown.ambient, shown.diffuse, shown.specular
         casting = int(model.light_castshadow[order].astype(bool).sum())
-        return Lights(np.append(order, [-1] * headlight), casting, parameters, np.append(directional, [False] * headlight), 0.0 if len(parameters) else 0.3)
+        return Lights(
+            np.append(order, [-1] * headlight), casting, parameters, np.append(directional, [False] * headlight), 0.0 if len(parameters) else 0.3
+        )
 
     def parameters_at(self, data: mujoco.MjData, eye: Array) -> NDArray[np.float32]:
-        """The numbers (n, 6, 4) at a moment, seen from `eye` (3,) m."""
+        """The uniforms (n, 6, 4) in the state `data`, for a camera at `eye` (3,) m, world."""
         parameters = self.parameters.copy()
         parameters[:, 0, :3] = np.where(self.index[:, None] < 0, eye, data.light_xpos[self.index] if len(data.light_xpos) else eye)
         parameters[:, 1, :3] = np.where(self.index[:, None] < 0, [0, 0, -1], data.light_xdir[self.index] if len(data.light_xdir) else 0)
@@ -196,9 +198,9 @@ class Lights:
 
 
 def projection(pose: Pose, axes: Array, edges: Array, planes: tuple[float, float]) -> Array:
-    """World to OpenGL's clip space (4, 4), depth reversed: 1 at planes[0] (near), 0 at planes[1] (far), m.
+    """Projection (4, 4) from world to OpenGL's clip space with reversed depth: 1 at planes[0] (near), 0 at planes[1] (far), m.
 
-    axes (3, 3): forward, right, up in the camera's frame; edges (4,): tangents low right, low up, high right, high up.
+    axes (3, 3): forward, right, up, camera frame. edges (4,): lowest tangents to the right and up, then the highest.
     """
     near, far = planes
     forward, right, up = axes @ pose.rotation.T
@@ -211,10 +213,10 @@ def projection(pose: Pose, axes: Array, edges: Array, planes: tuple[float, float
 
 
 def shadow_view(light: Array, beam: float | None, points: Array) -> Array:
-    """World to a shadow's clip space (4, 4), depth from 0 to 1 away from the light, around points (n, 3) m.
+    """Projection (4, 4) from world to the clip space of a shadow map around points (n, 3) m. Depth grows from 0 to 1 away from the light.
 
-    light (6,): place m and direction. beam: None for parallel light, else the half angle of a spot's cone, rad. Bounds are whole metres,
-    so that shadows do not swim while something moves.
+    light (6,): position m and direction. beam: None for parallel light, else the half angle of a spot's cone, rad.
+    Bounds are whole metres, so that shadow edges stay still while bodies move.
     """
     direction = light[3:] / np.linalg.norm(light[3:])
     right = np.cross(direction, [0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 else [1.0, 0.0, 0.0])

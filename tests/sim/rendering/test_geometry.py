@@ -13,7 +13,7 @@ def volume(shape: Shape, scale: tuple[float, float, float] = (1, 1, 1), apart: f
     return float(np.einsum("ni,ni->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
 
 
-@pytest.mark.parametrize("fineness", SLICES)
+@pytest.mark.parametrize("resolution", SLICES)
 def test_round_shapes_fill_what_they_should(resolution: tuple[int, int]) -> None:
     # An inscribed shape of n slices lacks a share of some 7/n² of its section and its height.
     lacking = 20 / resolution[1] ** 2
@@ -29,7 +29,7 @@ def test_a_box_is_a_box_and_a_plane_looks_up() -> None:
     assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0).all()
 
 
-@pytest.mark.parametrize("solid", [sphere(20, 12), capsule(14, 8), cylinder(10, 6), box(), plane()])
+@pytest.mark.parametrize("shape", [sphere(20, 12), capsule(14, 8), cylinder(10, 6), box(), plane()])
 def test_normals_are_unit_and_on_the_side_of_their_triangles(shape: Shape) -> None:
     assert np.linalg.norm(shape.vertices[:, 4:7], axis=1) == pytest.approx(1, abs=1e-6)
     corners = (shape.vertices[:, :3] + shape.vertices[:, 3:4] * [0, 0, 0.5])[shape.triangles]

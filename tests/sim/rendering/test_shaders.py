@@ -26,7 +26,7 @@ def test_the_edges_of_a_face_are_the_edges_of_clip_space(face: int) -> None:
     np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
-@pytest.mark.parametrize("way", [[0.3, 0.1, -1], [0, 0, -1], [1, 0, -0.2]])
+@pytest.mark.parametrize("direction", [[0.3, 0.1, -1], [0, 0, -1], [1, 0, -0.2]])
 def test_a_parallel_shadow_holds_every_point_and_grows_away_from_the_light(direction: list[float]) -> None:
     points = np.random.default_rng(1).uniform(-7, 9, (100, 3))
     matrix = shadow_view(np.array([0, 0, 10, *direction]), None, points)
