@@ -1,3 +1,4 @@
-"""The mathematics of the filter: the joint state with one covariance, retractions, measurement models, Jacobians and biases.
+"""The extended Kalman filter: the joint state with one covariance, retractions, measurement models, their Jacobians and odometry biases.
 
-Read `state.py` first."""
+Read `state.py` first.
+"""

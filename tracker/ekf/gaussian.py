@@ -1,7 +1,7 @@
-"""What every filter here does with Gaussians: gates, robust weights, gains, the covariance after an update, NEES.
+"""Gaussian estimation: gates, robust weights, gains, the covariance after an update, and NEES.
 
-Rows of a measurement are m, the state is n. `HP` stands for H @ P (m, n): the Jacobians of a map are sparse, so the caller makes that
-product the cheap way and hands it over.
+A measurement has m numbers and the state has n. `HP` stands for H @ P (m, n). The Jacobians of a map are sparse, so the caller forms that
+product in the cheapest way and passes it in.
 """
 
 from __future__ import annotations
@@ -17,13 +17,16 @@ from scipy.stats import chi2
 from tracker.geometry import Array
 
 TILE = 128
-"""Rows and columns of a covariance that are mirrored at once: they stay in the processor's cache."""
+"""Rows and columns of a covariance that are mirrored at once: such a block fits into the processor's cache."""
 UPPER = np.triu(np.ones((TILE, TILE), dtype=bool), 1)
 
 
 @cache
 def gate(dof: int, probability: float) -> float:
-    """The squared Mahalanobis distance that a right measurement of `dof` numbers stays under with `probability` in (0, 1)."""
+    """The bound on the squared Mahalanobis distance that a correct measurement of `dof` numbers satisfies with `probability` in (0, 1).
+
+    Raises ValueError for `dof` below 1 or a probability outside (0, 1).
+    """
     if dof < 1 or not 0 < probability < 1:
         raise ValueError(f"gate of {dof} numbers at probability {probability}, needs at least 1 and a probability in (0, 1)")
     return float(chi2.ppf(probability, dof))
@@ -36,7 +39,7 @@ def mahalanobis2(error: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> float:
-    """The normalised estimation error squared of one estimate, per degree of freedom: 1 on average where the covariance is honest.
+    """The normalised estimation error squared of one estimate, divided by the degrees of freedom: 1 on average if the covariance is consistent.
 
     error (d,), covariance (d, d) (Bar-Shalom, Li, Kirubarajan 2001, 5.4.2).
     """
@@ -51,19 +54,20 @@ def block_diagonal(blocks: Array) -> Array:
     return out.reshape(k * d, k * d)
 
 
-def robust_weights(spread: Array, noise: Array, innovation: Array, threshold: float) -> Array:
-    """Weights (k,) in (0, 1] for k measurements of d numbers each, found before the update by reweighted least squares.
+def robust_weights(HPH: Array, noise: Array, innovation: Array, threshold: float) -> Array:
+    """Weights (k,) in (0, 1] of k measurements of d numbers each, found before the update by iteratively reweighted least squares.
 
-    spread (k d, k d) = H P Hᵀ, noise (k, d, d), innovation (k d,). With S = spread + R the residual after the update is R S⁻¹ ν, so that the whole
-    iteration runs among the measurements. A residual of s standard deviations of its noise weighs 1 up to the threshold (Huber) and
-    (threshold / s)² beyond, whose influence falls as Cauchy's does; its noise is divided by the weight. An infinite threshold leaves all at 1.
+    HPH (k d, k d) = H P Hᵀ, noise R (k, d, d), innovation ν (k d,). With S = HPH + R the residual after the update is R S⁻¹ ν.
+    The iteration therefore needs no state. A residual of s standard deviations of its noise has weight 1 up to the threshold (Huber).
+    Beyond it the weight is (threshold / s)², whose influence falls as that of Cauchy's loss. The noise is divided by the weight.
+    An infinite threshold leaves all weights at 1.
     """
     k, d = len(noise), noise.shape[1]
     weights = np.ones(k)
     if not np.isfinite(threshold):
         return weights
     for _ in range(4):
-        S = spread + block_diagonal(noise / weights[:, None, None])
+        S = HPH + block_diagonal(noise / weights[:, None, None])
         force = solve_positive(S, innovation).reshape(k, d)
         after = np.einsum("kij,kj->ki", noise, force) / weights[:, None]
         size = np.sqrt(np.maximum((after * force).sum(axis=1) / weights, 0.0))
@@ -73,7 +77,7 @@ def robust_weights(spread: Array, noise: Array, innovation: Array, threshold: fl
 
 
 def solve_positive(S: Array, right: Array) -> Array:
-    """S⁻¹ right for a positive S (m, m) by Cholesky's factors, right (m,) or (m, n). Raises LinAlgError where S is not positive."""
+    """S⁻¹ right by Cholesky factors, for a positive definite S (m, m) and right (m,) or (m, n). Raises LinAlgError if S is not positive definite."""
     _, solution, info = dposv(S, right, lower=1)
     if info:
         raise np.linalg.LinAlgError(f"matrix of {len(S)} rows is not positive definite, or not finite")
@@ -82,10 +86,10 @@ def solve_positive(S: Array, right: Array) -> Array:
 
 
 def whitened(HP: Array, S: Array) -> Array:
-    """A = L⁻¹ H P (m, n) with S = L Lᵀ (m, m), the innovation covariance: the gain is Aᵀ L⁻¹, and the update leaves P − Aᵀ A.
+    """A = L⁻¹ H P (m, n) with S = L Lᵀ (m, m), the innovation covariance: the gain is Aᵀ L⁻¹, and P − Aᵀ A is the covariance after the update.
 
-    Joseph's form for a gain K is this plus (A − LᵀKᵀ)ᵀ (A − LᵀKᵀ): for the gain that is used, the square of its rounding errors. So that it is as
-    sound here, for one product of n² m in the place of two. Raises LinAlgError where S is not positive.
+    Joseph's form for a gain K is this plus (A − LᵀKᵀ)ᵀ (A − LᵀKᵀ). For the optimal gain that term is the square of rounding errors.
+    The form here is as stable, and needs one product of n² m where Joseph's needs two. Raises LinAlgError if S is not positive definite.
     """
     L, info = dpotrf(S, lower=1)
     if info or not np.isfinite(L).all():
@@ -95,13 +99,13 @@ def whitened(HP: Array, S: Array) -> Array:
 
 
 def subtract(P: Array, A: Array, X: Array | None = None, Y: Array | None = None) -> None:
-    """P ← P − Aᵀ A − X Yᵀ − Y Xᵀ in place, P (n, n) C-contiguous, symmetric and so to the last bit afterwards; A (m, n), X and Y (n, k) or nothing.
+    """P ← P − Aᵀ A − X Yᵀ − Y Xᵀ in place; the result is exactly symmetric.
 
-    Raises ValueError where P is not contiguous: BLAS would change a copy.
+    P (n, n) C-contiguous and symmetric, A (m, n), X and Y (n, k) or None. Raises ValueError if P is not contiguous: BLAS would change a copy.
     """
     if not P.flags.c_contiguous:
-        raise ValueError(f"covariance of shape {P.shape} is not contiguous, needs its whole store")
-    # Of P.T, which is in Fortran's order, the upper triangle: the lower one of P.
+        raise ValueError(f"covariance of shape {P.shape} is not contiguous, needs a contiguous array")
+    # P.T is in Fortran order: its upper triangle is the lower one of P.
     dsyrk(-1.0, A.T, beta=1.0, c=P.T, overwrite_c=1)
     if X is not None and Y is not None:
         dsyr2k(-1.0, X.T, Y.T, beta=1.0, c=P.T, trans=1, overwrite_c=1)

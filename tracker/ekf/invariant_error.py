@@ -1,8 +1,8 @@
-"""The right-invariant error of poses and landmarks, written in the tangents that the joint state keeps (Barrau & Bonnabel 2015; Zhang et al. 2017).
+"""The right-invariant error of poses and landmarks, expressed in the tangents of the joint state (Barrau & Bonnabel 2015; Zhang et al. 2017).
 
-In the invariant error a turn φ of the world takes every place p along by φ × p. Kept in plain tangents at the present mean, that error is the same as
-any other until the mean moves: then what was φ × p before must be φ × p after, so the error of a place that has moved by Δ gains φ × Δ. These are
-the linear maps that do so; with them, a turn of the whole world about any axis and its translation stay directions of which sightings tell nothing.
+In the invariant error a rotation error φ of the world displaces every point p by φ × p. In plain tangents at the present mean the
+error is the same until the mean moves. If a point's mean moves by Δ, its error gains φ × Δ. The functions here are these linear maps.
+With them a rotation of the whole world about any axis, and its translation, stay unobservable directions of the filter.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ Means = tuple[Array, Array, Array]
 """Rotations (p, 3, 3), translations (p, 3) m and landmarks (n, 3) m."""
 
 
-def pose_charts(before: Means, after: Means) -> Array:
-    """(p, 6, 6): from right tangents [m, rad] of poses before to those after; each pose goes with its own rotation."""
+def pose_error_maps(before: Means, after: Means) -> Array:
+    """(p, 6, 6): maps from right tangents [m, rad] of the poses before to those of the poses after; each pose uses its own rotation."""
     turn = np.swapaxes(after[0], 1, 2)
     out = np.zeros((len(turn), 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = turn @ before[0]
@@ -25,14 +25,16 @@ def pose_charts(before: Means, after: Means) -> Array:
     return out
 
 
-def landmark_shears(before: Means, after: Means, robot: int) -> Array:
-    """(n, 3, 3): what the errors of landmarks gain from the rotation error before, rad in its right tangent, of the robot that they are tied to."""
+def landmark_error_couplings(before: Means, after: Means, robot: int) -> Array:
+    """(n, 3, 3): what landmark errors gain from the rotation error (rad, in the right tangent before) of the robot that they are tied to."""
     return -skew(after[2] - before[2]) @ before[0][robot]
 
 
-def retracted(before: Means, change: tuple[Array, Array], exponentials: Array, robot: int) -> Means:
-    """Means ⊞ change = tangents (p, 6) and moves (n, 3) m, exponentials (p, 3, 3) of the tangents' rotations: each place moves by V(φ) times its own
-    part, V the left Jacobian of SO(3), φ the rotation of its pose, or that of the robot for landmarks: the exponential of the invariant error.
+def retract_invariant(before: Means, change: tuple[Array, Array], exponentials: Array, robot: int) -> Means:
+    """Means ⊞ change by the exponential of the invariant error.
+
+    change: tangents (p, 6) [m, rad] and moves (n, 3) m of landmarks. exponentials (p, 3, 3): those of the tangents' rotations. Each point moves
+    by V(φ) times its own part, with V the left Jacobian of SO(3). φ is the rotation of its pose, and for landmarks that of `robot`.
     """
     tangents, moves = change
     V = right_jacobian(-tangents[:, 3:])

@@ -1,7 +1,7 @@
-"""How robots move, and how an error state of poses is moved along: prediction by odometry, the retraction and its Jacobian.
+"""SE(3) operations on many poses at once: composition with odometry, exponential, logarithm, retraction, and their Jacobians.
 
-A pose's error is its right tangent [translation, rotation]: T = T̂ · Exp(ξ), Exp that of R³ × SO(3) (geometry.Pose.exp). Poses come in rows,
-rotation (n, 3, 3) and translation (n, 3) m: a filter moves all it has at once.
+A pose's error is its right tangent [translation, rotation]: T = T̂ · Exp(ξ), with Exp that of R³ × SO(3) (geometry.Pose.exp). Poses come in
+rows: rotation (n, 3, 3) and translation (n, 3) m.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from tracker.geometry import Array, Pose, skew
 
 
 def compose(rotation: Array, translation: Array, motion: Pose) -> tuple[Array, Array, Array]:
-    """T · motion of one pose, motion = T_before_now: rotation (3, 3), translation (3,), and the Jacobian F (6, 6) of its error in the error before.
+    """T · motion of one pose, motion = T_before_now: rotation (3, 3), translation (3,) m, and the Jacobian F (6, 6) in the error before.
 
-    The covariance after it is F P Fᵀ + Q with Q the odometry's own, which is in the right tangent of the motion and so of the new pose.
-    With o, M the translation and rotation of the motion: ρ' = Mᵀ(ρ − [o]× φ) + η_ρ, φ' = Mᵀ φ + η_φ (from (R Exp φ)(o + M η) to first order).
+    The covariance after it is F P Fᵀ + Q. Q is the odometry's covariance in the right tangent of the motion, hence of the new pose.
+    With o and M the translation and rotation of the motion: ρ' = Mᵀ(ρ − [o]× φ) + η_ρ, φ' = Mᵀ φ + η_φ (first order of R Exp φ (o + M η)).
     """
     M, o = motion.rotation, motion.translation
     F = np.zeros((6, 6))
@@ -25,20 +25,20 @@ def compose(rotation: Array, translation: Array, motion: Pose) -> tuple[Array, A
 
 
 def orthogonal(rotation: Array) -> Array:
-    """(..., 3, 3) rotations up to rounding → one step of Newton nearer to rotations."""
+    """Rotations (..., 3, 3) up to rounding → one Newton step towards orthogonal matrices."""
     return 1.5 * rotation - 0.5 * rotation @ np.swapaxes(rotation, -1, -2) @ rotation
 
 
 def exponential(phi: Array) -> Array:
-    """Rotation vectors (n, 3) rad → rotations (n, 3, 3); Rodrigues with its series near zero, as geometry.exp_so3."""
+    """Rotation vectors (n, 3) rad → rotations (n, 3, 3) by Rodrigues' formula, accurate near zero, as geometry.exp_so3."""
     angle2 = (phi * phi).sum(axis=-1)[..., None, None]
     K, angle = skew(phi), np.sqrt(angle2)
-    # sinc(x) = sin(πx)/(πx) is sound at zero, and (1 − cos a)/a² is half of the square of sinc at half of the angle.
+    # sinc(x) = sin(πx)/(πx) is accurate at zero, and (1 − cos a)/a² is half the square of sinc at half the angle.
     return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (K @ K)
 
 
 def logarithm(rotation: Array) -> Array:
-    """Rotations (n, 3, 3) by angles well under π → rotation vectors (n, 3) rad; geometry.log_so3 is sound near π, too."""
+    """Rotations (n, 3, 3) by angles well below π → rotation vectors (n, 3) rad; geometry.log_so3 is accurate near π, too."""
     odd = rotation - np.swapaxes(rotation, 1, 2)
     sine = 0.5 * np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=1)
     size = np.linalg.norm(sine, axis=1)
@@ -62,10 +62,10 @@ def retract(rotation: Array, translation: Array, xi: Array) -> tuple[Array, Arra
 
 
 def retraction_jacobian(xi: Array) -> Array:
-    """J (n, 6, 6) with (T · Exp(ξ)) · Exp(J δ) ≈ T · Exp(ξ + δ): carries a tangent at T to the tangent at T · Exp(ξ).
+    """J (n, 6, 6) with (T · Exp(ξ)) · Exp(J δ) ≈ T · Exp(ξ + δ): maps a tangent at T to the tangent at T · Exp(ξ).
 
-    An iterated filter linearises at T · Exp(ξ) while its covariance lives at T: H J is the Jacobian there, and J P Jᵀ the covariance after
-    the mean has moved (the "reset" of an error-state filter; Solà 2017, 6.3). The rotation's block is the right Jacobian of SO(3).
+    An iterated filter linearises at T · Exp(ξ) while its covariance is defined at T. H J is the Jacobian there. J P Jᵀ is the covariance after
+    the mean has moved: the reset of an error-state filter (Solà 2017, 6.3). The block of the rotation is the right Jacobian of SO(3).
     """
     J = np.zeros((len(xi), 6, 6))
     J[:, :3, :3] = np.swapaxes(exponential(xi[:, 3:]), 1, 2)

@@ -1,3 +1,4 @@
-"""Multi-robot EKF-SLAM from panoramas: features, data association, landmarks, relocalization, and robots that see each other.
+"""Multi-robot EKF-SLAM from panoramas: features, data association, landmark initialization, relocalization and inter-robot measurements.
 
-Read `filter.py` first."""
+Read `filter.py` first.
+"""

@@ -1,4 +1,4 @@
-"""Which sighting shows which landmark: by how it looks, and by where the joint state expects it."""
+"""Data association of sightings and landmarks: by descriptors, and by a Mahalanobis gate about the predicted bearing."""
 
 from __future__ import annotations
 
@@ -15,39 +15,44 @@ from tracker.geometry import Array, Floats, Indices, Mask, tangent_basis
 
 @dataclass(frozen=True)
 class Gate:
-    """probability: of a right sighting to pass; window: rad about the prediction within which a look-alike that fails counts as refused;
-    unlike: largest distance of unit descriptors, stranger: the same for a landmark that this robot has not seen yet (from another side half of the
-    matches beyond 0.4 are wrong); ratio: the best over the second best in the window; nearest m: closer landmarks are left alone.
+    """Parameters of data association.
+
+    probability: of a correct sighting to pass the gate. window: rad about the prediction; a similar pair within it that fails the gate counts
+    as rejected. max_distance: of unit descriptors. max_distance_new_view: the same for a landmark that this robot has not seen yet. Half of
+    the matches from another side with a distance above 0.4 are wrong. ratio: of the best distance to the second best in the window.
+    min_range m: nearer landmarks are not matched.
     """
 
     probability: float = 0.999
     window: float = 0.15
-    unlike: float = 0.6
-    stranger: float = 0.4
+    max_distance: float = 0.6
+    max_distance_new_view: float = 0.4
     ratio: float = 0.85
-    nearest: float = 0.3
+    min_range: float = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """landmark (k,) and sighting (k,), pairs, each number once. refused (r,) and refused_sighting (r,): pairs that look alike and lie near but
-    outside the gate. expected (n,): landmarks that are not too near to be seen.
+    """Pairs of landmarks and sightings.
+
+    landmark (k,), sighting (k,): matched pairs, each number once. rejected (r,), rejected_sighting (r,): pairs of similar descriptors in the window
+    but outside the gate. in_range (n,): landmarks beyond the minimum range.
     """
 
     landmark: Indices
     sighting: Indices
-    refused: Indices
-    refused_sighting: Indices
-    expected: Mask
+    rejected: Indices
+    rejected_sighting: Indices
+    in_range: Mask
 
 
-def innovation_covariance(joint: JointState, robot: int, sight: CameraPose, landmarks: Indices) -> Array:
-    """H P Hᵀ of the bearing of each of some landmarks (n,) alone, (n, 2, 2) rad²."""
+def innovation_covariance(joint: JointState, robot: int, camera: CameraPose, landmarks: Indices) -> Array:
+    """H P Hᵀ of the bearing of each of the given landmarks (n,), (n, 2, 2) rad²."""
     n = len(landmarks)
-    rotation, translation, point = joint.anchors
-    anchored = replace(sight, body_rotation=rotation[robot], body_translation=translation[robot])
-    H_body, H_point, H_correction = jacobians(anchored, point[landmarks])
-    H_robot = np.concatenate([H_body, H_correction], axis=2) if joint.corrected else H_body
+    rotation, translation, point = joint.linearization_points
+    for_jacobians = replace(camera, body_rotation=rotation[robot], body_translation=translation[robot])
+    H_body, H_point, H_correction = jacobians(for_jacobians, point[landmarks])
+    H_robot = np.concatenate([H_body, H_correction], axis=2) if joint.has_correction else H_body
     at, base = joint.offset(robot), joint.base
     seen = H_robot.shape[2]
     own = slice(at, at + seen)
@@ -59,58 +64,66 @@ def innovation_covariance(joint: JointState, robot: int, sight: CameraPose, land
     return S + H_point @ points @ H_point.transpose(0, 2, 1)
 
 
-def associate(joint: JointState, robot: int, sight: CameraPose, seen: tuple[Array, Array], looks: tuple[Floats, Mask], rule: Gate) -> Matches:
-    """One camera's sightings, seen = bearings (m, 3) and covariances (m, 2, 2), against the map; looks = how unlike (n, m) landmarks and sightings
-    are (landmarks.dissimilarity), and which landmarks (n,) the robot has seen before.
+def associate(
+    joint: JointState, robot: int, camera: CameraPose, seen: tuple[Array, Array], appearance: tuple[Floats, Mask], parameters: Gate
+) -> Matches:
+    """Match the sightings of one camera with the map.
 
-    A pair stands where each is the other's best look among those inside the Mahalanobis gate, and the landmark has no second sighting in the wide
-    window that looks nearly as much like it. The ratio is asked in that direction only: the map may hold a place twice.
+    seen: bearings (m, 3) and covariances (m, 2, 2) rad². appearance: descriptor distances (n, m) of landmarks and sightings
+    (landmark_map.dissimilarity), and which landmarks (n,) the robot has seen before.
+
+    In a matched pair each is the other's nearest descriptor among the pairs inside the Mahalanobis gate. The ratio test is over the landmark's
+    sightings in the window. It is not made in the other direction, because the map may hold a place twice.
     """
     bearing, covariance = seen
-    unlike, known = looks
+    descriptor_distance, seen_before = appearance
     n, m = joint.count, len(bearing)
     none = np.zeros(0, dtype=np.intp)
     if n == 0 or m == 0:
         return Matches(none, none, none, none, np.zeros(n, dtype=bool))
-    predicted, distance = predict(sight, joint.point[:n])
-    expected = distance > rule.nearest
-    near = predicted @ bearing.T > np.cos(rule.window)
-    alike = near & (unlike < np.where(known, rule.unlike, rule.stranger)[:, None]) & expected[:, None]
-    # Most landmarks look like nothing that is near them: the rest is asked of the others alone.
-    some = np.flatnonzero(alike.any(axis=1))
-    if len(some) == 0:
-        return Matches(none, none, none, none, expected)
-    near, alike, unlike = near[some], alike[some], unlike[some]
-    row, column = np.nonzero(alike)
-    S = innovation_covariance(joint, robot, sight, some)[row] + covariance[column]
-    e = (tangent_basis(predicted[some])[row] @ bearing[column][:, :, None])[..., 0]
-    inside = np.zeros_like(alike)
-    inside[row, column] = _distances2(e, S) < gate(2, rule.probability)
-    landmark, sighting = mutual(np.where(inside, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
-    free = alike & ~inside
+    predicted, distance = predict(camera, joint.point[:n])
+    in_range = distance > parameters.min_range
+    near = predicted @ bearing.T > np.cos(parameters.window)
+    similar = (
+        near & (descriptor_distance < np.where(seen_before, parameters.max_distance, parameters.max_distance_new_view)[:, None]) & in_range[:, None]
+    )
+    # Most landmarks have no similar sighting near them: the gate is computed for the others alone.
+    candidates = np.flatnonzero(similar.any(axis=1))
+    if len(candidates) == 0:
+        return Matches(none, none, none, none, in_range)
+    near, similar, descriptor_distance = near[candidates], similar[candidates], descriptor_distance[candidates]
+    row, column = np.nonzero(similar)
+    S = innovation_covariance(joint, robot, camera, candidates)[row] + covariance[column]
+    e = (tangent_basis(predicted[candidates])[row] @ bearing[column][:, :, None])[..., 0]
+    inside = np.zeros_like(similar)
+    inside[row, column] = _distances2(e, S) < gate(2, parameters.probability)
+    landmark, sighting = mutual_nearest(np.where(inside, descriptor_distance, np.inf), np.where(near, descriptor_distance, np.inf), parameters.ratio)
+    free = similar & ~inside
     free[landmark] = False
     free[:, sighting] = False
-    refused, refused_sighting = mutual(np.where(free, unlike, np.inf), np.where(near, unlike, np.inf), rule.ratio)
-    return Matches(some[landmark], sighting, some[refused], refused_sighting, expected)
+    rejected, rejected_sighting = mutual_nearest(
+        np.where(free, descriptor_distance, np.inf), np.where(near, descriptor_distance, np.inf), parameters.ratio
+    )
+    return Matches(candidates[landmark], sighting, candidates[rejected], rejected_sighting, in_range)
 
 
 def _distances2(e: Array, S: Array) -> Array:
-    """e (k, 2), S (k, 2, 2) → squared Mahalanobis distances (k,), by the closed inverse of 2 × 2."""
+    """e (k, 2), S (k, 2, 2) → squared Mahalanobis distances (k,), by the closed inverse of a 2 × 2 matrix."""
     x, y = e.T
     a, b, c = S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
     d2: Array = (c * x * x - 2 * b * x * y + a * y * y) / (a * c - b * b)
     return d2
 
 
-def mutual(cost: NDArray[np.floating], rivals: NDArray[np.floating], ratio: float) -> tuple[Indices, Indices]:
-    """Pairs (row, column) of `cost` (n, m) that are each other's least, finite, and less than `ratio` times the row's next best in `rivals`."""
+def mutual_nearest(cost: NDArray[np.floating], rivals: NDArray[np.floating], ratio: float) -> tuple[Indices, Indices]:
+    """Pairs (row, column) of `cost` (n, m) that are each other's minimum, finite, and at most `ratio` times the row's next in `rivals` (n, m)."""
     best = cost.argmin(axis=1)
     rows = np.arange(len(cost))
     value = cost[rows, best]
     others = rivals.copy()
     others[rows, best] = np.inf
-    # A rival that looks better than the best of those inside spoils the match as well: value < ratio · next fails.
+    # A rival outside the gate that is more similar than the best inside it also fails this test.
     distinct = np.isfinite(value) & (value <= ratio * others.min(axis=1, initial=np.inf))
-    mutual = cost.argmin(axis=0)[best] == rows
-    kept = np.flatnonzero(distinct & mutual)
+    is_mutual = cost.argmin(axis=0)[best] == rows
+    kept = np.flatnonzero(distinct & is_mutual)
     return kept, best[kept]

@@ -6,23 +6,26 @@ from dataclasses import dataclass, field, replace
 
 from tracker.ekf.odometry_biases import BiasModel
 from tracker.slam.data_association import Gate
-from tracker.slam.features import Extraction
+from tracker.slam.features import FeatureParameters
 from tracker.slam.landmark_initialization import InitializationParameters
 from tracker.slam.landmark_map import PruningParameters
-from tracker.slam.resection import Search
+from tracker.slam.resection import RelocalizationParameters
 
 
 @dataclass(frozen=True)
 class SlamParameters:
-    """mode: iekf, the iterated filter (with one iteration the plain one), fej or invariant (joint.Joint). iterations: linearisations of an
-    update. correction: keep a correction factor a robot; correction_sigma rad about x, y, z at the start,
-    correction_walk rad an axis a square root of a second. level_memory, turn_memory s: errors of the accelerometer's "up" and of the odometry's turns
-    hang together for so long, and are believed the less. persistence: what of them lasts is kept in the state, in the place of turn_memory (None:
-    nothing is; not for invariant). robust: residuals beyond so many standard deviations lose weight (inf: never).
+    """Parameters of the filter.
 
-    seen: landmarks a camera updates at once; capacity: landmarks in the map; growth: new ones a camera a tick. clones: earlier poses kept a robot,
-    a new one each `stride` m. robot_radius m: nothing without a name becomes or matches a landmark so near to another robot's middle. reopen: a
-    robot's pose is doubted by reopen_sigma (m, rad) where most of the landmarks seen in the last `reopen` ticks, or of the robots, are refused.
+    mode: iekf, the iterated filter (with one iteration the plain one), fej or invariant (ekf.state.JointState). iterations: linearisations of
+    an update. correction: estimate a correction factor a robot. correction_sigma rad: its initial deviation about x, y, z. correction_walk:
+    its random walk, rad an axis a square root of a second. gravity_correlation_time and rotation_correlation_time s: correlation times of errors
+    of "up" and of the odometry's rotation, for which the variances are inflated. odometry_biases: estimate these errors as states, without
+    rotation_correlation_time (None: do not; not for invariant). robust: standard deviations of a residual beyond which it loses weight.
+
+    max_updates: landmarks a camera updates at once. max_new_landmarks: of a camera a tick. capacity: landmarks in the map. clones: earlier poses
+    kept a robot, one every `clone_spacing` m. robot_radius m: sightings so near to another robot's centre are no landmarks, unless named.
+    recent_ticks, inflation_sigma (m, rad): a robot's pose covariance is inflated if most landmarks seen in the last ticks are rejected, or
+    most robots.
     """
 
     mode: str = "invariant"
@@ -30,35 +33,36 @@ class SlamParameters:
     correction: bool = True
     correction_sigma: tuple[float, float, float] = (0.012, 0.012, 0.004)
     correction_walk: float = 0.0005
-    level_memory: float = 1.0
-    turn_memory: float = 0.2
-    persistence: BiasModel | None = None
+    gravity_correlation_time: float = 1.0
+    rotation_correlation_time: float = 0.2
+    odometry_biases: BiasModel | None = None
     robust: float = 3.0
-    seen: int = 32
-    growth: int = 12
+    max_updates: int = 32
+    max_new_landmarks: int = 12
     capacity: int = 240
     clones: int = 4
-    stride: float = 0.2
+    clone_spacing: float = 0.2
     robot_radius: float = 0.45
-    reopen: int = 4
-    reopen_sigma: tuple[float, float] = (0.1, 0.03)
+    recent_ticks: int = 4
+    inflation_sigma: tuple[float, float] = (0.1, 0.03)
     gate: Gate = field(default_factory=Gate)
-    trial: InitializationParameters = field(default_factory=InitializationParameters)
-    survival: PruningParameters = field(default_factory=PruningParameters)
-    extraction: Extraction = field(default_factory=Extraction)
-    search: Search = field(default_factory=Search)
+    initialization: InitializationParameters = field(default_factory=InitializationParameters)
+    pruning: PruningParameters = field(default_factory=PruningParameters)
+    features: FeatureParameters = field(default_factory=FeatureParameters)
+    relocalization: RelocalizationParameters = field(default_factory=RelocalizationParameters)
 
     def __post_init__(self) -> None:
         if self.mode not in ("iekf", "fej", "invariant"):
             raise ValueError(f"mode is {self.mode!r}, needs iekf, fej or invariant")
-        if self.mode == "invariant" and self.persistence is not None:
+        if self.mode == "invariant" and self.odometry_biases is not None:
             raise ValueError("mode is 'invariant', needs fej or iekf where persistence is kept")
-        for name in ("iterations", "clones", "capacity", "seen"):
+        for name in ("iterations", "clones", "capacity", "max_updates"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
 
-    def persistent(self) -> SlamParameters:
-        """With lasting errors of the odometry in the state, and first-estimates Jacobians, which go well with it: NEES is near one so. For wheels
-        that slip; where errors are new at every tick it is no better.
+    def with_odometry_biases(self) -> SlamParameters:
+        """With odometry biases as states and first-estimates Jacobians, with which NEES is near one.
+
+        Meant for wheels that slip; it has no advantage where errors are independent from tick to tick.
         """
-        return replace(self, mode="fej", persistence=BiasModel())
+        return replace(self, mode="fej", odometry_biases=BiasModel())

@@ -1,7 +1,7 @@
-"""A robot that has lost its way: whether it has, and where it is by what it sees, whatever its odometry says.
+"""Relocalization of robots: detection of lost ones, and their pose from the landmarks that they see.
 
-Who is carried off, or drove too far blind, sees many things and knows none of them where it believes to be. Then its panorama is matched by looks
-alone with the whole map, and with all that the map had no room for any more, and its pose comes from those that agree (tracker.slam.resection).
+A robot that was moved, or drove far without sightings, sees many features but matches no landmark where it expects them. Its panorama is then
+matched with the whole map by descriptors alone, and with the archive of removed landmarks. Its pose comes from the consistent matches (resection.py).
 """
 
 from __future__ import annotations
@@ -14,140 +14,155 @@ import numpy as np
 from tracker.ekf.measurement_models import CameraPose
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Pose, rotation_z
-from tracker.slam.data_association import mutual
+from tracker.slam.data_association import mutual_nearest
 from tracker.slam.landmark_map import LandmarkMap, dissimilarity, unit_rows
-from tracker.slam.resection import Search, resect
+from tracker.slam.resection import RelocalizationParameters, resect
 from tracker.types import Mount, Sightings, Start
 
-State = tuple[JointState, LandmarkMap]
+SlamState = tuple[JointState, LandmarkMap]
 
 
 class Relocalizer:
-    """Which robots may have lost their way, for how long they have been looked for, and what they are found by; memory: what left the map."""
+    """Which robots may be lost, for how many ticks, and the archive of landmarks that left the map."""
 
-    def __init__(self, rule: Search, period: float) -> None:
-        self.rule, self.memory = rule, Memory(rule.memory)
-        self._most = max(1, round(rule.patience / period))
-        self._usual: dict[str, float] = {}
-        self._astray: dict[str, int] = {}
+    def __init__(self, parameters: RelocalizationParameters, period: float) -> None:
+        self.parameters, self.archive = parameters, LandmarkArchive(parameters.archive_size)
+        self._max_lost_ticks = max(1, round(parameters.timeout / period))
+        self._typical_matches: dict[str, float] = {}
+        self._lost_ticks: dict[str, int] = {}
 
-    def astray(self, robot: str) -> bool:
-        """Whether the robot is being looked for: what it sees is put nowhere meanwhile."""
-        return self._astray.get(robot, 0) > 0
+    def is_lost(self, robot: str) -> bool:
+        """Whether the robot is lost; its sightings then do not enter the map."""
+        return self._lost_ticks.get(robot, 0) > 0
 
-    def doubts(self, robot: str, seen: int, matched: int) -> bool:
-        """Whether a robot that saw so many things at a tick knew so much fewer of them than it used to that it may be elsewhere."""
-        return seen >= self.rule.pairs and matched < max(self.rule.few + 1, self.rule.drop * self._usual.get(robot, 0.0)) and robot in self._usual
+    def may_be_lost(self, robot: str, seen: int, matched: int) -> bool:
+        """Whether a robot with `seen` sightings matches so many fewer of them than usual that it may be lost."""
+        return (
+            seen >= self.parameters.min_inliers
+            and matched < max(self.parameters.max_matches_lost + 1, self.parameters.match_share * self._typical_matches.get(robot, 0.0))
+            and robot in self._typical_matches
+        )
 
-    def find(self, team: State, robot: int, mount: Mount, seen: Sightings, matched: int) -> tuple[str, int]:
-        """Look for a robot, by its number, that may have lost its way; where many more landmarks agree with another place than are matched, there it
-        is put. What came of it, and how many landmarks agree with the place where it is now, if it is known.
+    def relocalize(self, team: SlamState, robot: int, mount: Mount, seen: Sightings, matched: int) -> tuple[str, int]:
+        """Relocalize a robot, given by its number, that may be lost.
+
+        Its pose is reset where more than 1.5 times as many landmarks agree with another pose as are matched. Returns the outcome, and how many
+        landmarks agree with the pose, 0 where it is not found.
         """
         joint, _ = team
         pose = Pose(joint.rotation[robot], joint.translation[robot])
-        found = relocalize(self.memory.with_map(team), (joint.sight(robot, mount), pose), seen, self.rule)
+        found = relocalize(self.archive.with_map(team), (joint.camera_pose(robot, mount), pose), seen, self.parameters)
         if isinstance(found, str):
             return f"lost: {found}", 0
-        if found.agreed <= 1.5 * matched:
+        if found.inliers <= 1.5 * matched:
             return "not lost", 0
-        if found.near(pose, self.rule):
-            return "not lost", found.agreed
-        joint.put(robot, found.start(self.rule))
-        return "found again", found.agreed
+        if found.is_close_to(pose, self.parameters):
+            return "not lost", found.inliers
+        joint.reset_pose(robot, found.start(self.parameters))
+        return "found again", found.inliers
 
-    def judge(self, robot: str, matched: int) -> None:
-        """Book what a robot knew in the end at a tick at which it saw something. Who knows next to nothing is looked for; who is not found in time
-        is taken to be in a new place: it begins anew, and is not looked for until it has known some again.
+    def record_matches(self, robot: str, matched: int) -> None:
+        """Record how many landmarks a robot matched at a tick with sightings.
+
+        A robot with almost no matches is lost. If it is not found before the timeout, it starts a new part of the map. It cannot be lost again
+        until it has matched landmarks.
         """
-        if matched > self.rule.few:
-            self._usual[robot] = matched if robot not in self._usual else 0.8 * self._usual[robot] + 0.2 * matched
-            self._astray[robot] = 0
-        elif robot in self._usual:
-            self._astray[robot] = self._astray.get(robot, 0) + 1
-            if self._astray[robot] > self._most:
-                del self._usual[robot], self._astray[robot]
+        if matched > self.parameters.max_matches_lost:
+            self._typical_matches[robot] = matched if robot not in self._typical_matches else 0.8 * self._typical_matches[robot] + 0.2 * matched
+            self._lost_ticks[robot] = 0
+        elif robot in self._typical_matches:
+            self._lost_ticks[robot] = self._lost_ticks.get(robot, 0) + 1
+            if self._lost_ticks[robot] > self._max_lost_ticks:
+                del self._typical_matches[robot], self._lost_ticks[robot]
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Landmarks to look for: look (n, k, d), the last descriptor of each robot, or zeros; subject (n,), as Landmarks has them; point (n, 3) m;
-    spread (n,) m: standard deviations, the mean over the axes. The first `mapped` of them are those of the map.
+class KnownLandmarks:
+    """Landmarks that a robot can be relocalized by.
+
+    descriptor (n, k, d): the last one of each robot, or zeros; subject (n,), as in LandmarkMap; point (n, 3) m; sigma (n,) m: standard
+    deviations, the root mean square over the axes. The first `mapped` of them are in the map.
     """
 
-    look: Floats
+    descriptor: Floats
     subject: Indices
     point: Array
-    spread: Array
+    sigma: Array
     mapped: int
 
 
-class Memory:
-    """Landmarks that gave way to others in the map, as they were then; of more than `capacity` the oldest are forgotten for good."""
+class LandmarkArchive:
+    """Landmarks that were removed from a full map, as they were then; beyond `capacity` the oldest are deleted."""
 
     def __init__(self, capacity: int) -> None:
         self._kept: deque[tuple[Floats, int, Array, float]] = deque(maxlen=capacity)
 
-    def keep(self, team: State, landmark: int) -> None:
-        """Remember a landmark that is about to leave the map."""
-        joint, book = team
-        spread = float(_spread(joint, np.array([landmark]))[0])
-        self._kept.append((book.look[landmark].copy(), int(book.subject[landmark]), joint.point[landmark].copy(), spread))
+    def keep(self, team: SlamState, landmark: int) -> None:
+        """Archive a landmark that is about to leave the map."""
+        joint, landmark_map = team
+        sigma = float(_mean_sigma(joint, np.array([landmark]))[0])
+        self._kept.append((landmark_map.descriptor[landmark].copy(), int(landmark_map.subject[landmark]), joint.point[landmark].copy(), sigma))
 
-    def with_map(self, team: State) -> Known:
-        """The map, and what is remembered beside it."""
-        joint, book = team
-        n = book.count
-        spread = _spread(joint, np.arange(n))
+    def with_map(self, team: SlamState) -> KnownLandmarks:
+        """The landmarks of the map, then those of the archive."""
+        joint, landmark_map = team
+        n = landmark_map.count
+        sigma = _mean_sigma(joint, np.arange(n))
         if not self._kept:
-            return Known(book.look, book.subject[:n], joint.point[:n], spread, n)
-        look, subject, point, spreads = zip(*self._kept, strict=True)
-        looks = np.concatenate([book.look, np.stack(look)])
-        subjects = np.concatenate([book.subject[:n], np.array(subject)])
-        return Known(looks, subjects, np.concatenate([joint.point[:n], np.stack(point)]), np.concatenate([spread, np.array(spreads)]), n)
+            return KnownLandmarks(landmark_map.descriptor, landmark_map.subject[:n], joint.point[:n], sigma, n)
+        descriptor, subject, point, sigmas = zip(*self._kept, strict=True)
+        descriptors = np.concatenate([landmark_map.descriptor, np.stack(descriptor)])
+        subjects = np.concatenate([landmark_map.subject[:n], np.array(subject)])
+        return KnownLandmarks(descriptors, subjects, np.concatenate([joint.point[:n], np.stack(point)]), np.concatenate([sigma, np.array(sigmas)]), n)
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """T_map_robot, how many landmarks speak for it, and how many of these are in the map."""
+class RelocalizedPose:
+    """T_map_robot, the number of landmarks that agree with it, and how many of them are in the map."""
 
     pose: Pose
-    agreed: int
-    mapped: int
+    inliers: int
+    inliers_in_map: int
 
-    def start(self, rule: Search) -> Start:
-        """The pose with a doubt that the landmarks which it came from will take away: they count once. Those that are not in the map take nothing
-        away, and where most are such the pose is as good as it will be.
+    def start(self, parameters: RelocalizationParameters) -> Start:
+        """The pose with a covariance for the joint state.
+
+        Inliers in the map will update it once more, so that its covariance is wide: otherwise they would count twice. If most are in the
+        archive alone, the pose keeps their accuracy.
         """
-        doubt = rule.doubt if self.mapped >= rule.pairs else rule.firm
-        return Start(self.pose, np.diag(np.repeat(doubt, 3) ** 2))
+        sigma = parameters.pose_sigma if self.inliers_in_map >= parameters.min_inliers else parameters.archive_pose_sigma
+        return Start(self.pose, np.diag(np.repeat(sigma, 3) ** 2))
 
-    def near(self, pose: Pose, rule: Search) -> bool:
-        """Whether another pose is the same but for what is always in doubt."""
+    def is_close_to(self, pose: Pose, parameters: RelocalizationParameters) -> bool:
+        """Whether another pose is the same within three standard deviations."""
         apart = np.linalg.norm((pose.inverse() @ self.pose).log().reshape(2, 3), axis=1)
-        return bool((apart < 3 * np.array(rule.firm)).all())
+        return bool((apart < 3 * np.array(parameters.archive_pose_sigma)).all())
 
 
-def relocalize(known: Known, own: tuple[CameraPose, Pose], seen: Sightings, rule: Search) -> Place | str:
-    """Where among the landmarks a robot is by what one of its cameras sees, or why it is not found. own: the camera, and the robot, in any frame
-    whose "up" is that of the map; gravity has told it.
+def relocalize(known: KnownLandmarks, own: tuple[CameraPose, Pose], seen: Sightings, parameters: RelocalizationParameters) -> RelocalizedPose | str:
+    """The robot's pose among the landmarks by the sightings of one of its cameras, or the reason why it is not found.
+
+    own: the camera and the robot in any frame whose vertical is that of the map.
     """
-    sight, pose = own
-    unlike = dissimilarity(known.look, known.subject, unit_rows(seen.descriptor), seen.subject)
-    if not unlike.size:
+    camera, pose = own
+    descriptor_distance = dissimilarity(known.descriptor, known.subject, unit_rows(seen.descriptor), seen.subject)
+    if not descriptor_distance.size:
         return "too little alike"
-    row, column = mutual(np.where(unlike < rule.unlike, unlike, np.inf), unlike, rule.ratio)
-    order = np.argsort(unlike[row, column], kind="stable")
+    row, column = mutual_nearest(
+        np.where(descriptor_distance < parameters.max_distance, descriptor_distance, np.inf), descriptor_distance, parameters.ratio
+    )
+    order = np.argsort(descriptor_distance[row, column], kind="stable")
     row, column = row[order], column[order]
-    found = resect(seen.bearing[column] @ sight.rotation.T, known.point[row], known.spread[row], rule)
+    found = resect(seen.bearing[column] @ camera.rotation.T, known.point[row], known.sigma[row], parameters)
     if isinstance(found, str):
         return found
     turn = rotation_z(found.yaw)
-    place = Pose(turn @ pose.rotation, found.origin - turn @ (sight.origin - pose.translation))
-    return Place(place, len(found.agreed), int((row[found.agreed] < known.mapped).sum()))
+    placed = Pose(turn @ pose.rotation, found.origin - turn @ (camera.origin - pose.translation))
+    return RelocalizedPose(placed, len(found.inliers), int((row[found.inliers] < known.mapped).sum()))
 
 
-def _spread(joint: JointState, landmarks: Indices) -> Array:
-    """(k,) m: standard deviations of landmarks, the mean over the axes."""
+def _mean_sigma(joint: JointState, landmarks: Indices) -> Array:
+    """(k,) m: standard deviations of landmarks, the root mean square over the axes."""
     variance = np.diag(joint.P)[joint.base :].reshape(-1, 3)[landmarks]
     out: Array = np.sqrt(variance.mean(axis=1))
     return out

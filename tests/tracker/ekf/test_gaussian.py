@@ -23,12 +23,12 @@ def test_gate_is_the_quantile_of_chi_square() -> None:
 
 
 @pytest.mark.parametrize(("dof", "probability"), [(0, 0.9), (2, 1.0), (2, 0.0), (2, float("nan"))])
-def test_gate_refuses(dof: int, probability: float) -> None:
+def test_gate_rejects_bad_arguments(dof: int, probability: float) -> None:
     with pytest.raises(ValueError, match="gate of"):
         gate(dof, probability)
 
 
-def test_what_an_update_leaves_is_josephs_form(rng: np.random.Generator) -> None:
+def test_the_updated_covariance_equals_josephs_form(rng: np.random.Generator) -> None:
     n, m = 9, 4
     P, R, H = positive(rng, n), positive(rng, m), rng.normal(size=(m, n))
     S = H @ P @ H.T + R
@@ -41,12 +41,12 @@ def test_what_an_update_leaves_is_josephs_form(rng: np.random.Generator) -> None
 
 
 @pytest.mark.parametrize("S", [-np.eye(2), np.diag([1.0, np.nan])])
-def test_an_innovation_that_is_not_positive_is_refused(rng: np.random.Generator, S: np.ndarray) -> None:
+def test_an_innovation_covariance_that_is_not_positive_is_an_error(rng: np.random.Generator, S: np.ndarray) -> None:
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         whitened(np.ones((2, 3)), S)
 
 
-def test_ten_thousand_sharp_updates_leave_it_positive(rng: np.random.Generator) -> None:
+def test_the_covariance_stays_positive_after_ten_thousand_precise_updates(rng: np.random.Generator) -> None:
     P = positive(rng, 30) * 1e4
     for _ in range(10_000):
         H = rng.normal(size=(2, 30))
@@ -55,13 +55,13 @@ def test_ten_thousand_sharp_updates_leave_it_positive(rng: np.random.Generator) 
     assert np.linalg.eigvalsh(P).min() > 0
 
 
-def test_no_part_of_a_store_is_updated(rng: np.random.Generator) -> None:
+def test_a_covariance_that_is_not_contiguous_is_an_error(rng: np.random.Generator) -> None:
     with pytest.raises(ValueError, match="not contiguous"):
         subtract(positive(rng, 8)[:5, :5], np.ones((2, 5)))
 
 
 @pytest.mark.parametrize("n", [1, 127, 128, 129, 300])
-def test_what_is_subtracted_is_symmetric_to_the_last_bit(rng: np.random.Generator, n: int) -> None:
+def test_the_covariance_stays_exactly_symmetric(rng: np.random.Generator, n: int) -> None:
     P, A, X, Y = positive(rng, n), rng.normal(size=(4, n)), rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
     got = P.copy()
     subtract(got, A, X, Y)

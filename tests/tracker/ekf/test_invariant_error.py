@@ -1,4 +1,4 @@
-"""The invariant error in the joint state: what no sighting can tell stays untold, and its maps are those of the exponential."""
+"""The invariant error in the joint state: unobservable directions gain no information, and the retraction is the exponential."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tracker.ekf.test_state import motion, start
-from tracker.ekf.invariant_error import retracted
+from tracker.ekf.invariant_error import retract_invariant
 from tracker.ekf.lie_kernels import exponential
-from tracker.ekf.linearization import linearise
+from tracker.ekf.linearization import linearize
 from tracker.ekf.measurement_models import CameraPose, predict
-from tracker.ekf.state import JointState, Linear
+from tracker.ekf.state import JointState, LinearizedMeasurement
 from tracker.geometry import Pose, exp_so3, tangent_basis
 from tracker.geometry.cameras import Panorama
 from tracker.types import Mount
@@ -21,23 +21,23 @@ MOUNT = Mount(Panorama(64, 32), Pose(np.eye(3), np.array([0.1, 0.0, 0.4])), "r")
 
 
 def team(mode: str) -> tuple[JointState, np.random.Generator]:
-    """Two robots, a clone, and four landmarks that hang together with both."""
+    """Two robots, a clone, and four landmarks that are correlated with both."""
     rng = np.random.default_rng(11)
     state = JointState(2, 6, (0.02, 0.02, 0.01), mode)
     for _ in range(2):
-        state.join(start(rng, 0.05))
+        state.add_robot(start(rng, 0.05))
     state.clone(0, 0)
     state.predict(0, motion(rng), 1e-4 * np.eye(6))
     for k in range(4):
         columns = np.concatenate([state.columns(0, np.zeros(0, dtype=np.intp)), state.columns(1, np.zeros(0, dtype=np.intp))])
-        state.add(4 * rng.normal(size=3), columns, rng.normal(size=(3, len(columns))), 0.01 * np.eye(3) * (1 + k))
+        state.add_landmark(4 * rng.normal(size=3), columns, rng.normal(size=(3, len(columns))), 0.01 * np.eye(3) * (1 + k))
     return state, rng
 
 
-def turned(state: JointState, axis: Array) -> Array:
-    """The direction of the state's error in which the whole world turns about an axis through the origin, over the rows in use."""
+def rotation_of_the_world(state: JointState, axis: Array) -> Array:
+    """The state's error of a rotation of the whole world about an axis through the origin, over the rows in use."""
     N = np.zeros(len(state.P))
-    rotation, translation, point = state.anchors
+    rotation, translation, point = state.linearization_points
     for p in np.flatnonzero(state.used).tolist():
         at, R = state.offset(p), rotation[p]
         N[at : at + 3], N[at + 3 : at + 6] = R.T @ np.cross(axis, translation[p]), R.T @ axis
@@ -45,53 +45,53 @@ def turned(state: JointState, axis: Array) -> Array:
     return N[state.active()]
 
 
-def known(state: JointState, direction: Array) -> float:
-    """What the state knows along a direction: Nᵀ P⁻¹ N."""
+def information_along(state: JointState, direction: Array) -> float:
+    """The information of the state along a direction: Nᵀ P⁻¹ N."""
     rows = state.active()
     return float(direction @ np.linalg.solve(state.P[np.ix_(rows, rows)], direction))
 
 
-def look(state: JointState, robot: int, rng: np.random.Generator, iterations: int) -> None:
-    """An update by three landmarks that are seen some degrees beside where they are expected."""
+def update_by_landmarks(state: JointState, robot: int, rng: np.random.Generator, iterations: int) -> None:
+    """An update by three landmarks that are seen some degrees from where they are expected."""
     landmark = np.array([0, 2, 3]) if robot == 0 else np.array([1, 2, 0])
-    bearing, _ = predict(state.sight(robot, MOUNT), state.point[landmark])
+    bearing, _ = predict(state.camera_pose(robot, MOUNT), state.point[landmark])
     bearing = bearing + (0.05 * rng.normal(size=(3, 1, 2)) @ tangent_basis(bearing))[:, 0]
     bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
     seen = (MOUNT, landmark, bearing, np.tile(0.02**2 * np.eye(2), (3, 1, 1)))
 
-    def at_present() -> Linear:
-        return linearise(state, robot, seen, None)
+    def system() -> LinearizedMeasurement:
+        return linearize(state, robot, seen, None)
 
-    state.update(at_present, iterations, np.inf)
+    state.update(system, iterations, np.inf)
 
 
 @pytest.mark.parametrize(("mode", "iterations"), [("invariant", 1), ("invariant", 2), ("fej", 1), ("fej", 2), ("iekf", 1), ("iekf", 2)])
-def test_sightings_tell_nothing_of_how_the_world_is_turned(mode: str, iterations: int) -> None:
+def test_a_rotation_of_the_world_is_unobservable(mode: str, iterations: int) -> None:
     state, rng = team(mode)
     axes = np.eye(3)
-    before = [known(state, turned(state, axis)) for axis in axes]
+    before = [information_along(state, rotation_of_the_world(state, axis)) for axis in axes]
     for k in range(4):
-        look(state, k % 2, rng, iterations)
-    after = [known(state, turned(state, axis)) for axis in axes]
+        update_by_landmarks(state, k % 2, rng, iterations)
+    after = [information_along(state, rotation_of_the_world(state, axis)) for axis in axes]
     assert np.allclose(after, before, rtol=1e-5) == (mode != "iekf")
 
 
-def test_first_estimates_keep_the_direction_while_robots_move() -> None:
-    """What is known of a turn of the world after motions without noise is what was known before, though updates have moved the poses in between."""
+def test_first_estimates_keep_the_unobservable_direction_while_robots_move() -> None:
+    """Motions without noise leave the information about a rotation of the world unchanged, although updates move the poses in between."""
     state, rng = team("fej")
-    before = known(state, turned(state, np.array([0.0, 0.0, 1.0])))
+    before = information_along(state, rotation_of_the_world(state, np.array([0.0, 0.0, 1.0])))
     for k in range(4):
-        look(state, k % 2, rng, 2)
+        update_by_landmarks(state, k % 2, rng, 2)
         state.predict(k % 2, motion(rng), np.zeros((6, 6)))
-    assert known(state, turned(state, np.array([0.0, 0.0, 1.0]))) == pytest.approx(before, rel=1e-5)
+    assert information_along(state, rotation_of_the_world(state, np.array([0.0, 0.0, 1.0]))) == pytest.approx(before, rel=1e-5)
 
 
-def test_where_nothing_has_been_corrected_first_estimates_are_the_means() -> None:
-    """The first update of all is the plain one; the covariance that is reported is the plain one's but for the turn of its axes."""
+def test_before_the_first_update_first_estimates_are_the_means() -> None:
+    """The first update equals the plain one; the reported covariances differ by a rotation of the axes alone."""
     plain, rng = team("iekf")
     first, again = team("fej")
-    look(plain, 0, rng, 1)
-    look(first, 0, again, 1)
+    update_by_landmarks(plain, 0, rng, 1)
+    update_by_landmarks(first, 0, again, 1)
     np.testing.assert_allclose(first.translation, plain.translation, atol=1e-12)
     np.testing.assert_allclose(first.point, plain.point, atol=1e-12)
     np.testing.assert_allclose(np.linalg.eigvalsh(first.covariance(0)[:3, :3]), np.linalg.eigvalsh(plain.covariance(0)[:3, :3]), atol=1e-12)
@@ -102,28 +102,28 @@ def test_where_nothing_has_been_corrected_first_estimates_are_the_means() -> Non
 def test_the_covariance_stays_symmetric_and_positive(mode: str, iterations: int) -> None:
     state, rng = team(mode)
     for k in range(40):
-        look(state, k % 2, rng, iterations)
+        update_by_landmarks(state, k % 2, rng, iterations)
     rows = state.active()
     P = state.P[np.ix_(rows, rows)]
     np.testing.assert_allclose(P, P.T, atol=1e-15)
     assert np.linalg.eigvalsh(P).min() > 0
 
 
-def test_retraction_is_the_exponential_of_a_motion_of_the_world() -> None:
-    """A pose whose tangent is a motion of the world by Exp(ξ) lands where that motion brings it, and landmarks go along."""
+def test_retraction_is_the_exponential_of_a_rotation_of_the_world() -> None:
+    """A tangent that is a rotation of the world by Exp(φ) rotates pose and landmarks by exactly that."""
     rng = np.random.default_rng(2)
     world, T = Pose.exp(np.array([0.0, 0.0, 0.0, 0.3, -0.5, 0.8])), Pose.exp(rng.normal(size=6))
     phi, points = np.array([0.3, -0.5, 0.8]), rng.normal(size=(3, 3))
     tangent = np.concatenate([T.rotation.T @ np.cross(phi, T.translation), T.rotation.T @ phi])[None]
     means = (T.rotation[None], T.translation[None], points)
-    rotation, translation, moved = retracted(means, (tangent, np.cross(phi, points)), exponential(tangent[:, 3:]), 0)
+    rotation, translation, moved = retract_invariant(means, (tangent, np.cross(phi, points)), exponential(tangent[:, 3:]), 0)
     np.testing.assert_allclose(rotation[0], world.rotation @ T.rotation, atol=1e-6)
     np.testing.assert_allclose(translation[0], exp_so3(phi) @ T.translation, atol=1e-9)
     np.testing.assert_allclose(moved, points @ exp_so3(phi).T, atol=1e-9)
 
 
-def test_a_camera_sees_the_same_from_a_turned_world() -> None:
-    """What the law stands on: sightings do not change when all turns together."""
+def test_bearings_are_invariant_to_a_rotation_of_the_world() -> None:
+    """Bearings do not change if cameras and landmarks are rotated together; the other tests rest on this."""
     rng = np.random.default_rng(3)
     T, points, R = Pose.exp(rng.normal(size=6)), rng.normal(size=(4, 3)) * 3, exp_so3(np.array([0.2, 0.4, -0.9]))
     one = CameraPose(T.rotation, T.translation, np.eye(3), np.zeros(3), np.zeros(3))

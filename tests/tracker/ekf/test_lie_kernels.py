@@ -19,7 +19,7 @@ def random_pose(rng: np.random.Generator) -> Pose:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_rows_agree_with_geometry(rng: np.random.Generator, size: float) -> None:
+def test_exponentials_agree_with_geometry(rng: np.random.Generator, size: float) -> None:
     phi = rng.normal(size=(4, 3))
     phi *= size / np.linalg.norm(phi, axis=1, keepdims=True)
     np.testing.assert_allclose(exponential(phi), [exp_so3(p) for p in phi], atol=1e-12)
@@ -49,7 +49,7 @@ def test_compose_moves_the_pose_and_its_error(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(F[:, i], difference, atol=1e-8)
 
 
-def test_odometry_noise_enters_as_it_is(rng: np.random.Generator) -> None:
+def test_odometry_noise_is_in_the_tangent_of_the_new_pose(rng: np.random.Generator) -> None:
     before, motion = random_pose(rng), random_pose(rng)
     xi = 1e-6 * rng.normal(size=6)
     now = before @ motion
@@ -77,7 +77,7 @@ def test_retract_is_the_pose_product(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(t[i], want.translation, atol=1e-12)
 
 
-def test_orthogonal_mends_rounding(rng: np.random.Generator) -> None:
+def test_orthogonal_removes_rounding_errors(rng: np.random.Generator) -> None:
     R = exponential(rng.normal(size=(3, 3))) + 1e-6 * rng.normal(size=(3, 3, 3))
-    mended = orthogonal(R)
-    np.testing.assert_allclose(mended @ mended.transpose(0, 2, 1), np.tile(np.eye(3), (3, 1, 1)), atol=1e-11)
+    corrected = orthogonal(R)
+    np.testing.assert_allclose(corrected @ corrected.transpose(0, 2, 1), np.tile(np.eye(3), (3, 1, 1)), atol=1e-11)

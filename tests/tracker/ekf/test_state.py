@@ -5,7 +5,7 @@ import pytest
 
 from tests.tracker.kalman import condition
 from tracker.ekf.measurement_models import gravity, residual
-from tracker.ekf.state import JointState, Linear
+from tracker.ekf.state import JointState, LinearizedMeasurement
 from tracker.geometry import Pose, skew
 from tracker.types import Start
 
@@ -30,17 +30,17 @@ Sigma = tuple[float, float, float] | None
 def joint(rng: np.random.Generator, robots: int = 2, correction: Sigma = (0.02, 0.02, 0.01)) -> JointState:
     state = JointState(clones=2, capacity=6, correction_sigma=correction)
     for _ in range(robots):
-        state.join(start(rng))
+        state.add_robot(start(rng))
     return state
 
 
-def grown(rng: np.random.Generator, correction: Sigma = (0.02, 0.02, 0.01)) -> JointState:
+def state_with_map(rng: np.random.Generator, correction: Sigma = (0.02, 0.02, 0.01)) -> JointState:
     state = joint(rng, correction=correction)
     state.clone(0, 1)
     state.predict(0, motion(rng), 1e-4 * np.eye(6))
     for robot in (0, 1, 0):
         columns = state.columns(robot, np.zeros(0, dtype=np.intp))
-        state.add(rng.normal(size=3), columns, rng.normal(size=(3, len(columns))), 0.01 * np.eye(3))
+        state.add_landmark(rng.normal(size=3), columns, rng.normal(size=(3, len(columns))), 0.01 * np.eye(3))
     return state
 
 
@@ -62,11 +62,11 @@ def test_a_clone_is_the_robot_until_it_moves(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(state.P[a : a + 6, b : b + 6], F @ state.P[b : b + 6, b : b + 6], atol=1e-12)
 
 
-def test_robots_are_strangers_at_first_and_one_may_come_late(rng: np.random.Generator) -> None:
-    state = grown(rng)
+def test_a_new_robot_is_uncorrelated_and_may_join_late(rng: np.random.Generator) -> None:
+    state = state_with_map(rng)
     before, poses = active(state), state.translation[state.used].copy()
     late = start(rng)
-    robot = state.join(late)
+    robot = state.add_robot(late)
     after = active(state)
     new = np.arange(2 * state.stride, 3 * state.stride)
     old = np.setdiff1d(np.arange(len(after)), new)
@@ -77,66 +77,66 @@ def test_robots_are_strangers_at_first_and_one_may_come_late(rng: np.random.Gene
     np.testing.assert_array_equal(np.delete(state.translation[state.used], robot, axis=0), poses)
 
 
-def test_add_is_the_linear_map(rng: np.random.Generator) -> None:
-    state = grown(rng)
+def test_a_new_landmark_is_a_linear_map_of_the_state(rng: np.random.Generator) -> None:
+    state = state_with_map(rng)
     columns, P = state.columns(1, np.array([0])), state.P.copy()
     G, own = rng.normal(size=(3, len(columns))), np.diag([1.0, 2.0, 3.0])
     wide = np.zeros((3, len(P)))
     wide[:, columns] = G
-    state.add(np.zeros(3), columns, G, own)
+    state.add_landmark(np.zeros(3), columns, G, own)
     np.testing.assert_allclose(state.P[-3:, :-3], wide @ P, atol=1e-12)
     np.testing.assert_allclose(state.P[-3:, -3:], wide @ P @ wide.T + own, atol=1e-12)
 
 
-def test_remove_marginalises_and_renumbers(rng: np.random.Generator) -> None:
-    state = grown(rng)
+def test_removal_marginalises_and_renumbers(rng: np.random.Generator) -> None:
+    state = state_with_map(rng)
     P, points = state.P.copy(), state.point[:3].copy()
-    state.remove(0)
+    state.remove_landmark(0)
     b = state.base
     kept = np.concatenate([np.arange(b), b + 6 + np.arange(3), b + 3 + np.arange(3)])
     np.testing.assert_array_equal(state.P, P[np.ix_(kept, kept)])
     np.testing.assert_array_equal(state.point[:2], points[[2, 1]])
 
 
-def test_a_full_map_refuses(rng: np.random.Generator) -> None:
-    state = grown(rng)
+def test_a_full_map_is_an_error(rng: np.random.Generator) -> None:
+    state = state_with_map(rng)
     columns = state.columns(0, np.zeros(0, dtype=np.intp))
     while state.count < state.capacity:
-        state.add(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
+        state.add_landmark(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
     with pytest.raises(ValueError, match="map holds 6"):
-        state.add(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
+        state.add_landmark(np.zeros(3), columns, np.zeros((3, len(columns))), np.eye(3))
 
 
 @pytest.mark.parametrize("correction", [None, (0.02, 0.02, 0.01)])
-def test_one_iteration_is_the_plain_update(rng: np.random.Generator, correction: Sigma) -> None:
-    state = grown(rng, correction)
+def test_one_iteration_is_the_plain_ekf_update(rng: np.random.Generator, correction: Sigma) -> None:
+    state = state_with_map(rng, correction)
     columns = state.columns(0, np.array([2, 0]))
     H, r, noise = rng.normal(size=(4, len(columns))), 1e-4 * rng.normal(size=4), np.tile(1e-2 * np.eye(2), (2, 1, 1))
     wide = np.zeros((4, len(state.P)))
     wide[:, columns] = H
     change, P = condition(state.P, wide, r, 1e-2 * np.eye(4))
     point, translation, R = state.point[:3].copy(), state.translation[1].copy(), state.rotation[1].copy()
-    state.update(lambda: Linear(0, columns, H, r, noise), 1, np.inf)
+    state.update(lambda: LinearizedMeasurement(0, columns, H, r, noise), 1, np.inf)
     np.testing.assert_allclose(state.P, P, atol=1e-3)  # The reset moves the tangents by as little as the mean has moved.
     np.testing.assert_allclose(state.point[:3], point + change[state.base :].reshape(-1, 3), atol=1e-12)
     at = state.offset(1)
     np.testing.assert_allclose(state.translation[1], translation + R @ change[at : at + 3], atol=1e-12)
 
 
-def test_an_iterated_update_finds_the_least_squares_of_a_curved_measurement() -> None:
-    """Many iterations: the mean is where the gradient of prior and measurement together vanishes (Bell & Cathey 1993)."""
+def test_an_iterated_update_minimises_the_squares_of_a_nonlinear_measurement() -> None:
+    """After many iterations the gradient of prior and measurement together vanishes at the mean (Bell & Cathey 1993)."""
     rng = np.random.default_rng(4)
     state = JointState(clones=1, capacity=1, correction_sigma=None)
     prior = start(rng, 0.3)
-    state.join(prior)
+    state.add_robot(prior)
     up = Pose.exp(np.array([0, 0, 0, 0.5, -0.4, 0.1])).rotation[2]
     noise = np.tile(0.05 * np.eye(2), (1, 1, 1))
 
-    def linearise() -> Linear:
+    def linearize() -> LinearizedMeasurement:
         r, H = gravity(state.rotation[0], up)
-        return Linear(0, np.arange(6), H, r, noise)
+        return LinearizedMeasurement(0, np.arange(6), H, r, noise)
 
-    state.update(linearise, 30, np.inf)
+    state.update(linearize, 30, np.inf)
     found = (prior.T_world_robot.inverse() @ Pose(state.rotation[0], state.translation[0])).log()
 
     def cost(xi: np.ndarray) -> float:

@@ -8,7 +8,7 @@ import pytest
 
 from tracker.geometry import bearing_from_angles, exp_so3, rotation_z, tangent_basis
 from tracker.geometry.cameras import Panorama
-from tracker.slam.features import Extraction, Features, extract, inside_boxes, levelling
+from tracker.slam.features import FeatureParameters, Features, extract, inside_boxes, leveling_rotation
 from tracker.types import Detections
 
 CAMERA = Panorama(1024, 512)
@@ -28,8 +28,8 @@ def sphere() -> np.ndarray:
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 
-def picture(rotation: np.ndarray, seed: int = 0) -> np.ndarray:
-    """What a camera turned by R_world_camera sees of the sphere, 512 × 1024, with noise of two grey levels; drawn at double size and averaged."""
+def panorama(rotation: np.ndarray, seed: int = 0) -> np.ndarray:
+    """The sphere seen by a camera with R_world_camera, 512 × 1024, drawn at double size and averaged, with noise of two grey levels."""
     v, u = np.mgrid[0:1024, 0:2048]
     b = Panorama(2048, 1024).bearings_from_pixels(np.stack([u.ravel() + 0.5, v.ravel() + 0.5], axis=1)) @ rotation.T
     p, _ = Panorama(4096, 2048).pixels_from_bearings(b)
@@ -42,11 +42,14 @@ def picture(rotation: np.ndarray, seed: int = 0) -> np.ndarray:
 @cache
 def seen(axis: tuple[float, float, float], seed: int = 0) -> Features:
     R = exp_so3(axis)
-    return extract(picture(R, seed), CAMERA, R[2], Detections.none(), Extraction())
+    return extract(panorama(R, seed), CAMERA, R[2], Detections.none(), FeatureParameters())
 
 
-def match(a: np.ndarray, b: np.ndarray, ratio: float = 0.85, unlike: float = 0.7) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of rows of unit descriptors a (n, d), b (m, d): each the other's nearest, under `unlike`, and under `ratio` of the second (Lowe 2004)."""
+def match(a: np.ndarray, b: np.ndarray, ratio: float = 0.85, max_distance: float = 0.7) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of rows of unit descriptors a (n, d), b (m, d) that are mutual nearest neighbours.
+
+    Their distance is below `max_distance` and below `ratio` of the second (Lowe 2004).
+    """
     if len(a) == 0 or len(b) == 0:
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     # No two patches are alike to the last digit: a floor keeps the ratio of two that nearly are away from 0 / 0.
@@ -56,12 +59,12 @@ def match(a: np.ndarray, b: np.ndarray, ratio: float = 0.85, unlike: float = 0.7
     value = distance[rows, best]
     mutual = distance.argmin(axis=0)[best] == rows
     distance[rows, best] = np.inf
-    good = np.flatnonzero(mutual & (value < unlike) & (value <= ratio * distance.min(axis=1)))
+    good = np.flatnonzero(mutual & (value < max_distance) & (value <= ratio * distance.min(axis=1)))
     return good, best[good]
 
 
 def agreement(axis: tuple[float, float, float]) -> tuple[float, float]:
-    """The share of matches that are right (1° off at most), and the error of those in degrees an axis, between level and turned."""
+    """The share of correct matches (1° off at most) between a level and a tilted view, and their error in degrees an axis."""
     a, b, R = seen((0, 0, 0)), seen(axis, 1), exp_so3(axis)
     i, j = match(a.descriptor, b.descriptor)
     assert len(i) > 60
@@ -71,14 +74,14 @@ def agreement(axis: tuple[float, float, float]) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 0.3), (0, 0, np.pi / 2), (0, 0, np.pi - 0.01), (0.17, 0, 0), (0, -0.17, 0), (0.2, 0.2, 1.0)])
-def test_right_matches_are_good_to_an_eighth_of_a_degree(axis: tuple[float, float, float]) -> None:
+def test_correct_matches_are_accurate_to_an_eighth_of_a_degree(axis: tuple[float, float, float]) -> None:
     right, error = agreement(axis)
     assert right > 0.95
     assert error < 0.12
 
 
 def test_features_are_everywhere_but_at_the_poles() -> None:
-    f, rule = seen((0, 0, 0)), Extraction()
+    f, rule = seen((0, 0, 0)), FeatureParameters()
     assert len(f) == rule.limit
     elevation = np.arcsin(f.bearing[:, 2])
     assert np.abs(elevation).max() <= rule.elevation + 0.01
@@ -88,8 +91,8 @@ def test_features_are_everywhere_but_at_the_poles() -> None:
     np.testing.assert_allclose(np.linalg.norm(f.descriptor, axis=1), 1, atol=1e-5)
 
 
-def test_the_seam_is_a_place_like_any_other() -> None:
-    """Features within 10° of the seam behind are seen again when the camera has turned and they are ahead."""
+def test_features_at_the_seam_are_found_again() -> None:
+    """Features within 10° of the seam behind are matched after a rotation that brings them ahead."""
     a, b = seen((0, 0, 0)), seen((0, 0, np.pi - 0.01), 1)
     behind = a.bearing[:, 0] < -np.cos(np.radians(10)) * np.hypot(a.bearing[:, 0], a.bearing[:, 1])
     assert behind.sum() >= 8
@@ -99,18 +102,18 @@ def test_the_seam_is_a_place_like_any_other() -> None:
 
 
 def test_a_turned_camera_gives_bearings_in_its_own_frame() -> None:
-    """Level or not, a feature's bearing points at what it shows: R b is the same direction on the sphere."""
+    """R b is the same direction on the sphere for every attitude R of the camera."""
     axis = (0.25, -0.15, 0.4)
     right, error = agreement(axis)
     assert right > 0.95
     assert error < 0.15
 
 
-def test_people_are_left_out() -> None:
+def test_features_on_people_are_excluded() -> None:
     b = bearing_from_angles([np.pi - 0.05, 0.5], [0.0, -0.2])
     people = Detections(b, np.array([[0.5, 0.6], [0.4, 0.5]]), np.ones(2), np.tile(np.eye(2) * 1e-4, (2, 1, 1)), np.zeros((2, 0)))
-    image = picture(np.eye(3))
-    with_people = extract(image, CAMERA, UP, people, Extraction())
+    image = panorama(np.eye(3))
+    with_people = extract(image, CAMERA, UP, people, FeatureParameters())
     assert not inside_boxes(with_people.bearing, people, 1.0).any()
     assert inside_boxes(seen((0, 0, 0)).bearing, people, 1.0).any()
 
@@ -122,26 +125,26 @@ def test_inside_boxes_over_the_seam() -> None:
 
 
 def test_a_plain_image_has_no_features() -> None:
-    f = extract(np.full((512, 1024, 3), 90, dtype=np.uint8), CAMERA, UP, Detections.none(), Extraction())
+    f = extract(np.full((512, 1024, 3), 90, dtype=np.uint8), CAMERA, UP, Detections.none(), FeatureParameters())
     assert len(f) == 0
     assert f.descriptor.shape == (0, 128)
     assert len(f.sightings()) == 0
 
 
-def test_extract_refuses_another_size() -> None:
+def test_an_image_of_another_size_is_an_error() -> None:
     with pytest.raises(ValueError, match="image has shape"):
-        extract(np.zeros((256, 512, 3), dtype=np.uint8), CAMERA, UP, Detections.none(), Extraction())
+        extract(np.zeros((256, 512, 3), dtype=np.uint8), CAMERA, UP, Detections.none(), FeatureParameters())
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-7, 0.0169, 0.0171, 0.5, 2.0])
-def test_levelling_brings_up_to_z(tilt: float) -> None:
+def test_leveling_brings_up_to_z(tilt: float) -> None:
     up = exp_so3([0, 0, 0.7]) @ exp_so3([tilt, 0, 0]) @ UP
-    R = levelling(up, 0.0)
+    R = leveling_rotation(up, 0.0)
     np.testing.assert_allclose(R.T @ up, UP, atol=1e-9)
     if tilt < 0.017:
-        np.testing.assert_array_equal(levelling(up, 0.017), np.eye(3))
+        np.testing.assert_array_equal(leveling_rotation(up, 0.017), np.eye(3))
 
 
-def test_levelling_refuses_a_camera_upside_down() -> None:
+def test_a_camera_upside_down_is_an_error() -> None:
     with pytest.raises(ValueError, match="tilted"):
-        levelling(-UP, 0.01)
+        leveling_rotation(-UP, 0.01)

@@ -1,4 +1,4 @@
-"""The filter on a room without pixels (walled_room): what it must beat, and that its covariance is honest."""
+"""The filter in a room without pixels (walled_room): accuracy against dead reckoning, consistency, and recovery from failures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHORT = Room(robots=2, ticks=60, landmarks=90)
 
 @cache
 def run(room: Room, parameters: SlamParameters) -> tuple[Slam, float, float, NDArray[np.float64]]:
-    """The filter after the last tick, its ATE m, that of dead reckoning, and the NEES (ticks, robots)."""
+    """The filter after the last tick, its ATE m, that of dead reckoning m, and the NEES (ticks, robots)."""
     setup, ticks, truth, _ = simulate(room)
     slam, poses, consistency = Slam(setup, parameters), [], []
     for tick, true in zip(ticks, truth, strict=True):
@@ -45,18 +45,18 @@ def test_the_map_beats_dead_reckoning() -> None:
     assert np.median(off) < 0.15
 
 
-def test_given_names_serve_as_well_as_looks() -> None:
+def test_given_names_replace_descriptors() -> None:
     _, error, drift, _ = run(replace(SHORT, named=True), SlamParameters())
     assert error < drift / 2
 
 
-def test_the_covariance_is_honest() -> None:
+def test_the_covariance_is_consistent() -> None:
     consistency = np.concatenate([run(replace(SHORT, seed=seed), SlamParameters())[3] for seed in range(3)])
     assert 0.5 < consistency.mean() < 2.0
 
 
 @pytest.mark.slow
-def test_the_covariance_is_honest_over_many_seeds() -> None:
+def test_the_covariance_is_consistent_over_many_seeds() -> None:
     results = [run(Room(seed=seed), SlamParameters()) for seed in range(12)]
     assert 0.5 < np.mean([r[3].mean() for r in results]) < 2.0
     assert np.mean([r[1] / r[2] for r in results]) < 0.2
@@ -65,11 +65,11 @@ def test_the_covariance_is_honest_over_many_seeds() -> None:
 def test_the_correction_factor_finds_a_tilted_camera() -> None:
     tilted = replace(SHORT, tilt=(0.02, -0.01), ticks=90)
     # In this room the errors of "up" are independent.
-    slam, _, _, honest = run(tilted, SlamParameters(level_memory=0.0))
+    slam, _, _, consistent = run(tilted, SlamParameters(gravity_correlation_time=0.0))
     found = np.mean([slam.correction(f"r{i}") for i in range(2)], axis=0)
     assert found[:2] == pytest.approx([0.02, -0.01], abs=0.004)
-    without, _, _, consistency = run(tilted, SlamParameters(correction=False, level_memory=0.0))
-    assert consistency.mean() > 5 * honest.mean(), "a tilt that is not in the state should make the covariance a lie"
+    without, _, _, consistency = run(tilted, SlamParameters(correction=False, gravity_correlation_time=0.0))
+    assert consistency.mean() > 5 * consistent.mean(), "a tilt that is not in the state should make the covariance inconsistent"
     np.testing.assert_array_equal(without.correction("r0"), 0)
 
 
@@ -84,16 +84,16 @@ def test_the_covariance_is_symmetric_positive_and_couples_the_robots() -> None:
     assert np.abs(joint.P[a, b] / scale).max() > 0.2
 
 
-def test_a_sight_of_one_robot_corrects_another() -> None:
+def test_sightings_of_one_robot_correct_another() -> None:
     setup, ticks, *_ = simulate(replace(SHORT, seed=0))
     slam = Slam(setup, SlamParameters())
     for tick in ticks[:40]:
         slam.step(tick)
-    before, doubt = slam.pose("r1"), np.trace(slam.covariance("r1"))
+    before, variance = slam.pose("r1"), np.trace(slam.covariance("r1"))
     only, other = ticks[40].views
     slam.step(replace(ticks[40], views=(only, replace(other, sightings=None, odometry=Odometry(Pose.identity(), 1e-12 * np.eye(6))))))
     assert np.linalg.norm((before.inverse() @ slam.pose("r1")).log()) > 1e-6
-    assert np.trace(slam.covariance("r1")) < doubt
+    assert np.trace(slam.covariance("r1")) < variance
 
 
 def test_the_order_of_sightings_does_not_matter() -> None:
@@ -114,7 +114,7 @@ def test_the_order_of_sightings_does_not_matter() -> None:
 
 
 @pytest.mark.slow
-def test_wrong_sightings_do_no_harm() -> None:
+def test_wrong_sightings_do_not_degrade_the_estimate() -> None:
     _, clean, *_ = run(SHORT, SlamParameters())
     slam, error, drift, _ = run(replace(SHORT, wrong=0.15), SlamParameters())
     assert error < max(2 * clean, drift / 3)
@@ -122,25 +122,26 @@ def test_wrong_sightings_do_no_harm() -> None:
 
 
 @pytest.mark.slow
-def test_a_robot_that_was_carried_off_finds_back() -> None:
-    """The gate opens again: odometry lies once, by 0.35 m and 6°, with a covariance that knows nothing of it."""
+def test_a_slipped_robot_recovers_by_covariance_inflation() -> None:
+    """Odometry is wrong once by 0.35 m and 6°, with an unchanged covariance."""
     setup, ticks, truth, _ = simulate(replace(SHORT, ticks=75))
     slam, errors = Slam(setup, SlamParameters()), []
     for tick, true in zip(ticks, truth, strict=True):
         if tick.index == 45:
             view = tick.views[0]
             assert view.odometry is not None
-            lie = replace(view.odometry, T_before_now=view.odometry.T_before_now @ Pose.exp(np.array([0.2, 0.28, 0, 0, 0, 0.1])))
-            tick = replace(tick, views=(replace(view, odometry=lie), *tick.views[1:]))
+            slip = replace(view.odometry, T_before_now=view.odometry.T_before_now @ Pose.exp(np.array([0.2, 0.28, 0, 0, 0, 0.1])))
+            tick = replace(tick, views=(replace(view, odometry=slip), *tick.views[1:]))
         slam.step(tick)
         errors.append(np.linalg.norm(slam.pose("r0").translation - true["r0"].translation))
     assert slam.counters["reopened"] >= 1
     assert max(errors[45:]) < 0.15
 
 
-def carried(parameters: SlamParameters, emptied: bool) -> tuple[Slam, list[float]]:
-    """r0's wheels stand still and its camera sees nothing while it goes on for 15 ticks, at whose end the map may give way as where it is full; how
-    far r0 is off then, and at each tick from there on.
+def kidnapped(parameters: SlamParameters, map_emptied: bool) -> tuple[Slam, list[float]]:
+    """r0 moves for 15 ticks with constant odometry and without sightings.
+
+    map_emptied: at the end all landmarks move to the archive. Returns the filter and r0's position errors m from then on.
     """
     setup, ticks, truth, _ = simulate(replace(SHORT, ticks=70))
     slam, away, errors = Slam(setup, parameters), range(40, 55), []
@@ -151,46 +152,46 @@ def carried(parameters: SlamParameters, emptied: bool) -> tuple[Slam, list[float
             still = replace(view.odometry, T_before_now=Pose.identity())
             tick = replace(tick, views=(View(view.camera, Detections.none(), odometry=still), *tick.views[1:]))
         slam.step(tick)
-        if tick.index == away[-1] and emptied:
+        if tick.index == away[-1] and map_emptied:
             for landmark in reversed(range(slam.state[1].count)):
-                slam._wayfinder.memory.keep(slam.state, landmark)
-                slam._forget(landmark, "map full")
+                slam._relocalizer.archive.keep(slam.state, landmark)
+                slam._remove_landmark(landmark, "map full")
         if tick.index >= away[-1]:
             errors.append(float(np.linalg.norm(slam.pose("r0").translation - true["r0"].translation)))
     return slam, errors
 
 
-@pytest.mark.parametrize("emptied", [False, True])
-def test_a_robot_that_was_carried_elsewhere_is_found_by_what_it_sees(emptied: bool) -> None:
-    slam, (before, *after) = carried(SlamParameters(), emptied)
+@pytest.mark.parametrize("map_emptied", [False, True])
+def test_a_kidnapped_robot_is_relocalized(map_emptied: bool) -> None:
+    slam, (before, *after) = kidnapped(SlamParameters(), map_emptied)
     assert before > 1.0
-    assert max(after) < (0.3 if emptied else 0.15)
+    assert max(after) < (0.3 if map_emptied else 0.15)
     assert slam.counters["found again"] == 1
 
 
-def test_who_remembers_no_more_than_the_map_is_not_found_when_that_is_gone() -> None:
-    slam, (_, *after) = carried(SlamParameters(search=replace(SlamParameters().search, memory=0)), True)
+def test_without_the_archive_an_emptied_map_prevents_relocalization() -> None:
+    slam, (_, *after) = kidnapped(SlamParameters(relocalization=replace(SlamParameters().relocalization, archive_size=0)), True)
     assert min(after) > 1.0
     assert "found again" not in slam.counters
 
 
-def test_who_knows_nothing_any_more_is_looked_for_and_then_begins_anew() -> None:
-    """Another world from tick 40 on: nothing goes into the map for 5 s, then it grows again."""
+def test_a_lost_robot_starts_a_new_map_after_the_timeout() -> None:
+    """All landmarks are replaced at tick 40: nothing is added to the map for 5 s, then it grows again."""
     setup, ticks, _, _ = simulate(replace(SHORT, robots=1, ticks=100))
     other = simulate(replace(SHORT, robots=1, ticks=100, seed=9))[1]
     slam, count = Slam(setup, SlamParameters()), []
     for k, tick in enumerate(ticks):
-        view, strange = tick.views[0], other[k].views[0]
-        slam.step(tick if k < 40 else replace(tick, views=(replace(view, sightings=strange.sightings),)))
+        view, other_view = tick.views[0], other[k].views[0]
+        slam.step(tick if k < 40 else replace(tick, views=(replace(view, sightings=other_view.sightings),)))
         count.append(slam.counters.get("new", 0))
-    wait = round(SlamParameters().search.patience / setup.period)
+    wait = round(SlamParameters().relocalization.timeout / setup.period)
     assert count[40 + wait - 1] == count[39] > 10
     assert count[-1] > count[39] + 5
     assert sum(n for reason, n in slam.counters.items() if reason.startswith("lost: ")) == wait + 1
 
 
 class PlainEkf:
-    """One robot, landmarks with names: the textbook's filter with dense matrices, to hold Slam(iterations=1, correction=False) against."""
+    """A textbook EKF for one robot and named landmarks with dense matrices, the oracle of Slam(iterations=1, correction=False)."""
 
     def __init__(self, pose: Pose, P: NDArray[np.float64], landmarks: NDArray[np.float64]) -> None:
         self.pose, self.P, self.landmarks = pose, P, landmarks
@@ -201,13 +202,13 @@ class PlainEkf:
         F, Q = np.eye(n), np.zeros((n, n))
         F[:6, :6], Q[:6, :6] = block, odometry.covariance
         self.pose, self.P = Pose(R, t), F @ self.P @ F.T + Q
-        sight = CameraPose(R, t, mount.rotation, mount.translation, np.zeros(3))
+        camera = CameraPose(R, t, mount.rotation, mount.translation, np.zeros(3))
         H, r, noise = np.zeros((2 * len(seen) + 2, n)), [], np.zeros((2 * len(seen) + 2,) * 2)
         for i, (landmark, bearing, covariance) in enumerate(seen):
             point = self.landmarks[landmark][None]
-            body, place, _ = jacobians(sight, point)
+            body, place, _ = jacobians(camera, point)
             H[2 * i : 2 * i + 2, :6], H[2 * i : 2 * i + 2, 6 + 3 * landmark : 9 + 3 * landmark] = body[0], place[0]
-            r.append(residual(bearing, predict(sight, point)[0][0]))
+            r.append(residual(bearing, predict(camera, point)[0][0]))
             noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = covariance
         assert odometry.gravity is not None
         up, H[-2:, :6] = gravity(R, odometry.gravity)
@@ -223,14 +224,14 @@ class PlainEkf:
 def test_one_iteration_without_correction_is_the_plain_ekf() -> None:
     room = Room(robots=1, named=True, landmarks=30, ticks=30, miss=0.0)
     setup, ticks, *_ = simulate(room)
-    memories = {"persistence": None, "level_memory": 0.0, "turn_memory": 0.0}
-    plain_rule = {"mode": "iekf", "iterations": 1, "correction": False, "robust": np.inf, **memories}
-    slam = Slam(setup, SlamParameters(**plain_rule, growth=100, seen=100))
+    no_error_model = {"odometry_biases": None, "gravity_correlation_time": 0.0, "rotation_correlation_time": 0.0}
+    plain_ekf = {"mode": "iekf", "iterations": 1, "correction": False, "robust": np.inf, **no_error_model}
+    slam = Slam(setup, SlamParameters(**plain_ekf, max_new_landmarks=100, max_updates=100))
     k = next(k for k, tick in enumerate(ticks) if (slam.step(tick), len(slam.landmarks()) >= 5)[1])
-    joint, book = slam._joint, slam._map
+    joint, landmark_map = slam._joint, slam._map
     rows = np.concatenate([np.arange(6), np.arange(joint.base, len(joint.P))])
     plain = PlainEkf(slam.pose("r0"), joint.P[np.ix_(rows, rows)].copy(), slam.landmarks())
-    n, names = len(slam.landmarks()), book.subject[: book.count].copy()
+    n, names = len(slam.landmarks()), landmark_map.subject[: landmark_map.count].copy()
     view = ticks[k + 1].views[0]
     s = view.sightings
     assert s is not None
@@ -249,7 +250,7 @@ def pets(start: Start | None) -> Setup:
     return Setup({"view": Mount(camera, Pose.identity(), "post")}, Flat(), {"post": start}, 1 / 7)
 
 
-def test_a_fixed_camera_stays_what_it_was_and_outside_the_state() -> None:
+def test_a_fixed_camera_stays_constant_outside_the_state() -> None:
     start = Start(Pose.planar(1, 2, 0.5, 7.0), 1e-4 * np.eye(6))
     slam = Slam(pets(start), SlamParameters())
     for k in range(3):
@@ -259,7 +260,7 @@ def test_a_fixed_camera_stays_what_it_was_and_outside_the_state() -> None:
     assert len(slam._joint.P) == 0
 
 
-def test_an_unknown_start_is_said_and_counted() -> None:
+def test_an_unknown_start_is_counted() -> None:
     slam = Slam(pets(None), SlamParameters())
     slam.step(Tick(0, 0.0, (View("view", Detections.none(), odometry=Odometry(Pose.identity(), np.eye(6))),)))
     assert slam.counters["unknown start"] == 1
@@ -275,7 +276,7 @@ def test_an_unknown_camera_is_an_error() -> None:
         slam.step(Tick(0, 0.0, (View("other", Detections.none()),)))
 
 
-def test_a_robot_without_odometry_and_sight_goes_by_its_doubt() -> None:
+def test_a_robot_without_odometry_and_sightings_stays() -> None:
     setup, ticks, *_ = simulate(replace(SHORT, ticks=3))
     slam = Slam(setup, SlamParameters())
     slam.step(ticks[0])
@@ -284,43 +285,43 @@ def test_a_robot_without_odometry_and_sight_goes_by_its_doubt() -> None:
     np.testing.assert_array_equal(slam.pose("r1").translation, before.translation)
 
 
-def test_level_comes_from_gravity_alone_when_nothing_is_seen() -> None:
+def test_gravity_alone_levels_a_robot() -> None:
     tilted = Pose(exp_so3([0.1, 0, 0]), np.zeros(3))
     start = Start(tilted, np.diag([1e-4, 1e-4, 1e-4, 0.1, 0.1, 1e-6]))
     setup = Setup({"c": Mount(Panorama(64, 32), Pose.identity(), "r")}, Flat(), {"r": start}, 0.1)
-    slam = Slam(setup, SlamParameters(correction=False, level_memory=0.0))
+    slam = Slam(setup, SlamParameters(correction=False, gravity_correlation_time=0.0))
     odometry = Odometry(Pose.identity(), 1e-8 * np.eye(6), np.array([0.0, 0.0, 1.0]), 0.01)
     slam.step(Tick(0, 0.0, (View("c", Detections.none(), odometry=odometry),)))
     np.testing.assert_allclose(slam.pose("r").rotation[2], [0, 0, 1], atol=1e-3)
     assert slam.covariance("r")[3, 3] == pytest.approx(1e-4, rel=0.02)
 
 
-@pytest.mark.parametrize(("name", "value"), [("iterations", 0), ("clones", 0), ("capacity", -1), ("seen", 0)])
+@pytest.mark.parametrize(("name", "value"), [("iterations", 0), ("clones", 0), ("capacity", -1), ("max_updates", 0)])
 def test_parameters_have_bounds(name: str, value: int) -> None:
     with pytest.raises(ValueError, match=f"{name} is {value}"):
         SlamParameters(**{name: value})
 
 
-def test_modes_have_names() -> None:
+def test_an_unknown_mode_is_an_error() -> None:
     with pytest.raises(ValueError, match="mode is 'ukf', needs iekf, fej or invariant"):
         SlamParameters(mode="ukf")
 
 
-def test_biased_instruments_are_believed_the_less() -> None:
-    """A level that errs by 3 of its deviations, always the same way: with a memory the covariance knows better."""
+def test_correlated_errors_inflate_the_covariance() -> None:
+    """ "Up" has a constant error of 3 standard deviations: a correlation time makes the covariance larger."""
     start = Start(Pose.identity(), np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6]))
     setup = Setup({"c": Mount(Panorama(64, 32), Pose.identity(), "r")}, Flat(), {"r": start}, 0.1)
-    doubt = []
+    variance = []
     for memory in (0.0, 2.0):
-        slam = Slam(setup, SlamParameters(correction=False, level_memory=memory))
+        slam = Slam(setup, SlamParameters(correction=False, gravity_correlation_time=memory))
         odometry = Odometry(Pose.identity(), 1e-6 * np.eye(6), np.array([np.sin(0.03), 0.0, np.cos(0.03)]), 0.01)
         for k in range(100):
             slam.step(Tick(k, k / 10, (View("c", Detections.none(), odometry=odometry),)))
-        doubt.append(slam.covariance("r")[4, 4])
-    assert doubt[1] > 5 * doubt[0]
+        variance.append(slam.covariance("r")[4, 4])
+    assert variance[1] > 5 * variance[0]
 
 
-def test_a_small_map_stays_small() -> None:
+def test_the_map_keeps_its_capacity() -> None:
     slam, error, drift, _ = run(SHORT, SlamParameters(capacity=40))
     assert len(slam.landmarks()) <= 40
     assert slam.counters["map full"] > 0
@@ -328,22 +329,22 @@ def test_a_small_map_stays_small() -> None:
     assert error < drift
 
 
-def test_a_gap_of_the_odometry_is_counted_and_doubted() -> None:
-    """A second without odometry at 0.5 m/s: the doubt covers the way that was driven, and the map brings the robot back."""
+def test_a_gap_of_the_odometry_inflates_the_covariance() -> None:
+    """A second without odometry at 0.5 m/s: the covariance covers the path driven, and the map corrects the pose afterwards."""
     setup, ticks, truth, _ = simulate(replace(SHORT, ticks=60))
-    slam, blind = Slam(setup, SlamParameters()), range(40, 46)
+    slam, gaps = Slam(setup, SlamParameters()), range(40, 46)
     for tick, true in zip(ticks, truth, strict=True):
-        gap = tick.index in blind
+        gap = tick.index in gaps
         views = tuple(replace(v, odometry=None, sightings=None) if gap and v.camera == "c0" else v for v in tick.views)
         slam.step(replace(tick, views=views))
         error = np.linalg.norm(slam.pose("r0").translation - true["r0"].translation)
-        if tick.index == blind[-1]:
+        if tick.index == gaps[-1]:
             assert 0.2 < error < 3 * np.sqrt(np.linalg.eigvalsh(slam.covariance("r0")[:3, :3])[-1])
-    assert slam.counters["no odometry"] == len(blind)
+    assert slam.counters["no odometry"] == len(gaps)
     assert error < 0.15
 
 
-def test_a_filter_that_diverges_says_when_and_who() -> None:
+def test_a_diverging_filter_names_tick_and_robot() -> None:
     setup, ticks, *_ = simulate(replace(SHORT, ticks=12))
     slam = Slam(setup, SlamParameters())
     for tick in ticks[:-1]:

@@ -1,4 +1,4 @@
-"""Robots that are not told where they start: when they join, what it costs, and why they wait."""
+"""Robots with unknown starts: when they join, with which accuracy, and the reasons for which they wait."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ HALL = Room(seed=20, robots=3, ticks=45, landmarks=110)
 Errors = dict[str, list[float]]
 
 
-def lost(setup: Setup, name: str = "r1") -> Setup:
-    """The setup where one robot is not told its start."""
+def with_unknown_start(setup: Setup, name: str = "r1") -> Setup:
+    """The setup with an unknown start of one robot."""
     return replace(setup, starts=setup.starts | {name: None})
 
 
 @cache
 def run(seed: int, mode: str = "invariant") -> tuple[Slam, int, Errors, Errors]:
-    """The filter of a run in which r1 starts unknown, the tick at which it joined, and errors m and NEES a robot of the ticks since."""
+    """A run in which r1 starts unknown: the filter, the tick at which r1 joined, and errors m and NEES of each robot since."""
     setup, ticks, truth, _ = simulate(replace(HALL, seed=seed))
-    slam, joined = Slam(lost(setup), SlamParameters(mode=mode)), -1
+    slam, joined = Slam(with_unknown_start(setup), SlamParameters(mode=mode)), -1
     errors: Errors = {name: [] for name in setup.starts}
     consistency: Errors = {name: [] for name in setup.starts}
     for tick, true in zip(ticks, truth, strict=True):
         slam.step(tick)
-        joined = tick.index if joined < 0 and slam.placed("r1") else joined
+        joined = tick.index if joined < 0 and slam.is_localized("r1") else joined
         for name in true if joined >= 0 else ():
             errors[name].append(float(np.linalg.norm(slam.pose(name).translation - true[name].translation)))
             consistency[name].append(nees((slam.pose(name).inverse() @ true[name]).log(), slam.covariance(name)))
     return slam, joined, errors, consistency
 
 
-def changed(tick: Tick, camera: str, change: Callable[[Sightings], Sightings]) -> Tick:
-    """The tick with other sightings of one camera."""
+def with_sightings(tick: Tick, camera: str, change: Callable[[Sightings], Sightings]) -> Tick:
+    """The tick with changed sightings of one camera."""
     views = tuple(replace(v, sightings=change(v.sightings)) if v.camera == camera and v.sightings else v for v in tick.views)
     return replace(tick, views=views)
 
 
-def test_a_robot_joins_and_is_as_good_as_the_others() -> None:
+def test_a_robot_joins_with_the_accuracy_of_the_others() -> None:
     runs = [run(seed) for seed in (20, 21, 22)]
     for slam, joined, errors, _ in runs:
         assert 0 < joined < 25
@@ -58,20 +58,20 @@ def test_a_robot_joins_and_is_as_good_as_the_others() -> None:
         assert slam.counters["unknown start"] == joined
         assert sum(n for reason, n in slam.counters.items() if reason.startswith("waits")) == joined - 1
         assert np.mean(errors["r1"]) < 1.5 * max(np.mean(errors["r0"]), np.mean(errors["r2"])) + 0.01 < 0.2
-    # How the others' two starts err is common to all: the newcomer's covariance is as honest as theirs.
+    # The errors of the two given starts are common to all, so r1 is at best as consistent as the others.
     mean = {name: np.mean([np.mean(consistency[name]) for *_, consistency in runs]) for name in ("r0", "r1", "r2")}
     assert 0.3 < mean["r1"] < 1.5 * max(mean["r0"], mean["r2"]) + 0.5
 
 
 @pytest.mark.slow
-def test_first_estimates_join_too() -> None:
+def test_a_robot_joins_with_first_estimates() -> None:
     _, joined, errors, consistency = run(20, "fej")
     assert 0 < joined < 25
     assert np.mean(errors["r1"]) < 0.15
     assert np.mean(consistency["r1"]) < 4
 
 
-def test_what_both_maps_had_is_there_once_and_the_covariance_is_one() -> None:
+def test_landmarks_are_unique_and_the_covariance_is_joint() -> None:
     slam, *_ = run(20)
     apart = np.linalg.norm(slam.landmarks()[:, None] - slam.landmarks(), axis=2) + 10 * np.eye(len(slam.landmarks()))
     assert np.median(apart.min(axis=1)) > 0.2
@@ -84,19 +84,19 @@ def test_what_both_maps_had_is_there_once_and_the_covariance_is_one() -> None:
     assert np.linalg.eigvalsh(P).min() > -1e-12
     a, b = (slice(joint.offset(i), joint.offset(i) + 6) for i in (0, 2))
     scale = np.sqrt(np.outer(np.diag(joint.P[a, a]), np.diag(joint.P[b, b])))
-    assert np.abs(joint.P[a, b] / scale).max() > 0.2, "what the newcomer knows of the world it knows from the others"
+    assert np.abs(joint.P[a, b] / scale).max() > 0.2, "its pose is known through the others' landmarks alone"
 
 
-def test_a_robot_with_nothing_in_common_never_joins_and_does_no_harm() -> None:
+def test_a_robot_without_common_landmarks_never_joins() -> None:
     setup, ticks, *_ = simulate(replace(HALL, seed=23, ticks=30))
-    other = [changed(tick, "c1", lambda s: replace(s, descriptor=s.descriptor[:, ::-1])) for tick in ticks]
-    slam = Slam(lost(setup), SlamParameters())
-    few = {camera: mount for camera, mount in setup.mounts.items() if mount.robot != "r1"}
-    without = Slam(replace(setup, mounts=few, starts={name: setup.starts[name] for name in ("r0", "r2")}), SlamParameters())
+    other = [with_sightings(tick, "c1", lambda s: replace(s, descriptor=s.descriptor[:, ::-1])) for tick in ticks]
+    slam = Slam(with_unknown_start(setup), SlamParameters())
+    without_r1 = {camera: mount for camera, mount in setup.mounts.items() if mount.robot != "r1"}
+    without = Slam(replace(setup, mounts=without_r1, starts={name: setup.starts[name] for name in ("r0", "r2")}), SlamParameters())
     for tick in other:
         slam.step(tick)
         without.step(replace(tick, views=tuple(v for v in tick.views if v.camera != "c1")))
-    assert not slam.placed("r1")
+    assert not slam.is_localized("r1")
     assert slam.counters["unknown start"] == sum(n for reason, n in slam.counters.items() if reason.startswith("waits")) == len(ticks)
     for name in ("r0", "r2"):
         np.testing.assert_array_equal(slam.pose(name).translation, without.pose(name).translation)
@@ -104,22 +104,22 @@ def test_a_robot_with_nothing_in_common_never_joins_and_does_no_harm() -> None:
 
 
 @pytest.mark.slow
-def test_names_that_lie_do_not_bring_a_robot_in() -> None:
-    """All landmarks that r1 sees are called by the name of another."""
+def test_wrong_names_do_not_admit_a_robot() -> None:
+    """All landmarks that r1 sees have the name of another."""
     setup, ticks, *_ = simulate(replace(HALL, seed=24, ticks=30, named=True))
     names = np.random.default_rng(0).permutation(HALL.landmarks)
-    slam, honest = Slam(lost(setup), SlamParameters()), Slam(lost(setup), SlamParameters())
+    slam, correct = Slam(with_unknown_start(setup), SlamParameters()), Slam(with_unknown_start(setup), SlamParameters())
     for tick in ticks:
-        slam.step(changed(tick, "c1", lambda s: replace(s, subject=names[s.subject])))
-        honest.step(tick)
-    assert honest.placed("r1")
-    assert not slam.placed("r1")
+        slam.step(with_sightings(tick, "c1", lambda s: replace(s, subject=names[s.subject])))
+        correct.step(tick)
+    assert correct.is_localized("r1")
+    assert not slam.is_localized("r1")
     assert slam.counters["waits: places disagree"] > 5
 
 
-def test_without_up_there_is_no_frame_to_begin_in() -> None:
+def test_a_robot_without_gravity_waits() -> None:
     setup, ticks, *_ = simulate(replace(HALL, ticks=2))
-    slam = Slam(lost(setup), SlamParameters())
+    slam = Slam(with_unknown_start(setup), SlamParameters())
     for tick in ticks:
         views = tuple(replace(v, odometry=replace(v.odometry, gravity=None)) if v.odometry else v for v in tick.views)
         slam.step(replace(tick, views=views))
@@ -127,17 +127,17 @@ def test_without_up_there_is_no_frame_to_begin_in() -> None:
 
 
 @pytest.mark.slow
-def test_a_small_map_makes_room() -> None:
+def test_the_map_keeps_its_capacity() -> None:
     setup, ticks, *_ = simulate(HALL)
-    slam = Slam(lost(setup), SlamParameters(capacity=45))
+    slam = Slam(with_unknown_start(setup), SlamParameters(capacity=45))
     for tick in ticks:
         slam.step(tick)
         assert len(slam.landmarks()) <= 45
-    assert slam.placed("r1")
+    assert slam.is_localized("r1")
     assert len(slam.landmarks()) == len(slam.identities())
 
 
-def test_a_level_start_has_up_where_it_was_measured() -> None:
+def test_a_level_start_is_vertical_along_the_measured_up() -> None:
     up = np.array([0.2, -0.1, 0.9])
     start = level_start(up)
     np.testing.assert_allclose(start.T_world_robot.rotation @ (up / np.linalg.norm(up)), [0, 0, 1], atol=1e-12)
@@ -147,10 +147,10 @@ def test_a_level_start_has_up_where_it_was_measured() -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_tracker_says_nothing_of_a_robot_that_is_nowhere() -> None:
+def test_the_tracker_reports_no_pose_before_a_robot_joins() -> None:
     setup, ticks, truth, _ = simulate(HALL)
     shifted = [replace(tick, index=tick.index - 1) for tick in ticks]
-    estimates = list(track(lost(setup), shifted))
+    estimates = list(track(with_unknown_start(setup), shifted))
     _, joined, *_ = run(20)
     assert ["r1" in e.T_world_robot for e in estimates] == [e.index + 1 >= joined for e in estimates]
     results = Results.of(estimates, {})
@@ -161,9 +161,9 @@ def test_the_whole_tracker_says_nothing_of_a_robot_that_is_nowhere() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["invariant", "fej"])
-def test_joining_costs_no_honesty_over_many_seeds(mode: str) -> None:
-    """NEES of the whole team after r1 has joined, beside that of the two others without it: of the same draws, for two starts err together or not."""
-    joined, alone = [], []
+def test_joining_keeps_the_covariance_consistent_over_many_seeds(mode: str) -> None:
+    """NEES of the whole team after r1 has joined, beside that of the two others without r1 on the same draws."""
+    joined, baseline = [], []
     for seed in range(20, 28):
         slam, tick, _, consistency = run(seed, mode)
         if tick < 0:
@@ -171,13 +171,13 @@ def test_joining_costs_no_honesty_over_many_seeds(mode: str) -> None:
             continue
         joined.append(np.mean([np.mean(consistency[name]) for name in consistency]))
         setup, ticks, truth, _ = simulate(replace(HALL, seed=seed))
-        few = {camera: mount for camera, mount in setup.mounts.items() if mount.robot != "r1"}
-        slam = Slam(replace(setup, mounts=few, starts={name: setup.starts[name] for name in ("r0", "r2")}), SlamParameters(mode=mode))
+        without_r1 = {camera: mount for camera, mount in setup.mounts.items() if mount.robot != "r1"}
+        slam = Slam(replace(setup, mounts=without_r1, starts={name: setup.starts[name] for name in ("r0", "r2")}), SlamParameters(mode=mode))
         values = []
         for k, true in zip(ticks, truth, strict=True):
             slam.step(replace(k, views=tuple(v for v in k.views if v.camera != "c1")))
             values += [nees((slam.pose(n).inverse() @ true[n]).log(), slam.covariance(n)) for n in ("r0", "r2") if k.index >= tick]
-        alone.append(np.mean(values))
-    print(mode, np.round(joined, 2), np.round(alone, 2), np.mean(joined), np.mean(alone))
-    assert np.mean(joined) < 1.3 * np.mean(alone) + 0.2
+        baseline.append(np.mean(values))
+    print(mode, np.round(joined, 2), np.round(baseline, 2), np.mean(joined), np.mean(baseline))
+    assert np.mean(joined) < 1.3 * np.mean(baseline) + 0.2
     assert np.mean(joined) < 2.5
