@@ -1,4 +1,4 @@
-"""All ready worlds by name."""
+"""All worlds by name, and `build`, which makes one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How irregular a world is, in numbers: what makes one world comparable with another and difficulty more than a word."""
+"""Measures of how irregular a world is, so that worlds can be compared."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from worlds.terrain.heightfield import Array, Mask
-from worlds.world import World, tops
+from worlds.world import World
 
 PATCH = 0.4
 """m: slopes are those of the ground averaged over a patch of this side, as a foot or a wheel feels them."""
@@ -25,12 +25,16 @@ TALL = 1.2
 
 @dataclass(frozen=True)
 class Measures:
-    """Lengths in m, shares in [0, 1].
+    """Measures of irregularity. Lengths are in m, shares in [0, 1].
 
-    extent_x, extent_y; relief: highest less lowest ground where people may walk, and there too roughness (root mean square), steep_share (of the
-    ground, steeper than 10°), highest_step (the greatest rise between neighbouring grid points beyond the slope) and irregular_share (steeper
-    than 5° or within 0.5 m of a step of at least 5 cm); feet_share, wheels_share: of the extent, where people and rovers may be; occluders: things
-    at least 1.2 m high per 100 m² of the extent.
+    * extent_x, extent_y: the size of the ground.
+    * relief: the highest minus the lowest ground where people may walk. The next four are measured there, too.
+    * roughness: root mean square of the heights around their local mean.
+    * steep_share: the share of the ground that is steeper than 10°.
+    * highest_step: the greatest rise between neighbouring grid points beyond the slope.
+    * irregular_share: the share that is steeper than 5° or within 0.5 m of a step of at least 5 cm.
+    * feet_share, wheels_share: the shares of the extent that are free for people and for rovers.
+    * occluders: objects at least 1.2 m high per 100 m² of the extent.
     """
 
     extent_x: float
@@ -56,7 +60,7 @@ def measure(world: World) -> Measures:
     step = _step(heights, slope, spacing)
     near = ndimage.distance_transform_edt(step < STEP) * spacing <= NEAR_STEP if (step >= STEP).any() else np.zeros_like(free)
     rough = heights - ndimage.uniform_filter(heights, max(3, round(WINDOW / spacing)), mode="nearest")
-    standing = tops(world).heights - heights >= TALL
+    standing = world.tops().heights - heights >= TALL
     return Measures(
         extent_x=float(size[0]),
         extent_y=float(size[1]),

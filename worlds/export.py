@@ -1,4 +1,4 @@
-"""Give a world away: as a MuJoCo model with its files, or as triangles with textures for any other program."""
+"""Export of a world: a MuJoCo model with its files, or textured triangles for other programs."""
 
 from __future__ import annotations
 
@@ -20,11 +20,14 @@ _ASSETS = "assets"
 
 
 def export(world: World, path: Path) -> None:
-    """Write the scene of a world, without actors, to `path`, whose ending says how.
+    """Write the scene of a world, without people and robots, to `path`. The ending of the name chooses the format:
 
-    .xml: MJCF with textures, meshes and the height field in a folder `NAME_assets` beside it; .mjz: the same as one archive of MuJoCo's;
-    .glb, .obj (with .mtl and .png beside it): triangles with textures; .ply: triangles with colours at their corners. Metres, z up (glTF: y up).
-    Nothing half-written is left under that name. Raises ValueError for another ending.
+    * .xml: MJCF, with textures, meshes and the height field in a folder `NAME_assets` beside it.
+    * .mjz: the same as one archive of MuJoCo.
+    * .glb and .obj (with .mtl and .png beside it): textured triangles.
+    * .ply: triangles with a colour at each vertex.
+
+    Units are metres, z is up (y in glTF). Nothing half-written is left under that name. Raises ValueError for another ending.
     """
     forms: dict[str, Callable[[World, Path], None]] = {".xml": _xml, ".mjz": _mjz, ".glb": _triangles, ".obj": _obj, ".ply": _triangles}
     if path.suffix not in forms:

@@ -1,4 +1,4 @@
-"""What a geom is: semantic classes, read off its name.
+"""Semantic classes of geoms, derived from their names.
 
 Every geom of a world is named after its kind, then a number, then whatever tells its parts apart: `tree3`, `wall0-left`, `frame1-lintel`.
 """

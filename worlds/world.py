@@ -1,7 +1,4 @@
-"""A ready place: the scene, its ground, and where feet and wheels may go.
-
-How high what stands on the terrain is: what hides people from view, and what counts as an occluder.
-"""
+"""A ready world: the MuJoCo scene, its ground, the free space of feet and wheels, and the heights of what occludes people."""
 
 from __future__ import annotations
 
@@ -39,6 +36,13 @@ class World:
         """What feet and wheels stand on: height_at and normal_at of it."""
         return Terrain(self.ground, self.decks)
 
+    def tops(self) -> Heightfield:
+        """A 2.5-D elevation map: the heights of the terrain and of what stands on it, on the grid of the ground, by rays from above.
+
+        Whatever hangs higher than HEADROOM over the floor (beams, lintels, vaults) occludes nobody and is left out. A table is not left out.
+        """
+        return _tops(self)
+
     def __post_init__(self) -> None:
         spawn = np.array(self.spawn, dtype=np.float64)
         if spawn.ndim != 3 or spawn.shape[1:] != (2, 2) or not len(spawn):
@@ -58,16 +62,12 @@ def _grid(low: Array, high: Array, spacing: float) -> Array:
 
 
 HEADROOM = 2.0
-"""m over the floor: what ends above hides nobody."""
+"""m over the floor. Whatever begins above this height occludes nobody."""
 
 _FAR = 50.0
 
 
-def tops(world: World) -> Heightfield:
-    """The terrain with what stands on it, as heights on the grid of the ground, by rays from above.
-
-    What hangs higher than people are tall (beams, lintels, vaults) hides nobody and is left out; what they could see under (a table) is not.
-    """
+def _tops(world: World) -> Heightfield:
     model = world.spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -78,7 +78,7 @@ def tops(world: World) -> Heightfield:
 
 
 def _top(model: mujoco.MjModel, data: mujoco.MjData, point: list[float], floor: float) -> float:
-    """Height of the highest thing over a point (2,) m that reaches down among people, else of the floor."""
+    """Height in m of the highest object over a point (2,) m that reaches below HEADROOM; the height of the floor where there is none."""
     down, geom, z = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32), floor + _FAR
     entered: dict[int, float] = {}
     while True:

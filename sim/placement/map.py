@@ -22,7 +22,7 @@ from tracker.geometry import Array
 from worlds import catalogue
 from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.heightfield import Heightfield
-from worlds.world import World, tops
+from worlds.world import World
 
 KEPT = 16
 """Maps that are kept."""
@@ -180,7 +180,7 @@ def map_of(key: MapKey) -> PlacementMap:
     people = [scenario.stream(f"person_{i}") for i in range(1, key.people + 1)]
     stature = np.array([skeleton.statures(rng, 1, 0.0)[0] for rng in people])
     plans = make_plans(world.feet, people, scenario.stream("people/goals"))
-    floor, top = world.terrain.on_grid, tops(world)
+    floor, top = world.terrain.on_grid, world.tops()
     heights = Heights(top.heights, np.array([*top.origin, top.spacing]))
     room = driving.turning_space(world.wheels)
     return PlacementMap(key, world, Crowd(world.feet, world.terrain, plans), stature, floor, heights, room, Roads.of(room))

@@ -1,4 +1,4 @@
-"""What the tracker is told about a simulation before the first frame."""
+"""The setup that the tracker gets before the first frame of a simulation."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from tracker.geometry import Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Grid
 from tracker.types import Mount, Setup, Start
-from worlds.world import tops
 
-# What is known of where a robot starts: standard deviations in metres and radians of its right tangent.
+# Standard deviations of the known start pose of a robot, in metres and radians of its right tangent.
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
 
 
 @dataclass(frozen=True)
 class FixedCamera:
-    """A camera that stands still: to the tracker, a robot that never moves and is known to be at T_world_camera."""
+    """A fixed camera. The tracker treats it as a robot that stays at the known pose T_world_camera."""
 
     camera: Camera
     T_world_camera: Pose
 
 
 def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, FixedCamera] | None = None) -> Setup:
-    """What the tracker is told of a simulation before its first frame; start poses of rovers are off by what START_SIGMA says.
+    """The setup of a simulation at its first frame. Start poses of rovers have random errors with sigma START_SIGMA.
 
-    fixed: name → camera, beside those of the rovers.
+    fixed: name → camera, in addition to those of the rovers.
     """
     camera = Panorama(scenario.width, scenario.height)
     rng = scenario.stream("starts")
@@ -42,8 +41,8 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
     mounts = {f"{robot}_camera": Mount(camera, simulation.T_body_camera, robot) for robot in simulation.robots}
     for name, one in (fixed or {}).items():
         mounts[name], starts[name] = Mount(one.camera, Pose.identity(), name), Start(one.T_world_camera, np.zeros((6, 6)))
-    # What is walked on, decks of bridges among it, on the grid of the ground.
+    # The walkable surface, with decks of bridges, on the grid of the ground.
     floor = simulation.world.terrain.on_grid
-    terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, tops(simulation.world)))
+    terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, simulation.world.tops()))
     band = Setup.height if not scenario.children else (Setup.height[0] - (skeleton.ADULTS[0] - skeleton.CHILDREN[0]), Setup.height[1])
     return Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)

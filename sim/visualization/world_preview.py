@@ -19,7 +19,7 @@ from sim.visualization.overlays import save_png
 from tracker.geometry import Image, Pose, rotation_z
 from tracker.geometry.cameras import Panorama, pinhole
 from worlds.difficulty import Measures, measure
-from worlds.world import World, tops
+from worlds.world import World
 
 PANORAMA = Panorama(2048, 1024)
 BAND = (35.0, -50.0)
@@ -113,7 +113,7 @@ def _plan(axes: Any, world: World, measures: Measures) -> None:
         heights, HEIGHT_COLOURS, vert_exag=2, dx=ground.spacing, dy=ground.spacing, blend_mode="soft"
     )
     axes.imshow(shaded, extent=box, origin="lower", interpolation="bilinear")
-    standing = np.where(tops(world).heights - heights > STANDING, 1.0, np.nan)
+    standing = np.where(world.tops().heights - heights > STANDING, 1.0, np.nan)
     axes.imshow(standing, extent=box, origin="lower", cmap="gray", vmin=0, vmax=3, interpolation="nearest")
     for space, colour in ((world.feet, "tab:red"), (world.wheels, "tab:blue")):
         axes.contour(ground.x, ground.y, space.free.astype(float), [0.5], colors=colour, linewidths=1)

@@ -9,7 +9,7 @@ import pytest
 from worlds.difficulty import measure
 from worlds.terrain.free_space import FEET, WHEELS, free_space
 from worlds.terrain.heightfield import Heightfield
-from worlds.world import World, tops
+from worlds.world import World
 
 FLAT = Heightfield.flat([[0, 0], [10, 10]], 0.1)
 
@@ -59,5 +59,5 @@ def test_tops_are_what_stands_on_the_ground_and_not_what_hangs_over_it() -> None
     world = world_of(FLAT, [(3, 3, 2.0)])
     for z, x in ((2.6, 6.0), (1.4, 8.0)):
         world.spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.3, 0.3, 0.1), pos=(x, 6.0, z))
-    field = tops(world)
+    field = world.tops()
     np.testing.assert_allclose(field.height_at([[3.0, 3.0], [6.0, 6.0], [8.0, 6.0], [1.0, 8.0]]), [2.0, 0.0, 1.5, 0.0], atol=1e-6)

@@ -1,4 +1,4 @@
-"""Where furniture stands: along walls or free on the floor, never so that it closes a way."""
+"""The layout of furniture: along walls or free on the floor, without blocking a passage."""
 
 from __future__ import annotations
 

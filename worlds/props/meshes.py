@@ -1,4 +1,4 @@
-"""What no height field can be: vaults, ledges that stick out, arches, slabs that bridge a ditch. All solid; what collides is convex."""
+"""Meshes of what a height field cannot represent: vaults, overhanging ledges, arches, slabs over a ditch. All are solid and convex."""
 
 from __future__ import annotations
 

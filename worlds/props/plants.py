@@ -1,4 +1,4 @@
-"""Trees, bushes, logs and stumps, in two parts each where people walk under them: what is solid, and leaves, through which one may pass."""
+"""Trees, bushes, logs and stumps. Wood is solid; leaves collide with nothing."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ SIDES = 9
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """wood, which is solid and convex, and leaves or None, both around the foot of the stem; radius m of what is solid where it stands;
-    foliage: the material of the leaves."""
+    """The meshes of a plant, with the foot of the stem as origin.
+
+    wood: solid and convex. leaves: a mesh or None. radius: of the solid part on the ground, m. foliage: the material of the leaves.
+    """
 
     wood: Shape
     leaves: Shape | None

@@ -1,4 +1,4 @@
-"""Boulders and stones: convex, so that they collide as they look."""
+"""Boulders and stones. They are convex, so that the rendered and the colliding shape are the same."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A crossing of roads between lawns on a campus, in the world frame of PETS 2009, so that its cameras and its people's paths fit.
 
-At difficulty 0 the ground is level at z = 0 and nothing stands on the paths or between them and the cameras. With difficulty the lawns rise
-over kerbs that are lowered here and there, the ground begins to slope and to heave, and trees and posts stand in the way.
+At difficulty 0 the ground is level at z = 0 and nothing stands on the paths or between them and the cameras. With
+difficulty the lawns rise over kerbs, which are lowered here and there. The ground slopes and heaves, and trees and posts occlude people.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What stands on the campus: buildings, cars, benches, lamps, trees, hedges."""
+"""Objects of the campus: buildings, cars, benches, lamps, trees and hedges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What places in the open share: an embankment all around, sun and sky, things that stand apart, room to walk and to drive."""
+"""What outdoor worlds share: an embankment around them, sun and sky, objects with gaps between them, and free space."""
 
 from __future__ import annotations
 

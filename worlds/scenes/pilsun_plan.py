@@ -1,4 +1,4 @@
-"""The ground plan of the laboratory pilsun: what is where, before anything is built."""
+"""The ground plan of the laboratory pilsun."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ RAMP_WIDTH, TREAD = 1.7, 0.42
 
 @dataclass(frozen=True, eq=False)
 class PilsunPlan:
-    """All in m, polygons (k, 2) anticlockwise.
+    """The ground plan, in m; polygons (k, 2) are anticlockwise.
 
-    outline of the inside; doors: its edges at the far ends of the alcoves; openings (3, 2, 2): where the alcoves begin; spawn (3, 2, 2): areas in
-    them; partition (2, 2): the ends of a wall within the room; platform, `height` m high, with its stair and ramps (2, 2, 2) (foot and top of
-    each); ledge; rough (2,): the middle of a patch of broken floor.
+    * outline: of the inside. doors: its edges at the far ends of the alcoves.
+    * openings (3, 2, 2): where the alcoves begin. spawn (3, 2, 2): areas in them.
+    * partition (2, 2): the ends of a wall within the room.
+    * platform: a polygon, `height` m high. stair; ramps (2, 2, 2): foot and top of each.
+    * ledge: a polygon. rough (2,): the middle of a patch of broken floor.
     """
 
     outline: Array

@@ -1,4 +1,4 @@
-"""What is left of a house of many rooms: walls without a roof, arches, doorways, a court of columns, broken paving, heaps of rubble."""
+"""The ruins of a house with many rooms: walls without a roof, arches, doorways, a court of columns, broken paving, rubble."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ground plan of the world ruins: where walls stood and doorways were, and how much of them is left."""
+"""The ground plan of the world ruins: walls, doorways, and how much of each wall is left."""
 
 from __future__ import annotations
 
@@ -33,8 +33,10 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class RuinsPlan:
-    """All in m and turned by `yaw` rad: runs of wall; arches: middle (2,), yaw rad, span; rooms (k, 4, 2) corners; court: the number of the
-    room with columns; terrace: that of the one with a raised floor.
+    """The ground plan, in m, rotated by `yaw` rad.
+
+    runs: pieces of wall. arches: middle (2,), yaw rad and span of each. rooms (k, 4, 2): corners. court: the number of the room with columns.
+    terrace: the number of the room with a raised floor.
     """
 
     runs: list[Run]

@@ -1,6 +1,6 @@
-"""Passages and halls under the ground: a vault overhead, ledges over the way, a ditch with a slab for a bridge, daylight through shafts.
+"""Passages and halls under the ground: a vault, ledges, a ditch with a slab as a bridge, and daylight through shafts.
 
-The floor and the foot of the walls are a height field, everything above is meshes: the vault, ledges, pillars, slabs.
+The floor and the foot of the walls are a height field. The vault, ledges, pillars and slabs are meshes.
 """
 
 from __future__ import annotations

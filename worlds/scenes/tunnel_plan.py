@@ -1,4 +1,4 @@
-"""The ground plan of the world tunnel: passages, halls and what is in them, before anything is built."""
+"""The ground plan of the world tunnel: passages, halls and the objects in them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ Way = tuple[Array, Array, float]
 
 @dataclass(frozen=True, eq=False)
 class TunnelPlan:
-    """All in m. ways: start (2,), end (2,) and half width of straight pieces; halls: middle and radius; places turned by yaw rad:
-    bridges, and ledges with whether they are high; shafts, pillars: place and radius; lamps, rubble: places.
+    """The ground plan, in m.
+
+    * ways: start (2,), end (2,) and half width of straight passages. halls: middle and radius.
+    * bridges: place and yaw rad. ledges: place, yaw rad, and whether the ledge is high.
+    * shafts, pillars: place and radius. lamps, rubble: places.
     """
 
     ways: list[Way]
@@ -51,7 +54,7 @@ class TunnelPlan:
 
 
 def draw(rng: np.random.Generator, difficulty: float) -> TunnelPlan:
-    """A winding way from west to east through three halls, a second way round between the first and the last of them, and a dead end."""
+    """A winding passage from west to east through three halls, a second one from the first hall to the last, and a dead end."""
     half = 1.75 - 0.2 * difficulty
     west = np.array([-LENGTH / 2, rng.uniform(-2, 2)])
     x = np.array([-7.5, 0.5, 8.5]) + rng.uniform(-0.8, 0.8, 3)

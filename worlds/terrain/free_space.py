@@ -1,7 +1,4 @@
-"""How far it is through free space, where some metres count more than others.
-
-Free space on a grid for one kind of walker, shortest ways through it, and places in it.
-"""
+"""Free space of one kind of walker on a grid: clearance, weighted shortest paths, and random places in it."""
 
 from __future__ import annotations
 
@@ -266,9 +263,12 @@ class FreeSpace:
 def free_space(ground: Heightfield, obstacles: Mask, limits: Limits) -> FreeSpace:
     """The largest connected place where a walker with these limits may be, on the ground's own grid.
 
-    obstacles (rows, columns): grid points that something stands on. A grid point is blocked too where the rise to a neighbour is above
-    both limits.step and what limits.slope explains, or where the ground averaged over a STRIDE is steeper than limits.slope: a walker climbs
-    a step and a slope, not a slope as steep as a step. Raises ValueError where nothing is left or the shapes differ.
+    obstacles (rows, columns): grid points that something stands on. Two kinds of grid points are blocked, too:
+
+    * those with a rise to a neighbour above both limits.step and what limits.slope explains;
+    * those where the ground, averaged over a STRIDE, is steeper than limits.slope.
+
+    So a walker climbs a step and a slope, but no slope as steep as a step. Raises ValueError where nothing is left or the shapes differ.
     """
     if obstacles.shape != ground.heights.shape:
         raise ValueError(f"obstacles have shape {obstacles.shape}, need that of the ground, {ground.heights.shape}")

@@ -1,5 +1,7 @@
-"""Pieces of terrain. Each gives heights (rows, columns) m over grid points (rows, columns, 2) m, such as Heightfield.nodes: add
-them, or take the higher of them."""
+"""Pieces of relief to be added, or combined by their maximum.
+
+Each gives heights (rows, columns) m over grid points (rows, columns, 2) m, such as Heightfield.nodes.
+"""
 
 from __future__ import annotations
 

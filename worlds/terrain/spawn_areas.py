@@ -1,4 +1,4 @@
-"""Where people come from and go to: small areas of free space, far from each other and near its rim."""
+"""Spawn areas: small areas of free space where people enter and leave, far from each other and near its border."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What feet and wheels stand on: the height field, and surfaces of meshes over it: decks that are walked on, roofs that are walked under."""
+"""The surface that feet and wheels stand on: the height field and meshes over it. Decks are walked on, roofs are walked under."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Decks:
     def of(spec: mujoco.MjSpec, decks: Sequence[str], roofs: Sequence[str] = ()) -> Decks:
         """The upward faces of mesh geoms of these names in the world body of a spec.
 
-        They are read from a compiled model, to the bit where MuJoCo has them: it moves a mesh to its frame of inertia and keeps float32.
+        They are read from a compiled model, so that they are exactly MuJoCo's. MuJoCo moves a mesh to its frame of inertia and stores float32.
         Raises ValueError for a name that is no such geom.
         """
         small = mujoco.MjSpec()

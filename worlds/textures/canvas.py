@@ -1,4 +1,4 @@
-"""Pictures made of paint and random numbers: the strokes that floors, walls and furniture are painted with."""
+"""Procedural textures: a canvas with the strokes that floors, walls and furniture are painted with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What floors look like from above, one picture for a whole terrain, so that nothing repeats itself."""
+"""Textures of floors, one for a whole terrain, so that nothing repeats and features are unique."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One picture with all surfaces that furniture is made of, and places in it: no two faces show the same piece of wood."""
+"""A texture atlas with all surfaces of furniture. No two faces show the same part of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open ground from above, one picture for a whole terrain: two kinds of soil in patches, bare where it is steep, specks and blades at every scale."""
+"""Textures of open ground, one for a whole terrain: two soils in patches, bare steep ground, specks and blades at every scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Running sweeps: rows, what is resumed, what is refused, what is contained."""
+"""Running trials into a folder: rows, resuming, refused folders, and failing trackers."""
 
 import json
 import os
@@ -10,10 +10,10 @@ import pytest
 
 from sim.parallel.file_lock import file_lock
 from sim.scenario import Scenario
-from sim.stress.runner import Force, key_of, sweep
+from sim.stress.runner import Workers, key_of, run_trials
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
-from sim.stress.trial import ROBOTS, Trial, attempted, blank
+from sim.stress.trial import ROBOTS, Trial, empty_row, row_of
 from sim.stress.worker import Worker
 from tracker.metrics.landmark_map import MapScore
 
@@ -21,15 +21,15 @@ SCENARIO = Scenario(seed=1005, robots=1, people=3, frames=4, width=256)
 
 
 def trial(folder: Path, tracker: str = "", **changes: Any) -> Trial:
-    function = f"tests.sim.contenders:{tracker}" if tracker else ""
+    function = f"tests.sim.sample_trackers:{tracker}" if tracker else ""
     return Trial(Case("misses/0", "misses", "misses", 0.1, replace(SCENARIO, **changes)), TrackerUnderTest(function), folder, rendered=False)
 
 
-def test_a_row_has_all_that_it_promises_and_is_json(tmp_path: Path) -> None:
-    row = attempted(trial(tmp_path))
+def test_a_row_has_all_fields_and_is_json(tmp_path: Path) -> None:
+    row = row_of(trial(tmp_path))
     assert row["error"] is None
     assert json.loads(json.dumps(row)) == row
-    assert set(row) == set(blank(trial(tmp_path)))
+    assert set(row) == set(empty_row(trial(tmp_path)))
     names = ("mota", "mota_all", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths", "ate_m", "dead_reckoning_m")
     assert set(row["scores"]) == {*names, *ROBOTS, *MapScore().to_dict(), "efficiency"}
     assert row["scores"]["efficiency"] == pytest.approx(row["scores"]["ate_m"] / row["limits"]["ate_bound_m"])
@@ -41,12 +41,12 @@ def test_a_row_has_all_that_it_promises_and_is_json(tmp_path: Path) -> None:
 
 
 def test_a_tracker_that_raises_is_a_row(tmp_path: Path) -> None:
-    row = attempted(trial(tmp_path, "raising"))
+    row = row_of(trial(tmp_path, "raising"))
     assert row["error"] == "ZeroDivisionError: nobody is there"
     assert row["scores"] is None
 
 
-def test_a_tracker_that_hangs_is_ended(tmp_path: Path) -> None:
+def test_a_tracker_that_hangs_is_killed(tmp_path: Path) -> None:
     worker = Worker(limit=1.0)
     row = worker.row(trial(tmp_path, "hanging"))
     assert row["error"] == "TimeoutError: took more than 1 s and was ended"
@@ -57,19 +57,19 @@ def test_a_tracker_that_hangs_is_ended(tmp_path: Path) -> None:
 def rows_of(folder: Path, *trials: Trial) -> list[dict[str, Any]]:
     out = []
     for one in trials:
-        row = blank(one)
+        row = empty_row(one)
         row |= {"scores": {"mota": 0.5}, "seconds": 1.0}
         out.append(json.loads(json.dumps(row)))
     (folder / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in out))
     return out
 
 
-def test_what_is_there_is_not_run_again(tmp_path: Path) -> None:
+def test_finished_trials_are_not_run_again(tmp_path: Path) -> None:
     wanted = [trial(tmp_path), trial(tmp_path, seed=1)]
     there = rows_of(tmp_path, *wanted)
     before = (tmp_path / "results.jsonl").read_text()
     (tmp_path / "results.jsonl").write_text(before + '{"schema": 1, "id": "mis')
-    made = sweep(wanted, tmp_path, Force(), "pilsim stress")
+    made = run_trials(wanted, tmp_path, Workers(), "pilsim stress")
     assert made == sorted(there, key=key_of)
     assert [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()] == made
     assert json.loads((tmp_path / "run.json").read_text())["command"] == "pilsim stress"
@@ -77,30 +77,30 @@ def test_what_is_there_is_not_run_again(tmp_path: Path) -> None:
 
 def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     rows_of(tmp_path, trial(tmp_path))
-    with pytest.raises(ValueError, match=r"holds misses/0 seed 1005 of another run \(scenario\.frames 3 there, 4 asked for\)"):
-        sweep([trial(tmp_path, frames=9)], tmp_path, Force(), "pilsim stress")
+    with pytest.raises(ValueError, match=r"holds misses/0 seed 1005 of another run \(scenario\.frames 4 there, 9 asked for\)"):
+        run_trials([trial(tmp_path, frames=9)], tmp_path, Workers(), "pilsim stress")
     with file_lock(tmp_path / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
-        sweep([trial(tmp_path)], tmp_path, Force(), "pilsim stress")
+        run_trials([trial(tmp_path)], tmp_path, Workers(), "pilsim stress")
 
 
-def test_folders_that_hold_something_else(tmp_path: Path) -> None:
+def test_folders_with_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     for content, message in (("nonsense\n{}\n", "results.jsonl:1: not JSON"), ('{"schema": 7}\n', "results.jsonl:1: schema is 7, this version")):
         path.write_text(content)
         with pytest.raises(ValueError, match=message):
-            sweep([], tmp_path, Force(), "pilsim stress")
+            run_trials([], tmp_path, Workers(), "pilsim stress")
     path.unlink()
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ValueError, match=r"notes.txt: is a file, needs a folder"):
-        sweep([], tmp_path / "notes.txt", Force(), "pilsim stress")
+        run_trials([], tmp_path / "notes.txt", Workers(), "pilsim stress")
     with pytest.raises(ValueError, match=r"holds notes.txt and no results.jsonl"):
-        sweep([], tmp_path, Force(), "pilsim stress")
+        run_trials([], tmp_path, Workers(), "pilsim stress")
 
 
 @pytest.mark.slow
-def test_rows_of_a_tracker_that_solves_graphs_say_how_near_to_the_best_it_came(tmp_path: Path) -> None:
+def test_rows_of_a_tracker_that_solves_graphs_have_a_clique_gap(tmp_path: Path) -> None:
     one = trial(tmp_path, people=10, robots=2, frames=12)
-    row = attempted(replace(one, contender=TrackerUnderTest(options={"hypotheses": "multiple"})))
+    row = row_of(replace(one, tracker=TrackerUnderTest(options={"hypotheses": "multiple"})))
     assert row["error"] is None
     assert 0.0 <= row["limits"]["clique_gap"] < 0.05
 
@@ -110,9 +110,9 @@ def test_a_cluster_gives_the_rows_of_this_machine(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     rows = []
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        for name, force in (("here", Force(2)), ("there", Force(cluster=cluster.scheduler_address))):
+        for name, workers in (("here", Workers(2)), ("there", Workers(cluster=cluster.scheduler_address))):
             folder = tmp_path / name
-            made = sweep([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, force, "pilsim stress")
+            made = run_trials([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, workers, "pilsim stress")
             rows.append([{key: value for key, value in row.items() if key != "seconds"} for row in made])
     assert [row["error"] is None for row in rows[0]] == [True, False, True]
     assert rows[0] == rows[1]
@@ -123,7 +123,7 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     scores = []
     for workers in (1, 2):
         folder = tmp_path / str(workers)
-        made = sweep([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, Force(workers), "pilsim stress")
+        made = run_trials([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, Workers(workers), "pilsim stress")
         # In the order of their seeds: 3, 4, 1005.
         assert [row["error"] is None for row in made] == [True, False, True]
         scores.append([(row["seed"], row["scores"], row["causes"]) for row in made])
