@@ -1,7 +1,8 @@
-"""The heaviest clique of a small graph, proved: by set_packing.py, else by branch and bound with a bound by weighted colouring, on bitsets.
+"""The maximum-weight clique of a small graph, proved: by Lagrangian bounds (set_packing.py), or by branch and bound with weighted colouring.
 
-Vertices that are pairwise in conflict form a class, of which a clique holds one at most: so no clique weighs more than the sum of the classes'
-heaviest (Kumlander 2004, On importance of a special sorting in the maximum-weight clique algorithm; bitsets as in San Segundo et al. 2011).
+Vertices that pairwise exclude each other form a class, of which a clique holds at most one. No clique weighs more than the sum of the heaviest
+vertices of the classes (Kumlander 2004, On importance of a special sorting in the maximum-weight clique algorithm).
+Sets of vertices are bitsets, as in San Segundo et al. (2011).
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tracker.clique.local_search import Found, Graph
-from tracker.clique.set_packing import Effort, settled
+from tracker.clique.set_packing import Effort, heaviest_clique
 from tracker.geometry import Array
 
 Words = NDArray[np.uint64]
 LARGEST = 2000
-"""Vertices; beyond, the memory for the branches grows too large."""
+"""Vertices of a graph, at most; the memory of the branches grows with their square."""
 _DEBRUIJN = np.uint64(0x03F79D71B4CB0A89)
 _ZEROS = np.zeros(64, dtype=np.int64)
 for _k in range(64):
@@ -27,19 +28,19 @@ for _k in range(64):
 
 
 def exact(graph: Graph, seconds: float = 60.0) -> Found:
-    """The heaviest clique, proved; `moves` counts the branches by colouring.
+    """The heaviest clique, proved; `moves` counts the branches of branch and bound by colouring.
 
-    Raises ValueError for a graph of more than LARGEST vertices, or where the proof is not done after that many seconds.
+    Raises ValueError for a graph of more than LARGEST vertices, or where the proof takes more than `seconds`.
     """
     n = len(graph)
     if n > LARGEST:
         raise ValueError(f"graph has {n} vertices, an exact solution needs at most {LARGEST}")
     began = time.perf_counter()
-    known, proved = settled(graph, np.zeros(0, dtype=np.int64), Effort(branches=0))
+    known, proved = heaviest_clique(graph, np.zeros(0, dtype=np.int64), Effort(branches=0))
     weight = float(graph.weight[known].sum())
     if proved:
         return Found(weight, known, 0, time.perf_counter() - began, ((weight, known),))
-    state, order = _started(graph)
+    state, order = _initial_state(graph)
     state[6][np.argsort(order)[known]] = True
     state[8][0] = weight
     while not _branch(state, 200_000):
@@ -50,18 +51,18 @@ def exact(graph: Graph, seconds: float = 60.0) -> Found:
     return Found(weight, best, int(state[7][1]), time.perf_counter() - began, ((weight, best),))
 
 
-def _started(graph: Graph) -> tuple[tuple[Any, ...], NDArray[np.int64]]:
-    """The state before the first branch, and which vertex is which: the heaviest first, so that a class is as heavy as its first vertex."""
+def _initial_state(graph: Graph) -> tuple[tuple[Any, ...], NDArray[np.int64]]:
+    """The state before the first branch, and the vertices by descending weight, in which order a class is as heavy as its first vertex."""
     n = len(graph)
     order = np.argsort(-graph.weight, kind="stable")
     rank = np.argsort(order)
     together = ~np.eye(n, dtype=bool)
     together[rank[np.repeat(np.arange(n), np.diff(graph.start))], rank[graph.conflict]] = False
-    return _begin(graph.weight[order], _packed(together)), order
+    return _empty_state(graph.weight[order], _bits(together)), order
 
 
-def _packed(rows: NDArray[np.bool_]) -> Words:
-    """(r, n) bool → (r, words) bits."""
+def _bits(rows: NDArray[np.bool_]) -> Words:
+    """Rows of bits (r, words) of rows of booleans (r, n)."""
     r, n = rows.shape
     words = max(1, -(-n // 64))
     padded = np.zeros((r, 64 * words), dtype=np.uint8)
@@ -69,12 +70,12 @@ def _packed(rows: NDArray[np.bool_]) -> Words:
     return np.packbits(padded, axis=1, bitorder="little").view(np.uint64).reshape(r, words)
 
 
-def _begin(weight: Array, adjacent: Words) -> tuple[Any, ...]:
-    """weight, adjacent; by depth: branch (vertices left to try), bound (of each), left (how many); chosen (the clique); best; numbers (depth,
-    branches); heaviest (its weight); free: by depth the vertices that fit."""
+def _empty_state(weight: Array, adjacent: Words) -> tuple[Any, ...]:
+    """weight, adjacent; by depth: branch (vertices to try), bound (of each), left (their number); chosen (the clique); best; numbers (depth,
+    branches); heaviest (weight of best); free: by depth the vertices that can be added."""
     n = len(weight)
     free = np.zeros((n + 1, max(1, -(-n // 64))), dtype=np.uint64)
-    free[0] = _packed(np.ones((1, n), dtype=bool))[0]
+    free[0] = _bits(np.ones((1, n), dtype=bool))[0]
     return (
         weight, adjacent, np.zeros((n + 1, n), np.int64), np.zeros((n + 1, n)), np.full(n + 1, -1), np.zeros(n + 1, np.int64),
         np.zeros(n, np.bool_), np.zeros(2, np.int64), np.zeros(1), free,
@@ -83,21 +84,21 @@ def _begin(weight: Array, adjacent: Words) -> tuple[Any, ...]:
 
 @njit(cache=True)
 def _first(word: np.uint64) -> int:
-    """The place of the lowest bit that is set."""
+    """The index of the lowest bit that is set, by a de Bruijn sequence."""
     return _ZEROS[((word & (~word + np.uint64(1))) * _DEBRUIJN) >> np.uint64(58)]
 
 
 @njit(cache=True)
 def _colour(weight: Array, adjacent: Words, free: Words, branch: NDArray[np.int64], bound: Array) -> int:
-    """The free vertices class by class, and for each the sum of the classes up to its own."""
+    """Colour the free vertices greedily: into `branch` class by class, into `bound` the sum of the classes up to that of each; their number."""
     words = len(free)
     rest = free.copy()
     count, total = 0, 0.0
     while True:
-        open_, first = rest.copy(), True
+        candidates, first = rest.copy(), True
         for w in range(words):
-            while open_[w]:
-                v = 64 * w + _first(open_[w])
+            while candidates[w]:
+                v = 64 * w + _first(candidates[w])
                 if first:
                     total += weight[v]
                     first = False
@@ -105,16 +106,16 @@ def _colour(weight: Array, adjacent: Words, free: Words, branch: NDArray[np.int6
                 count += 1
                 bit = np.uint64(1) << np.uint64(v % 64)
                 rest[w] &= ~bit
-                open_[w] &= ~bit
+                candidates[w] &= ~bit
                 for k in range(w, words):
-                    open_[k] &= ~adjacent[v, k]
+                    candidates[k] &= ~adjacent[v, k]
         if first:
             return count
 
 
 @njit(cache=True)
 def _branch(state: Any, cap: int) -> bool:
-    """Go on for some branches; whether the search is over."""
+    """Search for `cap` more branches; whether the search is complete."""
     weight, adjacent, branch, bound, left, chosen, best, numbers, heaviest, free = state
     depth, stop = numbers[0], numbers[1] + cap
     here = 0.0

@@ -1,4 +1,8 @@
-"""A graph's conflicts as classes of vertices that exclude each other, compiled; and which vertices need not be looked at."""
+"""Covers of a conflict graph by classes, compiled; dominated vertices and connected components.
+
+A class is a set of vertices that exclude each other: a clique of the conflict graph. Classes are given in CSR form (first, member): those of
+class c are member[first[c] : first[c + 1]]. A clique of the compatible vertices holds at most one vertex of a class.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from tracker.geometry import Array, Ints, Mask
 
 @njit(cache=True)
 def dominated(weight: Array, start: Ints, conflict: Ints) -> Mask:
-    """Which vertices (n,) need not be looked at: another that they exclude is as heavy, and excludes nothing else."""
+    """Which vertices (n,) are dominated: one that they exclude is as heavy, and excludes no vertex that they do not exclude."""
     n = len(weight)
     out, mark = np.zeros(n, np.bool_), np.full(n, -1)
     for v in range(n):
@@ -31,8 +35,8 @@ def dominated(weight: Array, start: Ints, conflict: Ints) -> Mask:
 
 
 @njit(cache=True)
-def labels(start: Ints, conflict: Ints, rows: Ints) -> Ints:
-    """Of each of `rows` (k,) the number of its connected part of the conflicts among them."""
+def component_labels(start: Ints, conflict: Ints, rows: Ints) -> Ints:
+    """Number (k,) of the connected component of the conflicts among `rows` (k,) in which each lies."""
     label, place, waiting, count = np.full(len(rows), -1), np.full(len(start), -1), np.empty(len(rows), np.int64), 0
     place[rows] = np.arange(len(rows))
     for first in range(len(rows)):
@@ -52,22 +56,25 @@ def labels(start: Ints, conflict: Ints, rows: Ints) -> Ints:
 
 
 @njit(cache=True)
-def cover(start: Ints, conflict: Ints) -> tuple[Ints, Ints]:
-    """Classes such that every conflict is in one, each grown from a conflict that is in none by the vertex that brings most others: first, member."""
+def conflict_classes(start: Ints, conflict: Ints) -> tuple[Ints, Ints]:
+    """Classes (first, member) such that every conflict lies in one.
+
+    A class grows from a conflict that lies in none, greedily by the vertex with most such conflicts.
+    """
     n = len(start) - 1
-    left, clash = np.zeros((n, n), np.bool_), np.zeros((n, n), np.bool_)
+    uncovered, clash = np.zeros((n, n), np.bool_), np.zeros((n, n), np.bool_)
     for v in range(n):
         for k in range(start[v], start[v + 1]):
-            left[v, conflict[k]] = clash[v, conflict[k]] = True
+            uncovered[v, conflict[k]] = clash[v, conflict[k]] = True
     first, member = [0], [np.int64(0) for _ in range(0)]
-    fits, fresh = np.empty(n, np.int64), np.zeros(n, np.int64)
+    candidates, gain = np.empty(n, np.int64), np.zeros(n, np.int64)
     for a in range(n):
         for k in range(start[a], start[a + 1]):
-            if not left[a, conflict[k]]:
+            if not uncovered[a, conflict[k]]:
                 continue
             size = 0
             for q in range(start[a], start[a + 1]):
-                fits[size], fresh[conflict[q]] = conflict[q], left[a, conflict[q]]
+                candidates[size], gain[conflict[q]] = conflict[q], uncovered[a, conflict[q]]
                 size += 1
             member.append(np.int64(a))
             v = conflict[k]
@@ -75,24 +82,27 @@ def cover(start: Ints, conflict: Ints) -> tuple[Ints, Ints]:
                 member.append(np.int64(v))
                 kept, following = 0, -1
                 for q in range(size):
-                    u = fits[q]
+                    u = candidates[q]
                     if clash[v, u]:
-                        fits[kept] = u
-                        fresh[u] += left[v, u]
+                        candidates[kept] = u
+                        gain[u] += uncovered[v, u]
                         kept += 1
-                        if following < 0 or fresh[u] > fresh[following]:
+                        if following < 0 or gain[u] > gain[following]:
                             following = u
                 size, v = kept, following
             for p in range(first[-1], len(member)):
                 for q in range(first[-1], len(member)):
-                    left[member[p], member[q]] = False
+                    uncovered[member[p], member[q]] = False
             first.append(len(member))
     return np.array(first), np.array(member)
 
 
 @njit(cache=True)
-def grouped(first: Ints, member: Ints, n: int) -> tuple[Ints, int, Mask]:
-    """The vertices parted into groups, always by the class with most that have none: group (n,), how many, which classes are groups as a whole."""
+def partition(first: Ints, member: Ints, n: int) -> tuple[Ints, int, Mask]:
+    """A partition of the n vertices into groups within classes: group (n,), the number of groups, and which classes are whole groups.
+
+    Greedily, the class with most vertices that have no group becomes the next group.
+    """
     classes = len(first) - 1
     group, groups, whole = np.full(n, -1), 0, np.zeros(classes, np.bool_)
     free = np.diff(first)
@@ -117,41 +127,41 @@ def grouped(first: Ints, member: Ints, n: int) -> tuple[Ints, int, Mask]:
 
 
 @njit(cache=True)
-def violated(start: Ints, conflict: Ints, free: Mask, often: Array) -> tuple[Ints, Ints]:
-    """Classes of which more than one vertex is picked on the average, each grown greedily from one vertex: first, member."""
+def violated_classes(start: Ints, conflict: Ints, free: Mask, primal: Array) -> tuple[Ints, Ints]:
+    """Classes (first, member) over which the primal estimate (n,) sums to more than 1, each grown greedily from one vertex."""
     n = len(start) - 1
     first, member = [0], [np.int64(0) for _ in range(0)]
     mark, stamp, done = np.zeros(n, np.int64), 0, np.zeros(n, np.bool_)
-    fits = np.empty(n, np.int64)
-    value = often + 1e-9 * np.diff(start)
-    for a in np.argsort(-often, kind="mergesort"):
-        if not free[a] or often[a] < 0.01:
+    candidates = np.empty(n, np.int64)
+    value = primal + 1e-9 * np.diff(start)
+    for a in np.argsort(-primal, kind="mergesort"):
+        if not free[a] or primal[a] < 0.01:
             continue
         size = 0
         for k in range(start[a], start[a + 1]):
             if free[conflict[k]]:
-                fits[size] = conflict[k]
+                candidates[size] = conflict[k]
                 size += 1
         member.append(np.int64(a))
-        total, fresh = often[a], not done[a]
+        total, new = primal[a], not done[a]
         while size:
-            v = fits[0]
+            v = candidates[0]
             for q in range(1, size):
-                if value[fits[q]] > value[v]:
-                    v = fits[q]
+                if value[candidates[q]] > value[v]:
+                    v = candidates[q]
             member.append(v)
-            total += often[v]
-            fresh = fresh or (often[v] > 0.01 and not done[v])
+            total += primal[v]
+            new = new or (primal[v] > 0.01 and not done[v])
             stamp += 1
             for k in range(start[v], start[v + 1]):
                 mark[conflict[k]] = stamp
             kept = 0
             for q in range(size):
-                if mark[fits[q]] == stamp:
-                    fits[kept] = fits[q]
+                if mark[candidates[q]] == stamp:
+                    candidates[kept] = candidates[q]
                     kept += 1
             size = kept
-        if total > 1.03 and fresh:
+        if total > 1.03 and new:
             for k in range(first[-1], len(member)):
                 done[member[k]] = True
             first.append(len(member))

@@ -1,8 +1,8 @@
-"""Maximum-weight cliques by breakout local search; it stands alone and knows nothing of tracks.
+"""Maximum-weight cliques by breakout local search, for any weighted graph.
 
-Benlic & Hao (2013), Breakout local search for maximum clique problems, Computers & Operations Research 40(1): steepest ascent to a local
-optimum, then a jump whose length and kind follow the history of the search. A graph is kept by its complement, the pairs that may not be
-together: those of trackers and of hard instances are few.
+Benlic & Hao (2013), Breakout local search for maximum clique problems, Computers & Operations Research 40(1). Steepest ascent leads to a local
+optimum; then follows a perturbation whose strength and kind depend on the history of the search. A graph is stored as its complement, the pairs
+of vertices that exclude each other, which are few for trackers and for hard instances.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from tracker.clique import local_search_kernel
 from tracker.geometry import Array, Ints
 
 CHUNK = 20_000
-"""Moves between two looks at the clock."""
+"""Moves between two checks of the time."""
 
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """Vertices 0 to n − 1 with weights (n,) above 0, and conflicts: pairs of vertices that no clique holds together, in CSR form.
+    """Vertices 0 to n − 1 with weights (n,) above 0, and conflicts in CSR form: pairs of vertices that exclude each other.
 
-    The conflicts of vertex v are conflict[start[v] : start[v + 1]], ascending. Make one by `from_conflicts` or `from_edges`.
+    The conflicts of vertex v are conflict[start[v] : start[v + 1]], ascending. See `from_conflicts` and `from_edges`.
     """
 
     weight: Array
@@ -35,23 +35,25 @@ class Graph:
 
     @staticmethod
     def from_conflicts(weight: ArrayLike, pairs: ArrayLike) -> Graph:
-        """weight (n,), pairs (m, 2) of vertices that exclude each other; a pair may be named twice.
+        """The graph of weight (n,) and pairs (m, 2) of vertices that exclude each other; a pair may occur twice.
 
-        Raises ValueError for a weight that is not above 0 or not finite, a vertex that is not there, or one that excludes itself.
+        Raises ValueError for a weight that is not above 0 or not finite, a vertex that does not exist, or one that excludes itself.
         """
         w = np.array(weight, dtype=np.float64).reshape(-1)
         p = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         _check(w, p)
         both = np.concatenate([p, p[:, ::-1]])
-        # numpy's unique is by hashing, which takes seconds on regular numbers like these.
+        # np.unique hashes, which takes seconds on regular numbers like these.
         code = np.sort(both[:, 0] * max(len(w), 1) + both[:, 1])
         row, column = np.divmod(code[np.diff(code, prepend=-1) > 0], max(len(w), 1))
         return Graph.from_rows(w, np.bincount(row, minlength=len(w)), column)
 
     @staticmethod
     def from_matrix(weight: ArrayLike, conflict: NDArray[np.bool_]) -> Graph:
-        """weight (n,), conflict (n, n), symmetric: which vertices exclude each other. Raises ValueError as from_conflicts does, or for a matrix of
-        another shape or that is not symmetric."""
+        """The graph of weight (n,) and a symmetric matrix conflict (n, n): which vertices exclude each other.
+
+        Raises ValueError as from_conflicts does, and for a matrix of another shape or that is not symmetric.
+        """
         w = np.array(weight, dtype=np.float64).reshape(-1)
         if conflict.shape != (len(w), len(w)) or not np.array_equal(conflict, conflict.T):
             raise ValueError(f"conflict has shape {conflict.shape}, needs a symmetric matrix of {len(w)} rows")
@@ -61,7 +63,7 @@ class Graph:
 
     @staticmethod
     def from_rows(weight: Array, degree: Ints, conflict: Ints) -> Graph:
-        """weight (n,), degree (n,): how many conflicts each vertex has; conflict: those of one after another, ascending. Nothing is checked."""
+        """The graph of weight (n,), number of conflicts degree (n,), and the conflicts of each vertex in turn, ascending. Nothing is checked."""
         start = np.concatenate([[0], np.cumsum(degree)]).astype(np.int64)
         for array in (weight, start, conflict):
             array.flags.writeable = False
@@ -69,7 +71,7 @@ class Graph:
 
     @staticmethod
     def from_edges(weight: ArrayLike, edges: ArrayLike) -> Graph:
-        """weight (n,), edges (m, 2) of vertices that go together; an edge may be named twice. Raises ValueError as from_conflicts does."""
+        """The graph of weight (n,) and edges (m, 2) of compatible vertices; an edge may occur twice. Raises ValueError as from_conflicts does."""
         w = np.array(weight, dtype=np.float64).reshape(-1)
         e = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
         _check(w, e)
@@ -81,16 +83,16 @@ class Graph:
         return len(self.weight)
 
     def within(self, rows: Ints) -> Graph:
-        """The graph of some of the vertices, ascending; their new numbers are their places in `rows` (k,)."""
-        return Graph.from_rows(self.weight[rows], *_among(self.start, self.conflict, rows))
+        """The subgraph of the vertices in `rows` (k,), ascending, numbered by their places there."""
+        return Graph.from_rows(self.weight[rows], *_conflicts_among(self.start, self.conflict, rows))
 
     @property
     def edges(self) -> int:
-        """How many pairs go together."""
+        """Number of pairs of compatible vertices."""
         return (len(self) * (len(self) - 1) - len(self.conflict)) // 2
 
     def is_clique(self, vertices: ArrayLike) -> bool:
-        """Whether vertices, each named once, may all be together."""
+        """Whether the vertices, each given once, are a clique."""
         members = np.asarray(vertices, dtype=np.int64)
         inside = np.zeros(len(self), dtype=bool)
         inside[members] = True
@@ -102,8 +104,8 @@ class Graph:
 class Tuning:
     """Parameters of the search by the names of Benlic & Hao.
 
-    T: local optima without a new best before the strongest jump; L0 and Lmax as shares of the vertices; P0, the least probability of a directed
-    jump; alpha_r, alpha_s of the random ones; phi, moves for which what was dropped stays out.
+    T: local optima without a new best before the strongest perturbation. L0, Lmax: strengths as shares of the vertices. P0: least probability of a
+    directed perturbation. alpha_r, alpha_s: of random and of the strongest perturbations. phi: moves for which a dropped vertex is tabu.
     """
 
     T: int = 1000
@@ -117,8 +119,10 @@ class Tuning:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """weight of the best clique, its vertices ascending, the moves and seconds spent, and optima: distinct local optima met, the heaviest first,
-    each a pair of weight and vertices."""
+    """weight of the best clique; its vertices, ascending; moves and seconds of the search.
+
+    optima: distinct local optima, the heaviest first, each a pair of weight and vertices.
+    """
 
     weight: float
     vertices: Ints
@@ -129,9 +133,9 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """When a search ends: after so many moves, so many seconds, or at a clique of at least the target weight; None is no limit.
+    """When a search ends: after so many moves or seconds, or at a clique of at least the target weight; None is no limit.
 
-    By moves a search is the same everywhere; by seconds it goes as far as the computer does.
+    A search with a limit of moves gives the same result on every machine; one with a limit of seconds does not.
     """
 
     moves: int | None = None
@@ -149,8 +153,10 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """start: vertices of a clique to begin with, None for a greedy one; keep: how many distinct local optima are remembered; tuning; and
-    progress, called with (weight, moves, seconds) at every look at the clock."""
+    """start: vertices of a clique to start from, None for a greedy one. keep: number of distinct local optima that are kept.
+
+    progress: called with (weight, moves, seconds) at every check of the time.
+    """
 
     start: ArrayLike | None = None
     keep: int = 1
@@ -161,7 +167,7 @@ class Options:
 def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None = None) -> Found:
     """The heaviest clique that breakout local search finds within the limits. The same graph, moves and seed give the same result.
 
-    Raises ValueError where the start is no clique.
+    Raises ValueError where the start is not a clique.
     """
     given = options or Options()
     began = time.perf_counter()
@@ -172,28 +178,32 @@ def search(graph: Graph, limits: Limits, seed: int = 0, options: Options | None 
     tuning, n = given.tuning, len(graph)
     low = max(1, int(np.ceil(tuning.L0 * n)))
     high = max(2, int(np.ceil(tuning.Lmax * n)))
-    state = local_search_kernel.begin(graph.weight, graph.start, graph.conflict, np.uint64(seed), max(1, given.keep))
+    state = local_search_kernel.initial_state(graph.weight, graph.start, graph.conflict, np.uint64(seed), max(1, given.keep))
     greedy = given.start is None
-    local_search_kernel.take(state, np.zeros(0, np.int64) if given.start is None else np.asarray(given.start, dtype=np.int64), greedy)
+    local_search_kernel.construct(state, np.zeros(0, np.int64) if given.start is None else np.asarray(given.start, dtype=np.int64), greedy)
     numbers = (float(tuning.T), float(low), float(high), tuning.P0, tuning.alpha_r, tuning.alpha_s, float(tuning.phi))
     cap = limits.moves if limits.moves is not None else np.iinfo(np.int64).max
     target = np.inf if limits.target is None else float(limits.target)
     while True:
-        chunk = cap if limits.seconds is None and given.progress is None else min(cap, int(state.tally[local_search_kernel.MOVES]) + CHUNK)
+        chunk = cap if limits.seconds is None and given.progress is None else min(cap, int(state.counters[local_search_kernel.MOVES]) + CHUNK)
         local_search_kernel.run(state, numbers, chunk, target)
-        weight, moves, spent = float(state.real[local_search_kernel.BEST]), int(state.tally[local_search_kernel.MOVES]), time.perf_counter() - began
+        weight, moves, spent = (
+            float(state.totals[local_search_kernel.BEST]),
+            int(state.counters[local_search_kernel.MOVES]),
+            time.perf_counter() - began,
+        )
         if given.progress:
             given.progress(weight, moves, spent)
         if moves >= cap or weight >= target or (limits.seconds is not None and spent >= limits.seconds):
             break
-    optima = local_search_kernel.remembered(state)
+    optima = local_search_kernel.local_optima(state)
     best = np.flatnonzero(state.best)
     return Found(float(graph.weight[best].sum()), best, moves, time.perf_counter() - began, optima)
 
 
 @njit(cache=True)
-def _among(start: Ints, conflict: Ints, rows: Ints) -> tuple[Ints, Ints]:
-    """The conflicts among `rows` (k,): how many each of them has, and with which others, by their place in `rows`, of one after another."""
+def _conflicts_among(start: Ints, conflict: Ints, rows: Ints) -> tuple[Ints, Ints]:
+    """The conflicts among `rows` (k,), vertices numbered by their place there: the number of each, and the conflicts of each in turn."""
     place, degree = np.full(len(start) - 1, -1), np.zeros(len(rows), np.int64)
     place[rows] = np.arange(len(rows))
     others, m = np.empty(len(conflict), np.int64), 0
@@ -207,12 +217,13 @@ def _among(start: Ints, conflict: Ints, rows: Ints) -> tuple[Ints, Ints]:
 
 
 def _check(weight: Array, pairs: Ints) -> None:
+    """Raise ValueError for weights (n,) and pairs (m, 2) as from_conflicts does."""
     bad = np.flatnonzero(~((weight > 0) & np.isfinite(weight)))
     if len(bad):
         raise ValueError(f"weight of vertex {bad[0]} is {weight[bad[0]]}, needs more than 0")
-    stray = pairs[(pairs < 0) | (pairs >= len(weight))]
-    if len(stray):
-        raise ValueError(f"vertex {stray[0]} is not there, needs 0 to {len(weight) - 1}")
+    missing = pairs[(pairs < 0) | (pairs >= len(weight))]
+    if len(missing):
+        raise ValueError(f"vertex {missing[0]} does not exist, needs 0 to {len(weight) - 1}")
     loop = np.flatnonzero(pairs[:, 0] == pairs[:, 1])
     if len(loop):
         raise ValueError(f"vertex {pairs[loop[0], 0]} is paired with itself")

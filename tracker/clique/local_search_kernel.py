@@ -1,7 +1,7 @@
-"""The inner loop of breakout local search for maximum-weight cliques, compiled: its state, its moves, its jumps.
+"""The inner loop of breakout local search for maximum-weight cliques, compiled: state, moves and perturbations (Benlic & Hao 2013).
 
-With C the clique, every other vertex is one of: PA, in no conflict with C; OM, in conflict with one vertex of C; OC, with more. Vertices lie in
-one array a kind, so that a move costs as many steps as the moved vertex has conflicts.
+C is the clique. A vertex outside C is of kind PA without a conflict with C, OM with one, OC with more. Vertices of a kind are listed in an array,
+so that a move takes time proportional to the conflicts of the moved vertex.
 """
 
 from __future__ import annotations
@@ -21,22 +21,23 @@ OC, PA, OM, C = 0, 1, 2, 3
 """Kinds of vertices."""
 
 MOVES, OMEGA, STRENGTH, KEPT = 0, 1, 2, 3
-"""Places in State.tally: moves so far, local optima since the last new best, strength of the jump, local optima kept."""
+"""Indices of SearchState.counters: moves, local optima since the last new best, strength of the perturbation, local optima kept."""
 
 WEIGHT, BEST = 0, 1
-"""Places in State.real: of the clique now, of the best."""
+"""Indices of SearchState.totals: weight of the clique, weight of the best clique."""
 
-# A state is some twenty arrays: handing it from function to function takes a sixth of a search.
+# A state is some twenty arrays; passing it between functions that are not inlined takes a sixth of a search.
 _inlined = njit(cache=True, forceinline=True)
 
 
 class SearchState(NamedTuple):
-    """All that a search knows; every field is an array that it changes.
+    """The state of a search; every field is an array that it changes.
 
-    weight, start, conflict: the graph. kind (n,); member (4, n) the vertices of each kind, size (4,) how many, place (n,) where each is.
-    blocks (n,): how many of C a vertex is in conflict with, blocker (n,) the sum of their numbers, load (n,) of their weights. tabu (n,): the
-    move up to which it stays out. key (n,) random words whose xor names a clique; word (3,): the generator, the name of C, the name of the last
-    local optimum. best (n,): the best clique. kept (k, n), kept_weight (k,), kept_name (k,): local optima. tally, real: see above.
+    weight, start, conflict: the graph. kind (n,); member (4, n): vertices of each kind, size (4,): their number, place (n,): index of each there.
+    blocks (n,): number of conflicts with C; blocker, load (n,): sums of the numbers and of the weights of those vertices of C.
+    tabu (n,): move up to which a vertex is tabu. key (n,): random words, whose xor is the hash of a clique. word (3,): state of the random
+    generator, hash of C, hash of the last local optimum. best (n,): the best clique. kept (k, n), kept_weight (k,), kept_hash (k,): local optima.
+    counters, totals: see above.
     """
 
     weight: Array
@@ -55,12 +56,12 @@ class SearchState(NamedTuple):
     best: NDArray[np.bool_]
     kept: NDArray[np.bool_]
     kept_weight: Array
-    kept_name: Words
-    tally: Ints
-    real: Array
+    kept_hash: Words
+    counters: Ints
+    totals: Array
 
 
-def begin(weight: Array, start: Ints, conflict: Ints, seed: np.uint64, keep: int) -> SearchState:
+def initial_state(weight: Array, start: Ints, conflict: Ints, seed: np.uint64, keep: int) -> SearchState:
     """The state with an empty clique."""
     n = len(weight)
     rng = np.random.default_rng(int(seed))
@@ -75,12 +76,12 @@ def begin(weight: Array, start: Ints, conflict: Ints, seed: np.uint64, keep: int
     )  # fmt: skip
 
 
-def remembered(state: SearchState) -> tuple[tuple[float, Ints], ...]:
-    """The local optima kept, the heaviest first."""
-    order = np.argsort(-state.kept_weight, kind="stable")[: int(state.tally[KEPT])]
+def local_optima(state: SearchState) -> tuple[tuple[float, Ints], ...]:
+    """The local optima that are kept, the heaviest first, each a pair of weight and vertices."""
+    order = np.argsort(-state.kept_weight, kind="stable")[: int(state.counters[KEPT])]
     row, vertex = np.nonzero(state.kept[order])
     sets = np.split(vertex, np.searchsorted(row, np.arange(1, len(order))))
-    # Without any optimum there is one set too many.
+    # np.split gives one set even where there is no optimum.
     return tuple(zip(state.kept_weight[order].tolist(), sets, strict=False))
 
 
@@ -96,8 +97,8 @@ def _random(word: Words) -> float:
 
 
 @_inlined
-def _sort(s: Any, v: int, kind: int) -> None:
-    """Put a vertex among those of another kind."""
+def _reclassify(s: Any, v: int, kind: int) -> None:
+    """Move a vertex to the list of another kind."""
     old, at = s.kind[v], s.place[v]
     s.size[old] -= 1
     last = s.member[old, s.size[old]]
@@ -114,9 +115,9 @@ def _kind_by_blocks(blocks: int) -> int:
 
 @_inlined
 def _add(s: Any, v: int) -> None:
-    """v of PA into C."""
-    _sort(s, v, C)
-    s.real[WEIGHT] += s.weight[v]
+    """Add v, of kind PA, to C."""
+    _reclassify(s, v, C)
+    s.totals[WEIGHT] += s.weight[v]
     s.word[1] ^= s.key[v]
     for k in range(s.start[v], s.start[v + 1]):
         u = s.conflict[k]
@@ -124,28 +125,28 @@ def _add(s: Any, v: int) -> None:
         s.blocker[u] += v
         s.load[u] += s.weight[v]
         if s.blocks[u] <= 2:
-            _sort(s, u, _kind_by_blocks(s.blocks[u]))
+            _reclassify(s, u, _kind_by_blocks(s.blocks[u]))
 
 
 @_inlined
-def _drop(s: Any, v: int, stay_out: float) -> None:
-    """v out of C; it stays out for so many moves."""
-    _sort(s, v, PA)
-    s.real[WEIGHT] -= s.weight[v]
+def _drop(s: Any, v: int, tenure: float) -> None:
+    """Remove v from C; it is tabu for that many moves and a random number more."""
+    _reclassify(s, v, PA)
+    s.totals[WEIGHT] -= s.weight[v]
     s.word[1] ^= s.key[v]
-    s.tabu[v] = s.tally[MOVES] + int(stay_out + _random(s.word) * s.size[OM])
+    s.tabu[v] = s.counters[MOVES] + int(tenure + _random(s.word) * s.size[OM])
     for k in range(s.start[v], s.start[v + 1]):
         u = s.conflict[k]
         s.blocks[u] -= 1
         s.blocker[u] -= v
         s.load[u] -= s.weight[v]
         if s.blocks[u] <= 1:
-            _sort(s, u, _kind_by_blocks(s.blocks[u]))
+            _reclassify(s, u, _kind_by_blocks(s.blocks[u]))
 
 
 @_inlined
 def _insert(s: Any, v: int, phi: float) -> None:
-    """v into C, and out of C what is in conflict with it."""
+    """Add v to C, and remove the vertices of C that it excludes."""
     if s.blocks[v] == 1:
         _drop(s, s.blocker[v], phi)
     elif s.blocks[v]:
@@ -153,28 +154,28 @@ def _insert(s: Any, v: int, phi: float) -> None:
             if s.kind[s.conflict[k]] == C:
                 _drop(s, s.conflict[k], phi)
     _add(s, v)
-    s.tally[MOVES] += 1
+    s.counters[MOVES] += 1
 
 
 @njit(cache=True)
-def take(s: Any, vertices: Ints, greedy: bool) -> None:
-    """Begin with these vertices; then, if greedy, with the heaviest that fits, again and again."""
+def construct(s: Any, vertices: Ints, greedy: bool) -> None:
+    """Start from these vertices; if greedy, add the heaviest vertex of PA until there is none."""
     for v in vertices:
         _add(s, v)
     while greedy and s.size[PA]:
         best = s.member[PA, 0]
         for k in range(s.size[PA]):
             v = s.member[PA, k]
-            # Between equals, one of them.
+            # Ties are broken at random.
             if s.weight[v] > s.weight[best] or (s.weight[v] == s.weight[best] and _random(s.word) < 0.3):
                 best = v
         _add(s, best)
 
 
 @_inlined
-def _climb(s: Any, phi: float, cap: int) -> None:
-    """The best of add and swap while it gains."""
-    while s.tally[MOVES] < cap:
+def _ascend(s: Any, phi: float, cap: int) -> None:
+    """Steepest ascent: the best add or swap, while the weight grows."""
+    while s.counters[MOVES] < cap:
         best, gain = -1, 0.0
         for k in range(s.size[PA]):
             v = s.member[PA, k]
@@ -190,10 +191,10 @@ def _climb(s: Any, phi: float, cap: int) -> None:
 
 
 @_inlined
-def _directed(s: Any, phi: float) -> None:
-    """The best of add, swap and drop that is not tabu, or leads to a new best; between equals, one of them at random."""
+def _perturb_directed(s: Any, phi: float) -> None:
+    """Directed perturbation: the best add, swap or drop that is not tabu or gives a new best; ties are broken at random."""
     best, gain, equal, drops = -1, -np.inf, 0, False
-    now, missing = s.tally[MOVES], s.real[BEST] - s.real[WEIGHT]
+    now, missing = s.counters[MOVES], s.totals[BEST] - s.totals[WEIGHT]
     for kind in (PA, OM):
         for k in range(s.size[kind]):
             v = s.member[kind, k]
@@ -215,84 +216,84 @@ def _directed(s: Any, phi: float) -> None:
             if _random(s.word) * equal < 1:
                 best, drops = v, True
     if best < 0:
-        # All is tabu: time passes.
-        s.tally[MOVES] += 1
+        # All moves are tabu; the counter advances.
+        s.counters[MOVES] += 1
         return
     if drops and s.kind[best] == C:
         _drop(s, best, phi)
-        s.tally[MOVES] += 1
+        s.counters[MOVES] += 1
     else:
         _insert(s, best, phi)
 
 
 @_inlined
-def _anywhere(s: Any, phi: float, alpha: float) -> None:
-    """A vertex at random of those whose insertion leaves at least alpha of the weight."""
-    least = alpha * s.real[WEIGHT]
+def _perturb_random(s: Any, phi: float, alpha: float) -> None:
+    """Random perturbation: insert a random vertex of those that leave at least alpha of the weight."""
+    least = alpha * s.totals[WEIGHT]
     chosen, seen = -1, 0
     for v in range(len(s.weight)):
-        if s.kind[v] != C and s.weight[v] + s.real[WEIGHT] - s.load[v] >= least:
+        if s.kind[v] != C and s.weight[v] + s.totals[WEIGHT] - s.load[v] >= least:
             seen += 1
             if _random(s.word) * seen < 1:
                 chosen = v
     if chosen >= 0:
         _insert(s, chosen, phi)
     else:
-        s.tally[MOVES] += 1
+        s.counters[MOVES] += 1
 
 
 @_inlined
 def _keep(s: Any) -> None:
-    """Remember this local optimum, if it is new and heavier than the lightest that is kept."""
+    """Keep this local optimum if it is new and heavier than the lightest that is kept."""
     worst = 0
     for k in range(len(s.kept_weight)):
-        if k < s.tally[KEPT] and s.kept_name[k] == s.word[1]:
+        if k < s.counters[KEPT] and s.kept_hash[k] == s.word[1]:
             return
         if s.kept_weight[k] < s.kept_weight[worst]:
             worst = k
-    if s.real[WEIGHT] > s.kept_weight[worst]:
-        s.tally[KEPT] = min(s.tally[KEPT] + 1, len(s.kept_weight))
-        s.kept_weight[worst], s.kept_name[worst] = s.real[WEIGHT], s.word[1]
+    if s.totals[WEIGHT] > s.kept_weight[worst]:
+        s.counters[KEPT] = min(s.counters[KEPT] + 1, len(s.kept_weight))
+        s.kept_weight[worst], s.kept_hash[worst] = s.totals[WEIGHT], s.word[1]
         for v in range(len(s.weight)):
             s.kept[worst, v] = s.kind[v] == C
 
 
 @_inlined
-def _optimum(s: Any, T: float, low: float, high: float) -> bool:
-    """What is done at a local optimum: the books, and the strength of the next jump; whether the search stagnates."""
+def _at_local_optimum(s: Any, T: float, low: float, high: float) -> bool:
+    """At a local optimum: update the best clique and the strength of the next perturbation; whether the search stagnates."""
     _keep(s)
-    if s.real[WEIGHT] > s.real[BEST] * (1 + 1e-12):
-        s.real[BEST] = s.real[WEIGHT]
-        s.tally[OMEGA] = 0
+    if s.totals[WEIGHT] > s.totals[BEST] * (1 + 1e-12):
+        s.totals[BEST] = s.totals[WEIGHT]
+        s.counters[OMEGA] = 0
         for v in range(len(s.weight)):
             s.best[v] = s.kind[v] == C
     else:
-        s.tally[OMEGA] += 1
-    stagnates = s.tally[OMEGA] > T
+        s.counters[OMEGA] += 1
+    stagnates = s.counters[OMEGA] > T
     if stagnates:
-        s.tally[OMEGA], s.tally[STRENGTH] = 0, int(high)
+        s.counters[OMEGA], s.counters[STRENGTH] = 0, int(high)
     elif s.word[1] == s.word[2]:
-        s.tally[STRENGTH] += 1
+        s.counters[STRENGTH] += 1
     else:
-        s.tally[STRENGTH] = int(low)
+        s.counters[STRENGTH] = int(low)
     s.word[2] = s.word[1]
     return stagnates
 
 
 @njit(cache=True)
 def run(s: Any, numbers: tuple[float, ...], cap: int, target: float) -> None:
-    """Search until `cap` moves were made in all or the target weight is reached; numbers: T, L0, Lmax, P0, α_r, α_s, φ."""
+    """Search until `cap` moves in all or the target weight; numbers: T, L0, Lmax, P0, α_r, α_s, φ, strengths in vertices."""
     T, low, high, least_directed, alpha_r, alpha_s, phi = numbers
     while True:
-        _climb(s, phi, cap)
-        stagnates = _optimum(s, T, low, high)
-        if s.tally[MOVES] >= cap or s.real[BEST] >= target:
+        _ascend(s, phi, cap)
+        stagnates = _at_local_optimum(s, T, low, high)
+        if s.counters[MOVES] >= cap or s.totals[BEST] >= target:
             return
-        directed = not stagnates and _random(s.word) < max(math.exp(-s.tally[OMEGA] / T), least_directed)
-        for _ in range(s.tally[STRENGTH]):
-            if s.tally[MOVES] >= cap:
+        directed = not stagnates and _random(s.word) < max(math.exp(-s.counters[OMEGA] / T), least_directed)
+        for _ in range(s.counters[STRENGTH]):
+            if s.counters[MOVES] >= cap:
                 return
             if directed:
-                _directed(s, phi)
+                _perturb_directed(s, phi)
             else:
-                _anywhere(s, phi, alpha_s if stagnates else alpha_r)
+                _perturb_random(s, phi, alpha_s if stagnates else alpha_r)

@@ -1,4 +1,4 @@
-"""Cliques against brute force, proofs and the best known weights."""
+"""Maximum-weight cliques against brute force, proofs and the best known weights."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tracker.clique.branch_and_bound import exact
-from tracker.clique.clique_cover import labels
+from tracker.clique.clique_cover import component_labels
 from tracker.clique.local_search import Graph, Limits, Options, search
 from tracker.formats.dimacs import read_graph
 
@@ -43,13 +43,13 @@ def test_small_graphs_are_solved(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_search_reaches_what_is_proved_on_larger_graphs(seed: int) -> None:
+def test_search_reaches_the_proved_optimum_on_larger_graphs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     graph = Graph.from_conflicts(rng.exponential(1.0, 90), np.argwhere(np.triu(rng.random((90, 90)) < 0.35, 1)))
     assert search(graph, Limits(moves=20_000), seed).weight == pytest.approx(exact(graph).weight)
 
 
-def test_conflicts_and_edges_say_the_same() -> None:
+def test_conflicts_edges_and_matrices_give_the_same_graph() -> None:
     graph = random_graph(5, 12)
     n = len(graph)
     apart = np.eye(n, dtype=bool)
@@ -62,7 +62,7 @@ def test_conflicts_and_edges_say_the_same() -> None:
         np.testing.assert_array_equal(a, b)
 
 
-def test_a_pair_that_is_named_twice_is_one_and_a_vertex_without_edges_stands_alone() -> None:
+def test_repeated_pairs_count_once_and_isolated_vertices_are_cliques() -> None:
     graph = Graph.from_conflicts([2.0, 3.0, 4.0], [[0, 2], [2, 0], [1, 2], [0, 2]])
     assert graph.conflict.tolist() == [2, 2, 0, 1]
     for result in (exact(graph), search(graph, Limits(moves=100))):
@@ -72,16 +72,16 @@ def test_a_pair_that_is_named_twice_is_one_and_a_vertex_without_edges_stands_alo
         assert result.vertices.tolist() == [2]
 
 
-def test_the_graph_of_some_vertices_and_its_parts() -> None:
+def test_subgraphs_and_connected_components() -> None:
     graph = Graph.from_conflicts([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 3], [3, 4], [1, 2]])
     some = graph.within(np.array([0, 3, 4]))
     assert (some.weight.tolist(), some.start.tolist(), some.conflict.tolist()) == ([1.0, 4.0, 5.0], [0, 1, 3, 4], [1, 0, 2, 1])
     for rows, parts in ((np.arange(6), [0, 1, 1, 0, 0, 2]), (np.array([0, 4, 1]), [0, 1, 2]), (np.zeros(0, dtype=np.int64), [])):
-        assert labels(graph.start, graph.conflict, rows).tolist() == parts
+        assert component_labels(graph.start, graph.conflict, rows).tolist() == parts
     assert len(graph.within(np.zeros(0, dtype=np.int64))) == 0
 
 
-def test_a_matrix_needs_to_be_one_of_conflicts() -> None:
+def test_bad_matrices_are_refused() -> None:
     with pytest.raises(ValueError, match="vertex 1 is paired with itself"):
         Graph.from_matrix([1.0, 1.0], np.diag([False, True]))
     with pytest.raises(ValueError, match="weight of vertex 0 is 0"):
@@ -107,7 +107,7 @@ def test_the_same_seed_makes_the_same_moves() -> None:
     assert [w for w, _ in a.optima] == [w for w, _ in b.optima]
 
 
-def test_more_moves_are_never_worse_and_a_start_is_kept() -> None:
+def test_more_moves_are_never_worse_and_the_start_is_a_lower_bound() -> None:
     rng = np.random.default_rng(3)
     graph = Graph.from_conflicts(rng.uniform(1, 2, 80), np.argwhere(np.triu(rng.random((80, 80)) < 0.5, 1)))
     weights = [search(graph, Limits(moves=moves), 1).weight for moves in (1, 10, 100, 1000, 10000)]
@@ -116,7 +116,7 @@ def test_more_moves_are_never_worse_and_a_start_is_kept() -> None:
     assert search(graph, Limits(moves=1), 5, Options(start=best.vertices)).weight >= best.weight
 
 
-def test_local_optima_are_distinct_cliques_that_nothing_can_be_added_to() -> None:
+def test_local_optima_are_distinct_maximal_cliques() -> None:
     rng = np.random.default_rng(4)
     graph = Graph.from_conflicts(rng.uniform(1, 2, 40), np.argwhere(np.triu(rng.random((40, 40)) < 0.4, 1)))
     found = search(graph, Limits(moves=3000), 0, Options(keep=12))
@@ -129,7 +129,7 @@ def test_local_optima_are_distinct_cliques_that_nothing_can_be_added_to() -> Non
         assert not any(graph.is_clique([*vertices, v]) for v in range(len(graph)) if v not in vertices)
 
 
-def test_no_vertices_and_no_conflicts() -> None:
+def test_graphs_without_vertices_or_conflicts() -> None:
     assert search(Graph.from_conflicts([], []), Limits(moves=10)).weight == 0
     assert exact(Graph.from_conflicts([], [])).weight == 0
     free = search(Graph.from_conflicts([1.0, 2.0, 3.0], []), Limits(moves=10))
@@ -143,7 +143,7 @@ def test_no_vertices_and_no_conflicts() -> None:
         ([1.0, -2.0], [], "weight of vertex 1 is -2.0"),
         ([1.0, np.nan], [], "weight of vertex 1 is nan"),
         ([1.0, 1.0], [[1, 1]], "vertex 1 is paired with itself"),
-        ([1.0, 1.0], [[0, 2]], "vertex 2 is not there"),
+        ([1.0, 1.0], [[0, 2]], "vertex 2 does not exist"),
     ],
 )
 def test_bad_graphs_are_refused(weight: list[float], pairs: list[list[int]], message: str) -> None:
@@ -152,7 +152,7 @@ def test_bad_graphs_are_refused(weight: list[float], pairs: list[list[int]], mes
             make(weight, pairs)
 
 
-def test_a_start_that_is_no_clique_and_no_limit_are_refused() -> None:
+def test_a_bad_start_and_missing_limits_are_refused() -> None:
     graph = Graph.from_conflicts([1.0, 1.0], [[0, 1]])
     with pytest.raises(ValueError, match="start is no clique"):
         search(graph, Limits(moves=5), options=Options(start=[0, 1]))
@@ -161,7 +161,7 @@ def test_a_start_that_is_no_clique_and_no_limit_are_refused() -> None:
 
 
 def test_best_known_weights_on_real_graphs(data: Callable[..., Path]) -> None:
-    """Those that take well under a second each; the rest is in the benchmark. MANN_a27 is not reached: 12271 to 12275 of 12283 in 10 s."""
+    """Instances that take well under a second each; others are in the benchmark. MANN_a27 is left out: 10 s give 12271 to 12275 of 12283."""
     with data("clique", "optima.csv").open() as file:
         best = {row["instance"]: float(row["weighted_imod200p1"]) for row in csv.DictReader(file)}
     for name, weight in best.items():
