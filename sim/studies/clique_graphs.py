@@ -1,8 +1,9 @@
-"""Which graphs the tracker by multiple hypotheses solves, and where its searches begin: two choices of the paper, each beside its opposite.
+"""The study of the graphs and starts of the clique search: two choices of the paper, each compared with its opposite.
 
-The paper makes a small graph of each hypothesis of the frame before; against it stands one graph of all tracks. And it begins each search with the
-tracks that survive (warm); against it stands a start with the heaviest tracks (cold). A run is made twice: once for its time and MOTA, and once more
-with its graphs written down, some of which are then solved with proof.
+The paper makes a small graph of each global hypothesis of the previous frame. The opposite is one graph of all tracks. The paper starts each search
+with the tracks of the previous solution (warm). The opposite starts with the heaviest tracks (cold).
+
+A run is made twice: once for its time and MOTA, and once to write its graphs, some of which are then solved exactly.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.stress.bounds import gap
-from sim.studies.hypothesis_count import Material, resumed, tracked
+from sim.stress.bounds import clique_gap
+from sim.studies.hypothesis_count import Material, resumed, time_and_mota
 from tracker.geometry import Array
 from tracker.io.atomic import new_file
 from tracker.mht.parameters import MhtParameters
@@ -27,14 +28,16 @@ from tracker.pipeline import Parameters, track
 FORMS = {"small graphs": True, "one graph": False}
 STARTS = {"warm": True, "cold": False}
 PROVED = 50
-"""Graphs of a run that are solved with proof, evenly spread over it: there may be forty graphs a tick, and a proof takes up to a second."""
-PANELS = ("processing time / s", "weight that is missing / %", "MOTA")
+"""Largest number of graphs of a run that are solved exactly. A tick may have forty graphs, and a proof takes up to a second."""
+PANELS = ("processing time / s", "gap of weight / %", "MOTA")
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run: seconds of processor time; gap, the share of the heaviest cliques' weight that the chosen ones lack, over
-    graphs whose heaviest could be proved; MOTA at 1 m."""
+    """One run.
+
+    seconds: processor time. gap: the share of the largest weight that the chosen cliques lack, over the graphs with a proof. mota: at 1 m.
+    """
 
     data: str
     form: str
@@ -46,33 +49,33 @@ class Run:
 
     @property
     def key(self) -> tuple[str, str, str, int]:
-        """What tells it from the others."""
+        """Data set, settings and repetition."""
         return self.data, self.form, self.start, self.repetition
 
 
-def measured(material: Material, form: str, start: str, repetition: int) -> Run:
-    """Run one: what the search finds is taken as it is, not mended by branch and bound. Without any proof the gap is NaN."""
-    many = MhtParameters(small_graphs=FORMS[form], warm=STARTS[start], mended=False, seed=repetition)
-    seconds, mota = tracked(material, many)
+def run_cell(material: Material, form: str, start: str, repetition: int) -> Run:
+    """Run one cell by the search alone, without branch and bound. The gap is NaN where no graph has a proof."""
+    many = MhtParameters(small_graphs=FORMS[form], warm=STARTS[start], prove=False, seed=repetition)
+    seconds, mota = time_and_mota(material, many)
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as folder:
         for _ in track(material.setup, material.ticks, Parameters(multiple=replace(many, graphs=Path(folder)))):
             pass
-        missing = gap(Path(folder), PROVED)
-    return Run(material.name, form, start, repetition, seconds, float("nan") if missing is None else missing, mota)
+        gap = clique_gap(Path(folder), PROVED)
+    return Run(material.name, form, start, repetition, seconds, float("nan") if gap is None else gap, mota)
 
 
 def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[list[Run]]:
-    """Run what is not in out/runs.csv yet; all runs so far after each, those that were there first."""
+    """Run the cells that out/runs.csv does not hold. Yields all runs so far after each."""
     for material in materials:
         for form in FORMS:
-            # Compiling is no part of any run.
-            list(track(material.setup, material.ticks[:3], Parameters(multiple=MhtParameters(small_graphs=FORMS[form], mended=False))))
+            # Compilation must not count in the first run.
+            list(track(material.setup, material.ticks[:3], Parameters(multiple=MhtParameters(small_graphs=FORMS[form], prove=False))))
         choices = ((form, start, repetition) for repetition, form, start in itertools.product(range(repetitions), FORMS, STARTS))
-        yield from resumed(out / "runs.csv", Run, choices, partial(measured, material), material.name)
+        yield from resumed(out / "runs.csv", Run, choices, partial(run_cell, material), material.name)
 
 
 def panels(runs: list[Run]) -> Array:
-    """(3, forms, starts, 3): seconds, gap and MOTA; mean, least and largest over repetitions, NaN where nothing was run."""
+    """(3, forms, starts, 3): seconds, gap and MOTA, each as mean, minimum and maximum over repetitions; NaN without runs."""
     out = np.full((3, len(FORMS), len(STARTS), 3), np.nan)
     for (a, form), (b, start) in itertools.product(enumerate(FORMS), enumerate(STARTS)):
         here = np.array([(r.seconds, r.gap, r.mota) for r in runs if (r.form, r.start) == (form, start)])
@@ -85,21 +88,24 @@ def panels(runs: list[Run]) -> Array:
 
 
 def summary(runs: list[Run]) -> str:
-    """A table for each data set, and what is seen in it."""
+    """A table for each data set with its summary."""
     lines = []
     for name in dict.fromkeys(r.data for r in runs):
         values = panels([r for r in runs if r.data == name])
-        lines += [name, f"{'':24}{'seconds':>10}{'weight':>12}{'MOTA':>8}{'least':>8}{'most':>8}"]
+        lines += [name, f"{'':24}{'seconds':>10}{'weight':>12}{'MOTA':>8}{'min':>8}{'max':>8}"]
         for (a, form), (b, start) in itertools.product(enumerate(FORMS), enumerate(STARTS)):
-            seconds, missing, mota = values[:, a, b]
-            weight = f"{1 - missing[0]:.5%}" if np.isfinite(missing[0]) else "no proof"
+            seconds, gap, mota = values[:, a, b]
+            weight = f"{1 - gap[0]:.5%}" if np.isfinite(gap[0]) else "no proof"
             lines.append(f"  {form + ', ' + start:22}{seconds[0]:>10.2f}{weight:>12}" + "".join(f"{m:>8.4f}" for m in mota))
-        lines += [f"  {line}" for line in _seen(values)]
+        lines += [f"  {line}" for line in _comparisons(values)]
     return "\n".join(lines)
 
 
-def _seen(values: Array) -> Iterator[str]:
-    """values: of panels. A difference of means is within the spread where it is not beyond that over the repetitions, or there is but one."""
+def _comparisons(values: Array) -> Iterator[str]:
+    """A sentence for each choice. values: of `panels`.
+
+    A difference of means is within the spread where it is no larger than the spread over repetitions, or there is one repetition only.
+    """
     mean, spread = values[..., 0], values[..., 2] - values[..., 1]
     pairs = (
         ("small graphs against one graph", (slice(None), 0, 0), (slice(None), 1, 0)),
@@ -115,7 +121,10 @@ def _seen(values: Array) -> Iterator[str]:
 
 
 def draw(runs: list[Run], path: Path) -> None:
-    """Three panels a data set: processing time, weight that is missing, MOTA; bars and points are means, whiskers least to most over repetitions."""
+    """Write a plot: for each data set processing time, gap of weight and MOTA.
+
+    Bars and points are means; whiskers are minimum and maximum over repetitions.
+    """
     from matplotlib.figure import Figure
 
     names = list(dict.fromkeys(r.data for r in runs))
@@ -137,10 +146,10 @@ def draw(runs: list[Run], path: Path) -> None:
         figure.savefig(part, dpi=110)
 
 
-def _group(axis: Any, value: Array, aside: float, names: tuple[str, str]) -> None:
-    """Mean, least and most (forms, 3) of one start: bars, but points for MOTA, whose axis does not begin at 0."""
+def _group(axis: Any, value: Array, offset: float, names: tuple[str, str]) -> None:
+    """Draw mean, minimum and maximum (forms, 3) of one start: bars, but points for MOTA, whose axis does not begin at 0."""
     label, start = names
-    place, mean = np.arange(len(value)) + aside, value[:, 0]
+    place, mean = np.arange(len(value)) + offset, value[:, 0]
     whiskers = np.maximum([mean - value[:, 1], value[:, 2] - mean], 0)
     if label == "MOTA":
         axis.errorbar(place, mean, whiskers, fmt="o", capsize=4, zorder=2)

@@ -1,7 +1,7 @@
-"""How the tracker by multiple hypotheses depends on how many hypotheses it keeps (K_H) and how long it searches (i_bls^max).
+"""The study of K_H, the number of hypotheses that the MHT keeps, and i_bls^max, the limit of moves of its clique search.
 
-Each cell of the study is one run of the tracker with one seed of the search: processing time and MOTA. `cells.csv` is written anew after every
-cell, by way of a temporary name, and what is in it is not run again.
+Each cell of the study is one run of the tracker with one seed of the search: processing time and MOTA. `cells.csv` is written atomically after each
+cell. Cells that it holds are not run again.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_source
-from tracker.datasets.pets2009 import PETS_VIEWS, Choice
+from tracker.datasets.opening import open_sequence
+from tracker.datasets.pets2009 import PETS_VIEWS, PetsOptions
 from tracker.datasets.pets2009_videos import with_videos
 from tracker.io.atomic import new_file
 from tracker.metrics.clear_mot import score
@@ -35,25 +35,25 @@ class Keyed(Protocol):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What tells it from the others."""
+        """The unique key of a cell: its data set and settings."""
 
 
 Row = TypeVar("Row", bound=Keyed)
 K_H = (1, 5, 10, 15, 20, 25, 30)
 I_BLS_MAX = (500, 1000, 2000)
 PEOPLE = 30
-"""People of the synthetic crowd: with fewer the search finds nearly the same from every seed."""
+"""Number of people of the synthetic crowd. With fewer, the search finds nearly the same for all seeds."""
 CLUTTER = 1.0
-"""Its false boxes a view and tick."""
-WORSE = "clutter=2"
-"""What is done to the detections of PETS 2009, whose graphs are else so small that every search finds the same (tracker/datasets/degradation.py)."""
+"""Mean number of false boxes of the synthetic crowd, per view and tick."""
+DEGRADATION = "clutter=2"
+"""Degradation of the detections of PETS 2009 (tracker/datasets/degradation.py). The graphs of the given detections are too small for a difference."""
 WARM_UP = 30
-"""Ticks that are tracked before anything is timed; on PETS 2009 there is nothing to be searched in the first ten."""
+"""Number of ticks that are tracked before the first timing. On PETS 2009, the first ten need no search."""
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Something to track: name, setup, ticks, and the truth in the same order."""
+    """A data set: its name, setup and ticks, and `frames`, which matches estimates (ids, positions) a tick with the truth."""
 
     name: str
     setup: Setup
@@ -63,7 +63,7 @@ class Material:
 
 @dataclass(frozen=True)
 class Cell:
-    """One run: seconds of processor time, MOTA at 1 m."""
+    """One run: processor time, s, and MOTA at 1 m."""
 
     data: str
     k_h: int
@@ -74,65 +74,68 @@ class Cell:
 
     @property
     def key(self) -> tuple[str, int, int, int]:
-        """What tells it from the others."""
+        """Data set, settings and repetition."""
         return self.data, self.k_h, self.i_bls_max, self.repetition
 
 
 def check(folder: Path, videos: bool) -> None:
-    """Raises ValueError where a PETS 2009 folder has no truth, or none of the videos that are wanted."""
-    sequence, _ = _known(folder)
+    """Raises ValueError where a PETS 2009 folder has no truth, or no videos where `videos` are needed."""
+    sequence, _ = _with_truth(folder)
     if videos:
         with_videos(sequence, folder)
 
 
-def _known(folder: Path, degrade: str = "") -> tuple[sequence.Sequence, tuple[Truth, ...]]:
-    """A PETS 2009 folder, its detections made worse, and its truth. Raises ValueError where there is none."""
-    sequence = open_source(folder, PETS_VIEWS, Choice.parse([], degrade, 0))
+def _with_truth(folder: Path, degrade: str = "") -> tuple[sequence.Sequence, tuple[Truth, ...]]:
+    """A PETS 2009 sequence with degraded detections, and its truth. Raises ValueError where there is no truth."""
+    sequence = open_sequence(folder, PETS_VIEWS, PetsOptions.parse([], degrade, 0))
     if sequence.truth is None:
         raise ValueError(f"{folder}: no annotations/*-cropped.xml")
     return sequence, sequence.truth
 
 
 def pets(folder: Path, frames: int, degrade: str = "") -> Material:
-    """The first frames of a PETS 2009 folder, views 1, 5 and 7, their detections made worse. Raises ValueError where there is no truth."""
-    sequence, truth = _known(folder, degrade)
+    """The first frames of a PETS 2009 folder, views 1, 5 and 7, with degraded detections. Raises ValueError where there is no truth."""
+    sequence, truth = _with_truth(folder, degrade)
     ticks = tuple(itertools.islice(iter(sequence.ticks), min(frames, len(truth))))
 
-    def paired(said: list[tuple[np.ndarray, np.ndarray]]) -> list[MatchingFrame]:
-        return [MatchingFrame(t.person_id, t.feet[:, :2], ids, places[:, :2]) for t, (ids, places) in zip(truth, said, strict=False)]
+    def matching_frames(estimates: list[tuple[np.ndarray, np.ndarray]]) -> list[MatchingFrame]:
+        return [MatchingFrame(t.person_id, t.feet[:, :2], ids, places[:, :2]) for t, (ids, places) in zip(truth, estimates, strict=False)]
 
-    return Material(", ".join(filter(None, ("PETS S2.L1", degrade))), sequence.setup, ticks, paired)
+    return Material(", ".join(filter(None, ("PETS S2.L1", degrade))), sequence.setup, ticks, matching_frames)
 
 
 def synthetic(frames: int, seed: int = 0) -> Material:
-    """PEOPLE people among three fixed panoramas, with misses and false boxes."""
+    """A synthetic crowd of PEOPLE people among three fixed panoramas, with missed and false boxes."""
     rng = np.random.default_rng([seed, 4])
-    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(PEOPLE, frames, rng)
-    ticks = tuple(synthetic_crowd.ticks(setup, walked, rng, clutter=CLUTTER))
+    setup, paths = synthetic_crowd.setup(), synthetic_crowd.paths(PEOPLE, frames, rng)
+    ticks = tuple(synthetic_crowd.ticks(setup, paths, rng, clutter=CLUTTER))
     people = np.arange(PEOPLE)
 
-    def paired(said: list[tuple[np.ndarray, np.ndarray]]) -> list[MatchingFrame]:
-        return [MatchingFrame(people, places, ids, found[:, :2]) for places, (ids, found) in zip(walked, said, strict=True)]
+    def matching_frames(estimates: list[tuple[np.ndarray, np.ndarray]]) -> list[MatchingFrame]:
+        return [MatchingFrame(people, places, ids, found[:, :2]) for places, (ids, found) in zip(paths, estimates, strict=True)]
 
-    return Material("synthetic crowd", setup, ticks, paired)
-
-
-def measured(material: Material, k_h: int, i_bls_max: int, repetition: int) -> Cell:
-    """Run one cell: a graph for each hypothesis, as in the paper, and what the search finds as it is."""
-    many = MhtParameters(k_h=k_h, i_bls_max=i_bls_max, small_graphs=True, mended=False, seed=repetition)
-    return Cell(material.name, k_h, i_bls_max, repetition, *tracked(material, many))
+    return Material("synthetic crowd", setup, ticks, matching_frames)
 
 
-def tracked(material: Material, many: MhtParameters) -> tuple[float, float]:
-    """Seconds of processor time and MOTA."""
+def run_cell(material: Material, k_h: int, i_bls_max: int, repetition: int) -> Cell:
+    """Run one cell: a graph for each hypothesis, as in the paper, by the search without a proof of optimality."""
+    many = MhtParameters(k_h=k_h, i_bls_max=i_bls_max, small_graphs=True, prove=False, seed=repetition)
+    return Cell(material.name, k_h, i_bls_max, repetition, *time_and_mota(material, many))
+
+
+def time_and_mota(material: Material, many: MhtParameters) -> tuple[float, float]:
+    """Track a data set: processor time, s, and MOTA at 1 m."""
     began = time.process_time()
-    said = [(e.target_id, e.position) for e in track(material.setup, material.ticks, Parameters(multiple=many))]
+    estimates = [(e.target_id, e.position) for e in track(material.setup, material.ticks, Parameters(multiple=many))]
     seconds = time.process_time() - began
-    return seconds, float(score(material.frames(said)).mota)
+    return seconds, float(score(material.frames(estimates)).mota)
 
 
 def read_cells(path: Path, kind: type[Row]) -> list[Row]:
-    """The cells of a file, a dataclass of texts and numbers each; none where it is not there. Raises ValueError with the line of one that is none."""
+    """The cells of a file, none where there is no file. Raises ValueError naming the line that is no cell.
+
+    kind: a dataclass of texts and numbers.
+    """
     if not path.is_file():
         return []
     columns = get_type_hints(kind)
@@ -147,7 +150,7 @@ def read_cells(path: Path, kind: type[Row]) -> list[Row]:
 
 
 def write_cells(path: Path, cells: Sequence[Any]) -> None:
-    """All cells, at once."""
+    """Write all cells atomically."""
     with new_file(path) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(get_type_hints(type(cells[0]))))
         writer.writeheader()
@@ -155,18 +158,18 @@ def write_cells(path: Path, cells: Sequence[Any]) -> None:
 
 
 def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[list[Cell]]:
-    """Run what is not in out/cells.csv yet; all cells so far after each, those that were there first."""
+    """Run the cells that out/cells.csv does not hold. Yields all cells so far after each."""
     for material in materials:
-        # Compiling is no part of any cell.
-        list(track(material.setup, material.ticks[:WARM_UP], Parameters(multiple=MhtParameters(small_graphs=True, mended=False))))
+        # Compilation must not count in the first cell.
+        list(track(material.setup, material.ticks[:WARM_UP], Parameters(multiple=MhtParameters(small_graphs=True, prove=False))))
         choices = ((k, moves, repetition) for repetition, k, moves in itertools.product(range(repetitions), K_H, I_BLS_MAX))
-        yield from resumed(out / "cells.csv", Cell, choices, partial(measured, material), material.name)
+        yield from resumed(out / "cells.csv", Cell, choices, partial(run_cell, material), material.name)
 
 
 def resumed(path: Path, kind: type[Row], choices: Iterable[tuple[Any, ...]], run: Callable[..., Row], data: str) -> Iterator[list[Row]]:
-    """Run those choices of a data set that are not in the file yet; all cells so far after each, those that were there first.
+    """Run the choices that the file does not hold. Yields all cells so far after each choice, those of the file first.
 
-    The key of a cell is the name of its data set and what was chosen.
+    The key of a cell is `data`, the name of its data set, and its choice.
     """
     cells = read_cells(path, kind)
     done = {cell.key for cell in cells}
@@ -178,7 +181,7 @@ def resumed(path: Path, kind: type[Row], choices: Iterable[tuple[Any, ...]], run
 
 
 def summary(cells: list[Cell]) -> str:
-    """A table, and what is seen in it: whether time is linear in i_bls^max, and whether the spread of MOTA falls as K_H grows."""
+    """A table with its summary: whether time is linear in i_bls^max, and whether the spread of MOTA falls as K_H grows."""
     lines = []
     for name in dict.fromkeys(c.data for c in cells):
         seconds, mota, spread = panels([c for c in cells if c.data == name])
@@ -195,13 +198,13 @@ def summary(cells: list[Cell]) -> str:
             lines.append("  too few repetitions for a spread")
             continue
         slope = np.polyfit(np.array(K_H)[whole], spread[whole].mean(axis=1), 1)[0]
-        falls = "falls" if _falls(np.array(K_H)[whole], spread[whole].mean(axis=1)) else "does not fall for sure"
+        falls = "falls" if _falls(np.array(K_H)[whole], spread[whole].mean(axis=1)) else "does not fall significantly"
         lines.append(f"  spread of MOTA (max − min) {falls} with K_H: {slope:+.5f} a hypothesis")
     return "\n".join(lines)
 
 
 def _falls(x: np.ndarray, y: np.ndarray) -> bool:
-    """Whether y falls with x by more than chance: Spearman's rank correlation at 5 %."""
+    """Whether y falls significantly with x: Spearman's rank correlation at 5 %."""
     if np.ptp(y) == 0:
         return False
     rank, chance = spearmanr(x, y)
@@ -209,7 +212,7 @@ def _falls(x: np.ndarray, y: np.ndarray) -> bool:
 
 
 def panels(cells: list[Cell]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean seconds, mean MOTA and its max − min over repetitions, each (K_H, I_BLS_MAX); NaN where nothing was run, or once."""
+    """Mean time, mean MOTA and its max − min over repetitions, each (K_H, I_BLS_MAX). NaN without runs, and max − min for one run."""
     out = np.full((3, len(K_H), len(I_BLS_MAX)), np.nan)
     for r, c in np.ndindex(len(K_H), len(I_BLS_MAX)):
         here = [x for x in cells if (x.k_h, x.i_bls_max) == (K_H[r], I_BLS_MAX[c])]
@@ -220,7 +223,7 @@ def panels(cells: list[Cell]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def draw(cells: list[Cell], path: Path) -> None:
-    """Three panels a data set: processing time, MOTA and spread of MOTA against K_H, a line for each i_bls^max."""
+    """Write a plot: for each data set processing time, MOTA and spread of MOTA against K_H, a line for each i_bls^max."""
     from matplotlib.figure import Figure
 
     names = list(dict.fromkeys(c.data for c in cells))

@@ -1,3 +1,8 @@
-"""The multiple-hypothesis tracker: track trees, and the best set of tracks as a maximum-weight clique.
+"""The multiple-hypothesis tracker: track trees, and the global hypothesis as a maximum-weight clique.
 
 Read `tracker.py` first."""
+
+from tracker.mht.parameters import MhtParameters
+from tracker.mht.tracker import MhtTracker
+
+__all__ = ["MhtParameters", "MhtTracker"]

@@ -1,12 +1,11 @@
-"""What a leaf of a track tree sees of the boxes of a tick, compiled: expected direction, innovation, likelihood, and Kalman's update by a box.
+"""Child hypotheses of track trees, compiled: the boxes that each leaf may take at a tick, and the combinations that are kept.
 
-The inner loops of the track trees, compiled: every way in which a leaf may go on at a tick.
+The order is that of multiple hypothesis tracking (Kim et al. 2015, Multiple Hypothesis Tracking Revisited, section 3): measurement prediction,
+gate, log-likelihood, children of each leaf. Last comes the joint assignment of boxes to the leaves of one global hypothesis.
 
-A leaf takes at most one box a view. The views are gone through from the one that places feet best; in each, every way so far is corrected by
-every box within the gate, or by none, and the best few ways are kept (a search over combinations with a gate that tightens, as each box makes
-the place surer, and a cap).
-
-The way on of leaves that are true together: the boxes of each view are shared out among them.
+A leaf takes at most one box a view. A beam search goes through the views, the one that localizes the person best first.
+In each view a partial child is updated by each box within its gate, or by none, and the best few are kept.
+Each update shrinks the covariance, so that the gates of the remaining views tighten.
 """
 
 from __future__ import annotations
@@ -25,95 +24,116 @@ from tracker.geometry.ground import Ground
 from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.sensor_model import SensorModel
 
-NEAREST = 12
-"""Boxes of a view that a leaf looks at, at most."""
+MAX_GATED = 12
+"""Boxes of a view within the gate of a leaf, at most; those of the highest log-likelihood ratio are kept."""
+
+NARROW_BEAM = 2
+"""Width of the beam where only the best child without certain boxes is wanted."""
+
+NO_ALTERNATIVE = 50.0
+"""Log-likelihood ratio of a box over none, where every child of a leaf takes a box of that view."""
+
+
+# Data
 
 
 class ParentHypotheses(NamedTuple):
-    """Leaves predicted to a tick: state (n, 4), covariance (n, 4, 4), ground height z (n,) m and slope (n, 2) there; missed (n, V):
-    log-likelihood of each view showing no box of the person; over (n,): has ended; tree (n,); alike (n, D): log-likelihood ratio of each box by
-    what images say."""
+    """The n leaves of all track trees, predicted to a tick.
+
+    state (n, 4) m, m/s, covariance (n, 4, 4); z (n,) m and slope (n, 2) of the ground there. missed (n, V): log-likelihood of a missed detection
+    in each view. deleted (n,): a deleted track, which takes no box. tree (n,): its id.
+    appearance (n, D): log-likelihood ratio of each box by the appearance model.
+    """
 
     state: Array
     covariance: Array
     z: Array
     slope: Array
     missed: Array
-    over: Mask
+    deleted: Mask
     tree: Ints
-    alike: Array
+    appearance: Array
 
     @staticmethod
-    def of(leaves: TrackHypotheses, ground: Ground, missed: Array, alike: Array) -> ParentHypotheses:
-        """Leaves that have been predicted, on the ground."""
+    def of(leaves: TrackHypotheses, ground: Ground, missed: Array, appearance: Array) -> ParentHypotheses:
+        """Predicted leaves with the ground under them."""
         place = leaves.state[:, :2]
         around = [np.array([0.1, 0.0]), np.array([0.0, 0.1])]
         slope = np.stack([(ground.height_at(place + e) - ground.height_at(place - e)) / 0.2 for e in around], axis=1)
-        return ParentHypotheses(leaves.state, leaves.covariance, ground.height_at(place), slope, missed, leaves.over, leaves.tree, alike)
+        return ParentHypotheses(leaves.state, leaves.covariance, ground.height_at(place), slope, missed, leaves.deleted, leaves.tree, appearance)
 
 
 class BoxTable(NamedTuple):
-    """The boxes of all views in one table, those of view v in rows start[v] to start[v + 1]: origin (V, 3) m and offset (V, 6) of the views, about
-    `centre` (2,) m (offsets.Offsets); direction (D, 3), covariance (D, 2, 2); lying (D,): how often such a box ends above the feet; head (D,):
-    tangent of the upper edge's elevation; certain (D,): log of how often people get a box over the density of false ones; hit (D,): log-likelihood
-    ratio, wherever it lies, of there being somebody; usable (D,)."""
+    """The D boxes of all V views in one table; those of view v are rows start[v] to start[v + 1].
+
+    Of the views: origin (V, 3) m; bias (V, 6), the registration bias about `centre` (2,) m as in RegistrationBias.of.
+    Of the boxes: direction (D, 3) to the feet and covariance (D, 2, 2) rad²; feet_hidden (D,): probability that the box ends above the feet.
+    head_slope (D,): tangent of the elevation of the upper edge; usable (D,): confident enough.
+    detection_ratio (D,): log of the detection rate over the density of false boxes a steradian. existence_ratio (D,): log-likelihood ratio of a
+    person over clutter, whatever the direction.
+    """
 
     origin: Array
-    offset: Array
+    bias: Array
     centre: Array
     start: Ints
     direction: Array
     covariance: Array
-    lying: Array
-    head: Array
-    certain: Array
-    hit: Array
+    feet_hidden: Array
+    head_slope: Array
+    detection_ratio: Array
+    existence_ratio: Array
     usable: Mask
 
     @staticmethod
-    def of(views: list[GroundDetections], evidence: SensorModel, clutter: float) -> BoxTable:
-        """clutter: false boxes a steradian that each view is taken to have at least."""
-        q = evidence.parameters
+    def of(views: list[GroundDetections], sensors: SensorModel, clutter: float) -> BoxTable:
+        """clutter: least density of false boxes of a view, a steradian."""
+        q = sensors.parameters
 
         def column(name: str, shape: tuple[int, ...]) -> Array:
             return np.concatenate([np.zeros((0, *shape)), *(getattr(f, name) for f in views)])
 
         start = np.cumsum([0, *(len(f) for f in views)])
-        offset = np.array([evidence.offsets.of(f.camera) for f in views]).reshape(-1, 6)
+        bias = np.array([sensors.registration_bias.of(f.camera) for f in views]).reshape(-1, 6)
         origin = np.array([f.origin for f in views]).reshape(-1, 3)
-        most = [np.log(evidence.detection(f.camera) / clutter) for f in views]
-        certain = np.concatenate([np.zeros(0), *(np.minimum(evidence.certain(f), m) for f, m in zip(views, most, strict=True))])
-        worth = np.concatenate([np.zeros(0), *(evidence.trust.worth(f.camera, f.confidence) for f in views)])
+        most = [np.log(sensors.detection(f.camera) / clutter) for f in views]
+        ratio = np.concatenate([np.zeros(0), *(np.minimum(sensors.detection_log_ratio(f), m) for f, m in zip(views, most, strict=True))])
+        existence = np.concatenate([np.zeros(0), *(sensors.detection_rates.log_ratio(f.camera, f.confidence) for f in views)])
         return BoxTable(
-            origin, offset, evidence.offsets.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("lying", ()),
-            np.tan(column("head_elevation", ())), certain, np.minimum(worth, q.most_gain), column("confidence", ()) >= q.min_confidence,
+            origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
+            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), column("confidence", ()) >= q.min_confidence,
         )  # fmt: skip
 
 
 class BranchingConstants(NamedTuple):
-    """gate: standard deviations; foot_spread m; low, high: heights m; floor: log-likelihood of all views' losing a person at once; least:
-    log-likelihood ratio that a box must have in a way that one leaf goes alone; width: log-likelihood under the best way that is kept; beam,
-    most: ways kept meanwhile and at last."""
+    """What bounds the children of a leaf.
+
+    gate: standard deviations; foot_spread m; min_height, max_height m of a person. missed_by_all: least log-likelihood of missed detections in all
+    views at once. min_ratio: least log-likelihood ratio of a box. margin: log-likelihood by which a child may be worse than the best one.
+    beam_width, max_children: partial children and children that are kept.
+    """
 
     gate: float
     foot_spread: float
-    low: float
-    high: float
-    floor: float
-    least: float
-    width: float
-    beam: int
-    most: int
+    min_height: float
+    max_height: float
+    missed_by_all: float
+    min_ratio: float
+    margin: float
+    beam_width: int
+    max_children: int
 
 
 class ChildHypotheses(NamedTuple):
-    """m ways to go on, those of a leaf together, the best first and the one without any box last: parent (m,) its row, box (m, V) rows of Boxes
-    or −1, gain (m,), missed (m,): the part of it that views which took no box have in it; state, covariance; residual (m, V, 2) rad with NaN
-    where feet were not taken as seen, H, S (m, V, 2, 2) of the innovations."""
+    """m children, grouped by parent, the best first and the one without any box last.
+
+    parent (m,): row of the leaf; box (m, V): rows of BoxTable or −1. increment (m,) of the track score, of which missed (m,) comes from views
+    without a box; state (m, 4), covariance (m, 4, 4). residual (m, V, 2) rad, H and S (m, V, 2, 2): innovations, NaN without feet.
+    """
 
     parent: Ints
     box: Ints
-    gain: Array
+    increment: Array
     missed: Array
     state: Array
     covariance: Array
@@ -123,9 +143,24 @@ class ChildHypotheses(NamedTuple):
 
 
 @njit(cache=True)
+def empty_children(m: int, V: int) -> Any:
+    """The columns of m ChildHypotheses before V views, without any box."""
+    return (
+        np.zeros(m, np.int64), np.full((m, V), -1, np.int64), np.zeros(m), np.zeros(m), np.zeros((m, 4)), np.zeros((m, 4, 4)),
+        np.full((m, V, 2), np.nan), np.zeros((m, V, 2, 2)), np.zeros((m, V, 2, 2)),
+    )  # fmt: skip
+
+
+# Measurement prediction
+
+
+@njit(cache=True)
 def predict_measurement(x: Array, z: float, slope: Array, origin: Array, out: Array) -> None:
-    """Sight from origin to feet at x: out[0:3] direction, [3:6] and [6:9] tangent basis, [9:13] H row by row, [13] distance, [14] across,
-    [15] rad that a body reaches up."""
+    """Predicted direction from `origin` to the feet of a person at x, on ground of height z and such a slope.
+
+    out[0:3] direction; [3:6], [6:9] basis of its tangent plane; [9:13] H row by row; [13] distance m; [14] horizontal distance m;
+    [15] rad that a body reaches up.
+    """
     sx, sy, sz = x[0] - origin[0], x[1] - origin[1], z - origin[2]
     d = max(math.sqrt(sx * sx + sy * sy + sz * sz), 0.2)
     ex, ey, ez = sx / d, sy / d, sz / d
@@ -141,46 +176,129 @@ def predict_measurement(x: Array, z: float, slope: Array, origin: Array, out: Ar
 
 
 @njit(cache=True)
-def innovation_covariance(look: Array, P: Array, spread: float) -> tuple[float, float, float]:
+def innovation_covariance(predicted: Array, P: Array, spread: float) -> tuple[float, float, float]:
     """H (P + spread² I) Hᵀ as its entries 00, 01, 11."""
     p, q, r = P[0, 0] + spread * spread, P[0, 1], P[1, 1] + spread * spread
-    a, b, c, d = look[9], look[10], look[11], look[12]
+    a, b, c, d = predicted[9], predicted[10], predicted[11], predicted[12]
     return a * a * p + 2 * a * b * q + b * b * r, a * c * p + (a * d + b * c) * q + b * d * r, c * c * p + 2 * c * d * q + d * d * r
 
 
-@njit(cache=True)
-def _residual(look: Array, v: int, d: int, boxes: Any) -> tuple[float, float]:
-    """Residual of box d of view v in the tangent plane of the expected direction, with the view's offset taken off."""
-    direction, origin, offset = boxes.direction[d], boxes.origin[v], boxes.offset[v]
-    x, y = origin[0] + look[13] * look[0] - boxes.centre[0], origin[1] + look[13] * look[1] - boxes.centre[1]
-    dx, dy = offset[0] + offset[2] * x + offset[3] * y, offset[1] + offset[4] * x + offset[5] * y
-    r0 = look[3] * direction[0] + look[4] * direction[1]
-    r1 = look[6] * direction[0] + look[7] * direction[1] + look[8] * direction[2]
-    return r0 - look[9] * dx - look[10] * dy, r1 - look[11] * dx - look[12] * dy
+# Gate
 
 
 @njit(cache=True)
-def _gain(r0: float, r1: float, S: tuple[float, float, float], look: Array, box: tuple[float, float], gate: float) -> tuple[float, bool]:
-    """Log-likelihood ratio of "this person's box" over "clutter", −inf outside the gate; and whether the feet are taken as seen. box: `certain` and
-    `lying` of it."""
+def gate(v: int, i: int, parents: Any, boxes: Any, limits: Any, gated: Ints) -> int:
+    """Rows of the boxes of view v within the gate of the predicted leaf i, into `gated` (MAX_GATED,); how many."""
+    predicted = np.empty(16)
+    predict_measurement(parents.state[i], parents.z[i], parents.slope[i], boxes.origin[v], predicted)
+    S0 = innovation_covariance(predicted, parents.covariance[i], limits.foot_spread)
+    found, ratios = 0, np.empty(MAX_GATED)
+    for d in range(boxes.start[v], boxes.start[v + 1]):
+        if not boxes.usable[d]:
+            continue
+        direction = boxes.direction[d]
+        if predicted[0] * direction[0] + predicted[1] * direction[1] + predicted[2] * direction[2] < 0.5:
+            continue
+        height = boxes.origin[v, 2] - parents.z[i] + predicted[14] * boxes.head_slope[d]
+        slack = 0.15 + 0.02 * predicted[13]
+        if not limits.min_height - slack < height < limits.max_height + slack:
+            continue
+        ratio = log_likelihood(predicted, S0, v, d, boxes, limits.gate) + parents.appearance[i, d]
+        if ratio == -np.inf:
+            continue
+        if found < MAX_GATED:
+            gated[found], ratios[found] = d, ratio
+            found += 1
+        else:
+            k = np.argmin(ratios)
+            if ratio > ratios[k]:
+                gated[k], ratios[k] = d, ratio
+    return found
+
+
+@njit(cache=True)
+def _gate_all(parents: Any, boxes: Any, limits: Any) -> tuple[Any, Mask]:
+    """Boxes (n, V, MAX_GATED) within the gate of each leaf, −1 after the last; and which boxes (D,) are in the gates of several trees."""
+    V, D = len(boxes.origin), len(boxes.usable)
+    gated, owner = np.full((len(parents.state), V, MAX_GATED), -1), np.full(D, -1)
+    for i in range(len(parents.state)):
+        if parents.deleted[i]:
+            continue
+        for v in range(V):
+            for k in range(gate(v, i, parents, boxes, limits, gated[i, v])):
+                d, t = gated[i, v, k], parents.tree[i]
+                owner[d] = t if owner[d] == -1 or owner[d] == t else -2
+    return gated, owner == -2
+
+
+# Log-likelihood and update
+
+
+@njit(cache=True)
+def log_likelihood(predicted: Array, S0: tuple[float, float, float], v: int, d: int, boxes: Any, gate: float) -> float:
+    """Log-likelihood ratio of box d of view v over clutter; −inf outside the gate. S0: covariance of the predicted measurement."""
+    r0, r1 = _residual(predicted, v, d, boxes)
+    C = boxes.covariance[d]
+    box = boxes.detection_ratio[d], boxes.feet_hidden[d]
+    return _log_ratio(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), predicted, box, gate)[0]
+
+
+@njit(cache=True)
+def _residual(predicted: Array, v: int, d: int, boxes: Any) -> tuple[float, float]:
+    """Innovation of box d of view v in the tangent plane of the predicted direction, without the view's registration bias."""
+    direction, origin, bias = boxes.direction[d], boxes.origin[v], boxes.bias[v]
+    x, y = origin[0] + predicted[13] * predicted[0] - boxes.centre[0], origin[1] + predicted[13] * predicted[1] - boxes.centre[1]
+    dx, dy = bias[0] + bias[2] * x + bias[3] * y, bias[1] + bias[4] * x + bias[5] * y
+    r0 = predicted[3] * direction[0] + predicted[4] * direction[1]
+    r1 = predicted[6] * direction[0] + predicted[7] * direction[1] + predicted[8] * direction[2]
+    return r0 - predicted[9] * dx - predicted[10] * dy, r1 - predicted[11] * dx - predicted[12] * dy
+
+
+@njit(cache=True)
+def _log_ratio(r0: float, r1: float, S: tuple[float, float, float], predicted: Array, box: tuple[float, float], gate: float) -> tuple[float, bool]:
+    """Log-likelihood ratio of an innovation over clutter, −inf outside the gate; and whether the feet are taken as visible.
+
+    box: `detection_ratio` and `feet_hidden` of it.
+    """
     a, b, c = S
     det = a * c - b * b
     both = (c * r0 * r0 - 2 * b * r0 * r1 + a * r1 * r1) / det
     side = r0 * r0 / a
-    certain, lying = box
-    seen = certain + math.log(1 - lying) - 0.5 * (both + math.log(39.4784176 * det)) if both <= gate * gate else -np.inf
-    # Feet out of sight: the lower edge is anywhere above where they must be, as far up as the body reaches.
-    body = look[15]
-    unseen = -np.inf
+    detection_ratio, feet_hidden = box
+    visible = detection_ratio + math.log(1 - feet_hidden) - 0.5 * (both + math.log(39.4784176 * det)) if both <= gate * gate else -np.inf
+    # Where the feet are hidden, the lower edge is uniform from the predicted feet upwards, over the height of the body.
+    body = predicted[15]
+    hidden = -np.inf
     if side <= gate * gate and -2 * math.sqrt(c) < r1 < body:
-        unseen = certain + math.log(lying / body) - 0.5 * (side + math.log(6.28318531 * a))
-    return max(seen, unseen), seen >= unseen
+        hidden = detection_ratio + math.log(feet_hidden / body) - 0.5 * (side + math.log(6.28318531 * a))
+    return max(visible, hidden), visible >= hidden
 
 
 @njit(cache=True)
-def _update(x: Array, P: Array, look: Array, r: tuple[float, float], S: tuple[float, float, float], m: int) -> None:
-    """Kalman's update, in place: of a look and what is seen in it the first m rows, residual r, its covariance S as its entries 00, 01, 11."""
-    a, b, c, d = look[9], look[10], look[11], look[12]
+def update_child(k: int, i: int, v: int, d: int, parents: Any, boxes: Any, limits: Any, children: Any) -> float:
+    """Update child k of leaf i by box d of view v, in place; its log-likelihood ratio."""
+    predicted = np.empty(16)
+    predict_measurement(children.state[k], parents.z[i], parents.slope[i], boxes.origin[v], predicted)
+    S0 = innovation_covariance(predicted, children.covariance[k], limits.foot_spread)
+    r0, r1 = _residual(predicted, v, d, boxes)
+    C = boxes.covariance[d]
+    S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
+    ratio, visible = _log_ratio(r0, r1, S, predicted, (boxes.detection_ratio[d], boxes.feet_hidden[d]), limits.gate)
+    _kalman_update(children.state[k], children.covariance[k], predicted, (r0, r1), S, 2 if visible else 1)
+    children.box[k, v] = d
+    if visible:
+        H = children.H[k, v]
+        children.residual[k, v, 0], children.residual[k, v, 1] = r0, r1
+        H[0, 0], H[0, 1], H[1, 0], H[1, 1] = predicted[9], predicted[10], predicted[11], predicted[12]
+        children.S[k, v, 0, 0], children.S[k, v, 1, 1] = S[0], S[2]
+        children.S[k, v, 0, 1] = children.S[k, v, 1, 0] = S[1]
+    return ratio + parents.appearance[i, d]
+
+
+@njit(cache=True)
+def _kalman_update(x: Array, P: Array, predicted: Array, r: tuple[float, float], S: tuple[float, float, float], m: int) -> None:
+    """The Kalman update of x (4,), P (4, 4) in place, by the first m components of the innovation r with covariance S, entries 00, 01, 11."""
+    a, b, c, d = predicted[9], predicted[10], predicted[11], predicted[12]
     old = (
         (P[0, 0], P[0, 1], P[0, 2], P[0, 3]), (P[1, 0], P[1, 1], P[1, 2], P[1, 3]),
     )  # fmt: skip
@@ -197,169 +315,129 @@ def _update(x: Array, P: Array, look: Array, r: tuple[float, float], S: tuple[fl
             P[j, i] = P[i, j]
 
 
-@njit(cache=True)
-def log_likelihood(look: Array, S0: tuple[float, float, float], v: int, d: int, boxes: Any, gate: float) -> float:
-    """Log-likelihood ratio of box d of view v for whom a look with such an `expected` covariance finds; −inf outside the gate."""
-    r0, r1 = _residual(look, v, d, boxes)
-    C = boxes.covariance[d]
-    return _gain(r0, r1, (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1]), look, (boxes.certain[d], boxes.lying[d]), gate)[0]
+# Children of each leaf
 
 
 @njit(cache=True)
-def gate(v: int, i: int, leaves: Any, boxes: Any, n: Any, near: Ints) -> int:
-    """Rows of the boxes of view v that leaf i may take, by its prediction alone, into `near`; how many."""
-    look = np.empty(16)
-    predict_measurement(leaves.state[i], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-    S0 = innovation_covariance(look, leaves.covariance[i], n.foot_spread)
-    found, worth = 0, np.empty(NEAREST)
-    for d in range(boxes.start[v], boxes.start[v + 1]):
-        if not boxes.usable[d]:
-            continue
-        direction = boxes.direction[d]
-        if look[0] * direction[0] + look[1] * direction[1] + look[2] * direction[2] < 0.5:
-            continue
-        height = boxes.origin[v, 2] - leaves.z[i] + look[14] * boxes.head[d]
-        slack = 0.15 + 0.02 * look[13]
-        if not n.low - slack < height < n.high + slack:
-            continue
-        ratio = log_likelihood(look, S0, v, d, boxes, n.gate) + leaves.alike[i, d]
-        if ratio == -np.inf:
-            continue
-        if found < NEAREST:
-            near[found], worth[found] = d, ratio
-            found += 1
-        else:
-            k = np.argmin(worth)
-            if ratio > worth[k]:
-                near[k], worth[k] = d, ratio
-    return found
+def branch(parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstants) -> ChildHypotheses:
+    """The children of all leaves at this tick; the last child of each leaf has no box.
 
-
-@njit(cache=True)
-def order(i: int, leaves: Any, boxes: Any) -> Ints:
-    """Views from the one whose sight lines place leaf i best: distance² over height, which is what an angle becomes on the ground."""
+    A box of the best child that other trees gate, too, is forbidden in turn, and then all such boxes at once. The best child without
+    the forbidden boxes is added unless a child avoids them already. So a child is left whatever other trees take.
+    """
     V = len(boxes.origin)
-    key = np.empty(V)
-    for v in range(V):
-        dx, dy = leaves.state[i, 0] - boxes.origin[v, 0], leaves.state[i, 1] - boxes.origin[v, 1]
-        key[v] = (dx * dx + dy * dy) / max(boxes.origin[v, 2] - leaves.z[i], 0.1)
-    return np.argsort(key, kind="mergesort")
-
-
-@njit(cache=True)
-def update_child(k: int, i: int, v: int, d: int, leaves: Any, boxes: Any, n: Any, ways: Any) -> float:
-    """Way k of leaf i takes box d of view v, in place; its log-likelihood ratio."""
-    look = np.empty(16)
-    predict_measurement(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-    S0 = innovation_covariance(look, ways.covariance[k], n.foot_spread)
-    r0, r1 = _residual(look, v, d, boxes)
-    C = boxes.covariance[d]
-    S = (S0[0] + C[0, 0], S0[1] + C[0, 1], S0[2] + C[1, 1])
-    worth, upright = _gain(r0, r1, S, look, (boxes.certain[d], boxes.lying[d]), n.gate)
-    _update(ways.state[k], ways.covariance[k], look, (r0, r1), S, 2 if upright else 1)
-    ways.box[k, v] = d
-    if upright:
-        ways.residual[k, v, 0], ways.residual[k, v, 1] = r0, r1
-        ways.H[k, v, 0, 0], ways.H[k, v, 0, 1], ways.H[k, v, 1, 0], ways.H[k, v, 1, 1] = look[9], look[10], look[11], look[12]
-        ways.S[k, v, 0, 0], ways.S[k, v, 1, 1] = S[0], S[2]
-        ways.S[k, v, 0, 1] = ways.S[k, v, 1, 0] = S[1]
-    return worth + leaves.alike[i, d]
-
-
-@njit(cache=True)
-def blank(m: int, V: int) -> Any:
-    """The columns of m Branches before V views that have taken nothing yet."""
-    return (
-        np.zeros(m, np.int64), np.full((m, V), -1, np.int64), np.zeros(m), np.zeros(m), np.zeros((m, 4)), np.zeros((m, 4, 4)),
-        np.full((m, V, 2), np.nan), np.zeros((m, V, 2, 2)), np.zeros((m, V, 2, 2)),
+    out = ChildHypotheses(*empty_children(len(parents.state) * (limits.max_children + V + 2), V))
+    beam, narrow = ChildHypotheses(*empty_children(limits.beam_width, V)), ChildHypotheses(*empty_children(min(limits.beam_width, NARROW_BEAM), V))
+    gated, contested = _gate_all(parents, boxes, limits)
+    banned = np.zeros(len(boxes.usable), np.bool_)
+    m = 0
+    for i in range(len(parents.state)):
+        if not parents.deleted[i]:
+            count, start = _beam_search(i, parents, boxes, limits, gated[i], banned, beam), m
+            ranked = np.argsort(-beam.increment[:count], kind="mergesort")
+            least = beam.increment[ranked[0]] - limits.margin
+            for b in ranked:
+                if m - start < limits.max_children and beam.increment[b] >= least:
+                    m = _append(out, m, start, i, beam, b)
+            taken = out.box[start].copy() if m > start else np.full(V, -1)
+            for v in range(V + 1):
+                for w in range(V):
+                    if (w == v or v == V) and taken[w] >= 0 and contested[taken[w]]:
+                        banned[taken[w]] = True
+                if banned.any() and not _any_avoids(out.box[start:m], banned):
+                    count = _beam_search(i, parents, boxes, limits, gated[i], banned, narrow)
+                    b = int(np.argmax(narrow.increment[:count]))
+                    if narrow.increment[b] >= least:
+                        m = _append(out, m, start, i, narrow, b)
+                banned[:] = False
+        out.parent[m], out.state[m], out.covariance[m] = i, parents.state[i], parents.covariance[i]
+        # Missed detections in all views at once have one cause, and count as a few.
+        out.increment[m] = 0.0 if parents.deleted[i] else max(parents.missed[i].sum(), limits.missed_by_all)
+        out.missed[m] = out.increment[m]
+        m += 1
+    return ChildHypotheses(
+        out.parent[:m].copy(), out.box[:m].copy(), out.increment[:m].copy(), out.missed[:m].copy(), out.state[:m].copy(), out.covariance[:m].copy(),
+        out.residual[:m].copy(), out.H[:m].copy(), out.S[:m].copy(),
     )  # fmt: skip
 
 
-NARROW = 2
-"""Ways that are followed from view to view where only the best without some box is wanted."""
-
-
 @njit(cache=True)
-def _ways(i: int, leaves: Any, boxes: Any, n: Any, near: Ints, banned: Mask, beam: Any) -> int:
-    """All ways of leaf i to go on into the arrays of `beam` (a Branches; as many are followed as it has rows), unordered; how many.
+def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, banned: Mask, beam: Any) -> int:
+    """Children of leaf i into the arrays of `beam`, unordered, as many as it has rows at most; how many.
 
-    near (V, NEAREST): boxes that it may take, −1 after the last; banned (D,): those that it must not.
+    gated (V, MAX_GATED): boxes within its gate, −1 after the last; banned (D,): boxes that it must not take.
     """
-    B = len(beam.gain)
-    look = np.empty(16)
-    beam.state[0], beam.covariance[0], beam.gain[0], count = leaves.state[i], leaves.covariance[i], 0.0, 1
+    B = len(beam.increment)
+    predicted = np.empty(16)
+    beam.state[0], beam.covariance[0], beam.increment[0], count = parents.state[i], parents.covariance[i], 0.0, 1
     beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
-    size = B * (NEAREST + 1)
-    worth, source, taken = np.empty(size), np.empty(size, np.int64), np.empty(size, np.int64)
-    for v in order(i, leaves, boxes):
-        missed = leaves.missed[i, v]
-        if near[v, 0] < 0:
-            beam.gain[:count] += missed
+    size = B * (MAX_GATED + 1)
+    score, source, taken = np.empty(size), np.empty(size, np.int64), np.empty(size, np.int64)
+    for v in view_order(i, parents, boxes):
+        missed = parents.missed[i, v]
+        if gated[v, 0] < 0:
+            beam.increment[:count] += missed
             beam.missed[:count] += missed
             continue
-        offers = 0
+        extended = 0
         for b in range(count):
-            worth[offers], source[offers], taken[offers] = beam.gain[b] + missed, b, -1
-            offers += 1
-            predict_measurement(beam.state[b], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-            S0 = innovation_covariance(look, beam.covariance[b], n.foot_spread)
-            for d in near[v]:
+            score[extended], source[extended], taken[extended] = beam.increment[b] + missed, b, -1
+            extended += 1
+            predict_measurement(beam.state[b], parents.z[i], parents.slope[i], boxes.origin[v], predicted)
+            S0 = innovation_covariance(predicted, beam.covariance[b], limits.foot_spread)
+            for d in gated[v]:
                 if d < 0:
                     break
                 if banned[d]:
                     continue
-                more = log_likelihood(look, S0, v, d, boxes, n.gate) + leaves.alike[i, d]
-                if more > max(missed - n.width, n.least):
-                    worth[offers], source[offers], taken[offers] = beam.gain[b] + more, b, d
-                    offers += 1
-        chosen = np.argsort(-worth[:offers], kind="mergesort")[:B]
+                ratio = log_likelihood(predicted, S0, v, d, boxes, limits.gate) + parents.appearance[i, d]
+                if ratio > max(missed - limits.margin, limits.min_ratio):
+                    score[extended], source[extended], taken[extended] = beam.increment[b] + ratio, b, d
+                    extended += 1
+        chosen = np.argsort(-score[:extended], kind="mergesort")[:B]
         state, covariance, box = beam.state.copy(), beam.covariance.copy(), beam.box.copy()
         residuals, Hs, Ss, absent = beam.residual.copy(), beam.H.copy(), beam.S.copy(), beam.missed.copy()
         for q in range(len(chosen)):
             b, d = source[chosen[q]], taken[chosen[q]]
-            beam.state[q], beam.covariance[q], beam.box[q], beam.gain[q] = state[b], covariance[b], box[b], worth[chosen[q]]
+            beam.state[q], beam.covariance[q], beam.box[q], beam.increment[q] = state[b], covariance[b], box[b], score[chosen[q]]
             beam.residual[q], beam.H[q], beam.S[q] = residuals[b], Hs[b], Ss[b]
             beam.missed[q] = absent[b]
             if d < 0:
                 beam.missed[q] += missed
                 continue
-            update_child(q, i, v, d, leaves, boxes, n, beam)
+            update_child(q, i, v, d, parents, boxes, limits, beam)
         count = len(chosen)
     return count
 
 
 @njit(cache=True)
-def _wanted(leaves: Any, boxes: Any, n: Any) -> tuple[Any, Mask]:
-    """Boxes (n, V, NEAREST) that each leaf may take, −1 after the last, and which boxes (D,) leaves of several trees may take."""
-    V, D = len(boxes.origin), len(boxes.usable)
-    near, owner = np.full((len(leaves.state), V, NEAREST), -1), np.full(D, -1)
-    for i in range(len(leaves.state)):
-        if leaves.over[i]:
-            continue
-        for v in range(V):
-            for k in range(gate(v, i, leaves, boxes, n, near[i, v])):
-                d, t = near[i, v, k], leaves.tree[i]
-                owner[d] = t if owner[d] == -1 or owner[d] == t else -2
-    return near, owner == -2
+def view_order(i: int, parents: Any, boxes: Any) -> Ints:
+    """Views in the order of how well they localize leaf i: distance² over height, by which an angle grows on the ground, ascending."""
+    V = len(boxes.origin)
+    key = np.empty(V)
+    for v in range(V):
+        dx, dy = parents.state[i, 0] - boxes.origin[v, 0], parents.state[i, 1] - boxes.origin[v, 1]
+        key[v] = (dx * dx + dy * dy) / max(boxes.origin[v, 2] - parents.z[i], 0.1)
+    return np.argsort(key, kind="mergesort")
 
 
 @njit(cache=True)
-def _write(out: Any, m: int, start: int, i: int, beam: Any, b: int) -> int:
-    """Way b of leaf i into row m, unless it is among rows start to m or takes no box; the next free row."""
+def _append(out: Any, m: int, start: int, i: int, beam: Any, b: int) -> int:
+    """Child b of leaf i into row m, unless it takes no box or is among rows start to m; the next free row."""
     if not (beam.box[b] >= 0).any():
         return m
     for k in range(start, m):
         if (out.box[k] == beam.box[b]).all():
             return m
-    out.parent[m], out.box[m], out.gain[m], out.missed[m] = i, beam.box[b], beam.gain[b], beam.missed[b]
+    out.parent[m], out.box[m], out.increment[m], out.missed[m] = i, beam.box[b], beam.increment[b], beam.missed[b]
     out.state[m], out.covariance[m], out.residual[m] = beam.state[b], beam.covariance[b], beam.residual[b]
     out.H[m], out.S[m] = beam.H[b], beam.S[b]
     return m + 1
 
 
 @njit(cache=True)
-def _spared(box: Ints, banned: Mask) -> bool:
-    """Whether one of the ways (k, V) takes none of the boxes that are banned."""
+def _any_avoids(box: Ints, banned: Mask) -> bool:
+    """Whether one of the children with boxes (k, V) takes none that is banned."""
     for k in range(len(box)):
         free = True
         for v in range(box.shape[1]):
@@ -369,138 +447,96 @@ def _spared(box: Ints, banned: Mask) -> bool:
     return False
 
 
-@njit(cache=True)
-def branch(leaves: ParentHypotheses, boxes: BoxTable, n: BranchingConstants) -> ChildHypotheses:
-    """All ways in which the leaves may go on at this tick; each has one without any box.
+# Joint assignment
 
-    Of the best way, each box that another tree may take, too, is forbidden in turn, and then all of them, where no way does without already:
-    whatever others take, a way is left.
+
+def assign_jointly(rows: Ints, parents: ParentHypotheses, boxes: BoxTable, limits: BranchingConstants) -> tuple[ChildHypotheses, Array]:
+    """One child for each leaf in `rows` (k,) of a global hypothesis, by a 2-D assignment of boxes to leaves in one view after another.
+
+    Children that are found leaf by leaf are rarely compatible where people stand close together in many views.
+    Also returned: the log-likelihood ratio (k, D) of each box over a missed detection, 0 where it is not taken.
     """
-    V = len(boxes.origin)
-    out = ChildHypotheses(*blank(len(leaves.state) * (n.most + V + 2), V))
-    beam, narrow = ChildHypotheses(*blank(n.beam, V)), ChildHypotheses(*blank(min(n.beam, NARROW), V))
-    near, contested = _wanted(leaves, boxes, n)
-    banned = np.zeros(len(boxes.usable), np.bool_)
-    m = 0
-    for i in range(len(leaves.state)):
-        if not leaves.over[i]:
-            count, start = _ways(i, leaves, boxes, n, near[i], banned, beam), m
-            ranked = np.argsort(-beam.gain[:count], kind="mergesort")
-            least = beam.gain[ranked[0]] - n.width
-            for b in ranked:
-                if m - start < n.most and beam.gain[b] >= least:
-                    m = _write(out, m, start, i, beam, b)
-            taken = out.box[start].copy() if m > start else np.full(V, -1)
-            for v in range(V + 1):
-                for w in range(V):
-                    if (w == v or v == V) and taken[w] >= 0 and contested[taken[w]]:
-                        banned[taken[w]] = True
-                if banned.any() and not _spared(out.box[start:m], banned):
-                    count = _ways(i, leaves, boxes, n, near[i], banned, narrow)
-                    b = int(np.argmax(narrow.gain[:count]))
-                    if narrow.gain[b] >= least:
-                        m = _write(out, m, start, i, narrow, b)
-                banned[:] = False
-        out.parent[m], out.state[m], out.covariance[m] = i, leaves.state[i], leaves.covariance[i]
-        # Where all views lose a person at once they do so for one reason.
-        out.gain[m] = 0.0 if leaves.over[i] else max(leaves.missed[i].sum(), n.floor)
-        out.missed[m] = out.gain[m]
-        m += 1
-    return ChildHypotheses(
-        out.parent[:m].copy(), out.box[:m].copy(), out.gain[:m].copy(), out.missed[:m].copy(), out.state[:m].copy(), out.covariance[:m].copy(),
-        out.residual[:m].copy(), out.H[:m].copy(), out.S[:m].copy(),
-    )  # fmt: skip
-
-
-SURE = 50.0
-"""Log-likelihood by which nothing is worse that is looked at."""
-
-
-def assign_jointly(rows: Ints, leaves: ParentHypotheses, boxes: BoxTable, n: BranchingConstants) -> tuple[ChildHypotheses, Array]:
-    """One way for each of `rows`, leaves that are true together: view after view the boxes are shared out among them for the highest sum. Ways that
-    are found leaf by leaf seldom go together where people stand close before many views. And what each of them (k, D) would gain by each box over
-    none, 0 where nothing."""
     k, V = len(rows), len(boxes.origin)
-    out, worth = ChildHypotheses(*blank(k, V)), np.zeros((k, len(boxes.usable)))
+    out, ratio = ChildHypotheses(*empty_children(k, V)), np.zeros((k, len(boxes.usable)))
     out.parent[:] = rows
-    out.state[:], out.covariance[:] = leaves.state[rows], leaves.covariance[rows]
-    for v in _from_best(rows, leaves, boxes):
-        more = np.maximum(_gains(v, rows, leaves, boxes, n, out) - leaves.missed[rows, v, None], 0.0)
-        worth[:, boxes.start[v] : boxes.start[v + 1]] = more
-        i, d = _shared_out(more)
+    out.state[:], out.covariance[:] = parents.state[rows], parents.covariance[rows]
+    for v in _joint_view_order(rows, parents, boxes):
+        over_none = np.maximum(_pairwise_ratios(v, rows, parents, boxes, limits, out) - parents.missed[rows, v, None], 0.0)
+        ratio[:, boxes.start[v] : boxes.start[v + 1]] = over_none
+        i, d = _assign(over_none)
         box = np.full(k, -1)
         box[i] = d + boxes.start[v]
-        _take(v, box, leaves, boxes, n, out)
-    return out, worth
+        _update_all(v, box, parents, boxes, limits, out)
+    return out, ratio
 
 
-def assigned_boxes(rows: Ints, ways: ChildHypotheses, boxes: BoxTable) -> Mask:
-    """Which boxes (D,) somebody takes where the leaves in `rows` go on in any of their ways, boxes shared out for the highest sum, view by view."""
-    place = np.full(max(ways.parent.max(initial=-1), rows.max(initial=-1)) + 1, -1)
+def assigned_boxes(rows: Ints, children: ChildHypotheses, boxes: BoxTable) -> Mask:
+    """Which boxes (D,) the leaves in `rows` take: a 2-D assignment in each view, by the best child of each leaf with each box."""
+    place = np.full(max(children.parent.max(initial=-1), rows.max(initial=-1)) + 1, -1)
     place[rows] = np.arange(len(rows))
-    mine = place[ways.parent] >= 0
-    row, box, gain = place[ways.parent[mine]], ways.box[mine], ways.gain[mine]
+    mine = place[children.parent] >= 0
+    row, box, increment = place[children.parent[mine]], children.box[mine], children.increment[mine]
     out = np.zeros(len(boxes.usable), dtype=bool)
     for v, (start, end) in enumerate(itertools.pairwise(boxes.start.tolist())):
-        worth = np.full((len(rows), end - start + 1), -np.inf)
-        np.maximum.at(worth, (row, np.where(box[:, v] >= 0, box[:, v] - start, -1)), gain)
-        # Where no way is left without a box of this view, one of them is surely theirs.
-        none = np.maximum(worth[:, -1:], worth.max(axis=1, keepdims=True) - SURE)
-        out[start + _shared_out(np.maximum(worth[:, :-1] - none, 0.0))[1]] = True
+        best = np.full((len(rows), end - start + 1), -np.inf)
+        np.maximum.at(best, (row, np.where(box[:, v] >= 0, box[:, v] - start, -1)), increment)
+        # Where every child of a leaf takes a box of this view, the leaf takes one of them.
+        none = np.maximum(best[:, -1:], best.max(axis=1, keepdims=True) - NO_ALTERNATIVE)
+        out[start + _assign(np.maximum(best[:, :-1] - none, 0.0))[1]] = True
     return out
 
 
-def _shared_out(more: Array) -> tuple[Ints, Ints]:
-    """Rows and boxes (m,) that go together for the highest sum of what each row gains by each box over none (k, d), 0 where nothing."""
-    rows, boxes = linear_sum_assignment(more, maximize=True)
-    taken = more[rows, boxes] > 0
+def union(children: ChildHypotheses, others: ChildHypotheses) -> ChildHypotheses:
+    """`children` and those of `others` with a box that are not among them, in the order of ChildHypotheses."""
+    known = {(p, *b) for p, b in zip(children.parent.tolist(), children.box.tolist(), strict=True)}
+    found = [(p, *b) not in known and max(b, default=-1) >= 0 for p, b in zip(others.parent.tolist(), others.box.tolist(), strict=True)]
+    new = np.flatnonzero(found)
+    if not len(new):
+        return children
+    both = ChildHypotheses._make(np.concatenate([a, b[new]]) for a, b in zip(children, others, strict=True))
+    rows = np.lexsort((-both.increment, (both.box < 0).all(axis=1), both.parent))
+    return ChildHypotheses._make(column[rows] for column in both)
+
+
+def _assign(ratio: Array) -> tuple[Ints, Ints]:
+    """Rows and columns (m,) of the assignment of the largest sum; ratio (k, d) of each box over none, 0 where it is not taken."""
+    rows, boxes = linear_sum_assignment(ratio, maximize=True)
+    taken = ratio[rows, boxes] > 0
     return rows[taken], boxes[taken]
 
 
 @njit(cache=True)
-def _from_best(rows: Ints, leaves: Any, boxes: Any) -> Ints:
-    """Views from the one whose sight lines place most of `rows` best."""
+def _joint_view_order(rows: Ints, parents: Any, boxes: Any) -> Ints:
+    """Views in the order of their summed ranks in `view_order` of the leaves in `rows`."""
     rank = np.zeros(len(boxes.origin))
     for i in rows:
-        rank[order(i, leaves, boxes)] += np.arange(len(rank))
+        rank[view_order(i, parents, boxes)] += np.arange(len(rank))
     return np.argsort(rank, kind="mergesort")
 
 
 @njit(cache=True)
-def _gains(v: int, rows: Ints, leaves: Any, boxes: Any, n: Any, ways: Any) -> Array:
-    """Log-likelihood ratio (k, d) of each box of view v for each of `rows`, as far as they have gone in `ways`; −inf where it is not taken."""
+def _pairwise_ratios(v: int, rows: Ints, parents: Any, boxes: Any, limits: Any, children: Any) -> Array:
+    """Log-likelihood ratio (k, d) of each box of view v for the partial child of each leaf in `rows`; −inf where it is not taken."""
     first, end = boxes.start[v], boxes.start[v + 1]
-    out, look, near = np.full((len(rows), end - first), -np.inf), np.empty(16), np.empty(NEAREST, np.int64)
+    out, predicted, gated = np.full((len(rows), end - first), -np.inf), np.empty(16), np.empty(MAX_GATED, np.int64)
     for k, i in enumerate(rows):
-        found = gate(v, i, leaves, boxes, n, near)
-        predict_measurement(ways.state[k], leaves.z[i], leaves.slope[i], boxes.origin[v], look)
-        S0 = innovation_covariance(look, ways.covariance[k], n.foot_spread)
-        for d in near[:found]:
-            worth = log_likelihood(look, S0, v, d, boxes, n.gate) + leaves.alike[i, d]
-            if worth > 0.0:
-                out[k, d - first] = worth
+        found = gate(v, i, parents, boxes, limits, gated)
+        predict_measurement(children.state[k], parents.z[i], parents.slope[i], boxes.origin[v], predicted)
+        S0 = innovation_covariance(predicted, children.covariance[k], limits.foot_spread)
+        for d in gated[:found]:
+            ratio = log_likelihood(predicted, S0, v, d, boxes, limits.gate) + parents.appearance[i, d]
+            if ratio > 0.0:
+                out[k, d - first] = ratio
     return out
 
 
 @njit(cache=True)
-def _take(v: int, box: Ints, leaves: Any, boxes: Any, n: Any, ways: Any) -> None:
-    """Go on in `ways`, in place, by the box (k,) that each takes of view v, −1 for none."""
+def _update_all(v: int, box: Ints, parents: Any, boxes: Any, limits: Any, children: Any) -> None:
+    """Update each partial child, in place, by its box (k,) of view v, −1 for a missed detection."""
     for k in range(len(box)):
-        i, d = ways.parent[k], box[k]
+        i, d = children.parent[k], box[k]
         if d < 0:
-            ways.gain[k] += leaves.missed[i, v]
-            ways.missed[k] += leaves.missed[i, v]
+            children.increment[k] += parents.missed[i, v]
+            children.missed[k] += parents.missed[i, v]
             continue
-        ways.gain[k] += update_child(k, i, v, d, leaves, boxes, n, ways)
-
-
-def union(ways: ChildHypotheses, more: ChildHypotheses) -> ChildHypotheses:
-    """`ways` and those of `more` that take a box and are not among them, in the order of Branches."""
-    known = {(p, *b) for p, b in zip(ways.parent.tolist(), ways.box.tolist(), strict=True)}
-    found = [(p, *b) not in known and max(b, default=-1) >= 0 for p, b in zip(more.parent.tolist(), more.box.tolist(), strict=True)]
-    fresh = np.flatnonzero(found)
-    if not len(fresh):
-        return ways
-    both = ChildHypotheses._make(np.concatenate([a, b[fresh]]) for a, b in zip(ways, more, strict=True))
-    rows = np.lexsort((-both.gain, (both.box < 0).all(axis=1), both.parent))
-    return ChildHypotheses._make(column[rows] for column in both)
+        children.increment[k] += update_child(k, i, v, d, parents, boxes, limits, children)

@@ -1,4 +1,7 @@
-"""What holds between the leaves of track trees, compiled: who excludes whom, what a leaf costs."""
+"""Conflicts between the leaves of track trees, compiled; and the pruning of children and leaves that rests on them.
+
+Two leaves are in conflict where they share a tree or a box, or inherit a conflict from their parents (Kim et al. 2015; Papageorgiou & Salpukas 2009).
+"""
 
 from __future__ import annotations
 
@@ -11,60 +14,34 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.mht.branching import ChildHypotheses
 
 
-@njit(cache=True)
-def prune_branches(ways: ChildHypotheses, tree: Ints, misses: Ints, slack: float, boxes: int) -> Mask:
-    """Which ways (m,) are worth keeping: all of a leaf whose best way takes a box that another tree could take, too, or that comes back after it
-    was out of sight; of others those within `slack` of the best, as nothing keeps it from being true. tree, misses: of the parents."""
-    m, V = ways.box.shape
-    owner = np.full(boxes, -1, np.int64)
-    for k in range(m):
-        for v in range(V):
-            d = ways.box[k, v]
-            if d >= 0:
-                t = tree[ways.parent[k]]
-                owner[d] = t if owner[d] == -1 or owner[d] == t else -2
-    keep = np.ones(m, np.bool_)
-    best, free = 0, True
-    for k in range(m):
-        i = ways.parent[k]
-        if k == 0 or i != ways.parent[k - 1]:
-            best, free = k, misses[i] < 2
-            for v in range(V):
-                if ways.box[k, v] >= 0 and owner[ways.box[k, v]] == -2:
-                    free = False
-        keep[k] = k == best or not free or ways.gain[k] >= ways.gain[best] - slack
-    return keep
-
-
 class Conflicts(NamedTuple):
-    """What holds between every two of n leaves: conflict (n, n), never both true; together (n, n), log-likelihood ratio of their being one person,
-    since they have been near each other."""
+    """Relations of every two of n leaves: conflict (n, n), never both true; same_person (n, n), log-likelihood ratio of their being one person."""
 
     conflict: Mask
-    together: Array
+    same_person: Array
 
 
 class ConflictRows(NamedTuple):
-    """Leaves of which bonds are looked for: tree (m,), box (m, V) of each view or −1, place (m, 2) m, over (m,): has ended, missed (m, V):
-    log-likelihood of each view showing no box of the person."""
+    """What conflicts of m leaves come from: tree (m,); box (m, V) of each view or −1; place (m, 2) m; deleted (m,); missed (m, V):
+    log-likelihood of a missed detection in each view."""
 
     tree: Ints
     box: Ints
     place: Array
-    over: Mask
+    deleted: Mask
     missed: Array
 
 
 @njit(cache=True)
-def conflicts_of(old: Conflicts, parent: Ints, rows: ConflictRows, hit: Array, limits: tuple[float, float, float]) -> Conflicts:
-    """The bonds of children: those of their parents (−1 for a root, which has none), and those of this tick.
+def conflicts_of(old: Conflicts, parent: Ints, rows: ConflictRows, existence_ratio: Array, limits: tuple[float, float, float]) -> Conflicts:
+    """The conflicts of children: those of their parents (−1 for a root, which has none), and those of this tick.
 
-    hit (D,): what each box says for there being somebody. limits: two leaves nearer than so many metres may be one person; how much a tick says for
-    that at most; share of what a second box is worth that speaks against it. Who has ended may have gone on as whoever is near now, and is not asked.
+    existence_ratio (D,): as in BoxTable. limits: `merge_distance`, `merge_step`, `split_share` of the parameters.
+    Deleted leaves are not taken for one person with another: any near leaf may continue them.
     """
     m, V = rows.box.shape
-    near, alone, apart = limits
-    conflict, together = np.zeros((m, m), np.bool_), np.zeros((m, m))
+    merge_distance, merge_step, split_share = limits
+    conflict, same_person = np.zeros((m, m), np.bool_), np.zeros((m, m))
     for i in range(m):
         if parent[i] >= 0:
             for j in range(m):
@@ -76,35 +53,66 @@ def conflicts_of(old: Conflicts, parent: Ints, rows: ConflictRows, hit: Array, l
     for i in range(m):
         for j in range(i + 1, m):
             dx, dy = rows.place[i, 0] - rows.place[j, 0], rows.place[i, 1] - rows.place[j, 1]
-            if dx * dx + dy * dy < near * near and not rows.over[i] and not rows.over[j]:
+            if dx * dx + dy * dy < merge_distance * merge_distance and not rows.deleted[i] and not rows.deleted[j]:
                 one, two = 0.0, 0.0
                 for v in range(V):
                     if rows.box[i, v] >= 0 and rows.box[j, v] >= 0:
-                        two += max(min(hit[rows.box[i, v]], hit[rows.box[j, v]]), 0.0)
+                        two += max(min(existence_ratio[rows.box[i, v]], existence_ratio[rows.box[j, v]]), 0.0)
                     else:
-                        # The farther one may be hidden by the nearer, which is no miss.
+                        # The nearer one may occlude the other, which is no missed detection.
                         one -= max(rows.missed[i, v], rows.missed[j, v])
-                before = old.together[parent[i], parent[j]] if parent[i] >= 0 and parent[j] >= 0 else 0.0
-                together[i, j] = together[j, i] = max(before + min(one, alone) - apart * two, -10.0)
-    return Conflicts(conflict, together)
+                before = old.same_person[parent[i], parent[j]] if parent[i] >= 0 and parent[j] >= 0 else 0.0
+                same_person[i, j] = same_person[j, i] = max(before + min(one, merge_step) - split_share * two, -10.0)
+    return Conflicts(conflict, same_person)
 
 
 @njit(cache=True)
-def _exclude(name: Ints, conflict: Mask) -> None:
-    """Those of one name, which is not below 0, exclude each other."""
-    order, first = np.argsort(name, kind="mergesort"), 0
+def _exclude(label: Ints, conflict: Mask) -> None:
+    """Set the conflicts, in place, of rows with one label (m,) of 0 or more."""
+    order, first = np.argsort(label, kind="mergesort"), 0
     for k in range(1, len(order) + 1):
-        if k == len(order) or name[order[k]] != name[order[first]]:
+        if k == len(order) or label[order[k]] != label[order[first]]:
             for i in order[first:k]:
                 for j in order[first:k]:
-                    conflict[i, j] |= i != j and name[i] >= 0
+                    conflict[i, j] |= i != j and label[i] >= 0
             first = k
 
 
 @njit(cache=True)
+def prune_branches(children: ChildHypotheses, tree: Ints, misses: Ints, margin: float, boxes: int) -> Mask:
+    """Which children (m,) are kept: those within `margin` of the best child of their leaf.
+
+    All are kept where the best one takes a box that other trees want, too. So are those of a leaf without a box for two ticks.
+    tree, misses: of the parents; boxes: their number.
+    """
+    m, V = children.box.shape
+    owner = np.full(boxes, -1, np.int64)
+    for k in range(m):
+        for v in range(V):
+            d = children.box[k, v]
+            if d >= 0:
+                t = tree[children.parent[k]]
+                owner[d] = t if owner[d] == -1 or owner[d] == t else -2
+    keep = np.ones(m, np.bool_)
+    best, uncontested = 0, True
+    for k in range(m):
+        i = children.parent[k]
+        if k == 0 or i != children.parent[k - 1]:
+            best, uncontested = k, misses[i] < 2
+            for v in range(V):
+                if children.box[k, v] >= 0 and owner[children.box[k, v]] == -2:
+                    uncontested = False
+        keep[k] = k == best or not uncontested or children.increment[k] >= children.increment[best] - margin
+    return keep
+
+
+@njit(cache=True)
 def max_marginal_losses(weight: Array, conflict: Mask, tree: Ints, best: Ints) -> Array:
-    """By how much (n,) the weight of the best hypothesis falls when a leaf must be true: its own tree takes it, and each tree whose best leaf it
-    excludes takes the best that it does not. An estimate: those may exclude each other, and others may find room; 0 for the leaves in `best`."""
+    """Estimated loss (n,) of the global hypothesis `best` (rows) where it must hold a leaf; 0 for those that it holds.
+
+    The tree of the leaf takes that leaf. Each tree whose leaf in `best` is in conflict with it takes its best leaf that is not.
+    The estimate ignores conflicts among those, and leaves that would become free.
+    """
     n = len(weight)
     out = np.zeros(n)
     first, following = np.full(tree.max() + 1 if n else 0, -1), np.full(n, -1)
@@ -126,11 +134,13 @@ def max_marginal_losses(weight: Array, conflict: Mask, tree: Ints, best: Ints) -
 
 
 @njit(cache=True)
-def k_best_per_tree(tree: Ints, box: Ints, state: Array, regret: Array, most: Ints) -> Mask:
-    """Which leaves (n,) are kept: of each tree the `most` (n,) of least regret, without those that say what a better one says, too: the same boxes
-    now, and nearly the same place and velocity."""
+def k_best_per_tree(tree: Ints, box: Ints, state: Array, loss: Array, most: Ints) -> Mask:
+    """Which leaves (n,) are kept: the `most` (n,) of smallest loss (n,) of each tree.
+
+    A leaf is dropped where a better one of its tree has the same boxes at this tick, and nearly the same place and velocity.
+    """
     n = len(tree)
-    keep, order = np.zeros(n, np.bool_), np.argsort(regret, kind="mergesort")
+    keep, order = np.zeros(n, np.bool_), np.argsort(loss, kind="mergesort")
     first, following, count = np.full(tree.max() + 1 if n else 0, -1), np.full(n, -1), np.zeros(tree.max() + 1 if n else 0, np.int64)
     for i in order:
         t = tree[i]

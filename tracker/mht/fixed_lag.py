@@ -1,6 +1,6 @@
-"""A fixed lag: what is said of a tick some ticks later, when it is known who came, who had gone, and which way people went on.
+"""Fixed-lag smoothing of the tracks of the global hypothesis: the tick `delay` ticks ago, given all measurements up to now.
 
-A track remembers its filtered states, which are smoothed step by step backwards (rts_smoother.rts_step).
+A leaf remembers its filtered states, which a Rauch-Tung-Striebel smoother goes through backwards (rts_smoother.rts_step).
 """
 
 from __future__ import annotations
@@ -10,47 +10,47 @@ from typing import final
 import numpy as np
 
 from tracker.geometry import Mask
-from tracker.mht.track_trees import TrackHypotheses, going
+from tracker.mht.track_trees import TrackHypotheses, transition
 from tracker.tracks.rts_smoother import rts_step
 from tracker.tracks.tracks import MotionParameters, Tracks
 
 
 @final
 class MhtFixedLagSmoother:
-    """Who was there `delay` ticks ago, by what the tracks of the best hypothesis remember. A delay of 0 reports at once."""
+    """The people of `delay` ticks ago, from the memory of the tracks in the global hypothesis. A delay of 0 reports at once."""
 
     def __init__(self, delay: int, period: float, motion: MotionParameters) -> None:
         """delay in ticks of `period` s. Raises ValueError where it is below 0."""
         if delay < 0:
             raise ValueError(f"delay is {delay} ticks, needs 0 or more")
         self.delay, self.period, self.motion = delay, period, motion
-        self._taken = self._told = 0
+        self._taken = self._reported = 0
         self._last: tuple[TrackHypotheses, Mask] | None = None
 
-    def feed(self, tracks: TrackHypotheses, here: Mask) -> Tracks | None:
-        """Take the tracks after a tick, and which of them are people who are there now; the people of the tick `delay` before it."""
+    def feed(self, tracks: TrackHypotheses, present: Mask) -> Tracks | None:
+        """Take the tracks (n,) after a tick, and which are present; the people of the tick `delay` ticks before, None at the start."""
         self._taken += 1
-        self._last = tracks, here
-        return self.drain() if self._taken - self._told > self.delay else None
+        self._last = tracks, present
+        return self.drain() if self._taken - self._reported > self.delay else None
 
     def drain(self) -> Tracks | None:
-        """The people of the oldest tick that was not told yet, by what is known now; None where all are."""
-        if self._last is None or self._told == self._taken:
+        """The people of the oldest tick that is not reported yet; None where all are."""
+        if self._last is None or self._reported == self._taken:
             return None
-        tracks, here = self._last
-        ago = self._taken - 1 - self._told
-        self._told += 1
-        # Somebody was there if seen then or since, or if not given up by now.
-        there = (tracks.age > ago) & tracks.believed & (here | tracks.met[:, : ago + 1].any(axis=1))
+        tracks, present = self._last
+        ago = self._taken - 1 - self._reported
+        self._reported += 1
+        # A person was there if detected at that tick or later, or if still present.
+        there = (tracks.age > ago) & tracks.confirmed & (present | tracks.detected[:, : ago + 1].any(axis=1))
         return smoothed(tracks.select(there), ago, (self.period, self.motion))
 
 
 def smoothed(tracks: TrackHypotheses, ago: int, motion: tuple[float, MotionParameters]) -> Tracks:
-    """The tracks as they were `ago` ticks before, with what came since taken into state and covariance; all are older than that."""
-    x, P = tracks.past[:, 0], tracks.spread[:, 0]
+    """The smoothed tracks of `ago` ticks before; all are older than that. motion: period s and parameters."""
+    x, P = tracks.states[:, 0], tracks.covariances[:, 0]
     for k in range(1, ago + 1):
-        x, P = rts_step((tracks.past[:, k], tracks.spread[:, k]), (x, P), *going(tracks.gap[:, k - 1], *motion))
-    # How tall they are is not followed here.
+        x, P = rts_step((tracks.states[:, k], tracks.covariances[:, k]), (x, P), *transition(tracks.past_misses[:, k - 1], *motion))
+    # Track hypotheses have no stature.
     state, covariance = np.zeros((len(x), 5)), np.zeros((len(x), 5, 5))
     state[:, :4], covariance[:, :4, :4] = x, P
     return Tracks(tracks.tree, state, covariance, tracks.score, tracks.hits, tracks.misses, tracks.age)

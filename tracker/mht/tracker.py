@@ -1,15 +1,18 @@
-"""Which boxes are which people: track trees, and the best set of tracks as a maximum-weight clique, from tick to tick.
+"""Multiple hypothesis tracking of people: track trees, and the global hypothesis of each tick as a maximum-weight clique of leaves.
 
-`MultipleHypotheses.step` takes what all views have at a tick and gives the tracks of the best hypothesis, with their last moments. A person who
-was taken for somebody else is put right within the N-scan: the best hypothesis is found anew at every tick over all that is not decided.
+`MhtFilter.step` takes the boxes of all views at a tick and gives the tracks of the global hypothesis.
+The global hypothesis is found anew at every tick, so that a wrong association is corrected within the N-scan window.
 
-It departs from the scheme of Yoo et al. in this: a track takes boxes one by one, not tracklets, with the likelihood of its own Kalman filter as
-score; all leaves make one graph, which falls into parts that are solved by themselves (`small_graphs` has one graph for each hypothesis); and a leaf
-stays by what it would cost the best hypothesis to hold it, not by the share of hypotheses that do. Leaves that are true together also go on together,
-the boxes of each view shared out among them: what each would do alone seldom goes together before many views. What views find, miss and are off is
-learned as in tracker/hypotheses.py, by how much of people things and others cover (tracker/cover.py), who was lost and comes back keeps the id
-(tracker/reunion.py), and images say whose box it is by what people look like (tracker/likeness.py). Where terrain and things are known this does not
-yet ask at which distances a box could be of somebody (tracker/standpoints.py): there the default tracker is better.
+It differs from Yoo et al. (2017) in four points:
+
+* A track takes single boxes, not tracklets, and its score is the likelihood of its own Kalman filter.
+* All leaves form one graph, whose connected components are solved one by one (`small_graphs`: one graph for each hypothesis).
+* A leaf is kept by its max-marginal loss, not by the share of hypotheses that hold it.
+* The leaves of the global hypothesis also branch jointly: the boxes of each view are assigned to all of them at once.
+
+The sensor model, the registration bias and the measurement noise of each view are learned online (tracker/tracks). Lost tracks are re-identified
+there, and an appearance model weighs boxes where there are images. The range likelihood of boxes in a known scene is not used.
+In such scenes the global nearest neighbour tracker (tracker/gnn) is more accurate.
 """
 
 from __future__ import annotations
@@ -23,10 +26,9 @@ from tracker.detections.cross_view import CrossViewGroup, group_across_views
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Viewpoint
 from tracker.geometry import Array, Ints, Mask
-from tracker.mht import conflicts
 from tracker.mht.appearance_model import AppearanceModel
 from tracker.mht.branching import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, assign_jointly, assigned_boxes, branch, union
-from tracker.mht.conflicts import Conflicts
+from tracker.mht.conflicts import ConflictRows, Conflicts, conflicts_of, k_best_per_tree, max_marginal_losses, prune_branches
 from tracker.mht.fixed_lag import MhtFixedLagSmoother
 from tracker.mht.global_hypothesis import GlobalHypothesis, solve
 from tracker.mht.parameters import MhtParameters
@@ -38,252 +40,266 @@ from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
 
 
+@final
+class MhtTracker:
+    """The tracker of people by multiple hypotheses, which reports `delay` ticks late. Raises ValueError where delay is below 0."""
+
+    def __init__(self, setup: Setup, parameters: MhtParameters, delay: int) -> None:
+        self._smoother = MhtFixedLagSmoother(delay, setup.period, parameters.motion)
+        self.filter = MhtFilter(setup, parameters, delay)
+
+    def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None:
+        """Take a tick; the people of the tick `delay` ticks before, None at the start."""
+        return self._with_person_ids(self._smoother.feed(*self.filter.step(views, cameras)))
+
+    def drain(self) -> Tracks | None:
+        """The people of the oldest tick that is not reported yet; None where all are."""
+        return self._with_person_ids(self._smoother.drain())
+
+    def _with_person_ids(self, people: Tracks | None) -> Tracks | None:
+        return None if people is None else self.filter.reidentification.relabelled(people)
+
+
 class MhtFilter:
-    """The online tracker of people. State after a tick depends on ticks up to it alone."""
+    """The online filter: its state after a tick depends on the ticks up to it alone."""
 
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int = 0) -> None:
-        """delay: ticks that the tracks shall remember."""
+        """delay: ticks that the tracks remember at least."""
         self.setup, self.parameters = setup, parameters
-        self.evidence = SensorModel(setup, parameters)
-        people = parameters.fusion.standpoints
-        self._stature = people.stature, people.stature_sigma
-        self.reunions = Reidentification(parameters.reunion, parameters.motion, setup.period, NewTargetModel(parameters.arrivals, *self._stature))
+        self.sensor_model = SensorModel(setup, parameters)
+        ranges = parameters.fusion.ranges
+        self._stature = ranges.stature, ranges.stature_sigma
+        new_target = NewTargetModel(parameters.arrival_rate, *self._stature)
+        self.reidentification = Reidentification(parameters.reidentification, parameters.motion, setup.period, new_target)
         self.n_scan = max(1, round(parameters.n_scan / setup.period))
         self.window = max(self.n_scan, delay) + 1
         self.leaves = TrackHypotheses.none(self.window)
-        self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the best hypothesis
+        self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the global hypothesis
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
-        self._bonds = Conflicts(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
+        self._conflicts = Conflicts(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
         self.noise = MeasurementNoise(parameters.noise)
-        self.likeness = AppearanceModel(parameters.alike, parameters.fashion, list(setup.mounts))
+        self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
-        self._bridged = round(parameters.delta_a / setup.period)
+        self._max_gap = round(parameters.delta_a / setup.period)
 
     def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> tuple[TrackHypotheses, Mask]:
-        """Take one tick; cameras: from where each view looks. The tracks of the best hypothesis, and who of them is there now."""
+        """Take one tick; cameras: the viewpoint of each view. The tracks (k,) of the global hypothesis, and which are present."""
         self._ticks += 1
-        views = [self.noise.widened(feet) for feet in views]
+        views = [self.noise.inflated(boxes) for boxes in views]
         self.leaves = predict(self.leaves, self.setup.period, self.parameters.motion)
-        together = self.best[~self.leaves.over[self.best]]
-        bodies = self.evidence.bodies(self.leaves.state[:, :2], self.leaves.tree, together)
-        table = BoxTable.of(views, self.evidence, self.parameters.clutter)
-        expected = bodies.by_view(cameras, self.parameters.fusion.reach)
+        active = self.best[~self.leaves.deleted[self.best]]
+        bodies = self.sensor_model.bodies(self.leaves.state[:, :2], self.leaves.tree, active)
+        table = BoxTable.of(views, self.sensor_model, self.parameters.clutter)
+        expected = bodies.expected_by_view(cameras, self.parameters.fusion.reach)
         missed = self._missed(views, expected)
-        standing = ParentHypotheses.of(self.leaves, self.setup.ground, missed, self.likeness.worth(self.leaves, views))
-        numbers = self._numbers(views)
-        mutual, worth = assign_jointly(together, standing, table, numbers)
-        ways = union(branch(standing, table, numbers), mutual)
-        who = self.leaves.tree[together], self.leaves.believed[together]
-        held = conflicts.prune_branches(ways, self.leaves.tree, self.leaves.misses, self.parameters.slack, len(table.usable))
-        ways = ChildHypotheses._make(column[held] for column in ways)
-        roots = self._roots(views, table, ways)
-        prior = self._prior(views, cameras, roots)
-        self._extend(ways, (roots, prior), (table, missed), bodies.watched(cameras))
-        self._dress(views, table)
-        chosen = solve(self.leaves, self._bonds, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
-        self._doubt(chosen.best, table, (*who, worth))
-        fresh = self._believe(chosen.best)
-        self._learn(views, ways, (table.start, expected, bodies.covers(cameras)), chosen.best)
-        self._reunite(chosen.best, fresh)
+        parents = ParentHypotheses.of(self.leaves, self.setup.ground, missed, self.appearance.log_ratio(self.leaves, views))
+        limits = self._branching_constants(views)
+        joint, ratio = assign_jointly(active, parents, table, limits)
+        children = union(branch(parents, table, limits), joint)
+        rivals = self.leaves.tree[active], self.leaves.confirmed[active], ratio
+        kept = prune_branches(children, self.leaves.tree, self.leaves.misses, self.parameters.uncontested_margin, len(table.usable))
+        children = ChildHypotheses._make(column[kept] for column in children)
+        roots = self._initiate(views, table, children)
+        score = self._initiation_scores(views, cameras, roots)
+        self._extend_trees(children, (roots, score), (table, missed), bodies.in_any_view(cameras))
+        self._update_appearance(views, table)
+        chosen = solve(self.leaves, self._conflicts, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
+        self._discount_contested_boxes(chosen.best, table, rivals)
+        new = self._confirm(chosen.best)
+        self._update_sensor_model(views, children, (table.start, expected, bodies.occluded_by_view(cameras)), chosen.best)
+        self._reidentify(chosen.best, new)
         self._prune(chosen)
         people = self.leaves.select(self.best)
-        # Where no view could have shown somebody that is no gap.
-        here = people.believed & ~people.over & (people.due <= self._bridged)
-        return people, here
+        # Ticks at which no view could have had a box do not count as a gap.
+        present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
+        return people, present
 
     def _missed(self, views: list[GroundDetections], expected: Array) -> Array:
-        """Log-likelihood (n, V) of each view showing no box of people of whom it should see so much."""
+        """Log-likelihood (n, V) of a missed detection in each view, which should have a box with probability `expected` (n, V) times P_D."""
         out = np.zeros((len(self.leaves), len(views)))
-        for v, feet in enumerate(views):
-            out[:, v] = self.evidence.missed(feet.camera, expected[:, v])
+        for v, boxes in enumerate(views):
+            out[:, v] = self.sensor_model.missed(boxes.camera, expected[:, v])
         return out
 
-    def _dress(self, views: list[GroundDetections], table: BoxTable) -> None:
-        """Note what the boxes look like that leaves have taken."""
-        box = np.where(self._boxes >= 0, self._boxes - table.start[:-1], -1)
-        self.leaves = self.likeness.dressed(self.leaves, views, box, self.leaves.believed)
-
-    def _numbers(self, views: list[GroundDetections]) -> BranchingConstants:
+    def _branching_constants(self, views: list[GroundDetections]) -> BranchingConstants:
         q, (low, high) = self.parameters, self.setup.height
-        return BranchingConstants(q.gate, q.motion.foot_spread, low, high, self.evidence.at_once(views), q.least, q.width, q.beam, q.children)
+        missed_by_all = self.sensor_model.joint_miss(views)
+        return BranchingConstants(q.gate, q.motion.foot_spread, low, high, missed_by_all, q.min_ratio, q.margin, q.beam_width, q.max_children)
 
-    def _prior(self, views: list[GroundDetections], cameras: list[Viewpoint], roots: list[CrossViewGroup]) -> Array:
-        """Log-likelihood ratio of each root being somebody new."""
-        people = self.leaves.select(self.best)
-        return self.evidence.prior(list(zip(views, cameras, strict=True)), roots, (people.state[:, :2], people.tree), self._ticks)
-
-    def _roots(self, views: list[GroundDetections], table: BoxTable, ways: ChildHypotheses) -> list[CrossViewGroup]:
-        """What may be somebody new: boxes that are left over, where nobody stands whom these views did not see."""
-        first = np.concatenate([[True], ways.parent[1:] != ways.parent[:-1]]) if len(ways.parent) else np.zeros(0, dtype=bool)
-        # Who comes back after a while out of sight may be somebody else.
-        trees = _of_trees(self.leaves, self.best)
-        taken = assigned_boxes(trees[(self.leaves.misses[trees] < 2) & ~self.leaves.over[trees]], ways, table)
-        free = [~taken[table.start[v] : table.start[v + 1]] & (f.confidence >= self.parameters.birth_confidence) for v, f in enumerate(views)]
-        groups = group_across_views([self.evidence.corrected(feet) for feet in views], free, self.setup.height, self.parameters.fusion)
-        place, seen = ways.state[first, :2], ways.box[first] >= 0
-        here = (self.leaves.misses < 3) & ~self.leaves.over
+    def _initiate(self, views: list[GroundDetections], table: BoxTable, children: ChildHypotheses) -> list[CrossViewGroup]:
+        """Groups of unassigned boxes that may be new people, without those near a track that has no box in these views."""
+        first = np.concatenate([[True], children.parent[1:] != children.parent[:-1]]) if len(children.parent) else np.zeros(0, dtype=bool)
+        # A track that is detected again after a gap may be another person.
+        trees = _one_leaf_per_tree(self.leaves, self.best)
+        taken = assigned_boxes(trees[(self.leaves.misses[trees] < 2) & ~self.leaves.deleted[trees]], children, table)
+        free = [~taken[table.start[v] : table.start[v + 1]] & (f.confidence >= self.parameters.initiation_confidence) for v, f in enumerate(views)]
+        groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in views], free, self.setup.height, self.parameters.fusion)
+        place, seen = children.state[first, :2], children.box[first] >= 0
+        recent = (self.leaves.misses < 3) & ~self.leaves.deleted
         known = []
         for g in groups:
-            near = np.linalg.norm(place - g.point, axis=1) < self.parameters.same_person
-            known.append((near & here & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
+            near = np.linalg.norm(place - g.point, axis=1) < self.parameters.merge_distance
+            known.append((near & recent & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
         return [g for g, k in zip(groups, known, strict=True) if not k]
 
-    def _extend(self, ways: ChildHypotheses, new_trees: tuple[list[CrossViewGroup], Array], seen: tuple[BoxTable, Array], watched: Mask) -> None:
-        """Leaves become their children, and roots with their scores are added; bonds go along. The columns of their boxes are kept for this tick."""
-        q, (roots, prior), (table, missed) = self.parameters, new_trees, seen
-        parents, met = self.leaves.select(ways.parent), (ways.box >= 0).any(axis=1)
-        # For and against being there it does not count how well a box lies: that says which box it is.
-        evidence = np.append(table.hit, 0.0)[ways.box].sum(axis=1) + ways.missed
-        due = np.where(met, 0.0, parents.due + 1 - np.exp(missed[ways.parent].sum(axis=1)))
-        past, spread, taken = parents.past.copy(), parents.spread.copy(), parents.met.copy()
-        past[:, 0], spread[:, 0], taken[:, 0] = ways.state, ways.covariance, met
-        children = replace(
-            parents, state=ways.state, covariance=ways.covariance, score=parents.score + ways.gain,
-            alive=np.clip(parents.alive + evidence, -20.0, q.most_score), hits=parents.hits + met, misses=np.where(met, 0, parents.misses + 1),
-            past=past, spread=spread, met=taken, out=parents.out + 1, due=due, away=np.where(watched[ways.parent] | met, 0, parents.away + 1),
+    def _initiation_scores(self, views: list[GroundDetections], cameras: list[Viewpoint], roots: list[CrossViewGroup]) -> Array:
+        """Log-likelihood ratio of each root being a new person over clutter."""
+        people = self.leaves.select(self.best)
+        return self.sensor_model.initiation_score(list(zip(views, cameras, strict=True)), roots, (people.state[:, :2], people.tree), self._ticks)
+
+    def _extend_trees(
+        self, children: ChildHypotheses, new_trees: tuple[list[CrossViewGroup], Array], seen: tuple[BoxTable, Array], watched: Mask
+    ) -> None:
+        """Replace the leaves by their children, add the roots of new trees, and find the conflicts of all.
+
+        new_trees: roots and their scores; seen: the boxes and the log-likelihoods (n, V) of missed detections; watched (n,): in some view.
+        """
+        q, (roots, score), (table, missed) = self.parameters, new_trees, seen
+        parents, detected = self.leaves.select(children.parent), (children.box >= 0).any(axis=1)
+        # The likelihood of a place tells whose box it is, not whether there is a person.
+        existence = np.append(table.existence_ratio, 0.0)[children.box].sum(axis=1) + children.missed
+        expected_misses = np.where(detected, 0.0, parents.expected_misses + 1 - np.exp(missed[children.parent].sum(axis=1)))
+        states, covariances, detections = parents.states.copy(), parents.covariances.copy(), parents.detected.copy()
+        states[:, 0], covariances[:, 0], detections[:, 0] = children.state, children.covariance, detected
+        leaves = replace(
+            parents, state=children.state, covariance=children.covariance, score=parents.score + children.increment,
+            existence=np.clip(parents.existence + existence, -20.0, q.max_score),
+            hits=parents.hits + detected, misses=np.where(detected, 0, parents.misses + 1),
+            states=states, covariances=covariances, detected=detections, unselected=parents.unselected + 1, expected_misses=expected_misses,
+            out_of_view=np.where(watched[children.parent] | detected, 0, parents.out_of_view + 1),
         )  # fmt: skip
         new = initiated(self._next_tree, roots, q.motion, self.window, self.leaves.appearance.shape[1])
         self._next_tree += len(roots)
-        new = replace(new, score=prior, alive=prior)
-        self._boxes = np.full((len(children) + len(new), len(table.origin)), -1, dtype=np.int64)
-        self._boxes[: len(children)] = ways.box
-        for k, group in enumerate(roots, len(children)):
+        new = replace(new, score=score, existence=score)
+        self._boxes = np.full((len(leaves) + len(new), len(table.origin)), -1, dtype=np.int64)
+        self._boxes[: len(leaves)] = children.box
+        for k, group in enumerate(roots, len(leaves)):
             for v, d in group.members:
                 self._boxes[k, v] = table.start[v] + d
-        leaves = children.join(new)
+        leaves = leaves.join(new)
         leaves.node[:, 0] = self._next_node + np.arange(len(leaves))
         self._next_node += len(leaves)
-        parent = np.concatenate([ways.parent, np.full(len(new), -1, dtype=np.int64)])
+        parent = np.concatenate([children.parent, np.full(len(new), -1, dtype=np.int64)])
         self._parent, self.leaves = parent, leaves
-        missed = np.vstack([missed[ways.parent], np.zeros((len(new), len(table.origin)))])
-        who = conflicts.ConflictRows(leaves.tree, self._boxes, leaves.state[:, :2], leaves.over, missed)
-        self._bonds = conflicts.conflicts_of(self._bonds, parent, who, table.hit, (q.same_person, q.alone, q.apart))
+        missed = np.vstack([missed[children.parent], np.zeros((len(new), len(table.origin)))])
+        rows = ConflictRows(leaves.tree, self._boxes, leaves.state[:, :2], leaves.deleted, missed)
+        self._conflicts = conflicts_of(self._conflicts, parent, rows, table.existence_ratio, (q.merge_distance, q.merge_step, q.split_share))
 
-    def _doubt(self, best: Ints, table: BoxTable, others: tuple[Ints, Mask, Array]) -> None:
-        """A box that another track would take says little for who has it: there would be one as likely without them. others: tree (k,), whether
-        believed, and what each would gain by each box (k, D)."""
-        tree, known, worth = others
-        if not worth.size:
+    def _update_appearance(self, views: list[GroundDetections], table: BoxTable) -> None:
+        """Update the appearance of leaves by the boxes that they have taken."""
+        box = np.where(self._boxes >= 0, self._boxes - table.start[:-1], -1)
+        self.leaves = self.appearance.with_appearance(self.leaves, views, box, self.leaves.confirmed)
+
+    def _discount_contested_boxes(self, best: Ints, table: BoxTable, rivals: tuple[Ints, Mask, Array]) -> None:
+        """Reduce the existence scores of leaves in the global hypothesis whose boxes another track would take.
+
+        rivals: tree (k,), whether confirmed (k,), and the log-likelihood ratio (k, D) of each box over a missed detection.
+        """
+        tree, known, ratio = rivals
+        if not ratio.size:
             return
-        view, alive = np.repeat(np.arange(len(table.origin)), np.diff(table.start)), self.leaves.alive.copy()
+        view, existence = np.repeat(np.arange(len(table.origin)), np.diff(table.start)), self.leaves.existence.copy()
         row, column = np.nonzero(tree[:, None] == self.leaves.tree[best])
         has = self._boxes[best[column]]
         now = np.zeros((len(tree), len(table.origin)))
-        now[row] = np.where(has >= 0, worth[row[:, None], has], 0.0)
-        more = np.maximum(worth - now[:, view], 0.0)
+        now[row] = np.where(has >= 0, ratio[row[:, None], has], 0.0)
+        more = np.maximum(ratio - now[:, view], 0.0)
         for leaf in best:
-            rival = (tree != self.leaves.tree[leaf]) & (known | ~self.leaves.believed[leaf])
+            rival = (tree != self.leaves.tree[leaf]) & (known | ~self.leaves.confirmed[leaf])
             box = self._boxes[leaf][self._boxes[leaf] >= 0]
-            alive[leaf] -= np.minimum(more[np.ix_(rival, box)].max(axis=0, initial=0.0), np.maximum(table.hit[box], 0.0)).sum()
-        self.leaves = replace(self.leaves, alive=alive)
+            existence[leaf] -= np.minimum(more[np.ix_(rival, box)].max(axis=0, initial=0.0), np.maximum(table.existence_ratio[box], 0.0)).sum()
+        self.leaves = replace(self.leaves, existence=existence)
 
-    def _believe(self, best: Ints) -> set[int]:
-        """Note who is certain by now; the trees that are for the first time."""
+    def _confirm(self, best: Ints) -> set[int]:
+        """Confirm and delete tracks of the global hypothesis; the trees that are confirmed for the first time."""
         q, leaves = self.parameters, self.leaves
         sure = np.zeros(len(leaves), dtype=bool)
-        sure[best] = (leaves.hits[best] >= q.n_conf) & (leaves.alive[best] >= q.believe) & (leaves.misses[best] == 0)
-        out, believed = leaves.out.copy(), leaves.believed | sure
-        out[best] = 0
-        fresh = set(leaves.tree[sure].tolist()) - set(leaves.tree[leaves.believed].tolist())
-        # Who has ended stays for as long as the delay may ask of their last moments.
-        gone = (leaves.alive < q.end) | self._left(leaves)
-        self.leaves = replace(leaves, out=out, believed=believed, over=leaves.over | (believed & gone))
-        return fresh
+        sure[best] = (leaves.hits[best] >= q.n_conf) & (leaves.existence[best] >= q.confirm_score) & (leaves.misses[best] == 0)
+        unselected, confirmed = leaves.unselected.copy(), leaves.confirmed | sure
+        unselected[best] = 0
+        new = set(leaves.tree[sure].tolist()) - set(leaves.tree[leaves.confirmed].tolist())
+        # Deleted tracks stay while the fixed-lag smoother may report their last ticks.
+        gone = (leaves.existence < q.delete_confirmed_score) | self._has_left(leaves)
+        self.leaves = replace(leaves, unselected=unselected, confirmed=confirmed, deleted=leaves.deleted | (confirmed & gone))
+        return new
 
-    def _left(self, leaves: TrackHypotheses) -> Mask:
-        """Who (n,) is out of all views for so long that they are gone."""
-        return np.asarray(leaves.away * self.setup.period > self.parameters.outside)
+    def _has_left(self, leaves: TrackHypotheses) -> Mask:
+        """Which leaves (n,) are outside all views for too long."""
+        return np.asarray(leaves.out_of_view * self.setup.period > self.parameters.max_outside)
 
-    def _learn(self, views: list[GroundDetections], ways: ChildHypotheses, seen: tuple[Ints, Array, Array], best: Ints) -> None:
-        """Count what the views found of the best hypothesis; take innovations of who is believed as looks at the views' own offsets and noise.
+    def _update_sensor_model(self, views: list[GroundDetections], children: ChildHypotheses, seen: tuple[Ints, Array, Array], best: Ints) -> None:
+        """Learn the detection rates, measurement noise and registration bias of each view from the confirmed tracks of the global hypothesis.
 
-        seen: first row of each view's boxes; how often (n, V) each view should see a parent, and how much (n, V, 2) of it is covered.
+        seen: first row of each view's boxes; probability (n, V) that a view should have a box of a parent; its occluded shares (n, V, 2).
         """
-        (start, expected, cover), leaves = seen, self.leaves
+        (start, expected, occluded), leaves = seen, self.leaves
         known = best[self._parent[best] >= 0]
         box = self._boxes[known]
-        sure = leaves.believed[known] & (leaves.misses[known] <= self._bridged)
-        seen_of, shown = expected[self._parent[known]], cover[self._parent[known]]
-        self.evidence.learn(views, np.where(box >= 0, box - start[:-1], -1), seen_of, (sure, leaves.alive[known]), shown)
-        old = known[leaves.believed[known]]
-        for v, feet in enumerate(views):
-            looks = ways.residual[old, v], ways.H[old, v], ways.S[old, v]
+        sure = leaves.confirmed[known] & (leaves.misses[known] <= self._max_gap)
+        parent = self._parent[known]
+        self.sensor_model.learn(
+            views, np.where(box >= 0, box - start[:-1], -1), expected[parent], (sure, leaves.existence[known]), occluded[parent]
+        )  # fmt: skip
+        old = known[leaves.confirmed[known]]
+        for v, boxes in enumerate(views):
+            innovations = children.residual[old, v], children.H[old, v], children.S[old, v]
             mine = old[self._boxes[old, v] >= 0], v
-            self.noise.learn(feet.camera, ways.residual[mine], ways.S[mine], feet.covariance[self._boxes[mine] - start[v]])
-            self.evidence.offsets.learn(feet.camera, leaves.state[old, :2], looks)
+            self.noise.learn(boxes.camera, children.residual[mine], children.S[mine], boxes.covariance[self._boxes[mine] - start[v]])
+            self.sensor_model.registration_bias.learn(boxes.camera, leaves.state[old, :2], innovations)
 
-    def _reunite(self, best: Ints, fresh: set[int]) -> None:
-        """Who is believed for the first time may be who was lost; end what has gone on as another."""
-        people = self.leaves.select(_of_trees(self.leaves, best))
-        away = self._left(people)
-        new, held = np.isin(people.tree, list(fresh)), np.isin(people.tree, self.leaves.tree[best])
-        ended = self.reunions.step(_as_tracks(people, self._stature), people.believed & held, new, set(people.tree[away].tolist()))
-        self.leaves = replace(self.leaves, over=self.leaves.over | np.isin(self.leaves.tree, list(ended)))
+    def _reidentify(self, best: Ints, new: set[int]) -> None:
+        """Re-identify newly confirmed trees with lost ones, and delete the lost ones."""
+        people = self.leaves.select(_one_leaf_per_tree(self.leaves, best))
+        left = self._has_left(people)
+        confirmed, held = np.isin(people.tree, list(new)), np.isin(people.tree, self.leaves.tree[best])
+        ended = self.reidentification.step(_with_stature(people, self._stature), people.confirmed & held, confirmed, set(people.tree[left].tolist()))
+        self.leaves = replace(self.leaves, deleted=self.leaves.deleted | np.isin(self.leaves.tree, list(ended)))
 
     def _prune(self, chosen: GlobalHypothesis) -> None:
-        """Drop what has ended, what was decided against n_scan ticks ago, and what is too much."""
+        """Drop leaves: of deleted tracks, by N-scan pruning, and those of the largest loss beyond the bounds on their number."""
         q, leaves = self.parameters, self.leaves
-        longest = max(round(q.followed * self._bridged), self.window)
-        # Who is not believed yet and takes what belongs to others would live for ever.
-        young = (leaves.misses < 3) & (leaves.alive > q.forget) & (leaves.out <= q.patience)
-        keep = np.where(leaves.believed, (leaves.misses <= longest) & (leaves.out <= self.n_scan), young)
+        longest = max(round(q.coasting_factor * self._max_gap), self.window)
+        # A tentative track that takes boxes of others is never in the global hypothesis, and would stay for ever.
+        tentative = (leaves.misses < 3) & (leaves.existence > q.delete_tentative_score) & (leaves.unselected <= q.patience)
+        keep = np.where(leaves.confirmed, (leaves.misses <= longest) & (leaves.unselected <= self.n_scan), tentative)
         keep &= leaves.speed <= q.motion.v_max
-        decided = {int(leaves.tree[k]): int(leaves.node[k, self.n_scan]) for k in chosen.best if leaves.believed[k]}
-        past = zip(leaves.tree.tolist(), leaves.node[:, self.n_scan].tolist(), strict=True)
-        keep &= np.array([decided.get(tree, node) == node for tree, node in past], dtype=bool)
-        # Trees by their place among those that live: their ids grow for ever.
+        decided = {int(leaves.tree[k]): int(leaves.node[k, self.n_scan]) for k in chosen.best if leaves.confirmed[k]}
+        ancestors = zip(leaves.tree.tolist(), leaves.node[:, self.n_scan].tolist(), strict=True)
+        keep &= np.array([decided.get(tree, node) == node for tree, node in ancestors], dtype=bool)
+        # Ids of trees grow without bound; their places among those that are left do not.
         _, tree = np.unique(leaves.tree, return_inverse=True)
-        regret = conflicts.max_marginal_losses(np.maximum(weights(leaves, q.most_weight), 0.0), chosen.conflict, tree, chosen.best)
-        regret[chosen.best] = -np.inf
-        most = np.where(leaves.believed, q.tree_leaves, q.young_leaves)
-        # Ended and undecided leaves are out before the places of a tree are given.
-        keep &= conflicts.k_best_per_tree(tree, self._boxes, leaves.state, np.where(keep, regret, np.inf), most)
-        keep &= (regret < q.most_regret) | ~leaves.believed
+        loss = max_marginal_losses(np.maximum(weights(leaves, q.max_weight), 0.0), chosen.conflict, tree, chosen.best)
+        loss[chosen.best] = -np.inf
+        most = np.where(leaves.confirmed, q.tree_leaves, q.tentative_leaves)
+        # Leaves that are dropped already take no place of their tree.
+        keep &= k_best_per_tree(tree, self._boxes, leaves.state, np.where(keep, loss, np.inf), most)
+        keep &= (loss < q.max_loss) | ~leaves.confirmed
         if q.small_graphs:
-            keep &= chosen.hypotheses.any(axis=0) | ~leaves.believed
-        if keep.sum() > q.most_leaves:
-            best = np.argsort(np.where(keep, regret, np.inf), kind="stable")[: q.most_leaves]
+            keep &= chosen.hypotheses.any(axis=0) | ~leaves.confirmed
+        if keep.sum() > q.max_leaves:
+            best = np.argsort(np.where(keep, loss, np.inf), kind="stable")[: q.max_leaves]
             keep = np.isin(np.arange(len(keep)), best)
         rows = np.flatnonzero(keep)
         number = np.full(len(leaves), -1)
         number[rows] = np.arange(len(rows))
-        self.leaves, self._bonds = leaves.select(rows), Conflicts(self._bonds.conflict[np.ix_(rows, rows)], self._bonds.together[np.ix_(rows, rows)])
+        among = np.ix_(rows, rows)
+        self.leaves, self._conflicts = leaves.select(rows), Conflicts(self._conflicts.conflict[among], self._conflicts.same_person[among])
         self.best = number[chosen.best][keep[chosen.best]]
         self.kept = np.pad(chosen.hypotheses[:, rows], ((0, 0), (0, 1)))
 
 
-def _of_trees(leaves: TrackHypotheses, best: Ints) -> Ints:
-    """A row of each tree: that of `best`, or the one of the highest score."""
+def _one_leaf_per_tree(leaves: TrackHypotheses, best: Ints) -> Ints:
+    """A row of each tree: the one in `best`, or the one of the highest score."""
     held = np.zeros(len(leaves), dtype=bool)
     held[best] = True
     order = np.lexsort((-leaves.score, ~held, leaves.tree))
     return np.asarray(order[np.unique(leaves.tree[order], return_index=True)[1]])
 
 
-def _as_tracks(people: TrackHypotheses, stature: tuple[float, float]) -> Tracks:
-    """The same with a stature, of which nothing is known but how tall people are: mean and standard deviation, m."""
+def _with_stature(people: TrackHypotheses, stature: tuple[float, float]) -> Tracks:
+    """The same tracks with the prior of the stature: mean and standard deviation, m."""
     state, covariance = np.zeros((len(people), 5)), np.zeros((len(people), 5, 5))
     state[:, :4], covariance[:, :4, :4] = people.state, people.covariance
     state[:, 4], covariance[:, 4, 4] = stature[0], stature[1] ** 2
     return Tracks(people.tree, state, covariance, people.score, people.hits, people.misses, people.age)
-
-
-@final
-class MhtTracker:
-    """The tracker of people with multiple hypotheses, told `delay` ticks late. Raises ValueError where delay is below 0."""
-
-    def __init__(self, setup: Setup, parameters: MhtParameters, delay: int) -> None:
-        self._recall = MhtFixedLagSmoother(delay, setup.period, parameters.motion)
-        self.hypotheses = MhtFilter(setup, parameters, delay)
-
-    def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None:
-        """Take a tick; the people of the tick `delay` before it, None where there was none."""
-        return self._told(self._recall.feed(*self.hypotheses.step(views, cameras)))
-
-    def drain(self) -> Tracks | None:
-        """The people of the oldest tick that was not told yet; None where all are."""
-        return self._told(self._recall.drain())
-
-    def _told(self, people: Tracks | None) -> Tracks | None:
-        return None if people is None else self.hypotheses.reunions.renamed(people)

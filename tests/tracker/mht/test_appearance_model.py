@@ -1,4 +1,4 @@
-"""Whose box it is by its looks: who was seen is told from others, within one camera alone."""
+"""The appearance model: it tells people apart within one camera, and says nothing across cameras."""
 
 from __future__ import annotations
 
@@ -16,82 +16,82 @@ from tracker.mht.track_trees import TrackHypotheses, initiated
 from tracker.tracks.tracks import MotionParameters
 
 
-def look(person: int, rng: np.random.Generator, noise: float = 0.02) -> Array:
-    """Somebody's look: their own part of the numbers, and a little of the others."""
+def appearance(person: int, rng: np.random.Generator, noise: float = 0.02) -> Array:
+    """The appearance of a person: a block of features of their own, and a little of the others."""
     out = np.full(SIZE, 0.01)
     out[person * 12 : person * 12 + 12] = 1.0
     out = np.abs(out + noise * rng.normal(size=SIZE))
     return out / np.linalg.norm(out)
 
 
-def boxes(camera: str, looks: list[Array]) -> GroundDetections:
-    feet = seen([(0.3 * k, 6.0) for k in range(len(looks))])
-    return replace(feet, camera=camera, appearance=np.array(looks).reshape(-1, SIZE))
+def boxes(camera: str, rows: list[Array]) -> GroundDetections:
+    ground = seen([(0.3 * k, 6.0) for k in range(len(rows))])
+    return replace(ground, camera=camera, appearance=np.array(rows).reshape(-1, SIZE))
 
 
 def leaves(count: int, cameras: int = 2) -> TrackHypotheses:
-    feet = seen([(0.3 * k, 6.0) for k in range(count)])
-    groups = [CrossViewGroup(((0, k),), feet.point[k, :2], feet.spread[k]) for k in range(count)]
+    ground = seen([(0.3 * k, 6.0) for k in range(count)])
+    groups = [CrossViewGroup(((0, k),), ground.point[k, :2], ground.spread[k]) for k in range(count)]
     return initiated(1, groups, MotionParameters(), 3, cameras)
 
 
-def dressed(likeness: AppearanceModel, rng: np.random.Generator, ticks: int = 20) -> TrackHypotheses:
-    """Two people who were seen by camera a."""
+def after_ticks(model: AppearanceModel, rng: np.random.Generator, ticks: int = 20) -> TrackHypotheses:
+    """Two leaves after boxes in camera a."""
     people = leaves(2)
     for _ in range(ticks):
-        view = boxes("a", [look(0, rng), look(1, rng)])
-        people = likeness.dressed(people, [view], np.array([[0], [1]]), np.ones(2, dtype=bool))
+        view = boxes("a", [appearance(0, rng), appearance(1, rng)])
+        people = model.with_appearance(people, [view], np.array([[0], [1]]), np.ones(2, dtype=bool))
     return people
 
 
-def test_the_same_look_speaks_for_and_another_against() -> None:
-    rng, likeness = np.random.default_rng(0), AppearanceModel(0.7, 0.1, ["a", "b"])
-    people = dressed(likeness, rng)
-    worth = likeness.worth(people, [boxes("a", [look(1, rng), look(0, rng), look(3, rng)])])
-    assert worth.shape == (2, 3)
-    assert worth[0, 1] > 1
-    assert worth[1, 0] > 1
-    assert (worth[[0, 1, 0, 1], [0, 1, 2, 2]] < -1).all()
+def test_the_same_appearance_has_a_positive_log_ratio_and_another_a_negative_one() -> None:
+    rng, model = np.random.default_rng(0), AppearanceModel(0.7, 0.1, ["a", "b"])
+    people = after_ticks(model, rng)
+    ratio = model.log_ratio(people, [boxes("a", [appearance(1, rng), appearance(0, rng), appearance(3, rng)])])
+    assert ratio.shape == (2, 3)
+    assert ratio[0, 1] > 1
+    assert ratio[1, 0] > 1
+    assert (ratio[[0, 1, 0, 1], [0, 1, 2, 2]] < -1).all()
 
 
-def test_what_one_camera_saw_says_nothing_in_another() -> None:
-    rng, likeness = np.random.default_rng(1), AppearanceModel(0.7, 0.1, ["a", "b"])
-    people = dressed(likeness, rng)
-    worth = likeness.worth(people, [seen([(0.0, 6.0)]), boxes("b", [look(0, rng)])])
-    assert worth.shape == (2, 2)
-    assert not worth.any()
+def test_the_appearance_in_one_camera_is_not_compared_in_another() -> None:
+    rng, model = np.random.default_rng(1), AppearanceModel(0.7, 0.1, ["a", "b"])
+    people = after_ticks(model, rng)
+    ratio = model.log_ratio(people, [seen([(0.0, 6.0)]), boxes("b", [appearance(0, rng)])])
+    assert ratio.shape == (2, 2)
+    assert not ratio.any()
 
 
-def test_without_images_nobody_is_dressed() -> None:
-    likeness, people = AppearanceModel(0.7, 0.1, ["a", "b"]), leaves(2, cameras=0)
-    assert likeness.dressed(people, [seen([(0.0, 6.0)])], np.array([[0], [-1]]), np.ones(2, dtype=bool)) is people
-    assert not likeness.worth(people, [seen([(0.0, 6.0)])]).any()
+def test_without_images_leaves_have_no_appearance() -> None:
+    model, people = AppearanceModel(0.7, 0.1, ["a", "b"]), leaves(2, cameras=0)
+    assert model.with_appearance(people, [seen([(0.0, 6.0)])], np.array([[0], [-1]]), np.ones(2, dtype=bool)) is people
+    assert not model.log_ratio(people, [seen([(0.0, 6.0)])]).any()
 
 
-def test_a_look_that_is_not_known_changes_nothing() -> None:
-    rng, likeness = np.random.default_rng(2), AppearanceModel(0.7, 0.1, ["a", "b"])
-    people = dressed(likeness, rng)
-    after = likeness.dressed(people, [boxes("a", [np.full(SIZE, np.nan)] * 2)], np.array([[0], [1]]), np.ones(2, dtype=bool))
+def test_boxes_of_unknown_appearance_change_nothing() -> None:
+    rng, model = np.random.default_rng(2), AppearanceModel(0.7, 0.1, ["a", "b"])
+    people = after_ticks(model, rng)
+    after = model.with_appearance(people, [boxes("a", [np.full(SIZE, np.nan)] * 2)], np.array([[0], [1]]), np.ones(2, dtype=bool))
     np.testing.assert_array_equal(after.appearance, people.appearance)
-    assert not likeness.worth(people, [boxes("a", [np.full(SIZE, np.nan)])]).any()
+    assert not model.log_ratio(people, [boxes("a", [np.full(SIZE, np.nan)])]).any()
 
 
-def test_a_look_follows_what_somebody_looks_like_now() -> None:
-    rng, likeness = np.random.default_rng(3), AppearanceModel(0.7, 0.1, ["a"])
+def test_the_appearance_of_a_track_is_updated() -> None:
+    rng, model = np.random.default_rng(3), AppearanceModel(0.7, 0.1, ["a"])
     people = leaves(1, cameras=1)
     for person in [0] * 10 + [5] * 60:
-        people = likeness.dressed(people, [boxes("a", [look(person, rng)])], np.array([[0]]), np.ones(1, dtype=bool))
-    assert likeness.worth(people, [boxes("a", [look(5, rng)])])[0, 0] > 1
-    assert likeness.worth(people, [boxes("a", [look(0, rng)])])[0, 0] < -1
+        people = model.with_appearance(people, [boxes("a", [appearance(person, rng)])], np.array([[0]]), np.ones(1, dtype=bool))
+    assert model.log_ratio(people, [boxes("a", [appearance(5, rng)])])[0, 0] > 1
+    assert model.log_ratio(people, [boxes("a", [appearance(0, rng)])])[0, 0] < -1
 
 
-def test_where_people_change_from_image_to_image_less_is_made_of_it() -> None:
+def test_where_the_appearance_of_people_varies_a_difference_counts_less() -> None:
     rng = np.random.default_rng(4)
-    calm, wild = AppearanceModel(0.7, 0.1, ["a", "b"]), AppearanceModel(0.7, 0.1, ["a", "b"])
-    people = dressed(calm, rng)
+    steady, variable = AppearanceModel(0.7, 0.1, ["a", "b"]), AppearanceModel(0.7, 0.1, ["a", "b"])
+    people = after_ticks(steady, rng)
     for _ in range(100):
-        view = boxes("a", [look(0, rng, 0.12), look(1, rng, 0.12)])
-        people = wild.dressed(people, [view], np.array([[0], [1]]), np.ones(2, dtype=bool))
-    other = 0.6 * look(0, rng) + 0.4 * look(1, rng)
+        view = boxes("a", [appearance(0, rng, 0.12), appearance(1, rng, 0.12)])
+        people = variable.with_appearance(people, [view], np.array([[0], [1]]), np.ones(2, dtype=bool))
+    other = 0.6 * appearance(0, rng) + 0.4 * appearance(1, rng)
     view = boxes("a", [other / np.linalg.norm(other)])
-    assert wild.worth(people, [view])[0, 0] > calm.worth(people, [view])[0, 0]
+    assert variable.log_ratio(people, [view])[0, 0] > steady.log_ratio(people, [view])[0, 0]

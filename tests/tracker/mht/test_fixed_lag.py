@@ -1,4 +1,4 @@
-"""What leaves remember: smoothed, it is what the other tracker's fixed lag says of the same measurements."""
+"""Fixed-lag smoothing of track hypotheses: the same result as that of the other tracker for the same measurements."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ STEPS = 12
 
 
 def remembered(measured: np.ndarray, R: np.ndarray) -> TrackHypotheses:
-    """A leaf that took the measurements (n, 2), none where they are NaN, by the filter of test_smoothing."""
+    """A leaf that took the measurements (n, 2), none where they are NaN, by the filter of tests/tracker/gnn/test_fixed_lag.py."""
     leaf, H = initiated(7, [CrossViewGroup(((0, 0),), np.zeros(2), FIRST[:2, :2])], MOTION, STEPS), np.eye(2, 4)
     for k, z in enumerate(measured):
         if k:
@@ -25,15 +25,15 @@ def remembered(measured: np.ndarray, R: np.ndarray) -> TrackHypotheses:
         if seen:
             K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
             state, P = state + K @ (z - H @ state), P - K @ H @ P
-        past, spread = leaf.past.copy(), leaf.spread.copy()
-        past[:, 0], spread[:, 0] = state, P
+        states, covariances = leaf.states.copy(), leaf.covariances.copy()
+        states[:, 0], covariances[:, 0] = state, P
         misses = np.where(seen, 0, leaf.misses + 1)
-        leaf = replace(leaf, state=state[None], covariance=P[None], past=past, spread=spread, misses=misses)
+        leaf = replace(leaf, state=state[None], covariance=P[None], states=states, covariances=covariances, misses=misses)
     return leaf
 
 
 @pytest.mark.parametrize("unseen", [(), range(2, 9)])
-def test_who_was_out_of_sight_is_smoothed_as_they_were_followed(unseen: Sequence[int]) -> None:
+def test_coasting_tracks_are_smoothed_as_by_the_other_tracker(unseen: Sequence[int]) -> None:
     tracks, measured, R = filtered(np.random.default_rng(0), STEPS, unseen)
     lag = GnnFixedLagSmoother(STEPS - 1, PERIOD, MOTION)
     first = [lag.feed(t, np.ones(1, dtype=bool), hidden) for t in tracks][-1]

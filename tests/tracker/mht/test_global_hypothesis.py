@@ -1,4 +1,4 @@
-"""The best set of tracks: what was chosen in every graph of a run is beside its proved optimum."""
+"""The global hypothesis: the chosen clique of every graph of a run against its proved optimum."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tracker.pipeline import Parameters, track
 
 
 def gaps(folder: Path, many: MhtParameters) -> np.ndarray:
-    """The share of the best weight that is missing in each graph of a run on a crowd with false boxes."""
+    """Relative gap to the optimum of each graph of a run on a crowd with clutter."""
     rng = np.random.default_rng(3)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(8, 15, rng)
     list(track(setup, synthetic_crowd.ticks(setup, walked, rng, clutter=0.2), Parameters(multiple=many)))
@@ -33,15 +33,15 @@ def gaps(folder: Path, many: MhtParameters) -> np.ndarray:
 
 @pytest.mark.parametrize("small", [False, True])
 @pytest.mark.parametrize("warm", [False, True])
-def test_what_is_chosen_is_the_best_there_is(tmp_path: Path, small: bool, warm: bool) -> None:
+def test_the_chosen_cliques_are_optimal(tmp_path: Path, small: bool, warm: bool) -> None:
     gap = gaps(tmp_path, MhtParameters(small_graphs=small, warm=warm, k_h=3, graphs=tmp_path))
     assert len(gap) >= 5
     assert (gap < 1e-6).mean() >= 0.995
     assert gap.mean() <= 1e-4
 
 
-def test_the_best_sets_of_parts_together_are_those_of_all_combinations() -> None:
-    """Four parts of leaves that exclude each other within a part: the heaviest sets by trying every choice of one leaf a part."""
+def test_the_best_cliques_combine_those_of_the_components() -> None:
+    """Four components of leaves that exclude each other: the heaviest cliques against every choice of one leaf of each component."""
     rng = np.random.default_rng(4)
     tree = np.repeat(np.arange(4), 3)
     weight = rng.uniform(1, 5, len(tree))

@@ -1,4 +1,4 @@
-"""The graphs of a run, written down: each comes back, its clique is one, and our proof says how near to the heaviest."""
+"""The graph files of a run: each is read back, its clique is valid, and its gap to the proved optimum is small."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
 
 
-def test_the_graphs_of_a_run_and_how_well_they_are_solved(tmp_path: Path) -> None:
+def test_graph_files_hold_cliques_near_the_optimum(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(10, 12, rng)
     many = Parameters(multiple=MhtParameters(graphs=tmp_path))

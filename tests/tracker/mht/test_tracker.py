@@ -1,4 +1,4 @@
-"""The tracker by multiple hypotheses: what holds for every tracker of people, and that time and memory are bounded."""
+"""The multiple-hypothesis tracker: accuracy, gaps, occlusion, learning of detection rates, and bounds of time and memory."""
 
 import time
 from collections.abc import Callable
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_source
+from tracker.datasets.opening import open_sequence
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
@@ -20,20 +20,20 @@ from tracker.pipeline import Parameters, Tracker, track
 from tracker.tracks.tracks import MotionParameters
 from tracker.types import Setup, Tick
 
-MANY = Parameters(multiple=MhtParameters())
+MHT = Parameters(multiple=MhtParameters())
 
 
-def scored(setup: Setup, walked: Array, ticks: list[Tick], parameters: Parameters = MANY) -> TargetScore:
+def scored(setup: Setup, walked: Array, ticks: list[Tick], parameters: Parameters = MHT) -> TargetScore:
     people = np.arange(walked.shape[1])
     estimates = track(setup, ticks, parameters)
     return score([MatchingFrame(people, places, e.target_id, e.position) for places, e in zip(walked, estimates, strict=True)])
 
 
 @pytest.mark.parametrize("delay", [0, 5])
-def test_people_are_followed_on_hills(delay: int) -> None:
+def test_people_are_tracked_on_hills(delay: int) -> None:
     rng = np.random.default_rng(0)
     setup, walked = synthetic_crowd.setup(ground=synthetic_crowd.hills()), synthetic_crowd.paths(8, 60, rng)
-    result = scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), replace(MANY, delay=delay))
+    result = scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), replace(MHT, delay=delay))
     assert result.mota > 0.9
     assert result.motp_m < 0.15
 
@@ -45,11 +45,11 @@ def test_one_graph_for_each_hypothesis() -> None:
     assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), small).mota > 0.85
 
 
-def test_state_depends_on_the_past_alone() -> None:
+def test_estimates_depend_on_the_past_alone() -> None:
     rng = np.random.default_rng(1)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(5, 30, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng)
-    for a, b in zip(track(setup, ticks, MANY), list(track(setup, ticks[:20], MANY)), strict=False):
+    for a, b in zip(track(setup, ticks, MHT), list(track(setup, ticks[:20], MHT)), strict=False):
         np.testing.assert_array_equal(a.target_id, b.target_id)
         np.testing.assert_array_equal(a.position, b.position)
 
@@ -58,80 +58,80 @@ def test_a_gap_is_bridged_and_keeps_the_id() -> None:
     rng = np.random.default_rng(3)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(1, 50, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: 20 <= frame < 25)
-    estimates = list(track(setup, ticks, MANY))
+    estimates = list(track(setup, ticks, MHT))
     assert {int(i) for e in estimates for i in e.target_id} == {1}
     assert all(len(e.target_id) == 1 for e in estimates[20:25])
 
 
 @pytest.mark.parametrize(("back", "then"), [(40, 1), (80, 2)])
-def test_who_is_lost_is_dropped_and_has_the_id_again_within_eight_seconds(back: int, then: int) -> None:
-    """After that somebody new is likelier, and an id is never used again for another."""
+def test_a_lost_person_is_deleted_and_re_identified_within_eight_seconds(back: int, then: int) -> None:
+    """After that a new person is likelier, and no id is used for two people."""
     rng = np.random.default_rng(4)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(1, back + 20, rng)
     lost = synthetic_crowd.ticks(setup, walked, rng, misses=0, clutter=0, lose=lambda frame, camera, person: 20 <= frame < back)
-    estimates = list(track(setup, lost, MANY))
+    estimates = list(track(setup, lost, MHT))
     assert len(estimates[back - 5].target_id) == 0
     assert {int(i) for e in estimates[:20] for i in e.target_id} == {1}
     assert {int(i) for e in estimates[back:] for i in e.target_id} == {then}
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_two_who_stand_together_before_many_views_are_told_apart(seed: int) -> None:
-    """Each of them can have the boxes of the other in any view: alone, hardly any way of the one goes with one of the other."""
+def test_two_people_close_together_in_many_views_keep_their_ids(seed: int) -> None:
+    """Each may take the boxes of the other in any view, so that children found leaf by leaf are rarely compatible."""
     rng = np.random.default_rng(seed)
     setup = synthetic_crowd.setup(7)
     walked = np.broadcast_to([[0.0, 0.0], [0.6, 0.3]], (60, 2, 2)) + 0.02 * rng.standard_normal((60, 2, 2)).cumsum(axis=0)
-    result = scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), replace(MANY, delay=5))
+    result = scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), replace(MHT, delay=5))
     assert result.switches == 0
     assert result.mota > 0.97
 
 
-def test_who_leaves_all_views_is_told_of_up_to_their_last_box(data: Callable[..., Path]) -> None:
-    """Person 19 walks out of views 5 and 6 at frame 71, and is known to have gone some frames later, before the delay has told of the last ones."""
-    source = open_source(data("pets2009", "S2.L1"), [5, 6])
+def test_a_person_who_leaves_all_views_is_reported_up_to_the_last_box(data: Callable[..., Path]) -> None:
+    """Person 19 leaves views 5 and 6 at frame 71. The track is deleted some frames later, before the last frames are reported."""
+    source = open_sequence(data("pets2009", "S2.L1"), [5, 6])
     assert source.truth is not None
-    told = {e.index: e.position for e in track(source.setup, [t for t in source.ticks if t.index < 85], replace(MANY, delay=10))}
+    reported = {e.index: e.position for e in track(source.setup, [t for t in source.ticks if t.index < 85], replace(MHT, delay=10))}
     for frame in range(60, 72):
         truth = source.truth[frame]
         place = truth.feet[truth.person_id == 19][0]
-        assert np.linalg.norm(told[frame][:, :2] - place[:2], axis=1).min() < 1
+        assert np.linalg.norm(reported[frame][:, :2] - place[:2], axis=1).min() < 1
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_who_stops_behind_a_post_is_not_missed(known: bool) -> None:
-    """Three seconds are longer than a gap that is bridged where the view should have shown them."""
+def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool) -> None:
+    """Three seconds without a box delete a track that the view should have detected."""
     setup = synthetic_crowd.setup(1)
     post = np.array([[-3.0, -2.5, 0.45, 0.0, 2.5]])
     setup = replace(setup, pillars=post) if known else setup
-    # The camera is at (−6, −5) m, the post on its line of sight to (0, 0), and they walk across that.
+    # The camera is at (−6, −5) m, the post on its line of sight to (0, 0), and the person crosses that line.
     steps = 3.5 * np.linspace(-1, 1, 100) ** 3
     walked = (steps[:, None] * np.array([-2.5, 3.0]) / np.hypot(2.5, 3.0))[:, None, :]
     rng = np.random.default_rng(0)
     hidden = np.abs(steps) < 0.6
     ticks = synthetic_crowd.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: bool(hidden[frame]))
-    told = np.array([len(e.target_id) for e in track(setup, ticks, MANY)])
-    assert told[~hidden][8:20].all()
-    assert told[hidden][:20].all() == known
+    reported = np.array([len(e.target_id) for e in track(setup, ticks, MHT)])
+    assert reported[~hidden][8:20].all()
+    assert reported[hidden][:20].all() == known
 
 
 @pytest.mark.parametrize("ago", [0, 40])
-def test_what_came_before_the_window_counts_up_to_a_bound_and_what_came_since_in_full(ago: int) -> None:
-    """Two leaves of one tree differ by what the last ticks say alone, however good the tree was before."""
+def test_the_score_before_the_window_is_bounded_and_within_it_counts_in_full(ago: int) -> None:
+    """The weights of two leaves of one tree differ by the scores of the last ticks alone, however large the score before."""
     leaves = initiated(1, [CrossViewGroup(((0, 0),), np.zeros(2), np.eye(2))], MotionParameters(), 4).select(np.zeros(2, dtype=np.int64))
     before = np.full((2, 4), 30.0 + ago)
-    old, new = weights(replace(leaves, before=before, score=before[:, -1] + [2.0, -3.0]), 20.0)
+    old, new = weights(replace(leaves, past_scores=before, score=before[:, -1] + [2.0, -3.0]), 20.0)
     assert (old, new) == (22.0, 17.0)
-    assert weights(replace(leaves, before=before, score=before[:, -1], believed=np.ones(2, dtype=bool)), 20.0)[0] == min(30.0 + ago, 40.0)
+    assert weights(replace(leaves, past_scores=before, score=before[:, -1], confirmed=np.ones(2, dtype=bool)), 20.0)[0] == min(30.0 + ago, 40.0)
 
 
-def test_false_boxes_alone_make_nobody() -> None:
+def test_clutter_alone_makes_no_tracks() -> None:
     rng = np.random.default_rng(7)
     setup = synthetic_crowd.setup()
     ticks = synthetic_crowd.ticks(setup, np.zeros((80, 0, 2)), rng, clutter=0.3)
-    assert sum(len(e.target_id) for e in track(setup, ticks, MANY)) <= 3
+    assert sum(len(e.target_id) for e in track(setup, ticks, MHT)) <= 3
 
 
-def test_a_view_that_vanishes_does_no_harm() -> None:
+def test_a_view_that_is_missing_for_50_ticks_does_no_harm() -> None:
     rng = np.random.default_rng(9)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng)
@@ -139,29 +139,29 @@ def test_a_view_that_vanishes_does_no_harm() -> None:
     assert scored(setup, walked, thinned).mota > 0.85
 
 
-def test_how_often_people_are_found_is_learned() -> None:
+def test_the_detection_rate_is_learned() -> None:
     rng = np.random.default_rng(12)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(5, 100, rng)
-    tracker = Tracker(setup, MANY)
+    tracker = Tracker(setup, MHT)
     for tick in synthetic_crowd.ticks(setup, walked, rng, misses=0.5):
         tracker.step(tick)
-    evidence = tracker._people.hypotheses.evidence  # type: ignore[attr-defined]
-    found = [evidence.detection(camera) for camera in setup.mounts]
-    # 0.9 is assumed at first; boxes that lie badly are not taken, and so not counted.
+    sensor_model = tracker._people.filter.sensor_model  # type: ignore[attr-defined]
+    found = [sensor_model.detection(camera) for camera in setup.mounts]
+    # The prior is 0.9. Boxes outside the gate are not taken, and so not counted.
     assert abs(np.mean(found) - 0.5) < 0.1
     assert max(found) < 0.7
 
 
 @pytest.mark.slow
-def test_much_clutter_is_bounded_in_memory_and_time() -> None:
+def test_memory_and_time_are_bounded_in_heavy_clutter() -> None:
     rng = np.random.default_rng(10)
     setup = synthetic_crowd.setup()
-    tracker = Tracker(setup, MANY)
+    tracker = Tracker(setup, MHT)
     spent = []
     for tick in synthetic_crowd.ticks(setup, np.zeros((200, 0, 2)), rng, clutter=300):
         began = time.process_time()
         tracker.step(tick)
         spent.append(time.process_time() - began)
-        leaves = tracker._people.hypotheses.leaves  # type: ignore[attr-defined]
-        assert len(leaves) <= MhtParameters().most_leaves
+        leaves = tracker._people.filter.leaves  # type: ignore[attr-defined]
+        assert len(leaves) <= MhtParameters().max_leaves
     assert np.median(spent[100:]) < 3 * np.median(spent[20:60])
