@@ -1,6 +1,6 @@
-"""Parameters of the tracker from options by name: the command `track`, the stress test and Python share the names and their checks.
+"""Parameters of the tracker from options by name, with checks; shared by the command `track`, the stress test and Python.
 
-A name is that of the command line with `_` for `-`, as k_h for --k-h; messages name options as the command line does.
+A name is that of the command line with `_` for `-`, as k_h for --k-h. Messages name options as the command line does.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "persistence": ("on", "off"),
     "hypotheses": ("single", "multiple"),
 }
-"""Options that are one of several words."""
+"""Options with a choice of words."""
 WHOLE = ("iterations", "delay", "n_conf", "k_h", "i_bls_max", "seed_search", "l_c")
 """Options that are whole numbers."""
 REAL = ("theta_s", "v_max", "delta_a", "n_scan", "delta_min", "omega")
 """Options that are real numbers."""
 POSITIVE = ("theta_s", "v_max", "delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")
 OPTIONS = (*CHOICES, *WHOLE, *REAL, "images", "dump_graphs")
-"""All names."""
+"""Names of all options."""
 
 
 def parameters_from(options: Mapping[str, Any]) -> Parameters:
@@ -71,25 +71,25 @@ def _check(given: Mapping[str, Any]) -> None:
 
 
 def _slam(given: Mapping[str, Any]) -> SlamParameters:
-    """The filter of the robots' poses: fej by default, which estimates odometry biases unless persistence is off."""
+    """Parameters of SLAM: fej by default, which estimates odometry biases unless persistence is off."""
     slam, persistence = given.get("slam", "fej"), given.get("persistence")
     if persistence == "on" and slam not in ("iekf", "fej"):
         raise ValueError(f"--persistence on is for --slam fej or iekf, not {slam}")
     biases = persistence == "on" or (persistence is None and slam == "fej")
-    chosen = SlamParameters().persistent() if biases else SlamParameters()
+    chosen = SlamParameters().with_odometry_biases() if biases else SlamParameters()
     # The plain filter is the iterated one with one iteration.
     mode, iterations = ("iekf", 1) if slam == "ekf" else (slam, given.get("iterations", chosen.iterations))
     return replace(chosen, mode=mode, iterations=iterations, correction=given.get("correction", "on") == "on")
 
 
 def _people(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of both trackers of people."""
-    fields = {"theta_s": "same_person", "delta_a": "delta_a", "n_conf": "n_conf"}
+    """Fields of the parameters of either tracker of people."""
+    fields = {"theta_s": "merge_distance", "delta_a": "delta_a", "n_conf": "n_conf"}
     return {field: given[name] for name, field in fields.items() if name in given}
 
 
 def _multiple(given: Mapping[str, Any]) -> MhtParameters:
-    """Multiple hypothesis tracking; with K_H the children of each hypothesis form a graph of their own."""
+    """Parameters of multiple hypothesis tracking; an option k_h means one graph for the children of each hypothesis."""
     chosen = MhtParameters()
     if "v_max" in given:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
@@ -99,7 +99,7 @@ def _multiple(given: Mapping[str, Any]) -> MhtParameters:
 
 
 def _images(given: Mapping[str, Any]) -> ImageParameters:
-    """What is searched for in images: nothing without `images`."""
+    """What is extracted from images: nothing without `images`."""
     tracklets = {name: given[name] for name in ("l_c", "delta_min", "omega") if name in given}
     images, multiple = given.get("images", False), given.get("hypotheses") == "multiple"
     if tracklets and (multiple or not images):

@@ -1,8 +1,7 @@
-"""The whole tracker, a tick at a time: robots place themselves, boxes become feet on the ground, feet become people.
+"""The whole tracker, tick by tick: SLAM of the robots, projection of boxes to the ground, tracking of people.
 
-`track` is told the setup once and is then handed ticks; it is never handed the truth, and what it says of a tick depends on that
-tick and those before it, and on as many after it as the delay has. A fixed camera is a robot that never moves; nothing here tells
-PETS 2009 from the simulator.
+`track` takes the setup once and then ticks, never the truth. The estimate of a tick depends on that tick, those before it, and the `delay` ticks
+after it. A fixed camera is a robot that never moves. Nothing here distinguishes PETS 2009 from the simulator.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from tracker.detections.occlusion import Viewpoint
 from tracker.gnn.tracker import GnnTracker
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.tracker import MhtTracker
-from tracker.slam.filter import Slam, map_snapshot
+from tracker.slam.filter import Slam
 from tracker.slam.parameters import SlamParameters
 from tracker.tracks.parameters import TrackParameters
 from tracker.tracks.track_ids import TrackIds
@@ -28,19 +27,19 @@ from tracker.types import Estimate, Setup, Tick
 
 @dataclass(frozen=True)
 class Parameters:
-    """All that can be set, by part."""
+    """The parameters of all parts."""
 
-    slam: SlamParameters = field(default_factory=lambda: SlamParameters().persistent())  # wheels slip for a while, gyroscopes are off for good
+    slam: SlamParameters = field(default_factory=lambda: SlamParameters().with_odometry_biases())  # with wheel slip and gyroscope bias
     targets: TrackParameters = field(default_factory=TrackParameters)
-    multiple: MhtParameters | None = None  # where given, people are followed by multiple hypotheses in place of `targets`
-    images: ImageParameters = field(default_factory=ImageParameters)  # what is looked for in them, beside boxes
-    delay: int = 0  # ticks after which a tick is spoken of; people are smoothed by what came since
+    multiple: MhtParameters | None = None  # for multiple hypothesis tracking, which takes the place of `targets`
+    images: ImageParameters = field(default_factory=ImageParameters)  # what is extracted from images beside boxes
+    delay: int = 0  # ticks of the fixed-lag smoother, by which estimates are late
 
 
 def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None) -> Iterator[Estimate]:
-    """One Estimate a tick, as soon as the tick has come, or `delay` ticks later.
+    """One Estimate for each tick, `delay` ticks later.
 
-    Raises ValueError where a tick names a camera that the setup does not have, or comes before the one that was handed in last.
+    Raises ValueError where a tick has a camera that the setup does not have, or an index that is not larger than the last.
     """
     tracker = Tracker(setup, parameters or Parameters())
     for tick in ticks:
@@ -51,7 +50,10 @@ def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = N
 
 
 class PeopleTracker(Protocol):
-    """A tracker of people: takes a tick, and tells who was there some ticks before; None where it has nothing to tell yet, or no more."""
+    """A tracker of people with a fixed lag.
+
+    `step` takes a tick, and reports the people of the tick `delay` ticks before, None at the start. `drain` reports the remaining ticks one by one.
+    """
 
     def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None: ...
 
@@ -59,38 +61,39 @@ class PeopleTracker(Protocol):
 
 
 class Tracker:
-    """The state between ticks: the SLAM filter of the team, and the hypotheses on people."""
+    """The state between ticks: the SLAM filter of the team, and the tracker of people."""
 
     def __init__(self, setup: Setup, parameters: Parameters) -> None:
         self.setup, self.parameters = setup, parameters
         self.slam = Slam(setup, parameters.slam)
-        single, many, delay = parameters.targets, parameters.multiple, parameters.delay
-        self._sight = FrontEnd(setup, (many or single).fusion, parameters.images)
-        seen = self._sight.setup
-        self._people: PeopleTracker = GnnTracker(seen, single, delay) if many is None else MhtTracker(seen, many, delay)
-        self._names = TrackIds(setup)
+        gnn, mht, delay = parameters.targets, parameters.multiple, parameters.delay
+        self._front_end = FrontEnd(setup, (mht or gnn).fusion, parameters.images)
+        extended = self._front_end.setup
+        self._people: PeopleTracker = GnnTracker(extended, gnn, delay) if mht is None else MhtTracker(extended, mht, delay)
+        self._track_ids = TrackIds(setup)
         self._waiting: deque[Estimate] = deque()
         self._last = -1
 
     def step(self, tick: Tick) -> Estimate | None:
-        """Take a tick; what is said of the tick `delay` ticks before it, None where there was none."""
+        """Take a tick; the estimate of the tick `delay` ticks before it, None at the start."""
         self._check(tick)
         self.slam.step(tick)
-        # Who started where nobody knows, and has not found the team yet, is nowhere.
-        poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.placed(robot)}
-        placed, spread = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
-        estimate = Estimate.of_robots(tick.index, placed, spread, dict(self.slam.counters))
-        self._waiting.append(replace(estimate, chart=map_snapshot(self.slam, tick.index)))
-        return self._told(self._people.step(*self._sight.step(tick, poses)))
+        # Robots with an unknown start have no pose until they are localized in the map of the team.
+        poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.is_localized(robot)}
+        known, covariances = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
+        estimate = Estimate.of_robots(tick.index, known, covariances, dict(self.slam.counters))
+        self._waiting.append(replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)))
+        return self._completed(self._people.step(*self._front_end.step(tick, poses)))
 
     def finish(self) -> Estimate | None:
-        """What is said of the oldest tick that is waiting, when no more ticks come; None where none is."""
-        return self._told(self._people.drain())
+        """The estimate of the oldest tick that is waiting, after the last tick; None where none is."""
+        return self._completed(self._people.drain())
 
-    def _told(self, people: Tracks | None) -> Estimate | None:
+    def _completed(self, people: Tracks | None) -> Estimate | None:
+        """The waiting estimate with its people, None without people to report."""
         if people is None:
             return None
-        ids, position, covariance = self._names.report(people)
+        ids, position, covariance = self._track_ids.report(people)
         return replace(self._waiting.popleft(), target_id=ids, position=position, covariance=covariance)
 
     def _check(self, tick: Tick) -> None:

@@ -19,7 +19,7 @@ def test_every_option_reaches_its_parameter() -> None:
     plain = parameters_from({"slam": "ekf", "iterations": 5, "correction": "off"}).slam
     assert (plain.mode, plain.iterations, plain.correction) == ("iekf", 1, False)
     single = parameters_from({"theta_s": 0.5, "v_max": 2.0, "delta_a": 1.0, "n_conf": 3, "delay": 4, "images": True, "l_c": 6})
-    assert (single.targets.same_person, single.targets.motion.v_max, single.targets.delta_a, single.targets.n_conf) == (0.5, 2.0, 1.0, 3)
+    assert (single.targets.merge_distance, single.targets.motion.v_max, single.targets.delta_a, single.targets.n_conf) == (0.5, 2.0, 1.0, 3)
     assert single.multiple is None
     assert single.delay == 4
     assert single.images.tracklets is not None
@@ -50,17 +50,17 @@ def test_every_option_reaches_its_parameter() -> None:
         ({"speed": 3}, "option 'speed' of the tracker is unknown"),
     ],
 )
-def test_what_is_refused(options: dict[str, Any], message: str) -> None:
+def test_bad_options_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         parameters_from(options)
 
 
 def test_odometry_biases_are_estimated_by_default_and_not_with_other_filters() -> None:
     assert parameters_from({"slam": "fej"}).slam == Parameters().slam
-    assert Parameters().slam.persistence is not None
+    assert Parameters().slam.odometry_biases is not None
     for slam in ("ekf", "iekf", "invariant"):
-        assert parameters_from({"slam": slam}).slam.persistence is None
-    assert parameters_from({"persistence": "off"}).slam.persistence is None
-    assert parameters_from({"slam": "iekf", "persistence": "on"}).slam.persistence is not None
+        assert parameters_from({"slam": slam}).slam.odometry_biases is None
+    assert parameters_from({"persistence": "off"}).slam.odometry_biases is None
+    assert parameters_from({"slam": "iekf", "persistence": "on"}).slam.odometry_biases is not None
     with pytest.raises(ValueError, match="--persistence on is for --slam fej or iekf, not invariant"):
         parameters_from({"slam": "invariant", "persistence": "on"})

@@ -1,4 +1,4 @@
-"""The whole tracker on people walking among fixed cameras."""
+"""The whole tracker on a synthetic crowd among fixed cameras."""
 
 import time
 from dataclasses import replace
@@ -21,7 +21,7 @@ def scored(setup: Setup, walked: Array, ticks: list[Tick]) -> TargetScore:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_people_are_followed_on_hills(seed: int) -> None:
+def test_people_are_tracked_on_hills(seed: int) -> None:
     rng = np.random.default_rng(seed)
     setup, walked = synthetic_crowd.setup(ground=synthetic_crowd.hills()), synthetic_crowd.paths(8, 60, rng)
     result = scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng))
@@ -30,22 +30,22 @@ def test_people_are_followed_on_hills(seed: int) -> None:
     assert result.switches <= 2
 
 
-def test_one_view_is_enough_where_nobody_is_hidden() -> None:
+def test_one_view_is_enough_without_occlusion() -> None:
     rng = np.random.default_rng(5)
     setup, walked = synthetic_crowd.setup(views=1), synthetic_crowd.paths(4, 60, rng)
     assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng, misses=0.05)).mota > 0.85
 
 
-def test_state_depends_on_the_past_alone() -> None:
+def test_estimates_depend_on_the_past_alone() -> None:
     rng = np.random.default_rng(1)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(5, 30, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng)
     whole, part = list(track(setup, ticks)), list(track(setup, ticks[:20]))
     for a, b in zip(whole, part, strict=False):
-        same(a, b)
+        assert_same(a, b)
 
 
-def same(a: Estimate, b: Estimate) -> None:
+def assert_same(a: Estimate, b: Estimate) -> None:
     np.testing.assert_array_equal(a.target_id, b.target_id)
     np.testing.assert_array_equal(a.position, b.position)
 
@@ -78,7 +78,7 @@ def test_a_gap_is_bridged_and_keeps_the_id() -> None:
 
 
 @pytest.mark.parametrize(("gone", "same"), [(30, True), (70, False)])
-def test_who_is_gone_is_dropped_and_found_again_within_seconds_and_an_id_is_never_used_for_another(gone: int, same: bool) -> None:
+def test_a_lost_person_is_deleted_and_re_identified_within_seconds(gone: int, same: bool) -> None:
     rng, back = np.random.default_rng(4), 20 + gone
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(1, back + 20, rng)
     estimates = list(
@@ -89,7 +89,7 @@ def test_who_is_gone_is_dropped_and_found_again_within_seconds_and_an_id_is_neve
     assert {int(i) for e in estimates[back:] for i in e.target_id} == ({1} if same else {2})
 
 
-def test_who_leaves_the_area_and_returns_has_a_new_id() -> None:
+def test_a_person_who_leaves_the_area_and_returns_has_a_new_id() -> None:
     rng = np.random.default_rng(6)
     x = np.concatenate([np.linspace(0, 4, 30), np.linspace(4, 0, 30)])
     walked = np.stack([x, np.zeros(60)], axis=1)[:, None, :]
@@ -101,7 +101,7 @@ def test_who_leaves_the_area_and_returns_has_a_new_id() -> None:
 
 
 @pytest.mark.parametrize(("wait", "same"), [(0, True), (30, False)])
-def test_who_is_just_outside_the_area_for_a_moment_keeps_the_id(wait: int, same: bool) -> None:
+def test_a_person_just_outside_the_area_for_a_moment_keeps_the_id(wait: int, same: bool) -> None:
     rng = np.random.default_rng(6)
     x = np.concatenate([np.linspace(0, 2.8, 20), np.full(wait, 2.8), np.linspace(2.8, 0, 20)])
     setup = synthetic_crowd.setup(area=np.array([[-10.0, -10.0], [2.3, 10.0]]))
@@ -110,7 +110,7 @@ def test_who_is_just_outside_the_area_for_a_moment_keeps_the_id(wait: int, same:
     assert {int(i) for e in estimates for i in e.target_id} == ({1} if same else {1, 2})
 
 
-def test_false_boxes_alone_make_nobody() -> None:
+def test_clutter_alone_makes_no_tracks() -> None:
     rng = np.random.default_rng(7)
     setup = synthetic_crowd.setup()
     ticks = synthetic_crowd.ticks(setup, np.zeros((80, 0, 2)), rng, clutter=0.3)
@@ -131,7 +131,7 @@ def test_empty_and_crowded_frames_pass(boxes: int) -> None:
         assert np.isfinite(estimate.position).all()
 
 
-def test_all_detections_equal() -> None:
+def test_equal_detections_make_few_tracks() -> None:
     setup = synthetic_crowd.setup(views=1)
     pose = setup.starts["robot_0"].T_world_robot  # type: ignore[union-attr]
     middle, extent = synthetic_crowd.boxes(pose, np.zeros((6, 3)))
@@ -140,7 +140,7 @@ def test_all_detections_equal() -> None:
     assert 1 <= len(last.target_id) <= 6
 
 
-def test_a_view_that_vanishes_does_no_harm() -> None:
+def test_a_view_that_is_missing_for_50_ticks_does_no_harm() -> None:
     rng = np.random.default_rng(9)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng)
@@ -159,7 +159,7 @@ def test_wrong_ticks_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_much_clutter_is_bounded_in_memory_and_time() -> None:
+def test_memory_and_time_are_bounded_in_heavy_clutter() -> None:
     rng = np.random.default_rng(10)
     setup = synthetic_crowd.setup()
     tracker = Tracker(setup, Parameters())
@@ -168,8 +168,8 @@ def test_much_clutter_is_bounded_in_memory_and_time() -> None:
         began = time.process_time()
         tracker.step(tick)
         spent.append(time.process_time() - began)
-        held.append(len(tracker._people.hypotheses.tracks))  # type: ignore[attr-defined]
-    # None of it is believed for long: a few dozen candidates at most, however many boxes there are.
+        held.append(len(tracker._people.filter.tracks))  # type: ignore[attr-defined]
+    # Clutter makes a few dozen tentative tracks at most, however many boxes there are.
     assert max(held) < 300
     assert max(held[100:]) <= 1.5 * max(held[20:60]) + 30
     assert np.median(spent[100:]) < 2 * np.median(spent[20:60])

@@ -1,4 +1,4 @@
-"""What both trackers of people must bear: empty and crowded ticks, equal boxes, views out of step or gone, ids that are large."""
+"""Difficult input of both trackers of people: empty and crowded ticks, equal boxes, late and missing views, large ids, fast objects."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from tracker.types import Detections, Estimate, Setup, Tick, View
 BOTH = pytest.mark.parametrize(
     "parameters",
     [Parameters(), Parameters(multiple=MhtParameters()), Parameters(multiple=MhtParameters(small_graphs=True, k_h=3, i_bls_max=300))],
-    ids=["single", "multiple", "small graphs"],
+    ids=["gnn", "mht", "mht, small graphs"],
 )
 
 
@@ -25,8 +25,8 @@ def scored(walked: Array, estimates: list[Estimate], shift: int = 0) -> TargetSc
     return score([MatchingFrame(people, places, e.target_id + shift, e.position) for places, e in zip(walked, estimates, strict=True)])
 
 
-def standing(setup: Setup, places: Array) -> Detections:
-    """Boxes of people at places (n, 2), seen from the first camera without error."""
+def boxes_of_people(setup: Setup, places: Array) -> Detections:
+    """Boxes of people at places (n, 2) m in the first camera, without errors."""
     start, n = setup.starts["robot_0"], len(places)
     assert start is not None
     middle, extent = synthetic_crowd.boxes(start.T_world_robot, np.column_stack([places, np.zeros(n)]))
@@ -37,7 +37,7 @@ def standing(setup: Setup, places: Array) -> Detections:
 @pytest.mark.parametrize("boxes", [0, 500])
 def test_empty_and_crowded_ticks_pass(parameters: Parameters, boxes: int) -> None:
     setup = synthetic_crowd.setup()
-    found = standing(setup, np.random.default_rng(8).uniform(-4, 4, (boxes, 2))) if boxes else Detections.none()
+    found = boxes_of_people(setup, np.random.default_rng(8).uniform(-4, 4, (boxes, 2))) if boxes else Detections.none()
     for estimate in track(setup, [Tick(k, k / 6, tuple(View(name, found) for name in setup.mounts)) for k in range(3)], parameters):
         assert np.isfinite(estimate.position).all()
         assert bool(boxes) or not len(estimate.target_id)
@@ -57,9 +57,9 @@ def test_an_empty_tick_and_one_without_views_lose_nobody(parameters: Parameters)
 
 
 @BOTH
-def test_equal_boxes_stay_in_their_place(parameters: Parameters) -> None:
+def test_tracks_of_equal_boxes_stay_in_place(parameters: Parameters) -> None:
     setup = synthetic_crowd.setup()
-    found = standing(setup, np.zeros((6, 2)))
+    found = boxes_of_people(setup, np.zeros((6, 2)))
     last = list(track(setup, [Tick(k, k / 6, (View("camera_0", found),)) for k in range(8)], parameters))[-1]
     assert 1 <= len(last.target_id) <= 6
     np.testing.assert_allclose(last.position[:, :2], 0, atol=0.2)
@@ -75,7 +75,7 @@ def test_a_view_that_is_one_tick_late_does_little_harm(parameters: Parameters) -
 
 
 @BOTH
-def test_a_view_that_vanishes_for_50_ticks_does_no_harm(parameters: Parameters) -> None:
+def test_a_view_that_is_missing_for_50_ticks_does_no_harm(parameters: Parameters) -> None:
     rng = np.random.default_rng(9)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
     thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in synthetic_crowd.ticks(setup, walked, rng)]
@@ -83,12 +83,12 @@ def test_a_view_that_vanishes_for_50_ticks_does_no_harm(parameters: Parameters) 
 
 
 @BOTH
-def test_numbers_of_trees_beyond_32_bits_change_nothing(parameters: Parameters) -> None:
+def test_track_ids_beyond_32_bits_change_nothing(parameters: Parameters) -> None:
     rng = np.random.default_rng(12)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 25, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng)
     plain, far = Tracker(setup, parameters), Tracker(setup, parameters)
-    far._people.hypotheses._next_tree = 2**40  # type: ignore[attr-defined]
+    far._people.filter._next_tree = 2**40  # type: ignore[attr-defined]
     a, b = ([e for t in ticks if (e := tracker.step(t))] for tracker in (plain, far))
     for one, other in zip(a, b, strict=True):
         np.testing.assert_array_equal(one.target_id, other.target_id)
@@ -108,14 +108,14 @@ def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters
 
 
 @BOTH
-@pytest.mark.parametrize(("speed", "followed"), [(2.0, True), (6.0, False)])
-def test_what_is_faster_than_people_is_not_followed(parameters: Parameters, speed: float, followed: bool) -> None:
-    """A box that goes straight on: a runner is somebody, what goes as fast as a car is not."""
+@pytest.mark.parametrize(("speed", "tracked"), [(2.0, True), (6.0, False)])
+def test_objects_faster_than_people_are_not_tracked(parameters: Parameters, speed: float, tracked: bool) -> None:
+    """A box on a straight line: a runner is a person, an object as fast as a car is not."""
     setup = synthetic_crowd.setup()
     ticks = []
     for k in range(8):
         place = np.array([[speed * (k * setup.period - 0.6), 1.0]])
-        ticks.append(Tick(k, k * setup.period, (View("camera_0", standing(setup, place)),)))
+        ticks.append(Tick(k, k * setup.period, (View("camera_0", boxes_of_people(setup, place)),)))
     last = list(track(setup, ticks, parameters))[-1]
     near = np.linalg.norm(last.position[:, :2] - place, axis=1) < 0.5 if len(last.target_id) else np.zeros(0, dtype=bool)
-    assert near.any() == followed
+    assert near.any() == tracked

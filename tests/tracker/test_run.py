@@ -25,7 +25,7 @@ def sequence(tmp_path: Path) -> Sequence:
     return read_sequence(tmp_path / "s")
 
 
-def test_the_same_run_is_read_whatever_the_order_of_its_keys(sequence: Sequence, tmp_path: Path) -> None:
+def test_the_same_run_is_read_for_any_order_of_keys(sequence: Sequence, tmp_path: Path) -> None:
     file = tmp_path / "r" / "run.json"
     tracked(sequence, tmp_path / "r", RUN)
     run = json.loads(file.read_text())
@@ -37,7 +37,7 @@ def test_the_same_run_is_read_whatever_the_order_of_its_keys(sequence: Sequence,
     assert (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns == stamp
 
 
-def test_another_run_is_refused_by_what_differs(sequence: Sequence, tmp_path: Path) -> None:
+def test_another_run_is_refused_with_the_difference(sequence: Sequence, tmp_path: Path) -> None:
     tracked(sequence, tmp_path / "r", RUN)
     with pytest.raises(ValueError, match=r"r: holds another run \(parameters\.delay 0 there, 2 asked for\); choose another --out or remove it"):
         tracked(sequence, tmp_path / "r", RUN, Parameters(delay=2))
