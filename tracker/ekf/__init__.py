@@ -2,3 +2,8 @@
 
 Read `state.py` first.
 """
+
+from tracker.ekf.odometry_biases import BiasModel
+from tracker.ekf.state import JointState
+
+__all__ = ["BiasModel", "JointState"]

@@ -140,11 +140,11 @@ def intersect(origins: Array, directions: Array) -> tuple[Array, NDArray[np.bool
     """
     across = np.eye(3) - directions[..., :, None] * directions[..., None, :]
     A = across.sum(axis=1)
-    sound = np.linalg.det(A) > 1e-9
-    A[~sound] = np.eye(3)
+    well_conditioned = np.linalg.det(A) > 1e-9
+    A[~well_conditioned] = np.eye(3)
     point = np.linalg.solve(A, np.einsum("nkij,nkj->ni", across, origins)[..., None])[..., 0]
     depth = ((point[:, None] - origins) * directions).sum(axis=2)
-    return point, sound & (depth > 0).all(axis=1)
+    return point, well_conditioned & (depth > 0).all(axis=1)
 
 
 def triangulate(

@@ -1,3 +1,10 @@
-"""Scores: CLEAR MOT, IDF1, HOTA, ATE, RPE, NEES, landmark maps, and the posterior Cramér-Rao bound.
+"""Scores: CLEAR MOT, IDF1, HOTA, ATE, RPE, NEES and maps, and the Cramér-Rao bound that ATE is compared with.
 
-Read `evaluation.py` first."""
+Read `evaluation.py` first.
+"""
+
+from tracker.metrics.clear_mot import score
+from tracker.metrics.evaluation import evaluate
+from tracker.metrics.trajectory import score_robots
+
+__all__ = ["evaluate", "score", "score_robots"]

@@ -1,18 +1,18 @@
-"""Scores of targets: CLEAR-MOT (Bernardin & Stiefelhagen 2008), IDF1, HOTA, MODA and MODP, from one comparison.
+"""Scores of targets: CLEAR MOT (Bernardin & Stiefelhagen 2008), IDF1, HOTA, MODA and MODP, from one comparison.
 
-Where the field's tools differ, TrackEval's rules hold:
+Where the tools of the field differ, TrackEval's rules hold:
 
-* A match of the frame before is kept while it is valid; among the rest the sum of similarities is maximised. py-motmetrics also
+* A match of the frame before is kept while it is valid; the others maximise the sum of similarities. py-motmetrics also
   keeps a match from before a gap.
 * A switch counts against the last known match, also after a gap: A, A, –, B, B is one switch.
-* A fragment is each time but the first that a person is matched anew, also where the truth itself was away; py-motmetrics counts
-  only gaps in which the person was there and missed.
-* A frame that holds no truth or no estimates neither breaks a match nor makes a fragment.
+* A fragment is each new match of a person but the first, also where the truth was absent. py-motmetrics counts
+  only gaps in which the person was present and missed.
+* A frame without truth or without estimates neither ends a match nor makes a fragment.
 * Mostly tracked is more than 0.8 of a person's frames (py-motmetrics: at least 0.8), mostly lost is less than 0.2.
 
-People who do not count are ignored both ways: the matching above is made over everybody first, then they are taken out together
-with the estimates that were matched to them, and what is left is scored as if they had never been. So an estimate that followed a
-person who counts stays with that person, and one whose best match is an ignored person costs nothing.
+People that are not evaluated are ignored both ways. All people are matched first. Then the ignored ones are removed with the
+estimates that were matched to them, and the rest is scored. So an estimate that follows an evaluated person stays with that
+person, and one whose best match is an ignored person is no error.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from tracker.metrics.matching import (
     MatchingFrame,
     clear_counts,
     compare,
-    correspond,
+    match_frames,
+    match_without_memory,
     matched_sum,
-    most_matches,
     overlap,
     planar_distance,
     without_ignored,
@@ -48,8 +48,9 @@ HOTA_REACH = 2.0
 class TargetScore:
     """Counts and sums over frames; `+` merges sequences and TargetScore() is neutral. Ratios are derived last, NaN where undefined.
 
-    truths: detections in the truth that count, over all frames; trajectories: their ids. distance: Σ m over matches (NaN for boxes).
-    closeness: Σ over matches of 1 − d/gate, or of the overlap. near_*: the same at MODA's gate. Merge only scores of one kind and gate.
+    truths: evaluated detections of the truth over all frames; trajectories: their ids. distance: Σ m over matches (NaN for boxes).
+    closeness: Σ over matches of 1 − d/gate, or of the overlap. near_*: the same at MODA's gate. Scores of different kinds or gates must not
+    be merged.
     """
 
     matches: int = 0
@@ -88,7 +89,7 @@ class TargetScore:
 
     @property
     def motp_percent(self) -> float:
-        """100 · mean (1 − d/gate), as the 3-D tables have it, or 100 · mean overlap."""
+        """100 · mean (1 − d/gate), as in tables of 3-D scores, or 100 · mean overlap."""
         return 100 * _ratio(self.closeness, self.matches)
 
     @property
@@ -112,7 +113,7 @@ class TargetScore:
         return _ratio(self.near_closeness, self.near_matches)
 
     def to_dict(self) -> dict[str, int | float | None]:
-        """For JSON: plain numbers, None for what is undefined."""
+        """JSON values, None for undefined ones."""
         names = ("mota", "motp_m", "motp_percent", "false_positives", "misses", "switches", "fragments", "mostly_tracked", "mostly_lost")
         values = {name: getattr(self, name) for name in (*names, "truths", "idf1", "hota", "moda", "modp")}
         return {name: None if np.isnan(value) else value for name, value in values.items()}
@@ -124,7 +125,7 @@ def _ratio(above: float, below: float) -> float:
 
 @dataclass(frozen=True)
 class _Rules:
-    """How a pair is measured, and what each score makes of that value."""
+    """The measure of a pair, and how each score uses its value."""
 
     measure: Callable[[Array, Array], Array]
     similarity: Function
@@ -139,8 +140,8 @@ class _Rules:
 def score(frames: Iterable[MatchingFrame], *, gate: float = 1.0) -> TargetScore:
     """Score positions on the ground: distances in x, y, metres; a match lies within `gate` m.
 
-    MODA and MODP have their own gate of 0.5 m, HOTA's similarity is max(0, 1 − d / 2 m). Raises ValueError for a gate that is not
-    above 0 and, naming frame (from 0) and id, for an id twice in a frame.
+    MODA and MODP have a gate of 0.5 m, and HOTA's similarity is max(0, 1 − d / 2 m). Raises ValueError for a gate that is not above 0, and
+    for an id twice in a frame, with the frame (from 0) and the id.
     """
     if not 0 < gate < np.inf:
         raise ValueError(f"gate is {gate} m, needs more than 0")
@@ -180,11 +181,11 @@ def score_boxes(frames: Iterable[MatchingFrame], *, iou: float = 0.5) -> TargetS
 def _score(frames: list[MatchingFrame], rules: _Rules) -> TargetScore:
     values = compare(frames, rules.measure)
     if any(frame.counts is not None for frame in frames):
-        values = without_ignored(frames, values, correspond(values.mapped(rules.similarity), rules.threshold))
+        values = without_ignored(frames, values, match_frames(values.mapped(rules.similarity), rules.threshold))
     similarity = values.mapped(rules.similarity)
-    matches = correspond(similarity, rules.threshold)
+    matches = match_frames(similarity, rules.threshold)
     idtp, idfp, idfn = identity_counts(similarity, rules.threshold)
-    near_matches, near_closeness = most_matches(values.mapped(rules.near), rules.near_threshold)
+    near_matches, near_closeness = match_without_memory(values.mapped(rules.near), rules.near_threshold)
     return TargetScore(
         **clear_counts(values, matches),
         distance=matched_sum(values.mapped(rules.distance), matches),

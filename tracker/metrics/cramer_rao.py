@@ -1,7 +1,7 @@
-"""The posterior Cramér-Rao bound of the robots' places, by the filter's own recursion at the truth (Van Trees 1968; Tichavský et al. 1998).
+"""The posterior Cramér-Rao bound of the robots' positions: the filter's recursion at the truth (Van Trees 1968; Tichavský et al. 1998).
 
-Nothing is wrong there, so the means stay where they are and the covariance is the bound. It holds where odometry, "up" and bearings err as their
-covariances say, frame by frame anew, and where somebody tells which landmark is which.
+At the truth all residuals are zero, so the means stay and the covariance is the bound. It holds if the errors of odometry, "up" and
+bearings are independent, with the stated covariances, and if all associations are known.
 """
 
 from __future__ import annotations
@@ -11,30 +11,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tracker.ekf.linearization import linearise
+from tracker.ekf.linearization import linearize
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Ints, Pose
-from tracker.slam.features import Extraction
+from tracker.slam.features import FeatureParameters
 from tracker.types import LandmarkHistory, Odometry, Setup
 
 UNKNOWN = 100.0
-"""m: the deviation of a landmark of which nothing is known."""
+"""m: the initial standard deviation of a landmark."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundFrame:
-    """One moment: true poses by robot, odometry since the frame before by robot, and by camera which landmarks it saw (k,), covariances (k, 2, 2)."""
+    """One frame: true poses by robot, odometry since the last frame by robot, and by camera the landmarks seen (k,) and covariances (k, 2, 2)."""
 
     truth: Mapping[str, Pose]
     odometry: Mapping[str, Odometry]
     seen: Mapping[str, tuple[Ints, Array]]
 
 
-def variances(setup: Setup, frames: Sequence[BoundFrame], places: Mapping[int, Array], correction: tuple[float, float, float] | None = None) -> Array:
-    """(frames, robots) m²: the least variance of position, summed over its axes, of the robots that move and whose start is told, in setup's order.
+def position_variances(
+    setup: Setup, frames: Sequence[BoundFrame], places: Mapping[int, Array], correction: tuple[float, float, float] | None = None
+) -> Array:
+    """(frames, robots) m²: the bound on the variance of position, summed over its axes, of moving robots with known starts, in the setup's order.
 
-    places: landmark → (3,) m; nothing was known of them before they were seen. correction: spreads, rad, of a standing correction factor that is
-    estimated too. A landmark is in the state from its first sighting to its last: before and after it tells nothing.
+    places: landmark → (3,) m, without prior knowledge. correction: standard deviations, rad, of a constant correction factor that is estimated
+    too. A landmark is in the state from its first sighting to its last, outside of which it carries no information.
     """
     names = setup.anchored_robots
     spans = _spans(frames)
@@ -42,44 +44,47 @@ def variances(setup: Setup, frames: Sequence[BoundFrame], places: Mapping[int, A
     for name in names:
         start = setup.starts[name]
         assert start is not None
-        joint.join(replace(start, T_world_robot=frames[0].truth[name]))
+        joint.add_robot(replace(start, T_world_robot=frames[0].truth[name]))
     out = []
     for k, frame in enumerate(frames):
         for i, name in enumerate(names):
             odometry = frame.odometry.get(name) if k else None
             if odometry is not None:
                 joint.predict(i, frames[k - 1].truth[name].inverse() @ frame.truth[name], odometry.covariance)
-            _look(joint, (setup, i, name), frame, (places, alive))
+            _update(joint, (setup, i, name), frame, (places, alive))
         out.append([joint.covariance(i)[:3, :3].trace() for i in range(len(names))])
-        for gone in [n for n in alive if spans[n] <= k]:
-            joint.remove(alive.index(gone))
-            alive[alive.index(gone)] = alive[-1]
+        for removed in [n for n in alive if spans[n] <= k]:
+            joint.remove_landmark(alive.index(removed))
+            alive[alive.index(removed)] = alive[-1]
             alive.pop()
     return np.array(out)
 
 
-def _look(joint: JointState, who: tuple[Setup, int, str], frame: BoundFrame, atlas: tuple[Mapping[int, Array], list[int]]) -> None:
-    """What a robot (setup, number, name) learns at a frame; `atlas` = places, and the landmarks in the state, which may become more."""
-    setup, i, name = who
-    places, alive = atlas
+def _update(joint: JointState, robot: tuple[Setup, int, str], frame: BoundFrame, landmarks: tuple[Mapping[int, Array], list[int]]) -> None:
+    """Update by the measurements of a robot (setup, number, name) at a frame.
+
+    landmarks: positions, and the landmarks in the state, to which new ones are appended.
+    """
+    setup, i, name = robot
+    places, alive = landmarks
     odometry, pose = frame.odometry.get(name), frame.truth[name]
-    level = None if odometry is None or odometry.gravity is None else replace(odometry, gravity=pose.rotation[2])
+    gravity = None if odometry is None or odometry.gravity is None else replace(odometry, gravity=pose.rotation[2])
     for camera, mount in setup.mounts.items():
         if mount.robot != name or camera not in frame.seen:
             continue
         subject, covariance = frame.seen[camera]
         for new in sorted(set(subject.tolist()) - set(alive)):
-            joint.add(places[new], np.zeros(0, dtype=np.intp), np.zeros((3, 0)), np.eye(3) * UNKNOWN**2)
+            joint.add_landmark(places[new], np.zeros(0, dtype=np.intp), np.zeros((3, 0)), np.eye(3) * UNKNOWN**2)
             alive.append(new)
         number = {landmark: n for n, landmark in enumerate(alive)}
         rows = np.array([number[s] for s in subject.tolist()], dtype=np.intp)
         bearing = (pose @ mount.T_body_camera).inverse().apply(joint.point[rows])
         bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
-        seen, up, level = (mount, rows, bearing, covariance), level, None
+        seen, up, gravity = (mount, rows, bearing, covariance), gravity, None
         if len(rows) or up is not None:
-            joint.update(lambda seen=seen, up=up: linearise(joint, i, seen, up), 1, np.inf)  # type: ignore[misc]
-    if level is not None:
-        joint.update(lambda: linearise(joint, i, None, level), 1, np.inf)
+            joint.update(lambda seen=seen, up=up: linearize(joint, i, seen, up), 1, np.inf)  # type: ignore[misc]
+    if gravity is not None:
+        joint.update(lambda: linearize(joint, i, None, gravity), 1, np.inf)
 
 
 def _spans(frames: Sequence[BoundFrame]) -> dict[int, int]:
@@ -88,9 +93,9 @@ def _spans(frames: Sequence[BoundFrame]) -> dict[int, int]:
 
 
 def bound_step(P: Array, F: Array, Q: Array, information: Array) -> Array:
-    """One step of the recursion for n independent states that move linearly (Tichavský et al. 1998, eq. 21): the bounds (n, d, d) one frame later.
+    """One step of the recursion for n independent states with linear motion (Tichavský et al. 1998, eq. 21): the bounds (n, d, d) one frame later.
 
-    P (n, d, d): the bounds before; F, Q (d, d): transition and process noise; information (n, d, d): what the measurements of the frame add.
+    P (n, d, d): the bounds before; F, Q (d, d): transition and process noise; information (n, d, d): that of the frame's measurements.
     """
     predicted = F @ P @ F.T + Q
     return np.asarray(np.linalg.inv(np.linalg.inv(predicted) + information), dtype=np.float64)
@@ -101,19 +106,21 @@ def ate_bound(variance: Array) -> float:
     return float(np.sqrt(variance.mean(axis=0)).mean())
 
 
-def surveyed(setup: Setup, truth: Iterable[Mapping[str, Pose]], odometry: Iterable[Mapping[str, Odometry]], survey: LandmarkHistory) -> float | None:
-    """The bound, m, for a run from pictures, where no landmark has a name: for sightings that the tracker itself took in, as its own map had them.
+def bound_of_map(
+    setup: Setup, truth: Iterable[Mapping[str, Pose]], odometry: Iterable[Mapping[str, Odometry]], history: LandmarkHistory
+) -> float | None:
+    """The bound, m, of a run on images, where landmarks have no names: for the sightings that the tracker itself used, by its own map.
 
-    So it takes each of the tracker's associations for right and each landmark to be where it was last believed to be, and a feature to be as good
-    as Extraction says. What a tracker could have seen beside is not in it, nor are other robots, nor the rays that a landmark was placed from before:
-    another front end may well be below it. None where no robot moves from a start that was told, or nothing was seen.
+    It takes all associations as correct, landmarks at their last estimates, and features with the accuracy of FeatureParameters. It leaves out
+    sightings that the tracker did not use, other robots, and the bearings from which a landmark was triangulated. So another front end may be
+    better than this bound. None if no robot moves from a known start, or nothing was seen.
     """
-    if not survey.places or not setup.anchored_robots:
+    if not history.positions or not setup.anchored_robots:
         return None
     cameras = {mount.robot: camera for camera, mount in setup.mounts.items()}
-    R = np.eye(2) * Extraction().sigma ** 2
+    R = np.eye(2) * FeatureParameters().sigma ** 2
     frames = [
-        BoundFrame(poses, moved, {cameras[r]: (ids, np.tile(R, (len(ids), 1, 1))) for r, ids in seen.items() if len(ids)})
-        for poses, moved, seen in zip(truth, odometry, survey.sighted, strict=False)
+        BoundFrame(poses, motions, {cameras[r]: (ids, np.tile(R, (len(ids), 1, 1))) for r, ids in seen.items() if len(ids)})
+        for poses, motions, seen in zip(truth, odometry, history.sighted, strict=False)
     ]
-    return ate_bound(variances(setup, frames, survey.places))
+    return ate_bound(position_variances(setup, frames, history.positions))

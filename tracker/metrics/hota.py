@@ -1,4 +1,4 @@
-"""HOTA (Luiten et al. 2020, "HOTA: a higher order metric for evaluating multi-object tracking"), in sums that add over sequences."""
+"""HOTA (Luiten et al. 2020, "HOTA: a higher order metric for evaluating multi-object tracking"), as sums that can be merged over sequences."""
 
 from __future__ import annotations
 
@@ -37,26 +37,26 @@ class HotaSums:
 
     @property
     def deta(self) -> Array:
-        """DetA_α = TP / (TP + FN + FP), (19,); NaN where there was nothing at all."""
+        """DetA_α = TP / (TP + FN + FP), (19,); NaN without truth and estimates."""
         everything = np.array(self.matches) + self.misses + self.false_positives
         return np.where(everything > 0, self.matches / np.maximum(1, everything), np.nan)
 
     @property
     def assa(self) -> Array:
-        """AssA_α = mean over true positives of TPA / (TPA + FNA + FPA), (19,); 0 where there are none, as TrackEval has it."""
+        """AssA_α = mean over true positives of TPA / (TPA + FNA + FPA), (19,); 0 without true positives, as in TrackEval."""
         return np.asarray(np.array(self.association) / np.maximum(1, self.matches))
 
     @property
     def hota(self) -> float:
-        """The mean over α of √(DetA · AssA); NaN where there was nothing at all."""
+        """The mean over α of √(DetA · AssA); NaN without truth and estimates."""
         return float(np.sqrt(self.deta * self.assa).mean())
 
 
 def hota_sums(comparison: Comparison) -> HotaSums:
     """Score one sequence; the values of `comparison` are similarities in [0, 1].
 
-    The matching is TrackEval's: each frame's Hungarian maximises the similarity weighted by how well two trajectories agree over the
-    whole sequence (the paper's eq. 14 with soft counts); it is found once and cut at every α.
+    The matching is TrackEval's. In each frame the Hungarian algorithm maximises the similarity, weighted by the agreement of the two
+    trajectories over the sequence (the paper's equation 14 with soft counts). It is computed once and thresholded at every α.
     """
     truth_length, estimate_length = comparison.lengths()
     weight = _alignment(comparison, truth_length, estimate_length)

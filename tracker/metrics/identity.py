@@ -9,10 +9,10 @@ from tracker.metrics.matching import Comparison
 
 
 def identity_counts(comparison: Comparison, threshold: float) -> tuple[int, int, int]:
-    """IDTP, IDFP, IDFN: detections right, said too much and left out under the best one-to-one assignment of whole trajectories.
+    """IDTP, IDFP, IDFN: true positives, false positives and misses under the best one-to-one assignment of whole trajectories.
 
-    The values of `comparison` are similarities; a pair agrees in a frame where it has at least `threshold`. To assign the pairs with
-    the most frames of agreement is the same as Ristani's least IDFP + IDFN: an unassigned pair adds its two lengths, an assigned one
+    The values of `comparison` are similarities; a pair agrees in a frame where its similarity is at least `threshold`. The assignment maximises
+    the frames of agreement, which is the same as Ristani's least IDFP + IDFN. An unassigned pair adds its two lengths, and an assigned one
     its two lengths less twice the agreement.
     """
     agreement = np.zeros((comparison.truths, comparison.estimates))

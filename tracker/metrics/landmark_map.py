@@ -1,4 +1,4 @@
-"""Scores of maps: how near landmarks are to true ones, how many of those that were to be had are there, and how many are nowhere."""
+"""Scores of landmark maps: accuracy, completeness, and false landmarks."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from scipy.optimize import linear_sum_assignment
 from tracker.geometry import Array, Mask, Pose
 
 NEAR = 0.5
-"""m between a landmark and the true one that it can stand for: what is farther off is a ghost and not an error."""
+"""m: the largest distance between a landmark and its true one; a landmark farther from all true ones is false (a ghost)."""
 
 
 @dataclass(frozen=True)
 class MapScore:
-    """Sums over maps; `+` merges them and MapScore() is neutral. landmarks: estimated ones; matched: those with a true one; raw, aligned: Σ of
-    their squared errors, m²; wanted: true landmarks that should be there; found: those of them that are.
+    """Sums over maps; `+` merges them and MapScore() is neutral.
+
+    landmarks: estimated ones; matched: those with a true one; raw, aligned: Σ of their squared errors, m². wanted: true landmarks that the map
+    should contain; found: those of them that it contains.
     """
 
     landmarks: int = 0
@@ -30,8 +32,10 @@ class MapScore:
         return MapScore(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
 
     def to_dict(self) -> dict[str, float | None]:
-        """map_m, map_aligned_m: RMSE of the landmarks that stand for a true one, as they are and after the team's alignment; map_complete: the
-        share of wanted ones that are found; map_ghosts: the share of landmarks that stand for none, or for one that has a nearer one already.
+        """JSON values.
+
+        map_m, map_aligned_m: RMSE of the matched landmarks, as they are and after the team's alignment. map_complete: the share of wanted
+        landmarks that are found. map_ghosts: the share of landmarks without a true one of their own.
         """
         matched, wanted, all_ = self.matched, self.wanted, self.landmarks
         return {
@@ -43,10 +47,10 @@ class MapScore:
 
 
 def score_map(truth: Array, landmarks: Array, wanted: Mask, alignment: Pose | None = None) -> MapScore:
-    """True landmarks (n, 3) m, of which `wanted` (n,) were seen well enough to be in a map, and estimated ones (m, 3) m, without names.
+    """Score estimated landmarks (m, 3) m without names against true ones (n, 3) m, of which `wanted` (n,) were seen well enough for a map.
 
-    alignment: of the team with its truth (trajectory.align): map and robots are moved as one. Each estimate stands for the nearest true landmark
-    within NEAR after it, one for one, with the least sum of squares.
+    alignment: of the team with its truth (trajectory.align), applied to the map. The matching is one to one, within NEAR after the
+    alignment, with the least sum of squares.
     """
     if not len(landmarks) or not len(truth):
         return MapScore(landmarks=len(landmarks), wanted=int(wanted.sum()))

@@ -1,7 +1,4 @@
-"""Truth beside estimates, frame by frame: the ground on which every score of targets stands.
-
-Which estimate stands for which person in every frame (CLEAR-MOT's correspondences), and what is counted from that.
-"""
+"""Truth and estimates compared frame by frame, their matching, and the counts of CLEAR MOT."""
 
 from __future__ import annotations
 
@@ -16,10 +13,10 @@ from tracker.geometry import Array, Ints, Mask, frozen
 
 @dataclass(frozen=True, eq=False)
 class MatchingFrame:
-    """One moment: who stands where, and what was said about it.
+    """One frame: the true and the estimated people.
 
     truth_id (m,), truth (m, d), estimate_id (k,), estimate (k, d): positions in metres (d ≥ 2; x and y are compared) or boxes
-    (d = 4: left, top, width, height px). counts (m,): False for truth that is ignored both ways, None where all of it counts.
+    (d = 4: left, top, width, height px). counts (m,): False for truth that is ignored both ways, None if all of it is evaluated.
     Raises ValueError for a wrong shape or a number that is not finite.
     """
 
@@ -51,30 +48,31 @@ class MatchingFrame:
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """One frame with its ids numbered from 0 over the whole sequence: truth (m,), estimate (k,), and how they compare: value (m, k)."""
+    """One frame with ids numbered from 0 over the whole sequence: truth (m,), estimate (k,), and value (m, k) of each pair."""
 
     truth: Ints
     estimate: Ints
     value: Array
 
     def restricted(self, truth: Mask, estimate: Mask) -> Pairing:
+        """The pairing of a subset: masks truth (m,) and estimate (k,)."""
         return Pairing(self.truth[truth], self.estimate[estimate], self.value[np.ix_(truth, estimate)])
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A sequence of pairings; truths and estimates are the numbers of ids on either side."""
+    """The pairings of a sequence; truths and estimates are the numbers of ids on either side."""
 
     frames: tuple[Pairing, ...]
     truths: int
     estimates: int
 
     def mapped(self, function: Callable[[Array], Array]) -> Comparison:
-        """The same with `function` applied to every value: distances to similarities."""
+        """The same with `function` applied to every value, for instance from distances to similarities."""
         return Comparison(tuple(Pairing(f.truth, f.estimate, function(f.value)) for f in self.frames), self.truths, self.estimates)
 
     def lengths(self) -> tuple[Ints, Ints]:
-        """In how many frames each truth id (truths,) and each estimate id (estimates,) is present."""
+        """The number of frames in which each truth id (truths,) and each estimate id (estimates,) is present."""
         truth, estimate = np.zeros(self.truths, dtype=np.int64), np.zeros(self.estimates, dtype=np.int64)
         for frame in self.frames:
             truth[frame.truth] += 1
@@ -83,9 +81,9 @@ class Comparison:
 
 
 def compare(frames: Sequence[MatchingFrame], measure: Callable[[Array, Array], Array]) -> Comparison:
-    """Number the ids and measure every truth (m, d) against every estimate (k, d): `measure` gives (m, k).
+    """Number the ids and measure every truth (m, d) against every estimate (k, d): `measure` returns (m, k).
 
-    Raises ValueError naming frame (from 0) and id where an id comes twice in a frame.
+    Raises ValueError with frame (from 0) and id for an id twice in a frame.
     """
     for index, frame in enumerate(frames):
         for name, ids in (("truth", frame.truth_id), ("estimate", frame.estimate_id)):
@@ -127,71 +125,71 @@ def overlap(truth: Array, estimate: Array) -> Array:
 Matches = list[tuple[Ints, Ints]]
 
 # A kept match outweighs every sum of similarities.
-KEPT = 1000
+MATCH_BONUS = 1000
 
 EPSILON = float(np.finfo(np.float64).eps)
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 
 
-def correspond(comparison: Comparison, threshold: float) -> Matches:
-    """Match every frame by TrackEval's rule; the values of `comparison` are similarities, a pair is valid from `threshold` on.
+def match_frames(comparison: Comparison, threshold: float) -> Matches:
+    """Match each frame by TrackEval's rule; the values of `comparison` are similarities, a pair is valid from `threshold` on.
 
-    A match of the frame before is kept while it is valid, the others maximise the sum of similarities. A frame with nobody on one side
-    leaves the memory as it was.
+    A match of the frame before is kept while it is valid, the others maximise the sum of similarities. A frame without truth or without
+    estimates leaves the memory unchanged.
     """
     previous = np.full(comparison.truths, -1)
     out: Matches = []
     for frame in comparison.frames:
         kept = frame.estimate[None, :] == previous[frame.truth][:, None]
-        worth = np.where(frame.value < threshold - EPSILON, 0.0, KEPT * kept + frame.value)
-        rows, columns = linear_sum_assignment(-worth)
-        real = worth[rows, columns] > EPSILON
-        rows, columns = rows[real], columns[real]
+        gain = np.where(frame.value < threshold - EPSILON, 0.0, MATCH_BONUS * kept + frame.value)
+        rows, columns = linear_sum_assignment(-gain)
+        valid_pairs = gain[rows, columns] > EPSILON
+        rows, columns = rows[valid_pairs], columns[valid_pairs]
         out.append((rows, columns))
-        if worth.size:
+        if gain.size:
             previous[:] = -1
             previous[frame.truth[rows]] = frame.estimate[columns]
     return out
 
 
 def without_ignored(frames: Sequence[MatchingFrame], comparison: Comparison, matches: Matches) -> Comparison:
-    """Take out the people who do not count, together with the estimates that `matches` gives to them."""
+    """Remove the people that are not evaluated, together with the estimates that `matches` assigns to them."""
     kept = []
     for frame, pairing, (rows, columns) in zip(frames, comparison.frames, matches, strict=True):
         counts = np.ones(len(pairing.truth), dtype=bool) if frame.counts is None else frame.counts
-        stays = np.ones(len(pairing.estimate), dtype=bool)
-        stays[columns[~counts[rows]]] = False
-        kept.append(pairing.restricted(counts, stays))
+        kept_estimates = np.ones(len(pairing.estimate), dtype=bool)
+        kept_estimates[columns[~counts[rows]]] = False
+        kept.append(pairing.restricted(counts, kept_estimates))
     return Comparison(tuple(kept), comparison.truths, comparison.estimates)
 
 
 def clear_counts(comparison: Comparison, matches: Matches) -> dict[str, int]:
-    """The integers of CLEAR-MOT, by the names of TargetScore's fields."""
+    """The counts of CLEAR MOT, by the names of TargetScore's fields."""
     last = np.full(comparison.truths, -1)
     tracked = np.zeros(comparison.truths, dtype=bool)
-    begun, followed = np.zeros((2, comparison.truths), dtype=np.int64)
+    starts, matched_frames = np.zeros((2, comparison.truths), dtype=np.int64)
     switches = 0
     for frame, (rows, columns) in zip(comparison.frames, matches, strict=True):
         truth, estimate = frame.truth[rows], frame.estimate[columns]
         switches += int(((last[truth] >= 0) & (last[truth] != estimate)).sum())
         last[truth] = estimate
-        followed[truth] += 1
+        matched_frames[truth] += 1
         if frame.value.size:
             now = np.zeros_like(tracked)
             now[truth] = True
-            begun += now & ~tracked
+            starts += now & ~tracked
             tracked = now
-    length, said = comparison.lengths()
+    length, estimated = comparison.lengths()
     present = length > 0
-    share = followed[present] / length[present]
-    total = int(followed.sum())
+    share = matched_frames[present] / length[present]
+    total = int(matched_frames.sum())
     return {
         "matches": total,
-        "false_positives": int(said.sum()) - total,
+        "false_positives": int(estimated.sum()) - total,
         "misses": int(length.sum()) - total,
         "switches": switches,
-        "fragments": int(np.maximum(begun - 1, 0).sum()),
+        "fragments": int(np.maximum(starts - 1, 0).sum()),
         "trajectories": int(present.sum()),
         "mostly_tracked": int((share > MOSTLY_TRACKED).sum()),
         "mostly_lost": int((share < MOSTLY_LOST).sum()),
@@ -203,17 +201,17 @@ def matched_sum(comparison: Comparison, matches: Matches) -> float:
     return float(sum(frame.value[pair].sum() for frame, pair in zip(comparison.frames, matches, strict=True)))
 
 
-def most_matches(comparison: Comparison, threshold: float) -> tuple[int, float]:
-    """Without memory, as WILDTRACK has it: in each frame the most pairs with a value in [threshold, 1], and of those the greatest sum.
+def match_without_memory(comparison: Comparison, threshold: float) -> tuple[int, float]:
+    """Matching of each frame alone, as in WILDTRACK: the most pairs with a value in [threshold, 1], and of those the greatest sum.
 
     Returns the number of pairs and their sum over all frames.
     """
     number, total = 0, 0.0
     for frame in comparison.frames:
         valid = frame.value >= threshold
-        worth = np.where(valid, min(valid.shape) + 1 + frame.value, 0.0)
-        rows, columns = linear_sum_assignment(-worth)
-        real = valid[rows, columns]
-        number += int(real.sum())
-        total += float(frame.value[rows, columns][real].sum())
+        gain = np.where(valid, min(valid.shape) + 1 + frame.value, 0.0)
+        rows, columns = linear_sum_assignment(-gain)
+        valid_pairs = valid[rows, columns]
+        number += int(valid_pairs.sum())
+        total += float(frame.value[rows, columns][valid_pairs].sum())
     return number, total

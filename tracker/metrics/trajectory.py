@@ -1,5 +1,6 @@
-"""Scores of robots: absolute and relative trajectory error (Sturm et al. 2012, "A benchmark for the evaluation of RGB-D SLAM systems")
-and consistency (NEES, Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4).
+"""Scores of robots: absolute and relative trajectory error, and consistency (NEES).
+
+Sturm et al. 2012, "A benchmark for the evaluation of RGB-D SLAM systems"; Bar-Shalom, Li & Kirubarajan 2001, sec. 5.4.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ Poses = Mapping[str, Sequence[Pose | None]]
 Covariances = Mapping[str, Sequence[Array | None] | None]
 
 DEGREES_OF_FREEDOM = 6
-# An eigenvalue below this share of the largest belongs to a direction that the covariance calls certain.
-CERTAIN = 1e-12
+# A smaller share of the largest eigenvalue means a direction without uncertainty.
+MIN_EIGENVALUE_SHARE = 1e-12
 MEASURES = ("ate_m", "ate_aligned_m", "ate_yaw_m", "rpe_m", "rpe_between_m", "nees_per_dof", "way_m", "ate_share")
 
 
@@ -27,8 +28,8 @@ class RobotScore:
     """Sums over robots and frames; `+` merges sequences and RobotScore() is neutral. Ratios are derived last, NaN where undefined.
 
     robots: those with at least one estimated frame; frames: their estimated frames; absent: frames without an estimate. ate, ate_aligned,
-    ate_yaw: Σ over robots of the RMSE of position, m; way: Σ of how far they truly went, m. steps, rpe: number and Σ of squares (m²) of relative
-    errors; looks, between: the same between robots. nees: Σ over nees_frames; runs: sequences with any.
+    ate_yaw: Σ over robots of the RMSE of position, m; distance: Σ of the true path lengths, m. steps, rpe: number and Σ of squares (m²) of
+    relative errors in time; relative_pairs, between: the same between robots. nees: Σ over nees_frames; runs: sequences with any.
     """
 
     robots: int = 0
@@ -37,10 +38,10 @@ class RobotScore:
     ate: float = 0.0
     ate_aligned: float = 0.0
     ate_yaw: float = 0.0
-    way: float = 0.0
+    distance: float = 0.0
     steps: int = 0
     rpe: float = 0.0
-    looks: int = 0
+    relative_pairs: int = 0
     between: float = 0.0
     runs: int = 0
     nees_frames: int = 0
@@ -56,28 +57,28 @@ class RobotScore:
 
     @property
     def ate_aligned_m(self) -> float:
-        """The same after one rigid motion brought the whole team nearest to its truth, m: what an unknown common start costs is gone."""
+        """The same after one rigid motion that aligns the whole team with its truth, m: without the error of an unknown common start."""
         return self.ate_aligned / self.robots if self.robots else float("nan")
 
     @property
     def ate_yaw_m(self) -> float:
-        """The same after a turn about the vertical and a shift of the team alone: where "up" is measured, no more of the start can be unknown."""
+        """The same after a rotation about the vertical and a translation of the team: the unobservable directions where "up" is measured."""
         return self.ate_yaw / self.robots if self.robots else float("nan")
 
     @property
     def way_m(self) -> float:
-        """Mean over robots of the way from estimated frame to estimated frame, by the truth, m."""
-        return self.way / self.robots if self.robots else float("nan")
+        """Mean over robots of the true path length over the estimated frames, m."""
+        return self.distance / self.robots if self.robots else float("nan")
 
     @property
     def ate_share(self) -> float:
-        """ATE over the way; undefined for robots that stood still."""
-        return self.ate / self.way if self.way else float("nan")
+        """ATE over the path length; undefined for robots that stand still."""
+        return self.ate / self.distance if self.distance else float("nan")
 
     @property
     def rpe_between_m(self) -> float:
-        """RMSE over ordered pairs of robots and frames of where the one believes the other, in its own frame, m."""
-        return float(np.sqrt(self.between / self.looks)) if self.looks else float("nan")
+        """RMSE over ordered pairs of robots and frames of the other robot's position in the own frame, m."""
+        return float(np.sqrt(self.between / self.relative_pairs)) if self.relative_pairs else float("nan")
 
     @property
     def rpe_m(self) -> float:
@@ -86,15 +87,15 @@ class RobotScore:
 
     @property
     def nees_per_dof(self) -> float:
-        """Mean of ξᵀ Σ⁻¹ ξ over robots and frames, over 6: 1 where the filter knows how wrong it is, more where it is overconfident."""
+        """Mean of ξᵀ Σ⁻¹ ξ over robots and frames, over 6: 1 for a consistent filter, more for an overconfident one."""
         return self.nees / (DEGREES_OF_FREEDOM * self.nees_frames) if self.nees_frames else float("nan")
 
     @property
     def nees_band(self) -> tuple[float, float]:
-        """Where nees_per_dof of an honest filter lies in 95 % of cases: χ² with 6 degrees of freedom a run, over as many.
+        """The interval of nees_per_dof of a consistent filter with 95 % probability: χ² with 6 degrees of freedom a run, over as many.
 
-        Independent are runs (sequences added by `+`) and nothing else: frames follow from each other and robots share a map, so all of a run count
-        as one error. A mean of errors that hang together strays no more than one of them, so within a long run the band is rather too wide.
+        Only runs (sequences merged by `+`) are independent: frames are correlated in time, and robots share a map. So all of a run counts as one
+        error. The mean of correlated errors varies at most as much as one of them, so that within a long run the interval is too wide.
         """
         if not self.runs:
             return float("nan"), float("nan")
@@ -103,18 +104,18 @@ class RobotScore:
         return float(low), float(high)
 
     def to_dict(self) -> dict[str, float | None]:
-        """For JSON: plain numbers, None for what is undefined."""
+        """JSON values, None for undefined ones."""
         values = {name: float(getattr(self, name)) for name in MEASURES}
         values |= dict(zip(("nees_low", "nees_high"), self.nees_band, strict=True))
         return {name: None if np.isnan(value) else value for name, value in values.items()}
 
 
 def score_robots(truth: Poses, estimate: Poses, covariances: Covariances | None = None, *, delta: int = 1) -> RobotScore:
-    """Score T_world_robot, robot → one pose a frame; an estimate may be None where the robot's place was not known yet.
+    """Score T_world_robot, robot → one pose a frame; an estimate is None where the robot's pose is unknown.
 
-    covariances: robot → (6, 6) of the right tangent [m, rad] a frame, or None, a frame or a robot. A frame whose covariance is singular
-    (a robot that was told where it is) has no NEES and is left out of it. delta: frames between the two ends of a relative error.
-    Raises ValueError naming robot and frame: a robot without estimates, lists of other lengths, a covariance that is none.
+    covariances: robot → (6, 6) of the right tangent [m, rad] a frame, or None for a frame or a robot. A frame with a singular covariance
+    (an exactly known pose) has no NEES. delta: frames between the two ends of a relative error.
+    Raises ValueError with robot and frame for a robot without estimates, lists of other lengths, or a matrix that is no covariance.
     """
     parts = score_each(truth, estimate, covariances, delta=delta)
     team = sum(parts.values(), RobotScore())
@@ -123,12 +124,12 @@ def score_robots(truth: Poses, estimate: Poses, covariances: Covariances | None 
 
 
 def score_each(truth: Poses, estimate: Poses, covariances: Covariances | None = None, *, delta: int = 1) -> dict[str, RobotScore]:
-    """As score_robots, a score a robot; the alignments are still those of the whole team."""
+    """As score_robots, a score for each robot; the alignments are those of the whole team."""
     if delta < 1:
         raise ValueError(f"delta is {delta} frames, needs at least 1")
     pairs = {robot: _pairs(robot, truth[robot], estimate) for robot in sorted(truth)}
-    wanted, given = (np.array([p[i].translation for ps in pairs.values() for p in ps.values()]).reshape(-1, 3) for i in (0, 1))
-    alignments = tuple(align(given, wanted, upright) if len(given) else Pose.identity() for upright in (False, True))
+    true_points, points = (np.array([p[i].translation for ps in pairs.values() for p in ps.values()]).reshape(-1, 3) for i in (0, 1))
+    alignments = tuple(align(points, true_points, upright) if len(points) else Pose.identity() for upright in (False, True))
     out = {}
     for robot, frames in pairs.items():
         score = RobotScore(absent=len(truth[robot]) - len(frames)) + _absolute(frames, alignments) + _relative(frames, delta)
@@ -140,7 +141,7 @@ Pairs = dict[int, tuple[Pose, Pose]]
 
 
 def _pairs(robot: str, truth: Sequence[Pose | None], estimates: Poses) -> Pairs:
-    """Frame → true and estimated pose, where both are there."""
+    """Frame → true and estimated pose, where both exist."""
     if robot not in estimates:
         raise ValueError(f"robot {robot} is in the truth, needs estimates too")
     estimate = estimates[robot]
@@ -150,8 +151,9 @@ def _pairs(robot: str, truth: Sequence[Pose | None], estimates: Poses) -> Pairs:
 
 
 def align(points: Array, onto: Array, upright: bool = False) -> Pose:
-    """The rigid motion that brings `points` (n, 3) nearest to `onto` (n, 3) in the mean of squares (Umeyama 1991, scale 1); upright: among those
-    that turn about z alone.
+    """The rigid motion that brings `points` (n, 3) nearest to `onto` (n, 3) in the mean of squares (Umeyama 1991, scale 1).
+
+    upright: among those that rotate about z alone.
     """
     R = rotation_onto(points, onto, upright)
     return Pose(R, onto.mean(axis=0) - R @ points.mean(axis=0))
@@ -160,14 +162,14 @@ def align(points: Array, onto: Array, upright: bool = False) -> Pose:
 def _absolute(frames: Pairs, alignments: tuple[Pose, ...]) -> RobotScore:
     if not frames:
         return RobotScore()
-    wanted, given = (np.array([pair[i].translation for pair in frames.values()]) for i in (0, 1))
+    true_points, estimated = (np.array([pair[i].translation for pair in frames.values()]) for i in (0, 1))
 
     def rmse(points: Array) -> float:
-        return float(np.sqrt(((points - wanted) ** 2).sum(axis=1).mean()))
+        return float(np.sqrt(((points - true_points) ** 2).sum(axis=1).mean()))
 
-    aligned, yaw = (rmse(alignment.apply(given)) for alignment in alignments)
-    way = float(np.linalg.norm(np.diff(wanted, axis=0), axis=1).sum())
-    return RobotScore(robots=1, frames=len(frames), ate=rmse(given), ate_aligned=aligned, ate_yaw=yaw, way=way)
+    aligned, yaw = (rmse(alignment.apply(estimated)) for alignment in alignments)
+    distance = float(np.linalg.norm(np.diff(true_points, axis=0), axis=1).sum())
+    return RobotScore(robots=1, frames=len(frames), ate=rmse(estimated), ate_aligned=aligned, ate_yaw=yaw, distance=distance)
 
 
 def _relative(frames: Pairs, delta: int) -> RobotScore:
@@ -182,13 +184,13 @@ def _relative(frames: Pairs, delta: int) -> RobotScore:
 
 
 def _between(pairs: Mapping[str, Pairs]) -> RobotScore:
-    """E = (T*ᵢ⁻¹ T*ⱼ)⁻¹ (Tᵢ⁻¹ Tⱼ) at a frame, its translation, for robots i ≠ j: what _relative is in time."""
+    """The translation of E = (T*ᵢ⁻¹ T*ⱼ)⁻¹ (Tᵢ⁻¹ Tⱼ) at a frame, for robots i ≠ j; _relative is the same in time."""
     number, total = 0, 0.0
     for one, other in permutations(pairs.values(), 2):
         for k in one.keys() & other.keys():
             true, estimated = (one[k][i].inverse().apply(other[k][i].translation[None])[0] for i in (0, 1))
             number, total = number + 1, total + float(((estimated - true) ** 2).sum())
-    return RobotScore(looks=number, between=total)
+    return RobotScore(relative_pairs=number, between=total)
 
 
 def _consistency(robot: str, frames: Pairs, covariances: Sequence[Array | None] | None, length: int) -> RobotScore:
@@ -209,10 +211,10 @@ def _consistency(robot: str, frames: Pairs, covariances: Sequence[Array | None] 
 
 
 def _definite(P: Array, name: str) -> bool:
-    """Whether P can be inverted. Raises ValueError where it is no covariance."""
+    """Whether P can be inverted. Raises ValueError if it is no covariance."""
     if np.shape(P) != (DEGREES_OF_FREEDOM, DEGREES_OF_FREEDOM) or not np.isfinite(P).all():
         raise ValueError(f"{name} has shape {np.shape(P)}, needs (6, 6) and finite numbers")
-    # Metres and radians are brought to one scale by the diagonal, so that a small variance does not look like none.
+    # The diagonal scales metres and radians alike, so that a small variance is not taken for a singular matrix.
     scale = np.sqrt(np.diag(P).clip(min=0))
     if not (scale > 0).all():
         if (np.diag(P) < 0).any():
@@ -224,4 +226,4 @@ def _definite(P: Array, name: str) -> bool:
     low = float(np.linalg.eigvalsh(correlation)[0])
     if low < -1e-6:
         raise ValueError(f"{name} has an eigenvalue below 0 ({low:.3g} of its scale), needs none")
-    return low > CERTAIN
+    return low > MIN_EIGENVALUE_SHARE

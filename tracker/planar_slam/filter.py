@@ -1,17 +1,18 @@
-"""EKF-SLAM of a team in the plane: SE(2) robots, landmarks in metres, one joint covariance, range and bearing.
+"""EKF-SLAM of a team in the plane: SE(2) robots, point landmarks, one joint covariance, and measurements of range and bearing.
 
-A robot has eight numbers: x, y (m), heading (rad), its correction factor (offsets of all its bearings, rad, and ranges, m, and the scale error
-of its ranges) and its odometry's scale errors (of speed and of turn, as shares); a landmark has two. An error is true minus estimated, added to
-each number; what has no variance is not estimated. range = (1 + κ) ‖q − p‖ + ρ, bearing = angle(q − p) − heading + β.
+A robot has eight numbers: x, y (m), heading (rad), its correction factor and two scale errors of its odometry (of speed and of turn, as
+shares). The correction factor is an offset β of all its bearings (rad), one ρ of all its ranges (m), and the scale error κ of its ranges. A
+landmark has two numbers. An error is true minus estimated, added to each number. Numbers without variance are not estimated.
+range = (1 + κ) ‖q − p‖ + ρ, bearing = angle(q − p) − heading + β.
 
-The modes differ in two places only:
+The modes:
 
-* EKF: all as it stands. With more than one linearisation it is the iterated filter.
-* FEJ: Jacobians at first estimates: of a landmark where it was first put, of a robot where it was last predicted (Huang, Mourikis, Roumeliotis 2010).
-* INVARIANT: the right-invariant error of each robot, landmarks tied to the robot that measures (Barrau & Bonnabel 2015; Zhang et al. 2017). Written
-  in the plain error: prediction is the same, and after an update that moved a position by Δ, the error there gains JΔ times the
-  heading's error (`transport`). So a turn of the whole world stays a direction without information, whatever the estimates: J p for all positions p.
-* BOUND: Jacobians at the truth, which the mean is then made to follow: the recursion of the posterior Cramér-Rao bound (Tichavský et al. 1998).
+* EKF: the plain filter. With more than one linearisation it is the iterated filter.
+* FEJ: first-estimates Jacobians, at a landmark's initial and a robot's last predicted position (Huang, Mourikis, Roumeliotis 2010).
+* INVARIANT: the right-invariant error of each robot, landmarks tied to the observing robot (Barrau & Bonnabel 2015; Zhang et al. 2017). In
+  the plain error prediction is the same. After an update that moved a position by Δ its error gains JΔ times the heading's error
+  (`transport_covariance`). A rotation of the whole world then stays unobservable for all estimates.
+* BOUND: Jacobians at the truth, which the mean follows: the recursion of the posterior Cramér-Rao bound (Tichavský et al. 1998).
 """
 
 from __future__ import annotations
@@ -26,47 +27,49 @@ from tracker.geometry import Array
 
 EKF, FEJ, INVARIANT, BOUND = 0, 1, 2, 3
 MODES = {"ekf": EKF, "iekf": EKF, "fej": FEJ, "invariant": INVARIANT}
-"""By name; the EKF has one linearisation, whatever is asked for."""
+"""By name; the EKF always has one linearisation."""
 ROBOT = 8
 """Numbers of a robot: x, y, heading, bearing offset β, range offset ρ, range scale κ, speed scale, turn scale."""
-MATCHED, OUTLIER, REOPENED, STARTED, EVENT = range(5)
-"""Places in State.tally: sightings that counted, those that lost nearly all weight, gates opened again, landmarks started, the present event."""
+MATCHED, OUTLIER, INFLATED, STARTED, EVENT = range(5)
+"""Indices of PlanarState.counts: inliers, outliers, covariance inflations, initialized landmarks, and the number of the present event."""
 
 
-STEP, SCAN, MARK = 0, 1, 2
-"""Kinds of events: a robot moves, a robot looks, the team's poses are noted."""
+STEP, SCAN, OUTPUT = 0, 1, 2
+"""Kinds of events: a robot moves, a robot measures, the team's poses are output."""
 
 
 class PlanarState(NamedTuple):
-    """mean (n,), P (n, n), first (n,): first estimates; known (landmarks,): whether it was seen; streak (robots,): bad sightings of late, more than
-    good ones; tally: counts by the places above.
+    """The state of the filter.
+
+    mean (n,), P (n, n), first (n,): first estimates. initialized (landmarks,). outlier_excess (robots,): recent outliers in excess of inliers.
+    counts: by the indices above.
     """
 
     mean: Array
     P: Array
     first: Array
-    known: NDArray[np.bool_]
-    streak: NDArray[np.int64]
-    tally: NDArray[np.int64]
+    initialized: NDArray[np.bool_]
+    outlier_excess: NDArray[np.int64]
+    counts: NDArray[np.int64]
 
 
 class FilterSettings(NamedTuple):
-    """mode, iterations; robust: standard deviations of a residual beyond which it loses weight; reopen: bad sightings of a robot, more
-    than good ones, after which its pose is doubted by doubt (m, rad); truth (landmarks, 2): where BOUND starts them.
-    """
+    """Parameters of the compiled functions; truth (landmarks, 2) m: initial positions in the mode BOUND. The others are as in PlanarParameters."""
 
     mode: int
     iterations: int
     robust: float
-    curved: float
-    reopen: int
-    doubt: tuple[float, float]
+    curvature: float
+    max_outlier_excess: int
+    inflation_sigma: tuple[float, float]
     truth: Array
 
 
 class EventSchedule(NamedTuple):
-    """Events in order: kind, robot, item (e,). Steps: motion (m, 2) m, rad and noise (m, 8) as predict takes them. Scan k has the rows
-    start[k] to start[k + 1] of subject (z,), z (z, 2) m, rad, and sigma (z, 2). time (e,) s; marks: how many there are.
+    """Events in the order of time: kind, robot, item (e,) and time (e,) s.
+
+    Steps have motion (m, 2) m, rad and noise (m, 8) as in `predict`. Scan k has the rows start[k] to start[k + 1] of subject (z,), z (z, 2)
+    m, rad, and sigma (z, 2). outputs: the number of output times.
     """
 
     kind: NDArray[np.int64]
@@ -79,11 +82,14 @@ class EventSchedule(NamedTuple):
     z: Array
     sigma: Array
     time: Array
-    marks: int
+    outputs: int
 
 
 class Scan(NamedTuple):
-    """What one robot saw at once: subject (k,) is a robot's number or the number of robots plus a landmark's; z (k, 2) m, rad; sigma (k, 2)."""
+    """Simultaneous measurements of one robot: subject (k,), z (k, 2) m, rad, and sigma (k, 2).
+
+    A subject is a robot's number, or the number of robots plus a landmark's.
+    """
 
     subject: NDArray[np.int64]
     z: Array
@@ -97,9 +103,12 @@ def wrapped(angle: float) -> float:
 
 
 @njit(cache=True)
-def linearise(s: Any, who: Any, z: Any, H: Any) -> Any:
-    """Fill H (2, n), and return z − h (2,) m, rad; who = (whether Jacobians are those of first estimates, the robot's and the subject's columns)."""
-    fej, at, to = who
+def linearize(s: Any, indices: Any, z: Any, H: Any) -> Any:
+    """Fill the Jacobian H (2, n), and return the residual z − h (2,) m, rad.
+
+    indices: whether to use first estimates, and the first columns of robot and subject.
+    """
+    fej, at, to = indices
     x = s.mean
     dx, dy = x[to] - x[at], x[to + 1] - x[at + 1]
     residual = np.array([z[0] - (1 + x[at + 5]) * np.hypot(dx, dy) - x[at + 4], wrapped(z[1] - np.arctan2(dy, dx) + x[at + 2] - x[at + 3])])
@@ -114,11 +123,12 @@ def linearise(s: Any, who: Any, z: Any, H: Any) -> Any:
 
 
 @njit(cache=True)
-def place(s: Any, who: Any, z: Any, sigma: Any) -> Any:
-    """Put the landmark's mean where z shows it, and return G (2, 6), its derivative by the robot's x, y, heading, β, ρ, κ, and the part of its
-    covariance (2, 2) m² that is the measurement's own. A negative column −to of the landmark leaves the mean as it is.
+def invert_measurement(s: Any, indices: Any, z: Any, sigma: Any) -> Any:
+    """Set the landmark's mean by the inverse model; a negative column −to leaves it unchanged.
+
+    Returns its Jacobian G (2, 6) in the robot's x, y, heading, β, ρ, κ, and the measurement's part of its covariance (2, 2) m².
     """
-    fej, at, to = who
+    fej, at, to = indices
     x = s.mean
     if to >= 0:
         direction, r = x[at + 2] + z[1] - x[at + 3], (z[0] - x[at + 4]) / (1 + x[at + 5])
@@ -136,15 +146,15 @@ def place(s: Any, who: Any, z: Any, sigma: Any) -> Any:
 
 @njit(cache=True)
 def column(robots: int, subject: int) -> int:
-    """The first number of a subject in the state."""
+    """The first column of a subject in the state."""
     return ROBOT * min(subject, robots) + 2 * max(subject - robots, 0)
 
 
 @njit(cache=True)
 def predict(s: Any, fej: bool, at: int, motion: Any, noise: Any) -> None:
-    """Move the robot whose numbers begin at `at` by motion = (m along its way, rad turned) as odometry says, along an arc.
+    """Move the robot with the columns from `at` by motion = (distance m, turn rad) along an arc.
 
-    noise: variances of the way, across it, of the turn (m², m², rad²), then what the last five numbers gain (rad², m², shares²).
+    noise: variances of distance, lateral error and turn (m², m², rad²), then increments for the last five numbers (rad², m², shares²).
     """
     P, mean = s.P, s.mean
     x, y, h, speed, turn = at, at + 1, at + 2, at + 6, at + 7
@@ -173,81 +183,84 @@ def predict(s: Any, fej: bool, at: int, motion: Any, noise: Any) -> None:
 
 
 @njit(cache=True)
-def update(s: Any, rule: Any, robot: int, scan: Any) -> Any:
-    """Take in what `robot` sees of known subjects by rule.iterations linearisations; their weights (k,). P in Joseph's form.
+def update(s: Any, settings: Any, robot: int, scan: Any) -> Any:
+    """Update by measurements of initialized subjects with a fixed number of linearisations; returns their weights (k,). P in Joseph's form.
 
     rᵢ = z − h(xᵢ) + Hᵢ δᵢ with xᵢ = x⁻ ⊞ δᵢ and Hᵢ the derivative by δ (Bell & Cathey 1993).
     """
-    k, robots = len(scan.z), len(s.streak)
+    k, robots = len(scan.z), len(s.outlier_excess)
     prior, delta, weight = s.mean.copy(), np.zeros(len(s.mean)), np.ones(k)
-    sigma = scan.sigma.ravel() if rule.curved == 0 else blurred(s, rule, ROBOT * robot, scan).ravel()
+    sigma = scan.sigma.ravel() if settings.curvature == 0 else inflated_sigma(s, settings, ROBOT * robot, scan).ravel()
     HP, K, S = np.zeros((2 * k, len(delta))), np.zeros((len(delta), 2 * k)), np.zeros((2 * k, 2 * k))
-    for _ in range(rule.iterations):
+    for _ in range(settings.iterations):
         H, residual = np.zeros((2 * k, len(delta))), np.zeros(2 * k)
         for i in range(k):
             to = column(robots, scan.subject[i])
-            residual[2 * i : 2 * i + 2] = linearise(s, (rule.mode == FEJ, ROBOT * robot, to), scan.z[i], H[2 * i : 2 * i + 2])
-            if rule.mode == INVARIANT:
-                _tie(H[2 * i : 2 * i + 2], ROBOT * robot, ROBOT * robot + 2, s.mean - prior)
-                _tie(H[2 * i : 2 * i + 2], to, (to if to < ROBOT * robots else ROBOT * robot) + 2, s.mean - prior)
+            residual[2 * i : 2 * i + 2] = linearize(s, (settings.mode == FEJ, ROBOT * robot, to), scan.z[i], H[2 * i : 2 * i + 2])
+            if settings.mode == INVARIANT:
+                _couple_rotation(H[2 * i : 2 * i + 2], ROBOT * robot, ROBOT * robot + 2, s.mean - prior)
+                _couple_rotation(H[2 * i : 2 * i + 2], to, (to if to < ROBOT * robots else ROBOT * robot) + 2, s.mean - prior)
         HP = H @ s.P
-        spread = HP @ H.T
+        HPH = HP @ H.T
         innovation = residual + H @ delta
-        weight = reweigh(spread, sigma, innovation, rule.robust)
-        S = spread + np.diag(sigma**2 / np.repeat(weight, 2))
+        weight = reweigh(HPH, sigma, innovation, settings.robust)
+        S = HPH + np.diag(sigma**2 / np.repeat(weight, 2))
         K = np.ascontiguousarray(np.linalg.solve(S, HP).T)
         delta = K @ innovation
-        if rule.mode != BOUND:
-            retract(s, rule.mode == INVARIANT, robot, (prior, delta))
+        if settings.mode != BOUND:
+            retract(s, settings.mode == INVARIANT, robot, (prior, delta))
     U = HP.T - 0.5 * (K @ S)
     gain = K @ np.ascontiguousarray(U.T)
     s.P[:] = s.P - gain - gain.T
-    if rule.mode == INVARIANT:
-        transport(s, robot, s.mean - prior)
+    if settings.mode == INVARIANT:
+        transport_covariance(s, robot, s.mean - prior)
     return weight
 
 
 @njit(cache=True)
-def blurred(s: Any, rule: Any, at: int, scan: Any) -> Any:
-    """The deviations (k, 2) of sightings, wider by the share `curved` of what the bend of range and bearing adds: with v m² the variance of the
-    subject's place seen from the robot, the second derivatives 1/r and 1/r² leave about v/(√2 r) m and v/(√2 r²) rad that no first order sees.
-    Jacobians at first estimates are off by as much as these have moved, too.
+def inflated_sigma(s: Any, settings: Any, at: int, scan: Any) -> Any:
+    """Standard deviations (k, 2) of measurements, inflated by the share `curvature` of the second-order terms of range and bearing.
+
+    Let v m² be the variance of the subject's position relative to the robot. The second derivatives 1/r and 1/r² then add about v/(√2 r) m
+    and v/(√2 r²) rad. With first estimates their distance from the means adds to v.
     """
     sigma, P = scan.sigma.copy(), s.P
     for i in range(len(sigma)):
-        to = column(len(s.streak), scan.subject[i])
+        to = column(len(s.outlier_excess), scan.subject[i])
         v = 0.0
         for axis in range(2):
             a, b = at + axis, to + axis
             v += P[a, a] + P[b, b] - 2 * P[a, b]
         r = np.hypot(s.mean[to] - s.mean[at], s.mean[to + 1] - s.mean[at + 1])
-        if rule.mode == FEJ:
+        if settings.mode == FEJ:
             dx, dy = s.first[to] - s.first[at], s.first[to + 1] - s.first[at + 1]
             v += (dx - s.mean[to] + s.mean[at]) ** 2 + (dy - s.mean[to + 1] + s.mean[at + 1]) ** 2
             r = min(r, np.hypot(dx, dy))
         r = max(r, 0.05)
-        bend = rule.curved * max(v, 0.0) / (np.sqrt(2.0) * r)
+        bend = settings.curvature * max(v, 0.0) / (np.sqrt(2.0) * r)
         sigma[i, 0], sigma[i, 1] = np.hypot(sigma[i, 0], bend), np.hypot(sigma[i, 1], bend / r)
     return sigma
 
 
 @njit(cache=True)
-def _tie(H: Any, at: int, heading: int, moved: Any) -> None:
-    """A turn of the heading takes along what the position at `at` has moved by."""
+def _couple_rotation(H: Any, at: int, heading: int, moved: Any) -> None:
+    """Add to H how an error of the heading displaces the position at `at`, which has moved by `moved`."""
     for row in range(2):
         H[row, heading] += H[row, at + 1] * moved[at] - H[row, at] * moved[at + 1]
 
 
 @njit(cache=True)
 def retract(s: Any, invariant: bool, robot: int, change: Any) -> None:
-    """mean ← prior ⊞ δ, change = (prior, δ): sums, or for the invariant error positions by V(δθ) δp, which is the exponential of SE(2) applied
-    to R(δθ) p + V(δθ)(δp − δθ J p) multiplied out; a landmark goes with the heading of `robot`.
+    """mean ← prior ⊞ δ, change = (prior, δ).
+
+    It is a sum, except that the invariant error moves positions by V(δθ) δp. This equals the exponential of SE(2) applied to
+    R(δθ) p + V(δθ)(δp − δθ J p). Landmarks use the heading of `robot`.
     """
     prior, delta = change
     s.mean[:] = prior + delta
     if not invariant:
         return
-    team = ROBOT * len(s.streak)
+    team = ROBOT * len(s.outlier_excess)
     for at in list(range(0, team, ROBOT)) + list(range(team, len(prior), 2)):
         angle = delta[(at if at < team else ROBOT * robot) + 2]
         sine, cosine = 1 - angle**2 / 6, angle / 2
@@ -258,9 +271,9 @@ def retract(s: Any, invariant: bool, robot: int, change: Any) -> None:
 
 
 @njit(cache=True)
-def transport(s: Any, robot: int, moved: Any) -> None:
+def transport_covariance(s: Any, robot: int, moved: Any) -> None:
     """P ← M P Mᵀ after the mean has moved by `moved` (n,): each position's error gains J moved times its heading's error."""
-    team, P = ROBOT * len(s.streak), s.P
+    team, P = ROBOT * len(s.outlier_excess), s.P
     places = list(range(0, team, ROBOT)) + list(range(team, len(moved), 2))
     for at in places:
         heading = (at if at < team else ROBOT * robot) + 2
@@ -274,7 +287,7 @@ def transport(s: Any, robot: int, moved: Any) -> None:
 
 
 @njit(cache=True)
-def reweigh(spread: Any, sigma: Any, innovation: Any, threshold: float) -> Any:
+def reweigh(HPH: Any, sigma: Any, innovation: Any, threshold: float) -> Any:
     """gaussian.robust_weights for pairs with independent noise sigma (2k,): the weights (k,)."""
     k = len(sigma) // 2
     weight = np.ones(k)
@@ -282,7 +295,7 @@ def reweigh(spread: Any, sigma: Any, innovation: Any, threshold: float) -> Any:
         return weight
     for _ in range(4):
         noise = sigma**2 / np.repeat(weight, 2)
-        force = np.linalg.solve(spread + np.diag(noise), innovation)
+        force = np.linalg.solve(HPH + np.diag(noise), innovation)
         size = (sigma * force).reshape(k, 2) / weight.reshape(k, 1)
         square = np.maximum((size**2).sum(axis=1), 1e-24)
         weight = np.maximum(np.minimum(1.0, threshold**2 / square), 1e-6)
@@ -290,61 +303,62 @@ def reweigh(spread: Any, sigma: Any, innovation: Any, threshold: float) -> Any:
 
 
 @njit(cache=True)
-def start_landmark(s: Any, rule: Any, robot: int, scan: Any, i: int) -> None:
-    """Put the unknown landmark of sighting i into the state by the inverse model."""
-    robots = len(s.streak)
+def start_landmark(s: Any, settings: Any, robot: int, scan: Any, i: int) -> None:
+    """Add the landmark of measurement i to the state by the inverse model."""
+    robots = len(s.outlier_excess)
     to, at = column(robots, scan.subject[i]), ROBOT * robot
-    G, own = place(s, (rule.mode == FEJ, at, to), scan.z[i], scan.sigma[i])
-    if rule.mode == BOUND:
-        s.mean[to : to + 2] = rule.truth[scan.subject[i] - robots]
-        G, own = place(s, (False, at, -to), scan.z[i], scan.sigma[i])
+    G, own = invert_measurement(s, (settings.mode == FEJ, at, to), scan.z[i], scan.sigma[i])
+    if settings.mode == BOUND:
+        s.mean[to : to + 2] = settings.truth[scan.subject[i] - robots]
+        G, own = invert_measurement(s, (False, at, -to), scan.z[i], scan.sigma[i])
     s.first[to : to + 2] = s.mean[to : to + 2]
     cross = G @ s.P[at : at + 6]
     s.P[to : to + 2], s.P[:, to : to + 2] = cross, cross.T
     s.P[to : to + 2, to : to + 2] = np.ascontiguousarray(cross[:, at : at + 6]) @ np.ascontiguousarray(G.T) + own
-    s.known[scan.subject[i] - robots] = True
-    s.tally[STARTED] += 1
+    s.initialized[scan.subject[i] - robots] = True
+    s.counts[STARTED] += 1
 
 
 @njit(cache=True)
-def look(s: Any, rule: Any, robot: int, scan: Any) -> None:
-    """A whole scan: update by what is known, open the gate again where too much was bad of late, then start what is new."""
-    robots, at = len(s.streak), ROBOT * robot
-    new = np.array([subject >= robots and not s.known[subject - robots] for subject in scan.subject])
+def process_scan(s: Any, settings: Any, robot: int, scan: Any) -> None:
+    """Process a scan: update by initialized subjects, inflate the pose covariance after too many outliers, then initialize new landmarks."""
+    robots, at = len(s.outlier_excess), ROBOT * robot
+    new = np.array([subject >= robots and not s.initialized[subject - robots] for subject in scan.subject])
     old = Scan(scan.subject[~new], scan.z[~new], scan.sigma[~new])
     if len(old.z):
-        for weight in update(s, rule, robot, old):
+        for weight in update(s, settings, robot, old):
             bad = weight < 0.1
-            s.streak[robot] = max(s.streak[robot] + (1 if bad else -1), 0)
-            s.tally[OUTLIER if bad else MATCHED] += 1
-    if s.streak[robot] >= rule.reopen:
-        s.streak[robot] = 0
-        s.tally[REOPENED] += 1
+            s.outlier_excess[robot] = max(s.outlier_excess[robot] + (1 if bad else -1), 0)
+            s.counts[OUTLIER if bad else MATCHED] += 1
+    if s.outlier_excess[robot] >= settings.max_outlier_excess:
+        s.outlier_excess[robot] = 0
+        s.counts[INFLATED] += 1
         for i in range(3):
-            s.P[at + i, at + i] += rule.doubt[0] ** 2 if i < 2 else rule.doubt[1] ** 2
+            s.P[at + i, at + i] += settings.inflation_sigma[0] ** 2 if i < 2 else settings.inflation_sigma[1] ** 2
     for i in range(len(scan.z)):
-        if new[i] and not s.known[scan.subject[i] - robots]:
-            start_landmark(s, rule, robot, scan, i)
+        if new[i] and not s.initialized[scan.subject[i] - robots]:
+            start_landmark(s, settings, robot, scan, i)
 
 
 @njit(cache=True)
-def run(s: Any, rule: Any, course: Any, out: Any) -> bool:
+def run_events(s: Any, settings: Any, schedule: Any, out: Any) -> bool:
+    """Process all events; False if the state is not finite. out: poses (outputs, robots, 3) and covariances (outputs, robots, 3, 3) to fill."""
     path, spread = out
-    mark = 0
-    for e in range(len(course.kind)):
-        robot, item = course.robot[e], course.item[e]
-        s.tally[EVENT] = e
+    output = 0
+    for e in range(len(schedule.kind)):
+        robot, item = schedule.robot[e], schedule.item[e]
+        s.counts[EVENT] = e
         at = ROBOT * robot
-        if course.kind[e] == STEP:
-            predict(s, rule.mode == 1, at, course.motion[item], course.noise[item])
-        elif course.kind[e] == SCAN:
-            rows = slice(course.start[item], course.start[item + 1])
-            look(s, rule, robot, Scan(course.subject[rows], course.z[rows], course.sigma[rows]))
+        if schedule.kind[e] == STEP:
+            predict(s, settings.mode == 1, at, schedule.motion[item], schedule.noise[item])
+        elif schedule.kind[e] == SCAN:
+            rows = slice(schedule.start[item], schedule.start[item + 1])
+            process_scan(s, settings, robot, Scan(schedule.subject[rows], schedule.z[rows], schedule.sigma[rows]))
             if not (np.isfinite(s.mean).all() and np.isfinite(s.P[at, at])):
                 return False
         else:
-            for i in range(len(s.streak)):
-                path[mark, i] = s.mean[ROBOT * i : ROBOT * i + 3]
-                spread[mark, i] = s.P[ROBOT * i : ROBOT * i + 3, ROBOT * i : ROBOT * i + 3]
-            mark += 1
+            for i in range(len(s.outlier_excess)):
+                path[output, i] = s.mean[ROBOT * i : ROBOT * i + 3]
+                spread[output, i] = s.P[ROBOT * i : ROBOT * i + 3, ROBOT * i : ROBOT * i + 3]
+            output += 1
     return True

@@ -1,6 +1,6 @@
-"""Paths of a team in the plane: what `track` leaves of a UTIAS set (robots.csv, map.csv, run.json), written and read side by side, and their scores.
+"""Trajectories of a team in the plane: the files of a UTIAS run (robots.csv, map.csv, run.json) and their scores.
 
-robots.csv: time s, robot, x, y m, heading rad, and the covariance's upper triangle, in order of x, y, heading. map.csv: subject, x, y m.
+robots.csv: time s, robot, x, y m, heading rad, and the covariance's upper triangle in the order x, y, heading. map.csv: subject, x, y m.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.formats.utias import Robot, Team
+from tracker.formats.utias import UtiasDataset, UtiasRobot
 from tracker.geometry import Array, rotation_onto
 from tracker.io.atomic import new_folder
 from tracker.io.json_files import read_json
@@ -23,14 +23,14 @@ SCHEMA = 1
 ROBOTS = "timestamp,robot,tx,ty,heading,cxx,cxy,cxh,cyy,cyh,chh"
 MAP = "subject,tx,ty"
 UPPER = np.triu_indices(3)
-GAP = 0.3  # s: truth is interpolated over no more than this ...
-NEAR = 0.011  # s: ... and beside longer gaps counts where it lies so near to the grid
+GAP = 0.3  # s: truth is interpolated over at most this
+NEAR = 0.011  # s: at longer gaps the nearest sample of the truth must be at most so far
 STEP = 1.0  # s between the ends of a relative error
 
 
 @dataclass(frozen=True, eq=False)
-class Paths:
-    """times (n,) s; robot → poses (n, 3) m, m, rad and covariances (n, 3, 3); landmarks: subject → (2,) m; run: what was tracked, and how."""
+class PlanarTrajectories:
+    """times (n,) s; robot → poses (n, 3) m, m, rad and covariances (n, 3, 3); landmarks: subject → (2,) m; run: data set and parameters."""
 
     times: Array
     poses: dict[int, Array]
@@ -39,8 +39,8 @@ class Paths:
     run: dict[str, Any]
 
 
-def write_paths(folder: Path, paths: Paths) -> None:
-    """Write all files under a temporary name, then give the folder its own. It must not be there yet, or empty."""
+def write_trajectories(folder: Path, paths: PlanarTrajectories) -> None:
+    """Write all files atomically to a folder that does not exist or is empty."""
     with new_folder(folder) as partial:
         blocks = [
             np.column_stack([paths.times, np.full(len(paths.times), robot), pose, paths.covariances[robot][:, UPPER[0], UPPER[1]]])
@@ -54,8 +54,8 @@ def write_paths(folder: Path, paths: Paths) -> None:
         (partial / "run.json").write_text(text + "\n", encoding="utf-8")
 
 
-def read_paths(folder: Path) -> Paths:
-    """Raises ValueError naming the file where one is missing or wrong."""
+def read_trajectories(folder: Path) -> PlanarTrajectories:
+    """Read a folder. Raises ValueError naming the file that is missing or wrong."""
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder")
     run = read_json(folder / "run.json")
@@ -73,7 +73,7 @@ def read_paths(folder: Path) -> Paths:
         P = np.zeros((len(times), 3, 3))
         P[:, UPPER[0], UPPER[1]] = P[:, UPPER[1], UPPER[0]] = part[:, 5:]
         covariances[n] = P
-    return Paths(times, {n: part[:, 2:5] for n, part in parts.items()}, covariances, {int(p[0]): p[1:] for p in places}, run)
+    return PlanarTrajectories(times, {n: part[:, 2:5] for n, part in parts.items()}, covariances, {int(p[0]): p[1:] for p in places}, run)
 
 
 def _table(path: Path, header: str) -> Array:
@@ -94,8 +94,8 @@ def _table(path: Path, header: str) -> Array:
     return rows
 
 
-def true_poses(robot: Robot, times: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """The truth (n, 3) at times (n,) s, and whether it is known there (n,): between samples no further apart than GAP, or at a sample."""
+def true_poses(robot: UtiasRobot, times: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The truth (n, 3) at times (n,) s, and whether it is known there (n,): between samples at most GAP apart, or near a sample."""
     t = robot.truth[:, 0]
     turned = np.unwrap(robot.truth[:, 3])
     poses = np.stack([np.interp(times, t, column) for column in (robot.truth[:, 1], robot.truth[:, 2], turned)], axis=1)
@@ -106,10 +106,12 @@ def true_poses(robot: Robot, times: Array) -> tuple[Array, NDArray[np.bool_]]:
     return poses, inside | near
 
 
-def score_paths(team: Team, paths: Paths) -> dict[str, float | None]:
-    """ate_m: mean over robots of the RMSE of position without alignment; ate_aligned_m: after one rigid motion of the whole team; rpe_m: RMSE of how
-    far it went in STEP, in the robot's own frame; nees_per_dof over x, y, heading; map_m, map_aligned_m: RMSE of the landmarks, raw and after a rigid
-    motion of the map; None where undefined. Raises ValueError where a robot of the set has no path.
+def score_trajectories(team: UtiasDataset, paths: PlanarTrajectories) -> dict[str, float | None]:
+    """Scores against the truth of the data set, None where undefined.
+
+    ate_m: mean over robots of the RMSE of position without alignment. ate_aligned_m: after one rigid motion of the whole team. rpe_m: RMSE of
+    the translation in STEP, in the robot's own frame. nees_per_dof: over x, y, heading. map_m, map_aligned_m: RMSE of the landmarks, as they are
+    and after a rigid motion of the map. Raises ValueError if a robot of the data set has no trajectory.
     """
     errors, true, given, relative, consistency = [], [], [], [], []
     ahead = round(STEP / float(np.median(np.diff(paths.times)))) if len(paths.times) > 1 else 1
@@ -142,7 +144,7 @@ def score_paths(team: Team, paths: Paths) -> dict[str, float | None]:
 
 
 def _went(poses: Array, ahead: int) -> Array:
-    """Poses (n, 3) → how far it went until `ahead` rows later, in its own frame, (n − ahead, 2)."""
+    """Poses (n, 3) → translation to the pose `ahead` rows later, in the own frame, (n − ahead, 2)."""
     d, c, s = poses[ahead:, :2] - poses[:-ahead, :2], np.cos(poses[:-ahead, 2]), np.sin(poses[:-ahead, 2])
     return np.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], axis=1)
 
@@ -163,7 +165,7 @@ def _aligned(points: Array, onto: Array) -> Array:
 
 
 def table(scores: dict[str, dict[str, float | None] | None]) -> str:
-    """The scores for a person to read."""
+    """The scores as text."""
 
     def number(value: float | None, unit: str = " m") -> str:
         return "–" if value is None else f"{value:.3f}{unit}"

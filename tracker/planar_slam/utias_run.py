@@ -1,4 +1,4 @@
-"""A whole UTIAS set through the planar filter: track it into a folder, and score what lies there."""
+"""A run of the planar filter on a UTIAS data set into a folder, and its scores."""
 
 from __future__ import annotations
 
@@ -8,64 +8,67 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.utias import read_team
+from tracker.formats.utias import read_utias
 from tracker.geometry import Array
-from tracker.io.resume import check_same, holds, json_value
+from tracker.io.resume import check_same, holds_run, json_value
 from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, filter_input, run_filter
-from tracker.planar_slam.filter import MATCHED, OUTLIER, REOPENED, ROBOT, SCAN, STARTED
+from tracker.planar_slam.filter import INFLATED, MATCHED, OUTLIER, ROBOT, SCAN, STARTED
 from tracker.planar_slam.motion_model import Sensors
-from tracker.planar_slam.trajectories import Paths, read_paths, score_paths, write_paths
+from tracker.planar_slam.trajectories import PlanarTrajectories, read_trajectories, score_trajectories, write_trajectories
 from tracker.sequence.results import RUN
 
 
-def track_utias(source: Path, folder: Path, known_map: bool, parameters: PlanarParameters | None = None) -> Paths:
-    """Track the set in `source` and write its paths to `folder`, or read them where the same run is there already.
+def track_utias(source: Path, folder: Path, known_map: bool, parameters: PlanarParameters | None = None) -> PlanarTrajectories:
+    """Track the data set in `source` and write the trajectories to `folder`, or read them if the same run is there.
 
-    Raises ValueError where the set is damaged, the filter diverges, or `folder` holds another run.
+    Raises ValueError if the data set is damaged, the filter diverges, or `folder` holds another run.
     """
     parameters, sensors = parameters or PlanarParameters(), Sensors()
-    told = {"map": "known" if known_map else "unknown", "parameters": parameters, "sensors": sensors, "provenance": _sums(source)}
-    run = json_value(told)
-    if holds(folder, RUN):
-        there = read_paths(folder)
+    described = {"map": "known" if known_map else "unknown", "parameters": parameters, "sensors": sensors, "provenance": _checksums(source)}
+    run = json_value(described)
+    if holds_run(folder, RUN):
+        there = read_trajectories(folder)
         check_same(folder, there.run, run)
         return there
-    team = read_team(source)
+    team = read_utias(source)
     out = filter_input(team, sensors, known_map, parameters.correction)
-    path, spread = run_filter(out.state, parameters.rule(), out.course)
-    counters = {"matched": MATCHED, "outlier": OUTLIER, "reopened": REOPENED, "landmark started": STARTED}
-    counted = {name: int(out.state.tally[k]) for name, k in counters.items()} | out.unused
-    paths = _paths(out, path, spread, run | {"counters": counted, "mended": list(team.mended), "corrections": _corrections(out)})
-    write_paths(folder, paths)
+    path, spread = run_filter(out.state, parameters.settings(), out.schedule)
+    counters = {"matched": MATCHED, "outlier": OUTLIER, "reopened": INFLATED, "landmark started": STARTED}
+    counted = {name: int(out.state.counts[k]) for name, k in counters.items()} | out.unused
+    paths = _paths(out, path, spread, run | {"counters": counted, "mended": list(team.repairs), "corrections": _corrections(out)})
+    write_trajectories(folder, paths)
     return paths
 
 
-def evaluate_paths(source: Path, folder: Path) -> dict[str, Any]:
-    """The scores as JSON values: robots, and dead_reckoning, which is the odometry by the same sensor model alone."""
-    paths, team = read_paths(folder), read_team(source)
-    if paths.run.get("provenance") != _sums(source):
+def evaluate_trajectories(source: Path, folder: Path) -> dict[str, Any]:
+    """The scores as JSON values: robots, and dead_reckoning, which is the odometry by the same motion model alone.
+
+    Raises ValueError if the results belong to another data set.
+    """
+    paths, team = read_trajectories(folder), read_utias(source)
+    if paths.run.get("provenance") != _checksums(source):
         raise ValueError("these results were made from another source, or from other files of it")
     out = filter_input(team, Sensors(), False, False)
-    blind = out.course.kind != SCAN
-    course = out.course._replace(**{name: getattr(out.course, name)[blind] for name in ("kind", "robot", "item", "time")})
-    path, spread = run_filter(out.state, PlanarParameters().rule(), course)
-    alone = score_paths(team, _paths(out, path, spread, {}))
-    return {"targets": None, "everybody": None, "robots": score_paths(team, paths), "dead_reckoning": {"ate_m": alone["ate_m"]}}
+    without_scans = out.schedule.kind != SCAN
+    schedule = out.schedule._replace(**{name: getattr(out.schedule, name)[without_scans] for name in ("kind", "robot", "item", "time")})
+    path, spread = run_filter(out.state, PlanarParameters().settings(), schedule)
+    alone = score_trajectories(team, _paths(out, path, spread, {}))
+    return {"targets": None, "everybody": None, "robots": score_trajectories(team, paths), "dead_reckoning": {"ate_m": alone["ate_m"]}}
 
 
-def _paths(out: FilterInput, path: Array, spread: Array, run: dict[str, Any]) -> Paths:
+def _paths(out: FilterInput, path: Array, spread: Array, run: dict[str, Any]) -> PlanarTrajectories:
     first = ROBOT * len(out.robots)
-    found = {s: out.state.mean[first + 2 * k : first + 2 * k + 2] for k, s in enumerate(out.subjects) if out.state.known[k]}
+    found = {s: out.state.mean[first + 2 * k : first + 2 * k + 2] for k, s in enumerate(out.subjects) if out.state.initialized[k]}
     poses, covariances = ({n: table[:, i] for i, n in enumerate(out.robots)} for table in (path, spread))
-    return Paths(out.times, poses, covariances, found, run)
+    return PlanarTrajectories(out.times, poses, covariances, found, run)
 
 
 def _corrections(out: FilterInput) -> dict[str, dict[str, float]]:
-    """What was found out about each robot's sensors, at the end."""
+    """The final estimates of each robot's correction factor and scale errors."""
     names = ("bearing_rad", "range_m", "range_share", "speed_share", "turn_share")
     values = out.state.mean[: ROBOT * len(out.robots)].reshape(-1, ROBOT)[:, 3:]
     return {str(n): dict(zip(names, np.round(row, 5).tolist(), strict=True)) for n, row in zip(out.robots, values, strict=True)}
 
 
-def _sums(source: Path) -> dict[str, str]:
+def _checksums(source: Path) -> dict[str, str]:
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(source.glob("*.dat"))}

@@ -2,3 +2,8 @@
 
 Read `filter.py` first.
 """
+
+from tracker.slam.filter import Slam
+from tracker.slam.parameters import SlamParameters
+
+__all__ = ["Slam", "SlamParameters"]

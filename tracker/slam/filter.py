@@ -309,10 +309,10 @@ class Slam:
         def attempt() -> tuple[Matches, int, int]:
             m = associate(joint, robot, joint.camera_pose(robot, mount), (seen.bearing, seen.covariance), appearance, parameters.gate)
             # Landmarks of other robots may look different from here, or match by chance.
-            fresh = (landmark_map.last_robot[: landmark_map.count] == robot) & (
+            recent = (landmark_map.last_robot[: landmark_map.count] == robot) & (
                 landmark_map.last_seen[: landmark_map.count] >= tick - parameters.recent_ticks
             )
-            return m, int(fresh[m.landmark].sum()), int(fresh[m.rejected].sum())
+            return m, int(recent[m.landmark].sum()), int(recent[m.rejected].sum())
 
         m, again = joint.retry_with_inflation(robot, self._inflation, attempt, 5)
         if again:

@@ -110,10 +110,10 @@ def _from_triplets(direction: Array, point: Array) -> tuple[Array, Array]:
     offset = np.stack([x - (a * u + b * v)[:, None], y - (b * u - a * v)[:, None]], axis=-1)
     # The null vector of the opposite sign has the opposite yaw.
     along = offset[..., 0] * (a[:, None] * c - b[:, None] * s) + offset[..., 1] * (b[:, None] * c + a[:, None] * s)
-    sound = (size > 1e-9) & ((along > 0).all(axis=1) | (along < 0).all(axis=1))
+    valid = (size > 1e-9) & ((along > 0).all(axis=1) | (along < 0).all(axis=1))
     height = (point[..., 2] - slope * np.linalg.norm(offset, axis=2)).mean(axis=1)
     yaw = np.arctan2(b, a) + np.pi * (along[:, 0] < 0)
-    return np.stack([a * u + b * v, b * u - a * v, height], axis=1)[sound], yaw[sound]
+    return np.stack([a * u + b * v, b * u - a * v, height], axis=1)[valid], yaw[valid]
 
 
 def _normalized_errors(origin: Array, yaw: Array, pairs: tuple[Array, Array, Array], parameters: RelocalizationParameters) -> Array:

@@ -1,4 +1,4 @@
-"""Scores of targets: hand-drawn tables with their arithmetic, laws, and a published result. The field's tools: test_clearmot_peers.py."""
+"""Scores of targets: hand-made tables with their arithmetic, laws, and a published result. TrackEval and py-motmetrics: test_clear_mot_peers.py."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tests.tracker.drawn import random_frames, table
+from tests.tracker.matching_frames import random_frames, table
 from tracker.formats.motchallenge import read_mot15
 from tracker.metrics.clear_mot import TargetScore, score, score_boxes
-from tracker.metrics.matching import Comparison, MatchingFrame, Pairing, most_matches, overlap
+from tracker.metrics.matching import Comparison, MatchingFrame, Pairing, match_without_memory, overlap
 
 CLEAR_KEYS = ("mota", "motp_m", "motp_percent", "false_positives", "misses", "switches", "fragments", "mostly_tracked", "mostly_lost")
 KEYS = [*CLEAR_KEYS, "truths", "idf1", "hota", "moda", "modp"]
 
 
-# --- drawn tables -----------------------------------------------------------------------------------------------------------------
+# --- hand-made tables -----------------------------------------------------------------------------------------------------------------
 
 
 def test_perfect_tracking_scores_one() -> None:
@@ -59,7 +59,7 @@ def test_switches_and_fragments(x: str, y: str, switches: int, fragments: int) -
     assert (s.switches, s.fragments) == (switches, fragments)
 
 
-def test_a_frame_without_estimates_breaks_nothing() -> None:
+def test_a_frame_without_estimates_keeps_matches() -> None:
     s = score(table({"p": "AAAA"}, {"x": "A.AA"}))
     assert (s.misses, s.switches, s.fragments) == (1, 0, 0)
 
@@ -93,7 +93,7 @@ def test_hota_by_hand() -> None:
     assert_allclose(score(table({"p": "AAAA"}, {"x": "aaaa"})).hota, 16 / 19)
 
 
-# --- people who do not count ------------------------------------------------------------------------------------------------------
+# --- ignored people ---------------------------------------------------------------------------------------------------------------
 
 
 def test_an_estimate_matched_to_an_ignored_person_is_dropped() -> None:
@@ -108,7 +108,7 @@ def test_an_estimate_matched_to_an_ignored_person_is_dropped() -> None:
     assert score(table(truth, estimates)).truths == 8
 
 
-def test_an_estimate_that_follows_one_who_counts_stays_when_an_ignored_person_comes_nearer() -> None:
+def test_an_estimate_keeps_its_evaluated_person_beside_an_ignored_one() -> None:
     # q, ignored, stands where x is from the second frame on, p 0.4 m beside. x followed p before: it stays p's, nothing is dropped.
     s = score(table({"p": "aaa", "q": ".AA"}, {"x": "aAA"}, {"q": "000"}))
     assert (s.matches, s.misses, s.false_positives, s.switches) == (3, 0, 0, 0)
@@ -123,7 +123,7 @@ def test_only_one_estimate_is_dropped_for_each_ignored_person() -> None:
     assert math.isnan(s.mota)
 
 
-def test_a_person_counts_in_some_frames_only() -> None:
+def test_a_person_is_evaluated_in_some_frames_only() -> None:
     # p counts in frames 0, 1, 4: followed there by x, x, y: one switch of three truths, MOTA = 1 − 1/3, and y's frames 2, 3 are dropped.
     s = score(table({"p": "AAAAA", "q": "BBBBB"}, {"x": "AA...", "y": "..AAA", "z": "BBBBB"}, {"p": "11001"}))
     assert (s.truths, s.matches, s.switches, s.false_positives, s.misses) == (8, 8, 1, 0, 0)
@@ -159,7 +159,7 @@ def test_scores_do_not_depend_on_the_order_of_rows_or_the_names_of_ids() -> None
         same(score(shuffled), score(frames))
 
 
-def test_to_count_everybody_is_to_count_with_no_exception() -> None:
+def test_a_mask_of_all_people_equals_none() -> None:
     rng = np.random.default_rng(2)
     for _ in range(20):
         frames = random_frames(rng)
@@ -184,7 +184,7 @@ def test_an_ignored_person_far_from_all_changes_nothing() -> None:
         same(score(crowded), score(frames))
 
 
-def test_most_matches_against_brute_force() -> None:
+def test_matching_without_memory_against_brute_force() -> None:
     rng = np.random.default_rng(4)
     for _ in range(200):
         m, k = (int(n) for n in rng.integers(0, 5, 2))
@@ -196,7 +196,7 @@ def test_most_matches_against_brute_force() -> None:
                 pairs = [small[i, c] for i, (c, u) in enumerate(zip(columns, used, strict=True)) if u]
                 if all(v >= 0 for v in pairs):
                     best = max(best, (len(pairs), sum(pairs)))
-        found = most_matches(Comparison((Pairing(np.arange(m), np.arange(k), value),), m, k), 0.0)
+        found = match_without_memory(Comparison((Pairing(np.arange(m), np.arange(k), value),), m, k), 0.0)
         assert found[0] == best[0]
         assert_allclose(found[1], best[1], atol=1e-12)
 
@@ -239,7 +239,7 @@ def test_json_keys_and_types() -> None:
     assert score([]).to_dict()["mota"] is None
 
 
-def test_an_id_twice_in_a_frame_is_refused() -> None:
+def test_an_id_twice_in_a_frame_is_an_error() -> None:
     one, two = MatchingFrame([1], [[0.0, 0]], [4], [[0.0, 0]]), [[0.0, 0], [5, 5]]
     with pytest.raises(ValueError, match="frame 1 holds truth id 3 twice"):
         score([one, MatchingFrame([3, 3], two, [], [])])
@@ -274,7 +274,7 @@ def test_gates_and_boxes_are_checked() -> None:
         score_boxes([MatchingFrame([1], [[0.0, 0, -1, 1]], [1], [[0.0, 0, 1, 1]])])
 
 
-def test_the_gate_is_the_callers() -> None:
+def test_the_gate_is_an_argument() -> None:
     frames = table({"p": "AAA"}, {"x": "aaa"})
     assert score(frames, gate=0.3).matches == 0
     assert_allclose(score(frames, gate=0.8).motp_percent, 50)
@@ -305,7 +305,7 @@ def test_a_published_result_gets_its_published_score(data: Any) -> None:
     assert (round(s.mota, 3), s.false_positives, s.misses, s.switches, s.truths) == (0.850, 247, 420, 31, 4650)
 
 
-def test_a_crowd_is_scored_in_time() -> None:
+def test_a_crowd_is_scored_fast() -> None:
     rng = np.random.default_rng(5)
     place = rng.uniform(0, 20, (333, 74, 2))
     ids, counts = np.arange(74), rng.random((333, 74)) < 0.8

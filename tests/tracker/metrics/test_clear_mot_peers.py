@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tests.tracker.drawn import random_frames, table
+from tests.tracker.matching_frames import random_frames, table
 from tracker.metrics.clear_mot import TargetScore, score, score_boxes
 from tracker.metrics.matching import Comparison, MatchingFrame, compare, overlap, planar_distance
 

@@ -1,4 +1,4 @@
-"""Who counts, dead reckoning, and files from anywhere."""
+"""Evaluated people, scores of a sequence, dead reckoning, and scores of files."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,16 +9,16 @@ import pytest
 
 from tests.tracker import sequences
 from tracker.geometry import Pose
-from tracker.metrics.evaluation import dead_reckoning, efficiency, evaluate, evaluate_files, table, who_counts
+from tracker.metrics.evaluation import dead_reckoning, efficiency, evaluate, evaluate_files, evaluated_people, table
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results
 from tracker.types import LandmarkHistory, Start, Truth
 
 
-def test_a_person_counts_for_nine_frames_after_being_seen() -> None:
+def test_a_person_is_evaluated_for_nine_frames_after_being_seen() -> None:
     """At 7 frames/s: person 1 is seen in frame 2 alone, by the second camera; person 2 never enough."""
     truth = tuple(Truth(k, {}, np.array([1, 2]), np.zeros((2, 3)), np.array([[0.0, 0.2 if k == 2 else 0.19], [0.19, 0.1]])) for k in range(15))
-    counts = np.array(who_counts(truth, 1 / 7))
+    counts = np.array(evaluated_people(truth, 1 / 7))
     assert counts[:, 0].tolist() == [2 <= k <= 11 for k in range(15)]
     assert not counts[:, 1].any()
 
@@ -41,7 +41,7 @@ def test_perfect_results_score_one(tmp_path: Path) -> None:
     # One landmark that both robots see in all frames: the bound is below what the start and dead reckoning leave, and the truth is perfect.
     seen = {robot: np.array([3]) for robot in poses}
     survey = LandmarkHistory({3: np.array([5.0, 5.0, 1.0])}, np.array([3]), (seen,) * 3)
-    found = efficiency(sequence, replace(results, survey=survey))
+    found = efficiency(sequence, replace(results, landmark_history=survey))
     assert found["efficiency"] == pytest.approx(0, abs=1e-9)
     assert 0 < (found["bound_m"] or 0) < np.sqrt(0.04)
     scores["robots"] |= {"bound_m": 0.01, "efficiency": 1.25}
@@ -64,7 +64,7 @@ def test_fixed_cameras_are_not_scored_as_robots(tmp_path: Path) -> None:
         evaluate(sequence, results)
 
 
-def test_dead_reckoning_adds_odometry_up(tmp_path: Path) -> None:
+def test_dead_reckoning_composes_odometry(tmp_path: Path) -> None:
     ticks = sequences.write(tmp_path / "s")
     poses = dead_reckoning(read_sequence(tmp_path / "s"))["robot_1"]
     expected = Pose.planar(1, 2, 0.3)
@@ -84,13 +84,13 @@ def test_published_score_of_s2l1(data: Callable[..., Path]) -> None:
     assert [targets[k] for k in ("false_positives", "misses", "switches")] == [247, 420, 31]
 
 
-def test_places_are_needed_to_compare_places(data: Callable[..., Path]) -> None:
+def test_positions_are_needed_to_compare_positions(data: Callable[..., Path]) -> None:
     folder = data("pets2009", "S2.L1", "mot15")
     with pytest.raises(ValueError, match=r"cem_result.txt: row 1 has no x, y, z; give --iou"):
         evaluate_files(folder / "gt.txt", folder / "cem_result.txt", None)
 
 
-def test_too_few_frames_are_refused(tmp_path: Path) -> None:
+def test_too_few_frames_are_an_error(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     with pytest.raises(ValueError, match="results have 2 frames, the truth has 3"):
         evaluate(read_sequence(tmp_path / "s"), Results(2, {}, {}, {}, {}))

@@ -50,7 +50,7 @@ def test_by_hand() -> None:
     assert_allclose(score_robots(truth, estimate, delta=2).rpe_m, math.sqrt(16 / 2))
 
 
-def test_one_motion_of_the_whole_team_is_aligned_away_and_two_are_not() -> None:
+def test_alignment_removes_one_motion_of_the_whole_team() -> None:
     rng = np.random.default_rng(1)
     truth = team(rng)
     T = Pose.exp([3, -2, 1, 0.3, -0.2, 2.5])
@@ -75,7 +75,7 @@ def test_alignment_against_an_oracle() -> None:
         assert_allclose(T.apply(points).mean(axis=0), onto.mean(axis=0), atol=1e-9)
 
 
-def test_a_turn_about_the_vertical_is_aligned_away_by_yaw_and_a_tilt_is_not() -> None:
+def test_yaw_alignment_removes_a_rotation_about_the_vertical_alone() -> None:
     rng = np.random.default_rng(6)
     truth = team(rng)
     for T, found in ((Pose.planar(3, -2, 2.5), True), (Pose.exp([3, -2, 1, 0.3, -0.2, 2.5]), False)):
@@ -91,7 +91,7 @@ def test_errors_between_robots_by_hand() -> None:
     truth = {"r0": [Pose.identity()], "r1": [Pose.planar(3, 0, 0)]}
     s = score_robots(truth, truth | {"r0": [Pose.planar(0, 0, np.pi / 2)]})
     assert_allclose(s.rpe_between_m, 3)
-    assert s.looks == 2
+    assert s.relative_pairs == 2
     assert math.isnan(score_robots({"r0": truth["r0"]}, truth).rpe_between_m)
 
 
@@ -105,7 +105,7 @@ def test_robots_scores_add_up_to_the_team() -> None:
     assert (each["r0"].runs, each["r1"].runs, s.runs) == (1, 0, 1)
 
 
-def test_the_band_holds_what_honest_runs_give() -> None:
+def test_the_band_contains_consistent_runs() -> None:
     # Whole runs are one error each: of 400 means of ten such runs 95 % lie inside, ± 4 standard deviations √(0.95 · 0.05 / 400).
     rng = np.random.default_rng(7)
     values = rng.chisquare(6, (400, 10)).mean(axis=1) / 6
@@ -115,7 +115,7 @@ def test_the_band_holds_what_honest_runs_give() -> None:
     assert wide[0] < low < 1 < high < wide[1]
 
 
-def test_evo_finds_the_same_of_a_team() -> None:
+def test_scores_of_a_team_equal_those_of_evo() -> None:
     metrics, trajectory = pytest.importorskip("evo.core.metrics"), pytest.importorskip("evo.core.trajectory")
     from evo.core.geometry import umeyama_alignment
 

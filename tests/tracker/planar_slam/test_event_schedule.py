@@ -1,4 +1,4 @@
-"""Whole runs of the planar filter: the circle among 24 landmarks beside the bound, in little, and what is said when it diverges."""
+"""Runs of the planar filter: the circle among 24 landmarks beside the Cramér-Rao bound, synthetic UTIAS sets, and errors."""
 
 from __future__ import annotations
 
@@ -9,39 +9,39 @@ import pytest
 
 from tests.benchmarks.slam import Row, drive, estimate, rows
 from tests.tracker.formats.mrclam import BEGIN, SECONDS, write_set
-from tracker.formats.utias import read_team
+from tracker.formats.utias import read_utias
 from tracker.planar_slam.event_schedule import PlanarParameters, filter_input, run_filter
 from tracker.planar_slam.filter import SCAN, STEP
 from tracker.planar_slam.motion_model import Sensors
 
-EKF = PlanarParameters("ekf", 1, correction=False, robust=np.inf, curved=0.0)
+EKF = PlanarParameters("ekf", 1, correction=False, robust=np.inf, curvature=0.0)
 
 
 @pytest.fixture(scope="module")
-def level_two() -> dict[str, Row]:
+def second_level() -> dict[str, Row]:
     default = PlanarParameters()
     return rows("3°, 0.2 m", False, {"ekf": EKF, "default": default, "off": replace(default, correction=False)}, 30)
 
 
-def test_the_default_is_consistent_and_near_the_bound(level_two: dict[str, Row]) -> None:
-    assert 0.75 < level_two["default"].nees.mean() < 1.25
-    assert level_two["default"].efficiency < 1.2
+def test_the_default_is_consistent_and_near_the_bound(second_level: dict[str, Row]) -> None:
+    assert 0.75 < second_level["default"].nees.mean() < 1.25
+    assert second_level["default"].efficiency < 1.2
 
 
-def test_the_plain_filter_is_over_confident(level_two: dict[str, Row]) -> None:
-    assert level_two["ekf"].nees.mean() > 2
-    assert level_two["ekf"].rmse > 1.1 * level_two["default"].rmse
+def test_the_plain_filter_is_overconfident(second_level: dict[str, Row]) -> None:
+    assert second_level["ekf"].nees.mean() > 2
+    assert second_level["ekf"].rmse > 1.1 * second_level["default"].rmse
 
 
-def test_the_correction_factor_costs_what_the_bound_says(level_two: dict[str, Row]) -> None:
-    on, off = level_two["default"], level_two["off"]
+def test_the_correction_factor_costs_what_the_bound_says(second_level: dict[str, Row]) -> None:
+    on, off = second_level["default"], second_level["off"]
     assert (on.bound >= off.bound * (1 - 1e-9)).all()
     assert on.rmse / off.rmse < np.sqrt(on.bound.mean() / off.bound.mean()) + 0.03
 
 
-def test_true_offsets_are_found_out() -> None:
+def test_true_offsets_are_estimated() -> None:
     level = "1°, 0.1 m"
-    iterated = PlanarParameters("iekf", 2, robust=np.inf, curved=0.0)
+    iterated = PlanarParameters("iekf", 2, robust=np.inf, curvature=0.0)
     table = rows(level, True, {"on": PlanarParameters(), "off": PlanarParameters(correction=False), "iekf on": iterated,
                                "iekf off": replace(iterated, correction=False)}, 20)  # fmt: skip
     assert table["on"].rmse < 0.85 * table["off"].rmse
@@ -56,71 +56,69 @@ def test_the_same_run_gives_the_same_bytes() -> None:
     np.testing.assert_array_equal(first[1], again[1])
 
 
-def test_a_filter_that_diverges_says_when_and_who() -> None:
+def test_a_diverging_filter_names_time_and_robot() -> None:
     run = drive("1°, 0.1 m", False, 0)
     run.measured.z[700:, 0] = 1e200
     with pytest.raises(ValueError, match=r"the filter diverged at \d+\.\d+ s: robot 0 is at "):
         estimate(run, EKF, False)
 
 
-@pytest.mark.parametrize(("name", "value"), [("mode", "ukf"), ("iterations", 0), ("reopen", 0), ("robust", 0.0)])
+@pytest.mark.parametrize(("name", "value"), [("mode", "ukf"), ("iterations", 0), ("max_outlier_excess", 0), ("robust", 0.0)])
 def test_parameters_have_bounds(name: str, value: object) -> None:
     with pytest.raises(ValueError, match=f"{name} is {value!r}, needs"):
         PlanarParameters(**{name: value})
 
 
 @pytest.fixture(scope="module")
-def obedient() -> Sensors:
-    """What the drawn set was made with."""
-    return Sensors(speed_delay=0, turn_delay=0, lag=1e-3, speed_scale=1, turn_scale=1, turn_costs=0, camera_delay=0, robot_range=0)
+def ideal_sensors() -> Sensors:
+    """The sensors that the synthetic set was made with."""
+    return Sensors(speed_delay=0, turn_delay=0, lag=1e-3, speed_scale=1, turn_scale=1, turn_loss=0, camera_delay=0, robot_range=0)
 
 
-def test_events_are_in_order_and_each_robot_is_brought_up_to_what_it_takes_part_in(
-    tmp_path_factory: pytest.TempPathFactory, obedient: Sensors
-) -> None:
-    team = read_team(write_set(tmp_path_factory.mktemp("a") / "s"))
-    out = filter_input(team, obedient, False, True)
-    course = out.course
-    assert (np.diff(course.time) >= 0).all()
+def test_events_are_in_order_and_robots_are_predicted_to_their_scans(tmp_path_factory: pytest.TempPathFactory, ideal_sensors: Sensors) -> None:
+    team = read_utias(write_set(tmp_path_factory.mktemp("a") / "s"))
+    out = filter_input(team, ideal_sensors, False, True)
+    schedule = out.schedule
+    assert (np.diff(schedule.time) >= 0).all()
     assert out.times[0] == BEGIN
     here = [BEGIN, BEGIN]
-    for kind, robot, item, time in zip(course.kind, course.robot, course.item, course.time, strict=True):
+    for kind, robot, item, time in zip(schedule.kind, schedule.robot, schedule.item, schedule.time, strict=True):
         if kind == STEP:
             here[robot] = time
         elif kind == SCAN:
-            involved = {int(robot), *(s for s in course.subject[course.start[item] : course.start[item + 1]].tolist() if s < 2)}
+            involved = {int(robot), *(s for s in schedule.subject[schedule.start[item] : schedule.start[item + 1]].tolist() if s < 2)}
             assert all(here[i] == time for i in involved)
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_drawn_set_is_followed(tmp_path_factory: pytest.TempPathFactory, obedient: Sensors, known: bool) -> None:
-    team = read_team(write_set(tmp_path_factory.mktemp("b") / "s"))
-    out = filter_input(team, obedient, known, True)
-    path, _ = run_filter(out.state, PlanarParameters().rule(), out.course)
+def test_a_synthetic_set_is_tracked(tmp_path_factory: pytest.TempPathFactory, ideal_sensors: Sensors, known: bool) -> None:
+    team = read_utias(write_set(tmp_path_factory.mktemp("b") / "s"))
+    out = filter_input(team, ideal_sensors, known, True)
+    path, _ = run_filter(out.state, PlanarParameters().settings(), out.schedule)
     for i, robot in enumerate(team.robots.values()):
         x, y = (np.interp(out.times, robot.truth[:, 0], robot.truth[:, k]) for k in (1, 2))
         assert np.hypot(path[:, i, 0] - x, path[:, i, 1] - y).max() < 0.03
     assert out.times[-1] - BEGIN == pytest.approx(SECONDS, abs=0.1)
-    assert out.state.known.all()
+    assert out.state.initialized.all()
 
 
-def test_odometry_must_outlast_the_starts(tmp_path_factory: pytest.TempPathFactory, obedient: Sensors) -> None:
+def test_odometry_that_ends_before_the_starts_is_an_error(tmp_path_factory: pytest.TempPathFactory, ideal_sensors: Sensors) -> None:
     folder = write_set(tmp_path_factory.mktemp("c") / "s")
     lines = (folder / "Robot1_Odometry.dat").read_text().splitlines()
     (folder / "Robot1_Odometry.dat").write_text(lines[0] + "\n")
     with pytest.raises(ValueError, match=r"odometry ends at 1000.000 s, needs to go on after 1000.000 s"):
-        filter_input(read_team(folder), obedient, False, True)
+        filter_input(read_utias(folder), ideal_sensors, False, True)
 
 
-def test_a_gap_of_the_odometry_is_counted_and_the_rest_is_followed(tmp_path_factory: pytest.TempPathFactory, obedient: Sensors) -> None:
-    """Robot 1 is silent for half of the time: what it sees brings it back."""
+def test_a_gap_of_the_odometry_is_counted_and_bridged(tmp_path_factory: pytest.TempPathFactory, ideal_sensors: Sensors) -> None:
+    """Robot 1 has no odometry for half of the time; its measurements correct it afterwards."""
     folder = write_set(tmp_path_factory.mktemp("d") / "s")
     path = folder / "Robot1_Odometry.dat"
     lines = path.read_text().splitlines()
     path.write_text("\n".join(x for x in lines if x.startswith("#") or not BEGIN + 2 < float(x.split()[0]) < BEGIN + 2 + SECONDS / 2) + "\n")
-    out = filter_input(read_team(folder), obedient, True, True)
+    out = filter_input(read_utias(folder), ideal_sensors, True, True)
     assert out.unused["odometry gap"] == 1
-    believed, _ = run_filter(out.state, PlanarParameters().rule(), out.course)
-    truth = read_team(folder).robots[1].truth
+    estimated, _ = run_filter(out.state, PlanarParameters().settings(), out.schedule)
+    truth = read_utias(folder).robots[1].truth
     x, y = (np.interp(out.times[-1], truth[:, 0], truth[:, k]) for k in (1, 2))
-    assert np.hypot(believed[-1, 0, 0] - x, believed[-1, 0, 1] - y) < 0.1
+    assert np.hypot(estimated[-1, 0, 0] - x, estimated[-1, 0, 1] - y) < 0.1

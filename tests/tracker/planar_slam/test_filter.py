@@ -1,4 +1,4 @@
-"""The planar filter's kernels: Jacobians against differences, the textbook's update, what no measurement can tell, and long runs."""
+"""The planar filter: Jacobians against differences, the textbook's update, observability, and numerical stability."""
 
 from __future__ import annotations
 
@@ -6,8 +6,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tracker.planar_slam.event_schedule import PlanarParameters, run_filter, state
-from tracker.planar_slam.filter import ROBOT, SCAN, STEP, EventSchedule, FilterSettings, PlanarState, Scan, linearise, look, place, predict, update
+from tracker.planar_slam.event_schedule import PlanarParameters, initial_state, run_filter
+from tracker.planar_slam.filter import (
+    ROBOT,
+    SCAN,
+    STEP,
+    EventSchedule,
+    FilterSettings,
+    PlanarState,
+    Scan,
+    invert_measurement,
+    linearize,
+    predict,
+    process_scan,
+    update,
+)
 
 Array = NDArray[np.float64]
 ROBOTS, LANDMARKS = 2, 3
@@ -23,17 +36,17 @@ def team(rng: np.random.Generator, known: bool = True) -> PlanarState:
     start = np.zeros((ROBOTS, ROBOT))
     start[:, :3] = [[0.3, -0.2, 0.4], [2.5, 1.0, -2.0]]
     start[:, 3:] = 0.02 * rng.normal(size=(ROBOTS, ROBOT - 3))
-    s = state(start, np.tile(0.01 * np.eye(ROBOT), (ROBOTS, 1, 1)), LANDMARKS)
+    s = initial_state(start, np.tile(0.01 * np.eye(ROBOT), (ROBOTS, 1, 1)), LANDMARKS)
     if known:
         s.mean[ROBOT * ROBOTS :] = s.first[ROBOT * ROBOTS :] = [3.0, 2.0, -2.0, 3.0, 1.0, -4.0]
         A = 0.1 * rng.normal(size=s.P.shape)
         s.P[:] = A @ A.T + 1e-3 * np.eye(len(A))
-        s.known[:] = True
+        s.initialized[:] = True
     return s
 
 
-def rule(mode: str, iterations: int = 1, robust: float = np.inf, curved: float = 0.0, reopen: int = 1000) -> FilterSettings:
-    return PlanarParameters(mode, iterations, robust=robust, curved=curved, reopen=reopen).rule()
+def settings(mode: str, iterations: int = 1, robust: float = np.inf, curvature: float = 0.0, max_outlier_excess: int = 1000) -> FilterSettings:
+    return PlanarParameters(mode, iterations, robust=robust, curvature=curvature, max_outlier_excess=max_outlier_excess).settings()
 
 
 def copy(s: PlanarState) -> PlanarState:
@@ -41,19 +54,19 @@ def copy(s: PlanarState) -> PlanarState:
 
 
 def exact(s: PlanarState, robot: int, subject: int) -> Array:
-    """What a robot would measure if the mean were the truth."""
+    """The measurement of a robot without noise if the mean were the truth."""
     H = np.zeros((2, len(s.mean)))
     to = ROBOT * subject if subject < ROBOTS else ROBOT * ROBOTS + 2 * (subject - ROBOTS)
-    r = linearise(s, (False, ROBOT * robot, to), np.zeros(2), H)
+    r = linearize(s, (False, ROBOT * robot, to), np.zeros(2), H)
     return np.array([-r[0], (-r[1] + np.pi) % (2 * np.pi) - np.pi])
 
 
 @pytest.mark.parametrize("subject", [1, 3])
-def test_jacobians_of_a_sighting_are_those_of_differences(rng: np.random.Generator, subject: int) -> None:
+def test_jacobians_of_a_measurement_against_differences(rng: np.random.Generator, subject: int) -> None:
     s = team(rng)
     H, step = np.zeros((2, len(s.mean))), 1e-6
     to = ROBOT * subject if subject < ROBOTS else ROBOT * ROBOTS + 2 * (subject - ROBOTS)
-    linearise(s, (False, 0, to), np.zeros(2), H)
+    linearize(s, (False, 0, to), np.zeros(2), H)
     for k in range(len(s.mean)):
         up, down = copy(s), copy(s)
         up.mean[k] += step
@@ -61,7 +74,7 @@ def test_jacobians_of_a_sighting_are_those_of_differences(rng: np.random.Generat
         np.testing.assert_allclose(H[:, k], (exact(up, 0, subject) - exact(down, 0, subject)) / (2 * step), atol=1e-7)
 
 
-def test_prediction_is_the_linear_map_of_differences(rng: np.random.Generator) -> None:
+def test_the_predicted_covariance_against_differences(rng: np.random.Generator) -> None:
     s, motion, noise, step = team(rng), np.array([0.2, 0.01]), np.zeros(ROBOT), 1e-6
     F = np.zeros_like(s.P)
     for k in range(len(s.mean)):
@@ -76,16 +89,16 @@ def test_prediction_is_the_linear_map_of_differences(rng: np.random.Generator) -
     np.testing.assert_allclose(s.P, P, atol=1e-5)
 
 
-def test_a_new_landmark_stands_where_it_was_seen_with_the_doubt_of_differences(rng: np.random.Generator) -> None:
+def test_the_inverse_model_and_its_jacobians_against_differences(rng: np.random.Generator) -> None:
     s, z, sigma, step = team(rng), np.array([3.0, 0.7]), np.array([0.1, 0.02]), 1e-6
     to = ROBOT * ROBOTS
-    G, own = place(s, (False, 0, to), z, sigma)
+    G, own = invert_measurement(s, (False, 0, to), z, sigma)
     np.testing.assert_allclose(exact(s, 0, ROBOTS), z, atol=1e-12)
 
     def at(change: Array) -> Array:
         t = copy(s)
         t.mean[:6] += change[:6]
-        place(t, (False, 0, to), z + change[6:], sigma)
+        invert_measurement(t, (False, 0, to), z + change[6:], sigma)
         return t.mean[to : to + 2]
 
     D = np.array([(at(d) - at(-d)) / (2 * step) for d in step * np.eye(8)]).T
@@ -100,18 +113,18 @@ def test_one_iteration_is_the_textbooks_update(rng: np.random.Generator, mode: s
     z += [[0.1, -0.02], [-0.05, 0.03]]
     sigma = np.array([[0.1, 0.02], [0.2, 0.03]])
     H, r = np.zeros((4, len(s.mean))), np.zeros(4)
-    r[:2], r[2:] = linearise(s, (False, 0, ROBOT * ROBOTS), z[0], H[:2]), linearise(s, (False, 0, ROBOT), z[1], H[2:])
+    r[:2], r[2:] = linearize(s, (False, 0, ROBOT * ROBOTS), z[0], H[:2]), linearize(s, (False, 0, ROBOT), z[1], H[2:])
     R = np.diag(sigma.ravel() ** 2)
     K = s.P @ H.T @ np.linalg.inv(H @ s.P @ H.T + R)
     mean, I_KH = s.mean + K @ r, np.eye(len(s.mean)) - K @ H
     P = I_KH @ s.P @ I_KH.T + K @ R @ K.T
-    update(s, rule(mode), 0, Scan(np.array([2, 1]), z, sigma))
+    update(s, settings(mode), 0, Scan(np.array([2, 1]), z, sigma))
     np.testing.assert_allclose(s.mean, mean, atol=1e-12)
     np.testing.assert_allclose(s.P, P, atol=1e-12)
 
 
-def turn_of_the_world(s: PlanarState) -> Array:
-    """The direction in which all positions and headings turn about the origin together."""
+def rotation_of_the_world(s: PlanarState) -> Array:
+    """The direction in which all positions and headings rotate about the origin together."""
     N = np.zeros(len(s.mean))
     team_end = ROBOT * ROBOTS
     for at in [*range(0, team_end, ROBOT), *range(team_end, len(N), 2)]:
@@ -121,20 +134,20 @@ def turn_of_the_world(s: PlanarState) -> Array:
 
 
 @pytest.mark.parametrize(("mode", "iterations", "kept"), [("invariant", 1, True), ("invariant", 2, True), ("ekf", 1, False), ("iekf", 2, False)])
-def test_nothing_seen_tells_how_the_world_is_turned(rng: np.random.Generator, mode: str, iterations: int, kept: bool) -> None:
-    """Nᵀ P⁻¹ N is what is known of the turn of the whole world: sightings from within must leave it as it is; the EKF gains it from nothing."""
+def test_a_rotation_of_the_world_is_unobservable(rng: np.random.Generator, mode: str, iterations: int, kept: bool) -> None:
+    """Nᵀ P⁻¹ N is the information about a rotation of the whole world, which measurements must not change; the EKF gains it wrongly."""
     s = team(rng)
-    before = turn_of_the_world(s) @ np.linalg.solve(s.P, turn_of_the_world(s))
+    before = rotation_of_the_world(s) @ np.linalg.solve(s.P, rotation_of_the_world(s))
     for k in range(6):
         robot = k % 2
         seen = np.array([1 - robot, 2, 3, 4])
         z = np.array([exact(s, robot, j) for j in seen]) + rng.normal(size=(4, 2)) * [0.1, 0.05]
-        update(s, rule(mode, iterations), robot, Scan(seen, z, np.tile([0.1, 0.05], (4, 1))))
-    after = turn_of_the_world(s) @ np.linalg.solve(s.P, turn_of_the_world(s))
+        update(s, settings(mode, iterations), robot, Scan(seen, z, np.tile([0.1, 0.05], (4, 1))))
+    after = rotation_of_the_world(s) @ np.linalg.solve(s.P, rotation_of_the_world(s))
     assert (abs(after / before - 1) < 1e-6) == kept
 
 
-def test_the_covariance_stays_one_after_ten_thousand_updates(rng: np.random.Generator) -> None:
+def test_the_covariance_stays_positive_after_ten_thousand_updates(rng: np.random.Generator) -> None:
     s, n = team(rng), 10_000
     sigma = np.array([0.05, 0.02])
     z = np.array([[exact(s, robot, subject) for subject in (2, 3, 4, 1 - robot)] for robot in (0, 1)])
@@ -144,29 +157,29 @@ def test_the_covariance_stays_one_after_ten_thousand_updates(rng: np.random.Gene
     noisy = z[robot, subject] + sigma * rng.normal(size=(n, 2))
     noise = np.tile([1e-5, 1e-6, 1e-5, 1e-10, 1e-10, 1e-10, 1e-10, 1e-10], (n, 1))
     events = (np.tile([STEP, SCAN], n), np.repeat(robot, 2), np.repeat(order, 2))
-    course = EventSchedule(*events, np.zeros((n, 2)), noise, np.arange(n + 1), seen, noisy, np.tile(sigma, (n, 1)), np.repeat(order, 2) * 1.0, 0)
-    run_filter(s, rule("invariant", 2, 3.0, 1.0), course)
-    assert s.tally[:2].sum() == n
+    schedule = EventSchedule(*events, np.zeros((n, 2)), noise, np.arange(n + 1), seen, noisy, np.tile(sigma, (n, 1)), np.repeat(order, 2) * 1.0, 0)
+    run_filter(s, settings("invariant", 2, 3.0, 1.0), schedule)
+    assert s.counts[:2].sum() == n
     np.testing.assert_array_equal(s.P, s.P.T)
     assert np.linalg.eigvalsh(s.P).min() > 0
     assert np.isfinite(s.mean).all()
 
 
-def test_an_outlier_is_weighed_down_and_counted(rng: np.random.Generator) -> None:
+def test_an_outlier_loses_weight_and_is_counted(rng: np.random.Generator) -> None:
     s = team(rng)
     s.P[:] = 1e-4 * np.eye(len(s.mean))
-    wild = copy(s)
+    with_outlier = copy(s)
     seen, sigma = np.array([2, 3, 4]), np.tile([0.05, 0.01], (3, 1))
     z = np.array([exact(s, 0, j) for j in seen])
-    look(s, rule("invariant", 2, 3.0), 0, Scan(seen, z, sigma))
+    process_scan(s, settings("invariant", 2, 3.0), 0, Scan(seen, z, sigma))
     z[1] += [2.0, 1.0]
-    look(wild, rule("invariant", 2, 3.0), 0, Scan(seen, z, sigma))
-    assert np.abs(wild.mean - s.mean).max() < 0.02
-    assert wild.tally[:2].tolist() == [2, 1]
+    process_scan(with_outlier, settings("invariant", 2, 3.0), 0, Scan(seen, z, sigma))
+    assert np.abs(with_outlier.mean - s.mean).max() < 0.02
+    assert with_outlier.counts[:2].tolist() == [2, 1]
 
 
-def test_a_carried_robot_finds_back(rng: np.random.Generator) -> None:
-    """The filter is sure of a pose 2 m away from the right one: sightings are refused, until the gate opens."""
+def test_a_kidnapped_robot_recovers(rng: np.random.Generator) -> None:
+    """The filter is certain of a pose 2 m from the true one: measurements are rejected until its covariance is inflated."""
     s = team(rng)
     s.P[:] = np.diag(np.full(len(s.mean), 1e-6))
     truth = s.mean[:3].copy()
@@ -174,24 +187,24 @@ def test_a_carried_robot_finds_back(rng: np.random.Generator) -> None:
     z = np.array([exact(s, 0, j) for j in seen])
     s.mean[:3] += [1.5, -1.4, 0.6]
     for _ in range(40):
-        look(s, rule("invariant", 2, 3.0, reopen=12), 0, Scan(seen, z + rng.normal(size=z.shape) * sigma, sigma))
-    assert s.tally[2] >= 1
+        process_scan(s, settings("invariant", 2, 3.0, max_outlier_excess=12), 0, Scan(seen, z + rng.normal(size=z.shape) * sigma, sigma))
+    assert s.counts[2] >= 1
     np.testing.assert_allclose(s.mean[:3], truth, atol=0.1)
 
 
-def test_robots_that_see_each_other_share_what_they_know(rng: np.random.Generator) -> None:
+def test_a_robot_corrects_the_robot_that_it_sees(rng: np.random.Generator) -> None:
     s = team(rng)
     s.P[:] = 0
     s.P[range(3), range(3)] = 1e-6
     s.P[range(ROBOT, ROBOT + 3), range(ROBOT, ROBOT + 3)] = 1.0
-    look(s, rule("invariant"), 0, Scan(np.array([1]), exact(s, 0, 1)[None], np.array([[0.05, 0.01]])))
+    process_scan(s, settings("invariant"), 0, Scan(np.array([1]), exact(s, 0, 1)[None], np.array([[0.05, 0.01]])))
     assert np.diag(s.P)[ROBOT : ROBOT + 2].max() < 0.01
 
 
-def test_what_is_no_start_is_an_error() -> None:
+def test_a_wrong_start_is_an_error() -> None:
     P = np.zeros((1, ROBOT, ROBOT))
     P[0, 0, 0] = -1
     with pytest.raises(ValueError, match="covariance of robot 0 has an eigenvalue of -1"):
-        state(np.zeros((1, ROBOT)), P, 1)
+        initial_state(np.zeros((1, ROBOT)), P, 1)
     with pytest.raises(ValueError, match=r"start has shape \(1, 3\)"):
-        state(np.zeros((1, 3)), P, 1)
+        initial_state(np.zeros((1, 3)), P, 1)

@@ -1,4 +1,4 @@
-"""Paths in the plane: written and read, and their scores beside arithmetic by hand."""
+"""Trajectories in the plane: written and read, and scores beside arithmetic by hand."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracker.formats.utias import Robot, Team
-from tracker.planar_slam.trajectories import Paths, read_paths, score_paths, table, true_poses, write_paths
+from tracker.formats.utias import UtiasDataset, UtiasRobot
+from tracker.planar_slam.trajectories import PlanarTrajectories, read_trajectories, score_trajectories, table, true_poses, write_trajectories
 
 TIMES = np.arange(100) * 0.02
 
 
-def straight(n: int) -> Robot:
+def straight(n: int) -> UtiasRobot:
     """1 m/s along x at y = n, truth at 50 Hz."""
     truth = np.stack([TIMES, TIMES, np.full(100, float(n)), np.zeros(100)], axis=1)
-    return Robot(truth[:, :3], np.zeros((0, 3)), np.zeros(0, dtype=np.int64), truth, {})
+    return UtiasRobot(truth[:, :3], np.zeros((0, 3)), np.zeros(0, dtype=np.int64), truth, {})
 
 
-def team() -> Team:
-    return Team({1: straight(1), 2: straight(2)}, {6: np.array([0.0, 0.0]), 7: np.array([3.0, 4.0])}, ())
+def team() -> UtiasDataset:
+    return UtiasDataset({1: straight(1), 2: straight(2)}, {6: np.array([0.0, 0.0]), 7: np.array([3.0, 4.0])}, ())
 
 
-def paths(shift: tuple[float, float] = (0.0, 0.0)) -> Paths:
+def paths(shift: tuple[float, float] = (0.0, 0.0)) -> PlanarTrajectories:
     poses = {n: r.truth[:, 1:] + [*shift, 0.0] for n, r in team().robots.items()}
     P = np.tile(np.diag([0.01, 0.01, 0.001]), (100, 1, 1))
-    return Paths(TIMES, poses, {1: P, 2: P}, {s: p + shift for s, p in team().landmarks.items()}, {"map": "known"})
+    return PlanarTrajectories(TIMES, poses, {1: P, 2: P}, {s: p + shift for s, p in team().landmarks.items()}, {"map": "known"})
 
 
 def test_write_then_read(tmp_path: Path) -> None:
-    write_paths(tmp_path / "r", paths())
-    back = read_paths(tmp_path / "r")
+    write_trajectories(tmp_path / "r", paths())
+    back = read_trajectories(tmp_path / "r")
     for n in (1, 2):
         np.testing.assert_allclose(back.poses[n], paths().poses[n], atol=1e-6)
         np.testing.assert_allclose(back.covariances[n], paths().covariances[n], rtol=1e-5)
@@ -40,8 +40,8 @@ def test_write_then_read(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r"]
 
 
-def test_a_shift_is_all_of_the_error_and_none_after_alignment() -> None:
-    s = score_paths(team(), paths((0.3, 0.4)))
+def test_a_translation_is_the_error_before_alignment_alone() -> None:
+    s = score_trajectories(team(), paths((0.3, 0.4)))
     assert s["ate_m"] == pytest.approx(0.5)
     assert s["ate_aligned_m"] == pytest.approx(0, abs=1e-9)
     assert s["rpe_m"] == pytest.approx(0, abs=1e-9)
@@ -52,27 +52,27 @@ def test_a_shift_is_all_of_the_error_and_none_after_alignment() -> None:
     assert "0.500 m" in table({"robots": s, "dead_reckoning": {"ate_m": 1.0}})
 
 
-def test_ate_is_the_mean_over_robots_and_a_scaled_way_shows_in_rpe() -> None:
+def test_ate_is_the_mean_over_robots_and_rpe_shows_a_scale_error() -> None:
     p = paths()
     p.poses[1][:, 0] *= 1.1
-    s = score_paths(team(), p)
+    s = score_trajectories(team(), p)
     assert s["ate_m"] == pytest.approx(0.5 * 0.1 * np.sqrt((TIMES**2).mean()))
     assert s["rpe_m"] == pytest.approx(np.sqrt(0.5) * 0.1)
 
 
-def test_truth_counts_where_it_is_known() -> None:
+def test_truth_is_known_near_its_samples() -> None:
     robot = straight(1)
-    sparse = Robot(robot.odometry, robot.seen, robot.subject, robot.truth[[0, 1, 2, 60, 99]], {})
+    sparse = UtiasRobot(robot.odometry, robot.measurements, robot.subject, robot.truth[[0, 1, 2, 60, 99]], {})
     poses, known = true_poses(sparse, TIMES)
     assert np.flatnonzero(known).tolist() == [0, 1, 2, 60, 99]
     np.testing.assert_allclose(poses[known], robot.truth[[0, 1, 2, 60, 99], 1:])
 
 
-def test_a_robot_without_a_path_is_an_error() -> None:
+def test_a_robot_without_a_trajectory_is_an_error() -> None:
     p = paths()
     del p.poses[2]
     with pytest.raises(ValueError, match="robot 2 is in the set, needs a path"):
-        score_paths(team(), p)
+        score_trajectories(team(), p)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_a_robot_without_a_path_is_an_error() -> None:
     ],
 )
 def test_bad_files_are_named(tmp_path: Path, name: str, text: str, message: str) -> None:
-    write_paths(tmp_path / "r", paths())
+    write_trajectories(tmp_path / "r", paths())
     (tmp_path / "r" / name).write_text(text)
     with pytest.raises(ValueError, match=message):
-        read_paths(tmp_path / "r")
+        read_trajectories(tmp_path / "r")

@@ -1,4 +1,4 @@
-"""Real robots: two sets of UTIAS from files to scores, and a copy that has been robbed of nearly everything."""
+"""Runs on two sets of UTIAS from files to scores, and on a copy with much of the data removed."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import pytest
 
 from tests.tracker.formats.mrclam import write_set
 from tracker.planar_slam.event_schedule import PlanarParameters
-from tracker.planar_slam.utias_run import evaluate_paths, track_utias
+from tracker.planar_slam.utias_run import evaluate_trajectories, track_utias
 
 
 @pytest.mark.parametrize(("number", "known", "limit"), [(1, True, 0.095), (1, False, 0.105), (6, True, 0.122), (6, False, 0.130)])
 def test_position_errors_on_utias(data: Callable[..., Path], tmp_path: Path, number: int, known: bool, limit: float) -> None:
-    """Tuned on set 1 alone; the limits are a tuned joint filter's, and a batch solution has 0.065, 0.079, 0.081, 0.109."""
+    """Parameters are tuned on set 1 alone. The limits are those of a tuned joint filter; a batch solution has 0.065, 0.079, 0.081, 0.109 m."""
     source = data("utias", f"MRCLAM_Dataset{number}")
     paths = track_utias(source, tmp_path / "r", known)
-    scores = evaluate_paths(source, tmp_path / "r")
+    scores = evaluate_trajectories(source, tmp_path / "r")
     assert scores["robots"]["ate_m"] < 0.75 * limit
     assert scores["robots"]["nees_per_dof"] < 1.5
     assert scores["dead_reckoning"]["ate_m"] > 10 * scores["robots"]["ate_m"]
@@ -40,7 +40,7 @@ def test_a_copy_with_sparse_truth_a_robot_missing_and_slow_odometry(data: Callab
             lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
             (folder / path.name).write_text("\n".join(lines[::every]) + "\n")
     track_utias(folder, tmp_path / "r", False)
-    scores = evaluate_paths(folder, tmp_path / "r")["robots"]
+    scores = evaluate_trajectories(folder, tmp_path / "r")["robots"]
     assert scores["ate_m"] < 0.2
 
 
@@ -56,7 +56,7 @@ def test_the_same_run_is_kept_and_another_is_refused(tmp_path: Path) -> None:
         track_utias(source, out, False, PlanarParameters("ekf"))
     (source / "Barcodes.dat").write_text((source / "Barcodes.dat").read_text() + "# more\n")
     with pytest.raises(ValueError, match="made from another source"):
-        evaluate_paths(source, out)
+        evaluate_trajectories(source, out)
 
 
 def test_a_folder_that_holds_something_else(tmp_path: Path) -> None:
