@@ -20,11 +20,11 @@ from tqdm import tqdm
 from sim.datasets.generation_worker import SequenceTask, run_task
 from sim.datasets.presets import Preset
 from sim.parallel.file_lock import file_lock
-from sim.parallel.pool import Lost, Pool
+from sim.parallel.pool import Pool, WorkerLost
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
 from tracker.io.atomic import write_text
-from tracker.io.resume import check_same, holds
+from tracker.io.resume import check_same, holds_run
 from tracker.sequence.dataset import FILE, Dataset, read_dataset
 from tracker.sequence.writer import ImageForm
 
@@ -109,7 +109,7 @@ def generate(plan: Plan) -> int:
 
 def _check_free(plan: Plan) -> None:
     """Raises ValueError where `out` holds anything but this dataset, of which there may be more or fewer sequences than now wanted."""
-    if holds(plan.out, FILE, (".*",)):
+    if holds_run(plan.out, FILE, (".*",)):
         there, wanted = read_dataset(plan.out), plan.dataset
         flat = [{"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (there, wanted)]
         check_same(plan.out, flat[0], flat[1], "another dataset")
@@ -120,9 +120,9 @@ def _check_free(plan: Plan) -> None:
 def _work(plan: Plan, orders: list[SequenceTask]) -> None:
     """Have the orders carried out, each by one call of one function in another process: here, or on the cluster."""
     try:
-        for _ in plan.workforce.as_they_come(run_task, ((order,) for order in orders)):
+        for _ in plan.workforce.as_completed(run_task, ((order,) for order in orders)):
             pass
-    except Lost as error:
+    except WorkerLost as error:
         raise OSError(f"{error}; the same command goes on from here") from None
 
 

@@ -1,4 +1,4 @@
-"""An exclusive lock on a path, held by one process at a time and released when that process ends, however it ends."""
+"""An exclusive file lock. One process holds it at a time, and the operating system releases it when that process ends."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 
-class Locked(ValueError):  # noqa: N818  the name states what is the case; the message is one line for the user
+class Locked(ValueError):  # noqa: N818  the name states the condition; the message is one line for the user
     """Another process holds the lock."""
 
 
@@ -20,7 +20,7 @@ def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
 
     The process id stands in a second file, `path` with `.pid` appended. It serves the error message alone: the operating system keeps the lock.
 
-    wait: wait until the lock is free. Otherwise Locked is raised, with one line for a message, where another process holds it.
+    wait: wait until the lock is free. Without it, raises Locked (one line) where another process holds the lock.
     Raises FileNotFoundError where the folder does not exist.
     """
     path.parent.stat()  # FileLock would make the folder.
@@ -33,10 +33,10 @@ def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
         holder.write_text(f"{os.getpid()}\n")
         yield
     finally:
-        # Both are removed while the lock is held: afterwards they may belong to the next process.
+        # Both files are removed while the lock is held: after the release they may belong to the next process.
         with suppress(OSError):
             holder.unlink(missing_ok=True)
-        # On POSIX a process that opened this file earlier sees, once it has locked it, that it has no name, and opens a new one.
+        # On POSIX a waiting process finds, once it has locked this file, that the file has no name, and opens a new one.
         # Windows cannot remove a file that is open: filelock removes it there.
         if os.name == "posix":
             path.unlink(missing_ok=True)
@@ -49,7 +49,7 @@ def holder_file(path: Path) -> Path:
 
 
 def _holder(path: Path) -> str:
-    """The process id in this file; "unknown" where the holder has not written it yet, or removes it now."""
+    """The process id in this file, or "unknown" where the holder has not written it yet or is removing it."""
     try:
         return path.read_text().strip() or "unknown"
     except OSError:

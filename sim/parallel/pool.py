@@ -1,4 +1,4 @@
-"""Calls that others carry out: processes or threads of this machine, or a Dask cluster; each is handed one at a time."""
+"""Parallel calls in processes or threads of this machine, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -9,59 +9,65 @@ from dataclasses import dataclass
 from typing import Any
 
 ONE_THREAD = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""What bounds the threads of the software renderer and of linear algebra: sums in another order are other numbers."""
-LARGEST = 1024
-CONNECTING = 15
-"""s to reach the scheduler of a cluster."""
+"""Environment variables that limit the threads of the software renderer and of linear algebra.
+
+With more threads, sums are taken in another order and results differ.
+"""
+MAX_WORKERS = 1024
+CONNECT_TIMEOUT = 15
+"""s to wait for the scheduler of a cluster."""
 
 
-class Lost(OSError):  # noqa: N818
+class WorkerLost(OSError):  # noqa: N818
     """A worker ended in the middle of a call."""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """workers: processes (or threads) of this machine; cluster: address of a Dask scheduler to use instead, or None.
+    """A number of workers (processes or threads) of this machine, or a Dask cluster.
 
-    Raises ValueError for a number of workers out of bounds.
+    cluster: address of a Dask scheduler, which replaces the local workers, or None. Raises ValueError for a number of workers out of bounds.
     """
 
     workers: int = 1
     cluster: str | None = None
 
     def __post_init__(self) -> None:
-        if not 1 <= self.workers <= LARGEST:
-            raise ValueError(f"workers is {self.workers}, needs 1 to {LARGEST}")
+        if not 1 <= self.workers <= MAX_WORKERS:
+            raise ValueError(f"workers is {self.workers}, needs 1 to {MAX_WORKERS}")
 
     def results(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool = False) -> Iterator[Any]:
-        """What function(*call) gives for each of the calls, in their order.
+        """The results of function(*call) for each of the calls, in the order of the calls.
 
-        On this machine in other processes, of one thread of linear algebra each, even where there is one worker; threads: in threads of this
-        process, for calls that wait. Until the last result was taken, whatever process is started has one thread. Raises what a call raises, Lost
-        where a process ends in the middle of one, ValueError where Dask is missing or the address is none, OSError where no scheduler is there.
+        Local calls run in other processes, even with one worker. Each process has one thread of linear algebra.
+        threads: calls run in threads of this process, which suits calls that wait. Until the last result is taken, every process that is
+        started has one thread.
+
+        Raises what a call raises. Raises WorkerLost where a process ends during a call, ValueError where Dask is missing or the address is
+        invalid, and OSError where no scheduler answers.
         """
-        return self._made(function, calls, threads, "generator")
+        return self._run(function, calls, threads, "generator")
 
-    def as_they_come(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool = False) -> Iterator[Any]:
-        """As `results`, in the order in which they are ready."""
-        return self._made(function, calls, threads, "generator_unordered")
+    def as_completed(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool = False) -> Iterator[Any]:
+        """As `results`, in the order in which the calls end."""
+        return self._run(function, calls, threads, "generator_unordered")
 
-    def _made(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool, order: str) -> Iterator[Any]:
+    def _run(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool, order: str) -> Iterator[Any]:
         from joblib import Parallel, delayed
         from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-        here = _threads(self.workers) if threads else _processes(self.workers)
-        with here if self.cluster is None else _cluster(self.cluster) as (jobs, under_way):
+        local = _threads(self.workers) if threads else _processes(self.workers)
+        with local if self.cluster is None else _cluster(self.cluster) as (jobs, in_progress):
             try:
-                # One at a time a worker: nothing is queued that a dead master would leave behind.
-                yield from Parallel(n_jobs=jobs, pre_dispatch=under_way, batch_size=1, return_as=order)(delayed(function)(*call) for call in calls)
+                # One call per worker: a queue would outlive a main process that was killed.
+                yield from Parallel(n_jobs=jobs, pre_dispatch=in_progress, batch_size=1, return_as=order)(delayed(function)(*call) for call in calls)
             except TerminatedWorkerError:
-                raise Lost("a worker was killed, perhaps for want of memory") from None
+                raise WorkerLost("a worker was killed, perhaps because memory ran out") from None
 
 
 @contextmanager
 def _threads(workers: int) -> Iterator[tuple[int, int]]:
-    """During this context joblib's calls go to threads; gives its n_jobs, and how many calls to have under way."""
+    """joblib runs calls in threads during this context. Yields joblib's n_jobs and the number of calls in progress at once."""
     from joblib import parallel_config
 
     with parallel_config("threading"):
@@ -70,7 +76,7 @@ def _threads(workers: int) -> Iterator[tuple[int, int]]:
 
 @contextmanager
 def _processes(workers: int) -> Iterator[tuple[int, int]]:
-    """As _threads, by processes; of one job joblib would make no process, so of one it is told that there are two."""
+    """As `_threads`, with processes. joblib makes no process for one job, so n_jobs is at least 2."""
     from joblib import parallel_config
     from joblib.externals.loky import get_reusable_executor
 
@@ -83,7 +89,7 @@ def _processes(workers: int) -> Iterator[tuple[int, int]]:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[tuple[int, int]]:
-    """As _threads, by the workers of a Dask cluster, two calls under way for each of their threads."""
+    """As `_threads`, with the workers of a Dask cluster and two calls in progress per thread."""
     from joblib import parallel_config
 
     try:
@@ -91,17 +97,17 @@ def _cluster(address: str) -> Iterator[tuple[int, int]]:
     except ImportError:
         raise ValueError("--cluster needs Dask: pip install 'pilsim[cluster]'") from None
     try:
-        client = Client(address, timeout=CONNECTING, set_as_default=True)
+        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=True)
     except (ValueError, TypeError) as error:
         raise ValueError(f"--cluster is {address!r}, needs an address as tcp://HOST:PORT ({error})") from None
-    with client, parallel_config("dask", wait_for_workers_timeout=CONNECTING):
-        under_way = max(1, 2 * sum(client.nthreads().values()))
-        yield max(2, under_way), under_way
+    with client, parallel_config("dask", wait_for_workers_timeout=CONNECT_TIMEOUT):
+        in_progress = max(1, 2 * sum(client.nthreads().values()))
+        yield max(2, in_progress), in_progress
 
 
 @contextmanager
 def _pinned() -> Iterator[None]:
-    """Processes that are started during this context compute and draw with one thread each."""
+    """Processes that are started during this context compute and render with one thread each."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ |= dict.fromkeys(ONE_THREAD, "1")
     try:

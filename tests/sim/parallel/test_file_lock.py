@@ -1,4 +1,4 @@
-"""A lock is held by one process at a time, and a process that ended holds none."""
+"""File locks: one process holds a lock at a time, and a process that ended holds none."""
 
 import subprocess
 import sys
@@ -52,7 +52,7 @@ def test_a_second_process_is_refused_until_the_first_is_killed(tmp_path: Path) -
 
 
 def test_a_process_that_waits_gets_the_lock_when_it_is_free(tmp_path: Path) -> None:
-    """Also where the file that it waits for is removed and another one is made under its name."""
+    """This holds where the lock file is removed and made again during the wait."""
     path, begun = tmp_path / ".lock", time.monotonic()
     with holder(path, 0.7), file_lock(path, wait=True):
         assert time.monotonic() - begun > 0.5
@@ -62,7 +62,7 @@ def test_a_process_that_waits_gets_the_lock_when_it_is_free(tmp_path: Path) -> N
 
 
 def test_one_holder_at_a_time_though_the_file_is_removed_at_each_release(tmp_path: Path) -> None:
-    """Four processes increase one number; an increase is lost where two of them hold the lock at once."""
+    """Four processes increase one number. An increase would be lost where two of them hold the lock at once."""
     path, count = tmp_path / ".lock", tmp_path / "count"
     count.write_text("0")
     processes = [subprocess.Popen([sys.executable, "-c", COUNT, path, count], cwd=ROOT) for _ in range(4)]
@@ -73,7 +73,7 @@ def test_one_holder_at_a_time_though_the_file_is_removed_at_each_release(tmp_pat
 
 def test_an_error_releases_the_lock(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), file_lock(tmp_path / ".lock"):
-        raise RuntimeError("the light went out")
+        raise RuntimeError("an error inside the lock")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""Who carries out calls: in order or as they come, in processes, threads or on a cluster, and what is said where one is lost."""
+"""Parallel calls: their order, in processes, threads and on a cluster, and the errors of lost workers."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from contextlib import suppress
 
 import pytest
 
-from sim.parallel.pool import ONE_THREAD, Lost, Pool
+from sim.parallel.pool import ONE_THREAD, Pool, WorkerLost
 
 
 def test_processes_of_one_thread_give_results_in_order() -> None:
     assert list(Pool(2).results(math.sqrt, [(n * n,) for n in range(20)])) == list(range(20))
-    # One worker is another process, too.
+    # One worker is a process of its own, too.
     assert list(Pool().results(os.getpid, [()])) != [os.getpid()]
     before = dict(os.environ)
     assert list(Pool().results(os.getenv, [(name,) for name in ONE_THREAD])) == ["1"] * len(ONE_THREAD)
     assert dict(os.environ) == before
 
 
-def test_threads_give_what_is_ready_first_first() -> None:
+def test_threads_return_results_in_order_of_completion() -> None:
     open_gate = threading.Event()
 
     def wait(number: int) -> int:
@@ -31,7 +31,7 @@ def test_threads_give_what_is_ready_first_first() -> None:
         return number
 
     found = []
-    for number in Pool(2).as_they_come(wait, [(n,) for n in range(4)], threads=True):
+    for number in Pool(2).as_completed(wait, [(n,) for n in range(4)], threads=True):
         found.append(number)
         if len(found) == 3:
             open_gate.set()
@@ -40,17 +40,17 @@ def test_threads_give_what_is_ready_first_first() -> None:
     assert list(Pool().results(os.getpid, [()] * 2, threads=True)) == [os.getpid()] * 2
 
 
-def test_what_a_call_raises_and_a_process_that_ends() -> None:
+def test_errors_of_calls_and_killed_workers_are_raised() -> None:
     with pytest.raises(ValueError, match="math domain error"):
         list(Pool(2).results(math.sqrt, [(4,), (-1,)]))
-    with pytest.raises(Lost, match="a worker was killed"):
+    with pytest.raises(WorkerLost, match="a worker was killed"):
         list(Pool(2).results(os._exit, [(3,)]))
-    # And the next call finds a worker.
+    # The next call gets a new worker.
     assert list(Pool(2).results(math.sqrt, [(9,)])) == [3]
 
 
 @pytest.mark.filterwarnings("ignore:.*still being processed")
-def test_calls_that_nobody_waits_for_are_given_up() -> None:
+def test_closing_the_generator_cancels_pending_calls() -> None:
     made = Pool(2).results(time.sleep, [(0,), (60,), (60,)])
     began = time.monotonic()
     next(made)
@@ -60,12 +60,12 @@ def test_calls_that_nobody_waits_for_are_given_up() -> None:
 
 
 @pytest.mark.parametrize("workers", [0, -1, 1025])
-def test_numbers_of_workers_out_of_bounds(workers: int) -> None:
+def test_a_number_of_workers_out_of_bounds_is_refused(workers: int) -> None:
     with pytest.raises(ValueError, match=f"workers is {workers}, needs 1 to 1024"):
         Pool(workers)
 
 
-def test_an_address_that_is_none() -> None:
+def test_an_invalid_cluster_address_is_refused() -> None:
     pytest.importorskip("distributed")
     with pytest.raises(ValueError, match="--cluster is 'nonsense', needs an address as tcp://HOST:PORT"):
         list(Pool(cluster="nonsense").results(math.sqrt, [(1,)]))
@@ -75,6 +75,6 @@ def test_an_address_that_is_none() -> None:
 def test_a_cluster_gives_results_in_order() -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        force = Pool(cluster=cluster.scheduler_address)
-        assert list(force.results(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
-        assert sorted(force.as_they_come(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
+        pool = Pool(cluster=cluster.scheduler_address)
+        assert list(pool.results(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
+        assert sorted(pool.as_completed(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
