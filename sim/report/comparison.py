@@ -94,7 +94,7 @@ class PairedComparison:
 def compare_paired(folders: Sequence[Path]) -> PairedComparison:
     """Compare the trackers of several result folders, or of one. The first tracker is the reference.
 
-    Raises ValueError where there is only one tracker, where no runs can be paired, or where a setting of the same id and seed is another scenario.
+    Raises ValueError where there is only one tracker, where no runs can be paired, and where one id and seed names two scenarios.
     """
     trackers = _compared([read_rows(folder) for folder in folders])
     if len(trackers) < 2:
@@ -156,7 +156,7 @@ def _difference(group: str, measure: ComparedMeasure, reference: ComparedTracker
     return ScoreDifference(group, measure, before, after, interval, len(known))
 
 
-def described(found: PairedComparison) -> str:
+def comparison_text(found: PairedComparison) -> str:
     """The comparison as a text of several lines."""
     lines = []
     for pair in found.pairs:

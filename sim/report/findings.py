@@ -73,7 +73,7 @@ def at_row(row: Row) -> str:
     """The setting of one run in words, as `at` gives it."""
     value, known = row.value, SWEEPS.get(row.sweep)
     if known and isinstance(value, str) == isinstance(known.values[0], str):
-        return known.said.format(value)
+        return known.wording.format(value)
     return f"{row.parameter} = {f'{value:g}' if isinstance(value, float) else value}"
 
 
@@ -156,8 +156,8 @@ def reasons(rows: Sequence[Row], where: str) -> str:
     numbers = {kind: sum(counts.values()) for kind, counts in causes.items()}
     total = sum(numbers.values())
     parts = listed(f"{100 * numbers[kind] / total:.0f} % {kind}" for kind in sorted(numbers, key=lambda kind: -numbers[kind]))
-    said = f"Of {plural(total, 'error')} at {where}, {parts}. The most frequent cause is {most[1]} ({most[0]}), {100 * most[2]:.0f} % of all errors"
-    return f"{said}: {CAUSES[most[1]]}" if most[1] in CAUSES else f"{said}."
+    text = f"Of {plural(total, 'error')} at {where}, {parts}. The most frequent cause is {most[1]} ({most[0]}), {100 * most[2]:.0f} % of all errors"
+    return f"{text}: {CAUSES[most[1]]}" if most[1] in CAUSES else f"{text}."
 
 
 def stages(rows: Sequence[Row], measure: str = "mota") -> dict[str, Interval]:
@@ -177,11 +177,11 @@ def owner(rows: Sequence[Row], where: str) -> str:
     low, high = ({row.seed: row.ablation["mota"][stage] for row in rows if stage in row.ablation.get("mota", {})} for stage in (second, first))
     separated = paired(low, high)
     lost = 1 - float(np.mean([row.scores["mota"] for row in rows if "mota" in row.ablation and "mota" in row.scores] or [0.0]))
-    said = f"The loss of MOTA at {where} is {lost:.2f}. Perfect input to {listed(shares)} together would recover {total.text()}"
+    text = f"The loss of MOTA at {where} is {lost:.2f}. Perfect input to {listed(shares)} together would recover {total.text()}"
     if total.mean < 0.01 or shares[first].mean <= 0:
-        return f"{said}: next to nothing, so other stages cause the loss."
-    said += f". The largest shares are {first} with {shares[first].text()} and {second} with {shares[second].text()}"
-    return said + ("." if separated and separated.verdict == "higher" else "; the difference between these two is not significant.")
+        return f"{text}: next to nothing, so other stages cause the loss."
+    text += f". The largest shares are {first} with {shares[first].text()} and {second} with {shares[second].text()}"
+    return text + ("." if separated and separated.verdict == "higher" else "; the difference between these two is not significant.")
 
 
 def robots(found: Finding) -> str:
@@ -194,24 +194,24 @@ def robots(found: Finding) -> str:
     pairs = max(len(known) * (len(known) - 1) // 2, 1)
     difference = paired(least.scores(found.tracker, "ate_m"), most.scores(found.tracker, "ate_m"), 1 - 0.05 / pairs) if least is not most else None
     if difference and difference.verdict == "higher":
-        said = f"The ATE of the robots is {low.text(3)} m at {at(least)} and {high.text(3)} m at {at(most)}"
+        text = f"The ATE of the robots is {low.text(3)} m at {at(least)} and {high.text(3)} m at {at(most)}"
     else:
-        said = f"The ATE of the robots is {high.text(3)} m at {at(most)}" + ("; no other setting is significantly better" if len(known) > 1 else "")
+        text = f"The ATE of the robots is {high.text(3)} m at {at(most)}" + ("; no other setting is significantly better" if len(known) > 1 else "")
     odometry, bound = "it is {} m by dead reckoning alone", "no filter can be better than {} m (the Cramér-Rao bound)"
     for name, words in (("dead_reckoning_m", odometry), ("ate_bound_m", bound)):
         if values := most.scores(found.tracker, name):
-            said += "; " + words.format(f"{float(np.mean(list(values.values()))):.3f}")
-    return said + "."
+            text += "; " + words.format(f"{float(np.mean(list(values.values()))):.3f}")
+    return text + "."
 
 
 def predicted(sweep: SweepRows, tracker: str) -> str:
     """Sentences on how well the simulated twin of a real sequence predicts its scores. Empty where one of the two is missing."""
     by_value = {str(s.value): s for s in sweep.settings}
-    said = []
+    sentences = []
     for name, label in (("mota", "MOTA"), ("idf1", "IDF1")):
         means = [float(np.mean(list(v.values()))) for v in (by_value[k].scores(tracker, name) for k in ("real", "twin") if k in by_value) if v]
         if len(means) == 2:
-            said.append(f"{label} is {means[0]:.3f} on the real sequence and {means[1]:.3f} on its simulated twin ({means[1] - means[0]:+.3f})")
-    if not said:
+            sentences.append(f"{label} is {means[0]:.3f} on the real sequence and {means[1]:.3f} on its simulated twin ({means[1] - means[0]:+.3f})")
+    if not sentences:
         return ""
-    return f"{'; '.join(said)}. One sequence cannot show how well simulation predicts other sequences.".replace("(-", "(−")
+    return f"{'; '.join(sentences)}. One sequence cannot show how well simulation predicts other sequences.".replace("(-", "(−")

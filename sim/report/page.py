@@ -133,7 +133,7 @@ def _names(content: PageContent) -> dict[str, Any]:
     """The names that the template uses, and what they hold."""
     rows = content.rows
     worst = findings(rows, rows.trackers[0])[:1]
-    told = {cause for counts in causes_of(rows.rows).values() for cause in counts}
+    occurring = {cause for counts in causes_of(rows.rows).values() for cause in counts}
     return {
         "title": f"Stress test: {rows.folder.resolve().name}",
         "style": Markup(STYLE),
@@ -149,7 +149,7 @@ def _names(content: PageContent) -> dict[str, Any]:
         "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
         "tables": [found for sweep in rows.sweeps() for tracker in rows.trackers if (found := _tables(sweep, tracker))],
         "glossary": GLOSSARY,
-        "causes": [(cause, meaning) for cause, meaning in CAUSES.items() if cause in told],
+        "causes": [(cause, meaning) for cause, meaning in CAUSES.items() if cause in occurring],
         "commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]),
         "provenance": _provenance(rows),
         "runs": plural(len(rows.rows), "run"),
@@ -176,26 +176,28 @@ def _title(sweep: SweepRows) -> str:
 
 
 def _sweep(content: PageContent, sweep: SweepRows) -> PageSweep:
-    said = [f"The sweep: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
+    sentences = [f"The sweep: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
     for tracker in content.rows.trackers:
         found = finding(sweep, tracker)
         if found is None:
-            said.append(f"No run of {tracker} has a score.")
+            sentences.append(f"No run of {tracker} has a score.")
             continue
         worst = found.worst.of(tracker)
         name = f"MOTA of {tracker}" if len(content.rows.trackers) > 1 else "MOTA"
         if sweep.name == REAL:
-            said += [part for part in (predicted(sweep, tracker),) if part]
+            sentences += [part for part in (predicted(sweep, tracker),) if part]
             continue
         where = at(found.worst)
-        said += [part for part in (f"{change(found, name)} {breaking(found)}", reasons(worst, where), owner(worst, where), robots(found)) if part]
-    return PageSweep(_anchor(sweep), said, content.figures(name_of(sweep.name) + "-"))
+        sentences += [
+            part for part in (f"{change(found, name)} {breaking(found)}", reasons(worst, where), owner(worst, where), robots(found)) if part
+        ]
+    return PageSweep(_anchor(sweep), sentences, content.figures(name_of(sweep.name) + "-"))
 
 
 def _moment(k: int, entry: Entry) -> PageMoment:
     row, moment = entry.row, entry.moment
-    said = str(moment.get("kind"))
-    heading = f"{KIND_NAMES.get(said, said)}: {moment.get('cause', 'cause unknown')}"
+    kind = str(moment.get("kind"))
+    heading = f"{KIND_NAMES.get(kind, kind)}: {moment.get('cause', 'cause unknown')}"
     where = f"{at_row(row)}, seed {row.seed}, frame {moment.get('frame')}, tracker {row.tracker}"
     if moment.get("person") is not None:
         where += f"; person {moment['person']}"

@@ -123,9 +123,9 @@ def _settings(settings: dict[str, list[Row]]) -> Iterator[Setting]:
     for name in sorted(settings, key=lambda id: (_number(id), id)):
         rows = settings[name]
         for row in rows:
-            said, before = (f"{one.parameter} = {one.value}" for one in (row, rows[0]))
-            if said != before:
-                raise ValueError(f"{row.where}: {name} is {said}, but {before} in {rows[0].where}")
+            own, first = (f"{one.parameter} = {one.value}" for one in (row, rows[0]))
+            if own != first:
+                raise ValueError(f"{row.where}: {name} is {own}, but {first} in {rows[0].where}")
         yield Setting(name, rows[0].value, tuple(rows))
 
 

@@ -145,8 +145,8 @@ def _causes(sweep: SweepRows, tracker: str, several: bool) -> list[Plot]:
         parts = {name: tuple(100 * (one[kind][name] if kind in one else 0) / n for one, n in zip(counts, truths, strict=True)) for name in names}
         title = _titled(f"Causes of {kind}", tracker, several)
         x = tuple(s.value for s in settings)
-        said = ", by cause." if len(present) > 1 else f": {present[0]}."
-        note = f"{kind.capitalize()} per 100 true positions{said}"
+        ending = ", by cause." if len(present) > 1 else f": {present[0]}."
+        note = f"{kind.capitalize()} per 100 true positions{ending}"
         plots.append(Plot(name_of(sweep.name, kind, tracker), title, x, axis_of(sweep), f"{kind} per 100", Bars(parts), note=note))
     return plots
 

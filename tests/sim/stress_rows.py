@@ -1,4 +1,4 @@
-"""Result folders of stress tests, made by hand: what the tracker scores is a formula, so that what a report says of it can be checked."""
+"""Synthetic result folders of stress tests. Scores are a formula, so that reports of them can be checked."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ VERSIONS = {"pilsim": "0.3.0", "python": "3.11.2", "mujoco": "4.0.0"}
 
 
 def row(sweep: str, k: int, value: Any, seed: int, **changes: Any) -> dict[str, Any]:
-    """A whole row; MOTA falls with people as 1 − people / 125, a little otherwise a seed."""
+    """A complete row. MOTA is 1 − people / 125, with a small change for each seed."""
     people = value if sweep == "density" else 10
     noise = 0.01 * ((seed * 7 + k) % 5 - 2)
     truths, loss = 60 * people, people / 125 - noise
@@ -54,7 +54,7 @@ def density(seeds: int = 5) -> list[dict[str, Any]]:
 
 
 def terrain(seeds: int = 5) -> list[dict[str, Any]]:
-    """A sweep over names, in which nothing is different."""
+    """A sweep over names without a difference in scores."""
     return [row("terrain", k, value, seed) for k, value in enumerate(("exact", "coarse", "flat")) for seed in range(seeds)]
 
 

@@ -1,4 +1,4 @@
-"""Paired comparison of trackers: differences by hand; runs that cannot be compared are refused."""
+"""Paired comparison of trackers: differences computed by hand, and runs that are refused."""
 
 import copy
 import json
@@ -9,13 +9,13 @@ import cv2
 import pytest
 
 from sim.cli.compare import Compare
-from sim.report.comparison import EVERY, compare_paired, described, to_json
+from sim.report.comparison import EVERY, compare_paired, comparison_text, to_json
 from sim.report.comparison_plot import draw
 from tests.sim import stress_rows
 
 
 def better(rows: list[dict[str, Any]], tracker: str = "default") -> list[dict[str, Any]]:
-    """The same runs by a tracker that scores 0.02 more MOTA, half as much again an odd seed, and is 1 cm farther off; IDF1 is the same."""
+    """The same runs by a tracker that has 0.02 more MOTA, 0.03 at odd seeds, and 1 cm more ATE; IDF1 is the same."""
     out = copy.deepcopy(rows)
     for row in out:
         row["tracker"]["name"] = tracker
@@ -39,7 +39,7 @@ def test_two_folders(tmp_path: Path) -> None:
     assert (whole.verdict, whole.pairs, whole.interval.count) == ("better", 16, 4)
     assert by[EVERY, "idf1"].verdict == "identical"
     assert by["density/2", "ate_m"].verdict == "worse"
-    text = described(found)
+    text = comparison_text(found)
     assert "better (4 seeds)" in text
     assert "+0.025 (+0.016 to +0.034)" in text
 
@@ -66,11 +66,11 @@ def test_rows_without_a_partner_and_failed_ones_are_counted(tmp_path: Path) -> N
     (pair,) = found.pairs
     assert (pair.unpaired, pair.failed) == ((2, 1), 1)
     assert next(one.pairs for one in pair.differences if one.id == EVERY) == 9
-    assert "(2 runs of a without a partner; 1 run of b without a partner; 1 pair with a failed run left out)" in described(found)
+    assert "(2 runs of a without a partner; 1 run of b without a partner; 1 pair with a failed run left out)" in comparison_text(found)
 
 
 def test_seeds_and_not_settings_are_independent(tmp_path: Path) -> None:
-    """Four settings of one seed are one value: there is no interval."""
+    """Four settings of one seed count as one value, which has no interval."""
     rows = stress_rows.density(1)
     found = compare_paired([stress_rows.write(tmp_path / "a", rows), stress_rows.write(tmp_path / "b", better(rows))])
     assert {one.verdict for one in found.pairs[0].differences} == {"one seed"}
@@ -86,13 +86,13 @@ def test_seeds_and_not_settings_are_independent(tmp_path: Path) -> None:
         ({"seed": 9}, r"a and b share no setting and seed: density/0 of seed 0 …, but density/0 of seed 9"),
     ],
 )
-def test_what_cannot_be_compared(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_other_runs_are_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     row = stress_rows.row("density", 0, 5, 0)
     with pytest.raises(ValueError, match=message):
         compare_paired([stress_rows.write(tmp_path / "a", [row]), stress_rows.write(tmp_path / "b", [row | changes])])
 
 
-def test_there_must_be_two(tmp_path: Path) -> None:
+def test_a_comparison_needs_two_trackers(tmp_path: Path) -> None:
     folder = stress_rows.write(tmp_path / "a", stress_rows.density(1))
     with pytest.raises(ValueError, match=r"holds one tracker \(default\), needs another"):
         compare_paired([folder])
@@ -102,7 +102,7 @@ def test_there_must_be_two(tmp_path: Path) -> None:
     assert found.reference.name == str(folder)
 
 
-def test_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = stress_rows.density(2)
     folders = stress_rows.write(tmp_path / "a", rows), stress_rows.write(tmp_path / "b", better(rows))
     Compare(folders, json=True).run()

@@ -15,7 +15,7 @@ def read(folder: Path, rows: list[dict[str, Any]]) -> Rows:
     return read_rows(stress_rows.write(folder, rows))
 
 
-def test_a_fall_its_place_and_its_reason(tmp_path: Path) -> None:
+def test_a_fall_its_setting_and_its_causes(tmp_path: Path) -> None:
     rows = read(tmp_path, stress_rows.density() + stress_rows.terrain())
     first, second = findings(rows, "default")
     # MOTA is 1 − people / 125 on average over the five seeds, so 0.96 at 5 and 0.2 at 100.
@@ -49,7 +49,7 @@ def test_the_headline_is_the_largest_significant_fall(tmp_path: Path) -> None:
     assert "no setting is significantly worse than another" in headline(read(tmp_path / "t", stress_rows.terrain()))
 
 
-def test_one_seed_and_few_seeds_are_not_sure(tmp_path: Path) -> None:
+def test_one_seed_and_few_seeds_are_uncertain(tmp_path: Path) -> None:
     one = read(tmp_path / "one", stress_rows.density(1))
     found = finding(one.sweeps()[0], "default")
     assert found is not None
@@ -75,25 +75,25 @@ def test_noise_alone_is_no_fall(tmp_path: Path) -> None:
     assert called <= 7
 
 
-def test_failures_are_told(tmp_path: Path) -> None:
+def test_failures_are_reported(tmp_path: Path) -> None:
     rows = stress_rows.density(2)
     rows[0] = stress_rows.failed(rows[0], "RuntimeError: boom")
-    told = dict(summary(read(tmp_path / "some", rows)))["Certainty"]
-    assert "1 run of 8 failed and is left out of all means (1 × RuntimeError: boom)" in told
+    text = dict(summary(read(tmp_path / "some", rows)))["Certainty"]
+    assert "1 run of 8 failed and is left out of all means (1 × RuntimeError: boom)" in text
     every = read(tmp_path / "all", [stress_rows.failed(row, "RuntimeError: boom") for row in rows])
     assert dict(summary(every))["Results"] == "Every run failed or has no score: 8 × RuntimeError: boom."
     assert headline(every).startswith("No run has a score")
 
 
-def test_several_trackers_and_versions_are_told(tmp_path: Path) -> None:
+def test_several_trackers_and_versions_are_reported(tmp_path: Path) -> None:
     mine = [row | {"tracker": {"name": "mine", "options": {}}, "versions": {"pilsim": "9"}} for row in stress_rows.density(2)]
-    told = dict(summary(read(tmp_path, stress_rows.density(2) + mine)))
-    assert "default 0.65 over 8 runs and mine 0.65 over 8 runs" in told["Trackers"]
-    assert "different versions" in told["Certainty"]
+    text = dict(summary(read(tmp_path, stress_rows.density(2) + mine)))
+    assert "default 0.65 over 8 runs and mine 0.65 over 8 runs" in text["Trackers"]
+    assert "different versions" in text["Certainty"]
 
 
 @pytest.mark.parametrize(
-    ("mota", "said"),
+    ("mota", "sentence"),
     [
         ((0.9, 0.4, 0.3, 0.2), "It is below 0.5 from 20 people up."),
         ((0.1, 0.4, 0.6, 0.9), "It is below 0.5 from 20 people down."),
@@ -101,16 +101,16 @@ def test_several_trackers_and_versions_are_told(tmp_path: Path) -> None:
         ((0.1, 0.4, 0.3, 0.2), "It is below 0.5 at every setting, so the tracker is broken before the sweep begins."),
     ],
 )
-def test_where_it_breaks(mota: tuple[float, ...], said: str, tmp_path: Path) -> None:
+def test_where_it_breaks(mota: tuple[float, ...], sentence: str, tmp_path: Path) -> None:
     rows = stress_rows.density(2)
     for row in rows:
         row["scores"]["mota"] = mota[int(row["id"][-1])]
     found = finding(read(tmp_path, rows).sweeps()[0], "default")
     assert found is not None
-    assert breaking(found) == said
+    assert breaking(found) == sentence
 
 
-def test_two_stages_with_equal_shares_are_not_told_apart(tmp_path: Path) -> None:
+def test_two_stages_with_equal_shares_are_not_ranked(tmp_path: Path) -> None:
     rows = [stress_rows.row("density", 0, 5, seed) for seed in range(4)]
     for row in rows:
         more = 0.01 * (-1) ** row["seed"]
@@ -126,10 +126,10 @@ def test_real_beside_its_twin(tmp_path: Path) -> None:
     rows[0]["scores"] |= {"mota": 0.98, "idf1": 0.97}
     rows[1]["scores"] |= {"mota": 0.95, "idf1": 0.99}
     folder = read(tmp_path, rows + stress_rows.density(2))
-    said = predicted(folder.sweeps()[0], "default")
-    assert said.startswith("MOTA is 0.980 on the real sequence and 0.950 on its simulated twin (−0.030); IDF1 is 0.970")
+    sentence = predicted(folder.sweeps()[0], "default")
+    assert sentence.startswith("MOTA is 0.980 on the real sequence and 0.950 on its simulated twin (−0.030); IDF1 is 0.970")
     assert [f.sweep.name for f in findings(folder, "default")] == ["density"]
-    # What a real row says of frames is of the runs beside it.
+    # The real row has the number of frames of the other runs, which does not hold for it.
     assert "2 seeds, 60 frames each, the real sequence and its twin at their own length;" in dict(summary(folder))["What was tested"]
     assert "frames" not in dict(summary(read(tmp_path / "alone", rows)))["What was tested"]
     assert "60 frames each;" in dict(summary(read(tmp_path / "ours", stress_rows.density(2))))["What was tested"]
@@ -145,11 +145,11 @@ def test_the_worst_moments_are_of_many_kinds(tmp_path: Path) -> None:
     assert sum(m["kind"] == "miss" for _, m in chosen) == 3
 
 
-def test_words(tmp_path: Path) -> None:
+def test_settings_and_lists_in_words(tmp_path: Path) -> None:
     assert [listed(names) for names in (["a"], ["a", "b"], ["a", "b", "c"])] == ["a", "a and b", "a, b and c"]
     density, terrain = read(tmp_path, stress_rows.density(1) + stress_rows.terrain(1)).sweeps()
     assert (spread(density), spread(terrain)) == ("people from 5 to 100", "terrain exact, coarse or flat")
-    assert [at(s) for s in (density.settings[0], terrain.settings[2])] == ["5 people", "terrain known: flat"]
+    assert [at(s) for s in (density.settings[0], terrain.settings[2])] == ["5 people", "knowledge of terrain: flat"]
     other = read(tmp_path / "other", [stress_rows.row("mine", 0, 0.5, 0)]).sweeps()[0]
     assert at(other.settings[0]) == "mine = 0.5"
 

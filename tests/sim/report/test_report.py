@@ -23,7 +23,7 @@ XHTML = "{http://www.w3.org/1999/xhtml}"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A result folder with all that a page can have, and its page."""
+    """A result folder with everything that a page can show, and its page."""
     path: Path = tmp_path_factory.mktemp("stress")
     rows = stress_rows.density(3) + [
         stress_rows.row("terrain", k, v, s) for k, v in enumerate(("exact, all of it & <more>", "flat")) for s in range(2)
@@ -54,7 +54,7 @@ def test_the_page_is_well_formed_and_needs_no_network(folder: Path) -> None:
     assert "&lt;script&gt;" in text
 
 
-def test_for_a_reader_of_screens(folder: Path) -> None:
+def test_the_page_is_accessible(folder: Path) -> None:
     page = ElementTree.fromstring((folder / "report.html").read_text(encoding="utf-8").removeprefix("<!DOCTYPE html>"))
     assert page.get("lang") == "en"
     tags = [element.tag.rpartition("}")[2] for element in page.iter()]
@@ -93,7 +93,7 @@ def test_plots_lie_beside_it_as_pictures_and_figures(folder: Path) -> None:
         assert [float(row[name]) for name in ("mean", "low", "high")] == [found.mean, found.low, found.high]
     with (folder / "report" / "density-misses-default.csv").open() as file:
         shares = {(row["people"], row["part"]): float(row["misses per 100"]) for row in csv.DictReader(file)}
-    # 70 % of a loss of people / 125 are misses, 60 % of which are people who are hidden.
+    # 70 % of a loss of people / 125 are misses, 60 % of which are occluded.
     assert shares["100", "occluded"] == pytest.approx(100 * 0.7 * 0.6 * 0.8, rel=0.05)
 
 
@@ -103,7 +103,7 @@ def test_the_same_rows_are_the_same_bytes(tmp_path: Path) -> None:
     assert write_report(tmp_path / "same", tmp_path / "elsewhere" / "page.html").read_bytes() == first
 
 
-def test_folders_that_cannot_be_a_page(tmp_path: Path) -> None:
+def test_damaged_folders_are_refused(tmp_path: Path) -> None:
     rows = stress_rows.density(1)
     rows[0]["moments"] = [stress_rows.moment(tmp_path, "a", pictures=["../../etc/passwd"])]
     with pytest.raises(ValueError, match=r"jsonl:1: picture .* lies outside the folder"):
@@ -119,7 +119,7 @@ def test_folders_that_cannot_be_a_page(tmp_path: Path) -> None:
     assert not list(tmp_path.rglob("report.html"))
 
 
-def test_a_page_of_failures_alone(tmp_path: Path) -> None:
+def test_a_page_of_failed_runs_only(tmp_path: Path) -> None:
     rows = [stress_rows.failed(row, "TimeoutError: longer than 600 s") for row in stress_rows.density(10)]
     text = write_report(stress_rows.write(tmp_path, rows)).read_text(encoding="utf-8")
     ElementTree.fromstring(text.removeprefix("<!DOCTYPE html>"))
@@ -139,7 +139,7 @@ def test_two_svgs_share_no_id() -> None:
     assert inline(svg, "x") == '<svg viewBox="0 0 3 4"><path id="x-a"/><use href="#x-a" style="clip-path: url(#x-a)"/></svg>'
 
 
-def test_what_is_written_on_an_axis_is_not_cut() -> None:
+def test_numbers_of_an_axis_are_not_rounded() -> None:
     svg = '<svg viewBox="0 0 3.14159 4"><path d="M 0.123456 1"/><text x="1.98765">0.0125</text></svg>'
     assert inline(svg, "x") == '<svg viewBox="0 0 3.14 4"><path d="M 0.12 1"/><text x="1.98">0.0125</text></svg>'
 
@@ -152,7 +152,7 @@ def test_plots_in_words() -> None:
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium to open the page")
 @pytest.mark.parametrize("width", [390, 1280])
-def test_in_chromium(width: int, folder: Path) -> None:
+def test_chromium_shows_the_page(width: int, folder: Path) -> None:
     with Browser(width) as browser:
         browser.open(folder / "report.html")
         images = browser.evaluate("Promise.all([...document.images].map(i => i.decode().then(() => [i.naturalWidth, i.clientWidth])))")
@@ -173,7 +173,7 @@ def test_in_chromium(width: int, folder: Path) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium to print the page")
-def test_on_paper(folder: Path) -> None:
+def test_the_page_prints(folder: Path) -> None:
     with Browser(1280) as browser:
         browser.open(folder / "report.html")
         browser.call("Emulation.setEmulatedMedia", media="print")

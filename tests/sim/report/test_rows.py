@@ -1,4 +1,4 @@
-"""Rows of stress tests: what is whole is read, what is damaged is refused by file and line."""
+"""Rows of stress tests: reading, and damaged rows, which are refused by file and line."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ def test_settings_go_by_number_and_curves_by_value(tmp_path: Path) -> None:
     assert [s.value for s in sweep.ordered()] == list(range(1, 12))
 
 
-def test_a_torn_last_line_is_left_out_and_told(tmp_path: Path) -> None:
+def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
     read = read_rows(stress_rows.write(tmp_path, stress_rows.density(1), tail='{"schema": 1, "id": "dens'))
     assert (len(read.rows), read.torn) == (4, True)
 
