@@ -1,6 +1,6 @@
-"""What tracklets by images are worth: corners of boxes followed back through the pictures, with the paper's values and others, beside none at all.
+"""The study of image tracklets: corners in boxes tracked back through the images, with the paper's parameters and others, and without images.
 
-On PETS 2009 those views have pictures whose video is there; the other material is a rendered recording. A cell is one run, told some frames late.
+The data are PETS 2009, where views with a video have images, and a rendered recording. A cell is one run with delayed output.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import numpy as np
 from sim.recording.record import record
 from sim.scenario import Scenario
 from sim.studies.hypothesis_count import resumed
-from tracker.datasets.opening import open_source
-from tracker.datasets.pets2009 import PETS_VIEWS, Choice
+from tracker.datasets.opening import open_sequence
+from tracker.datasets.pets2009 import PETS_VIEWS, PetsOptions
 from tracker.datasets.pets2009_videos import with_videos
 from tracker.detections.front_end import ImageParameters
 from tracker.detections.optical_flow import TrackletParameters
 from tracker.geometry import Array
 from tracker.io.atomic import new_file
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import who_counts
+from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.matching import MatchingFrame
 from tracker.pipeline import Parameters, track
 from tracker.sequence.reader import read_sequence
@@ -44,16 +44,16 @@ SETTINGS: dict[str, TrackletParameters | None] = {
 }
 VIEWS = (1,), PETS_VIEWS
 DROPPED = "drop=0.5"
-"""What is also done to the detections of PETS 2009."""
+"""Degradation of the detections of PETS 2009, beside the given ones."""
 CROWD = Scenario(robots=2, people=20, width=768)
-"""What is rendered, another seed a repetition."""
+"""The rendered scenario. Each repetition has another seed."""
 DELAY = 10
 PANELS = "MOTA", "IDF1", "processing time / s"
 
 
 @dataclass(frozen=True)
 class ImageCell:
-    """One run: MOTA and IDF1 at 1 m, switches, seconds of processor time."""
+    """One run: MOTA, IDF1 and switches at 1 m, and processor time, s."""
 
     data: str
     setting: str
@@ -65,118 +65,123 @@ class ImageCell:
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """What tells it from the others."""
+        """Data set, setting and repetition."""
         return self.data, self.setting, self.repetition
 
 
 @dataclass(frozen=True)
 class ImageMaterial:
-    """Something to track: a name, and a PETS 2009 folder with views and what is done to its detections, or, where it is None, a recording that is
-    rendered in `place`."""
+    """A data set with images: a PETS 2009 folder with views and a degradation of its detections, or a rendered recording.
+
+    pets: the PETS 2009 folder; None for the recording. folder: where recordings are written.
+    """
 
     name: str
-    place: Path
+    folder: Path
     pets: Path | None = None
     views: tuple[int, ...] = ()
     degrade: str = ""
 
-    def times(self, repetitions: int) -> int:
-        """How often it is run: nothing of PETS 2009 as it is depends on a seed."""
+    def runs(self, repetitions: int) -> int:
+        """The number of runs of each setting. It is 1 for PETS 2009 with its given detections, where nothing depends on a seed."""
         return 1 if self.pets is not None and not self.degrade else repetitions
 
     def sequence(self, repetition: int, frames: int) -> Sequence:
-        """With pictures; what a repetition has of its own are the seeds."""
+        """The sequence with images. The repetition is the seed."""
         if self.pets is None:
-            folder = self.place / f"recording-{repetition}"
+            folder = self.folder / f"recording-{repetition}"
             if not folder.exists():
                 record(replace(CROWD, seed=repetition, frames=frames), folder)
             return read_sequence(folder)
-        return with_videos(open_source(self.pets, self.views, Choice.parse([], self.degrade, repetition)), self.pets)
+        return with_videos(open_sequence(self.pets, self.views, PetsOptions.parse([], self.degrade, repetition)), self.pets)
 
 
 def materials(out: Path, pets: Path | None) -> list[ImageMaterial]:
-    """All there is to be tracked."""
-    real = [ImageMaterial(_called(views, degrade), out, pets, views, degrade) for views, degrade in itertools.product(VIEWS, ("", DROPPED))]
+    """All data sets of the study."""
+    real = [ImageMaterial(_name(views, degrade), out, pets, views, degrade) for views, degrade in itertools.product(VIEWS, ("", DROPPED))]
     return [ImageMaterial("rendered crowd", out), *(real if pets is not None else [])]
 
 
-def _called(views: tuple[int, ...], degrade: str) -> str:
+def _name(views: tuple[int, ...], degrade: str) -> str:
     return ", ".join(filter(None, ("PETS S2.L1, view " + " ".join(map(str, views)), degrade)))
 
 
-def measured(material: ImageMaterial, frames: int, setting: str, repetition: int) -> ImageCell:
-    """Run one."""
+def run_cell(material: ImageMaterial, frames: int, setting: str, repetition: int) -> ImageCell:
+    """Run one cell on the first `frames` frames."""
     sequence = material.sequence(repetition, frames)
     assert sequence.truth is not None
     parameters = Parameters(images=ImageParameters(SETTINGS[setting]), delay=DELAY)
     began = time.process_time()
-    said = list(track(sequence.setup, itertools.islice(iter(sequence.ticks), frames), parameters))
+    estimates = list(track(sequence.setup, itertools.islice(iter(sequence.ticks), frames), parameters))
     seconds = time.process_time() - began
-    counts = who_counts(sequence.truth, sequence.setup.period)
-    scored = zip(sequence.truth, counts, said, strict=False)
+    counts = evaluated_people(sequence.truth, sequence.setup.period)
+    scored = zip(sequence.truth, counts, estimates, strict=False)
     found = score([MatchingFrame(t.person_id, t.feet, e.target_id, e.position, counts=c) for t, c, e in scored])
     return ImageCell(material.name, setting, repetition, float(found.mota), float(found.idf1), int(found.switches), seconds)
 
 
 def study(out: Path, chosen: list[ImageMaterial], frames: int, repetitions: int) -> Iterator[list[ImageCell]]:
-    """Run what is not in out/cells.csv yet; all cells so far after each."""
+    """Run the cells that out/cells.csv does not hold. Yields all cells so far after each."""
     for material in chosen:
-        choices = ((setting, repetition) for repetition, setting in itertools.product(range(material.times(repetitions)), SETTINGS))
-        yield from resumed(out / "cells.csv", ImageCell, choices, partial(measured, material, frames), material.name)
+        choices = ((setting, repetition) for repetition, setting in itertools.product(range(material.runs(repetitions)), SETTINGS))
+        yield from resumed(out / "cells.csv", ImageCell, choices, partial(run_cell, material, frames), material.name)
 
 
-def runs(chosen: list[ImageMaterial], repetitions: int) -> int:
-    """How many runs a study is."""
-    return sum(len(SETTINGS) * m.times(repetitions) for m in chosen)
+def count_runs(chosen: list[ImageMaterial], repetitions: int) -> int:
+    """The number of runs of a study."""
+    return sum(len(SETTINGS) * m.runs(repetitions) for m in chosen)
 
 
 def differences(cells: list[ImageCell], setting: str) -> Array:
-    """(r, 2): MOTA and IDF1 of `setting` less those without images, by repetition."""
+    """(r, 2): MOTA and IDF1 of a setting less those without images, a row for each repetition that has both."""
     plain = {c.repetition: c for c in cells if c.setting == "no images"}
     pairs = [(c, plain[c.repetition]) for c in cells if c.setting == setting and c.repetition in plain]
     return np.array([(a.mota - b.mota, a.idf1 - b.idf1) for a, b in pairs]).reshape(-1, 2)
 
 
-def _of(cells: list[ImageCell], name: str) -> list[ImageCell]:
-    """Those of a material, of repetitions that were run with all settings: what was cut off in between compares with nothing."""
-    mine = [c for c in cells if c.data == name]
-    often = Counter(c.repetition for c in mine)
-    whole = max(often.values(), default=0)
-    return [c for c in mine if often[c.repetition] == whole]
+def _complete(cells: list[ImageCell], name: str) -> list[ImageCell]:
+    """The cells of a data set of repetitions with all settings. A repetition that was interrupted cannot be compared."""
+    own = [c for c in cells if c.data == name]
+    counts = Counter(c.repetition for c in own)
+    whole = max(counts.values(), default=0)
+    return [c for c in own if counts[c.repetition] == whole]
 
 
 def summary(cells: list[ImageCell]) -> str:
-    """A table for each material: means, and how many runs were better or worse than without images."""
+    """A table for each data set: means, and the numbers of runs that were better and worse than without images."""
     lines = []
     for name in dict.fromkeys(c.data for c in cells):
-        mine = _of(cells, name)
+        own = _complete(cells, name)
         lines += [name, f"{'':18}{'MOTA':>8}{'IDF1':>8}{'switches':>10}{'seconds':>9}   MOTA better, worse; IDF1 better, worse"]
         for setting in SETTINGS:
-            here = [c for c in mine if c.setting == setting]
+            here = [c for c in own if c.setting == setting]
             if not here:
                 continue
             mota, idf1, switches, seconds = np.mean([(c.mota, c.idf1, c.switches, c.seconds) for c in here], axis=0)
-            change = differences(mine, setting)
+            change = differences(own, setting)
             counts = "" if SETTINGS[setting] is None else "; ".join(f"{int((d > 1e-9).sum())}, {int((d < -1e-9).sum())}" for d in change.T)
             lines.append(f"  {setting:16}{mota:>8.4f}{idf1:>8.4f}{switches:>10.1f}{seconds:>9.1f}   {counts}".rstrip())
     return "\n".join(lines)
 
 
 def draw(cells: list[ImageCell], path: Path) -> None:
-    """Three panels a material: MOTA, IDF1 and processing time of each setting, a dot a run and a line at the mean of those without images."""
+    """Write a plot: for each data set MOTA, IDF1 and processing time of each setting.
+
+    A dot is a run. A line marks the mean of the runs without images.
+    """
     from matplotlib.figure import Figure
 
     names = list(dict.fromkeys(c.data for c in cells))
     figure = Figure(figsize=(12, 2.9 * len(names)), layout="constrained")
     axes = figure.subplots(len(names), len(PANELS), squeeze=False)
     for row, name in enumerate(names):
-        mine = _of(cells, name)
+        own = _complete(cells, name)
         for axis, column, label in zip(axes[row], ("mota", "idf1", "seconds"), PANELS, strict=True):
-            plain = [getattr(c, column) for c in mine if c.setting == "no images"]
+            plain = [getattr(c, column) for c in own if c.setting == "no images"]
             if plain:
                 axis.axvline(float(np.mean(plain)), color="0.6", zorder=1)
             for k, setting in enumerate(SETTINGS):
-                values = [getattr(c, column) for c in mine if c.setting == setting]
+                values = [getattr(c, column) for c in own if c.setting == setting]
                 if values:
                     axis.plot(values, [k] * len(values), "o", ms=4, alpha=0.5, zorder=2)
                     axis.plot(np.mean(values), k, "k|", ms=14, zorder=3)

@@ -1,4 +1,4 @@
-"""The study of K_H and i_bls^max: cells are kept, resumed, drawn and put into words."""
+"""The study of K_H and i_bls^max: cells are stored, resumed, drawn and summarized."""
 
 from pathlib import Path
 
@@ -15,14 +15,14 @@ def cells(spread: float) -> list[Cell]:
     return [Cell("made up", k, m, r, k * m / 1000, 0.9 + (spread / k) * (r - 0.5)) for k in K_H for m in I_BLS_MAX for r in range(2)]
 
 
-def test_cells_come_back(tmp_path: Path) -> None:
+def test_written_cells_are_read(tmp_path: Path) -> None:
     made = cells(0.02)
     hypothesis_count.write_cells(tmp_path / "cells.csv", made)
     assert hypothesis_count.read_cells(tmp_path / "cells.csv", Cell) == made
     assert [p.name for p in tmp_path.iterdir()] == ["cells.csv"]
 
 
-def test_a_broken_row_is_named(tmp_path: Path) -> None:
+def test_a_damaged_row_is_named(tmp_path: Path) -> None:
     path = tmp_path / "cells.csv"
     hypothesis_count.write_cells(path, cells(0.02)[:2])
     path.write_text(path.read_text().replace(",500,", ",many,", 1))
@@ -30,7 +30,7 @@ def test_a_broken_row_is_named(tmp_path: Path) -> None:
         hypothesis_count.read_cells(path, Cell)
 
 
-def test_panels_and_words() -> None:
+def test_panels_and_summary() -> None:
     seconds, mota, spread = hypothesis_count.panels(cells(0.02))
     np.testing.assert_allclose(seconds, np.outer(K_H, I_BLS_MAX) / 1000)
     np.testing.assert_allclose(mota, 0.9)
@@ -44,7 +44,7 @@ def test_panels_and_words() -> None:
 
 
 @pytest.mark.slow
-def test_a_cell_is_seeded_and_not_run_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cell_is_reproducible_and_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hypothesis_count, "K_H", (1, 3))
     monkeypatch.setattr(hypothesis_count, "I_BLS_MAX", (200,))
     material = hypothesis_count.synthetic(6)
@@ -53,10 +53,10 @@ def test_a_cell_is_seeded_and_not_run_twice(tmp_path: Path, monkeypatch: pytest.
     again = [list(c) for c in hypothesis_count.study(tmp_path, [material], 1)][-1]
     assert again == first
     assert (tmp_path / "cells.csv").stat().st_mtime_ns == stamp
-    assert hypothesis_count.measured(material, 3, 200, 0).mota == first[1].mota
+    assert hypothesis_count.run_cell(material, 3, 200, 0).mota == first[1].mota
 
 
-def test_the_picture(tmp_path: Path) -> None:
+def test_the_plot_is_written(tmp_path: Path) -> None:
     hypothesis_count.draw(cells(0.02), tmp_path / "fig4.png")
     assert [p.name for p in tmp_path.iterdir()] == ["fig4.png"]
 
