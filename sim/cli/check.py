@@ -1,4 +1,4 @@
-"""What is wrong with a dataset."""
+"""The command `pilsim check`: verify a dataset."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg
 
 SHOWN = 100
-"""Faults that are printed; all are counted."""
+"""Largest number of faults that are printed. All faults are counted."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class Check:
     def run(self) -> None:
         from tqdm import tqdm
 
-        from tracker.datasets.validation import inspect
+        from tracker.datasets.validation import validate
         from tracker.sequence.dataset import sequences
 
         def shown(items: Iterable[Any], name: str, total: int) -> Iterable[Any]:
             return tqdm(items, desc=name, total=total, leave=False, disable=self.json or None)
 
         faults, count = [], 0
-        for fault in inspect(self.source, shown):
+        for fault in validate(self.source, shown):
             count += 1
             if count <= SHOWN:
                 faults.append({"file": str(fault.file), "reason": fault.reason})

@@ -1,4 +1,4 @@
-"""The heaviest clique of a graph."""
+"""The command `pilsim clique`: find a maximum-weight clique of a graph."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Clique:
         if self.seed < 0:
             raise ValueError(f"--seed is {self.seed}, needs at least 0")
         graph = read_graph(self.file)
-        search(graph, Limits(moves=1))  # compiles: not part of the seconds
+        search(graph, Limits(moves=1))  # Compilation must not count as search time.
         found = exact(graph, self.seconds) if self.exact else search(graph, Limits(seconds=self.seconds, target=self.target), self.seed)
         clique = [int(v) + 1 for v in found.vertices]
         if self.json:

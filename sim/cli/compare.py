@@ -1,4 +1,4 @@
-"""One tracker beside another."""
+"""The command `pilsim compare`: paired differences between trackers on the same runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Compare:
     IDF1 and ATE with 95 % intervals, for all runs and for each setting. It says
     better or worse only where the interval excludes 0.
 
-    Three filters on the same 20 runs, a folder each, the first as the reference:
+    Example of three filters on the same 20 runs:
       pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --slam ekf --correction off --out runs/ekf
       pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --slam iekf --iterations 2 --correction on --out runs/iekf
       pilsim stress --sweep robots/2 --seeds 20 --no-render --workers 2 --out runs/default
@@ -40,7 +40,7 @@ class Compare:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from sim.report.comparison import compare_paired, described, to_json
+        from sim.report.comparison import compare_paired, comparison_text, to_json
 
         if self.out is not None and self.out.suffix.lower() != ".png":
             raise ValueError(f"--out is {self.out}, needs a name that ends in .png")
@@ -51,4 +51,4 @@ class Compare:
             from sim.report.comparison_plot import draw
 
             draw(found, self.out)
-        print(json.dumps(to_json(found), indent=1) if self.json else described(found))
+        print(json.dumps(to_json(found), indent=1) if self.json else comparison_text(found))

@@ -1,7 +1,4 @@
-"""The whole way once: make a Sequence, track it, score it, and leave scores and pictures in a folder.
-
-The whole way once.
-"""
+"""The command `pilsim demo`: simulate a sequence, track it, score it, and draw the result."""
 
 from __future__ import annotations
 
@@ -18,9 +15,9 @@ from tqdm import tqdm
 from sim.cli.options import Out
 from sim.recording.record import record
 from sim.scenario import Scenario
-from tracker.io.atomic import unfinished, write_text
+from tracker.io.atomic import partial_path, write_text
 from tracker.io.json_files import read_json
-from tracker.io.resume import check_same, holds, json_value
+from tracker.io.resume import check_same, holds_run, json_value
 from tracker.metrics.evaluation import evaluate, table
 from tracker.pipeline import Parameters
 from tracker.run import tracked
@@ -29,14 +26,13 @@ from tracker.sequence.results import Results, read_results
 from tracker.types import Sequence
 
 STATEMENT = "sequence/scenario.json"
-
 PICTURES = ("contact_sheet.png", "plan.png", "video.mp4")
 
 
 def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
-    """Returns the scores. What is in `out` of the same scenario is used again, each part by itself.
+    """Run the whole pipeline into a folder, and return the scores. Parts of the same scenario in the folder are reused.
 
-    Raises ValueError where `out` holds another run.
+    Raises ValueError where the folder holds another run.
     """
     check_folder(scenario, out)
     folder = out / "sequence"
@@ -53,30 +49,30 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")
     draw(sequence, results, scores, out)
     print(table(scores))
-    for name, what in (
+    for name, meaning in (
         ("scores.json", "all scores"),
         ("contact_sheet.png", "panoramas with estimated boxes"),
         ("plan.png", "true and estimated paths"),
-        ("video.mp4", "both, moving"),
+        ("video.mp4", "both as a video"),
         ("sequence/", "panoramas, instances, truth, odometry, calibration (README.md in it)"),
         ("track/", "estimated tracks and poses"),
     ):
-        print(f"{out / name}: {what}")
+        print(f"{out / name}: {meaning}")
     return scores
 
 
 def check_folder(scenario: Scenario, out: Path) -> None:
-    """Refuse a folder that holds anything but this scenario's run."""
-    if holds(out, STATEMENT, (unfinished(out / "sequence").name,)):
-        there = read_json(out / STATEMENT)
-        if not isinstance(there, dict):
+    """Raises ValueError where a folder holds anything but a run of this scenario."""
+    if holds_run(out, STATEMENT, (partial_path(out / "sequence").name,)):
+        stored = read_json(out / STATEMENT)
+        if not isinstance(stored, dict):
             raise ValueError(f"{out / STATEMENT}: no scenario")
-        check_same(out, there, json.loads(scenario.to_json()))
+        check_same(out, stored, json.loads(scenario.to_json()))
 
 
 def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:
-    """Contact sheet, plan and video; pictures that are there stay."""
-    # Matplotlib takes a second to import: only who draws shall wait for it.
+    """Draw contact sheet, plan and video, where they are missing."""
+    # Matplotlib takes a second to import, so that only drawing imports it.
     from sim.visualization.overlays import annotated, contact_sheet, save_png
     from sim.visualization.plan_and_video import plan, video_frames, write_video
 
@@ -122,9 +118,6 @@ class Demo:
     """Folder of all results. The same scenario again reuses what is there."""
 
     def run(self) -> None:
-
-        from sim.scenario import Scenario
-
         scenario = Scenario(
             world=self.world,
             difficulty=self.difficulty,

@@ -1,7 +1,4 @@
-"""What this computer has, and how fast it draws: the content of `pilsim doctor`.
-
-What this computer has.
-"""
+"""The command `pilsim doctor`: versions, OpenGL and rendering speed of this computer."""
 
 from __future__ import annotations
 
@@ -19,10 +16,9 @@ PACKAGES = {"pilsim": "pilsim", "mujoco": "mujoco", "numpy": "numpy", "opencv": 
 
 
 def examine(seconds: float = 3.0) -> dict[str, Any]:
-    """Versions, platform, OpenGL, and panoramas drawn a second, measured for about `seconds` s. Only numbers and strings, as JSON has them.
+    """Versions, platform, OpenGL and rendering speed as JSON values. The speed is measured for about `seconds` s.
 
-    Where there is no OpenGL, "gl" and "speed" are None and "fault" is the one line that says what to install. Raises ValueError for a
-    time that is not above 0.
+    Without OpenGL, "gl" and "speed" are None, and "fault" names what to install. Raises ValueError where `seconds` is not above 0.
     """
     if not seconds > 0:
         raise ValueError(f"seconds is {seconds}, needs more than 0")
@@ -37,14 +33,14 @@ def examine(seconds: float = 3.0) -> dict[str, Any]:
     }
     try:
         report["backend"] = choose_gl()
-        report |= _drawing(seconds)
+        report |= _rendering(seconds)
     except GLUnavailable as error:
         report["fault"] = str(error)
     return report
 
 
 def describe(report: dict[str, Any]) -> str:
-    """The report in a few lines of text."""
+    """The report as text of several lines."""
     lines = [f"{name:10} {version}" for name, version in report["versions"].items()]
     lines += [f"{'platform':10} {report['platform']}", f"{'cores':10} {report['cores']}"]
     gl, speed = report["gl"], report["speed"]
@@ -66,8 +62,8 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _drawing(seconds: float) -> dict[str, Any]:
-    """Who draws, and how many panoramas a second of the default scenario."""
+def _rendering(seconds: float) -> dict[str, Any]:
+    """The OpenGL renderer, and its panoramas per second of the default scenario."""
     import numpy as np
 
     from sim.rendering.panorama import PanoramaRenderer
@@ -81,7 +77,7 @@ def _drawing(seconds: float) -> dict[str, Any]:
     camera = Panorama(scenario.width, scenario.height)
     with PanoramaRenderer(simulation.model, camera, simulation.person_of_geom.astype(np.uint16)) as renderer:
         information = renderer.information
-        # The first panorama waits for the driver's and numba's compilers.
+        # The first panorama includes compilation by the driver and by numba.
         renderer.render(simulation.data, poses)
         started, drawn = time.perf_counter(), 0
         while not drawn or time.perf_counter() - started < seconds:
@@ -107,6 +103,5 @@ class Doctor:
     """Print JSON alone."""
 
     def run(self) -> None:
-
         report = examine()
         print(json.dumps(report, indent=1) if self.json else describe(report))

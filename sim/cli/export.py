@@ -1,4 +1,4 @@
-"""Sequences for other people's tools."""
+"""The command `pilsim export`: write sequences in formats of other tools."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class Export:
     """Write sequences in a format that other tools read.
 
     README.md in the result explains every column. The formats are:
-      pets       PETS 2009: CVML truth, Tsai cameras (fixed pinhole cameras alone)
-      mot15      MOTChallenge 2015, one sequence a view
-      mot17      MOTChallenge 2017, one sequence a view
-      wildtrack  WILDTRACK and MultiviewX (fixed pinhole cameras alone)
-      coco       COCO with masks, key points and tracks
-      jrdb       JRDB: panoramas
-      tum        TUM: trajectories of robots
+      - pets       PETS 2009: CVML truth, Tsai cameras (fixed pinhole cameras only)
+      - mot15      MOTChallenge 2015, one sequence a view
+      - mot17      MOTChallenge 2017, one sequence a view
+      - wildtrack  WILDTRACK and MultiviewX (fixed pinhole cameras only)
+      - coco       COCO with masks, key points and tracks
+      - jrdb       JRDB: panoramas
+      - tum        TUM: trajectories of robots
 
     Examples: pilsim export runs/pilsun --format mot17 --out runs/mot17
               pilsim export runs/pilsun/pilsun-00000 --format coco --out runs/coco

@@ -1,4 +1,4 @@
-"""From a scenario to sequences."""
+"""The command `pilsim generate`: make a dataset of one or more sequences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sim.datasets.presets import Preset
 
 _COMMON = ("world", "difficulty", "seed", "robots", "people", "frames", "width")
-"""Options of a scenario that most people need."""
+"""The common options of a scenario."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ImageFiles:
     """Files of images beside JPEG."""
 
     png: bool = False
-    """Write images without loss, as PNG in place of JPEG; three times as large."""
+    """Write images without loss, as PNG in place of JPEG; files are three times as large."""
     range: bool = False
     """Write the range of every pixel, too, as 16-bit PNG in 1/256 m."""
     classes: bool = False
@@ -37,7 +37,7 @@ class ImageFiles:
 
 @dataclass(frozen=True)
 class TwinFiles:
-    """What a twin is made from."""
+    """Source files of a twin."""
 
     annotations: Annotated[Path | None, unset("FILE", "needed for a twin")] = None
     """The paths of the people: the CVML file of a PETS 2009 sequence, boxes in View_001."""
@@ -50,10 +50,10 @@ class Generate:
     """Generate a dataset: sequences of images with the full truth.
 
     The same command continues a dataset that was interrupted. The presets are:
-      pilsun            as the paper's set: 333 frames, 4 robots, 10 people, indoors
-      s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
-      twin              the people of a PETS 2009 annotation on their real paths,
-                        seen by the real cameras and by rovers
+      - pilsun            as the paper's set: 333 frames, 4 robots, 10 people, indoors
+      - s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
+      - twin              the people of a PETS 2009 annotation on their real paths,
+                          seen by the real cameras and by rovers
 
     Examples: pilsim generate pilsun --out D
               pilsim generate pilsun --world forest --count 20 --workers 2 --out D
@@ -115,11 +115,11 @@ class Generate:
         print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
 
     def _given(self) -> dict[str, Any]:
-        """Name → value of the options of a scenario that are on the command line."""
+        """Name → value of the options of a scenario on the command line."""
         return given(self, _COMMON) | given(self.scenario) | given(self.detector)
 
     def _preset(self) -> Preset:
-        """The preset with the settings of the file, and over them those of the command line."""
+        """The preset with the settings of the file, overridden by those of the command line."""
         from sim.datasets.presets import preset_of, read_settings
 
         changes = self._given()
@@ -148,9 +148,9 @@ class Generate:
             raise ValueError("a twin needs --annotations FILE and --calibration DIR")
         own = {"frames", "robots", "width", "seed"}
         changes = self._given()
-        ours = self.count == self.workers == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
-        if set(changes) - own or not ours:
-            raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}, the rest is of its annotation")
+        plain = self.count == self.workers == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
+        if set(changes) - own or not plain:
+            raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}; the annotation sets the rest")
         views = tuple(numbers(self.views or "1"))
         twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
         generate(twin, self.out, progress=partial(tqdm, desc="frames", unit="frame"))

@@ -1,4 +1,4 @@
-"""What is in a dataset."""
+"""The command `pilsim info`: summarize a dataset."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Info:
     """Print JSON alone; sizes are in MB."""
 
     def run(self) -> None:
-        from tracker.datasets.summary import described, inventory
+        from tracker.datasets.summary import summarize, summary_text
 
-        found = inventory(self.source)
-        print(json.dumps(found, indent=1) if self.json else described(found))
+        found = summarize(self.source)
+        print(json.dumps(found, indent=1) if self.json else summary_text(found))

@@ -1,4 +1,4 @@
-"""The command line of pilsim. Read `main` first; each command is a class of its own in the folder beside this file."""
+"""The command line of pilsim. Read `main` first. Each command is a class of its own file in this folder."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ GROUPS: dict[str, tuple[type, ...]] = {
 """The commands as the overview shows them."""
 COMMANDS = {command.__name__.lower(): command for group in GROUPS.values() for command in group}
 WIDEST = 120
-"""Columns of a command's help at most."""
+"""Largest width of the help of a command, columns."""
 NEAR = 0.7
 """Least similarity, from 0 to 1 (difflib), of a word to the name that an error message suggests for it."""
 
 
 def main() -> None:
-    """Entry point; exits with 0, with 2 and one line where the input is at fault, with 130 when interrupted."""
+    """Run the command line. The exit code is 0, 2 with one line for bad input, or 130 when interrupted."""
     try:
         words = sys.argv[1:]
         if words == ["--version"]:
@@ -78,7 +78,7 @@ def main() -> None:
             _parse(words).run()
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader has gone (`pilsim … | head`), so that no message would reach anyone.
+        # The reader of the pipe has ended (`pilsim … | head`), so that a message would reach nobody.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except KeyboardInterrupt:
@@ -100,7 +100,7 @@ def overview() -> str:
 
 
 def _message(error: Exception) -> str:
-    """The error in one line; of a file: its name, and what the system says of it."""
+    """The error in one line. An error of a file is its name and the message of the system."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return " ".join(f"{error.filename}: {error.strerror}".split())
     return " ".join(str(error).split())
@@ -122,7 +122,7 @@ def _parse(words: list[str]) -> Command:
 
 @contextlib.contextmanager
 def _at_most(columns: int) -> Iterator[None]:
-    """Makes the terminal look at most so wide: in a wider one tyro sets groups side by side, with expert options beside the common ones."""
+    """Limit the apparent width of the terminal. In a wide one, tyro puts expert options beside the common ones."""
     before = os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = str(min(columns, shutil.get_terminal_size().columns))
     try:
@@ -135,7 +135,7 @@ def _at_most(columns: int) -> Iterator[None]:
 
 
 class _Output(io.StringIO):
-    """Holds the text of a help; tyro colors it where the real output is a terminal, and draws boxes where the encoding has them."""
+    """A buffer for help. It behaves like the real output, so that tyro uses colors and boxes where the real output has them."""
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
@@ -146,10 +146,10 @@ class _Output(io.StringIO):
 
 
 def _wrapped(text: str) -> Iterator[str]:
-    """The lines of a command's help; its sentences, which tyro joins to one line a paragraph, are wrapped to the terminal."""
+    """The lines of the help of a command. Paragraphs, which tyro joins to one line each, are wrapped to the terminal."""
     width = max(40, min(WIDEST, shutil.get_terminal_size().columns))
     for line in text.rstrip("\n").split("\n"):
-        # Boxes are as wide as the terminal already; examples are indented, and stay whole for copying.
+        # Boxes fit the terminal already. Examples are indented, and stay on one line for copying.
         prose = line and not line.startswith((" ", "│", "╭", "╰", "Example"))
         yield from textwrap.wrap(line, width, break_long_words=False, break_on_hyphens=False) if prose else [line]
 
@@ -174,7 +174,7 @@ def _check_names(words: list[str]) -> None:
 
 
 def _unknown(flag: str, known: list[str]) -> str:
-    """An option that a command does not have, with the nearest of its own, or with the commands that do have it."""
+    """An unknown option of a command, with the nearest known one, or with the commands that have it."""
     owners = ", ".join(name for name, other in COMMANDS.items() if flag in _flags(other))
     # Without the dashes, which every option has in common.
     near = _near(flag.lstrip("-").replace("_", "-"), [name.lstrip("-") for name in known])
@@ -184,12 +184,12 @@ def _unknown(flag: str, known: list[str]) -> str:
 
 
 def _near(word: str, names: list[str]) -> str:
-    """The name that is nearest to a word, or "" where none is near."""
+    """The name nearest to a word, or "" where none is near."""
     return next(iter(difflib.get_close_matches(word.lower(), names, 1, NEAR)), "")
 
 
 def _flags(command: Any) -> list[str]:
-    """The options of a command, and of its groups, as they are written on the command line."""
+    """The options of a command and of its groups, as on the command line."""
     flags: list[str] = []
     for name, hint in get_type_hints(command, include_extras=True).items():
         metadata = getattr(hint, "__metadata__", ())
@@ -205,7 +205,7 @@ def _flags(command: Any) -> list[str]:
 
 
 def _first_part(box: str) -> str:
-    """The first part of the box of many lines that tyro draws around an error, as one line."""
+    """The first part of the box that tyro draws around an error, as one line."""
     # tyro draws with dashes and bars where the output is not in UTF-8.
     lines = [line.strip("│| ") for line in box.splitlines() if line.startswith(("│", "|"))]
     rules = [k for k, line in enumerate(lines) if line and set(line) <= set("─-")]

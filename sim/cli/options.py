@@ -1,4 +1,4 @@
-"""Options that several commands have."""
+"""Options and helpers that several commands share."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Out = Annotated[Path, arg(metavar="DIR")]
 
 
 def unset(metavar: str, meaning: str) -> Any:
-    """How help presents an option without a default value: the name of its value, and what happens without it, in place of `None`."""
+    """The help of an option without a default value: the name of its value, and the meaning of its absence in place of `None`."""
     return arg(metavar=metavar, help_behavior_hint=f"(default: {meaning})")
 
 
 def options_of(command: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Name, value and default of every option of a command, those of its groups at the place of the group."""
+    """Name, value and default of each option of a command, options of groups included."""
     for field in dataclasses.fields(command):
         value = getattr(command, field.name)
         if dataclasses.is_dataclass(value):
@@ -28,7 +28,7 @@ def options_of(command: Any) -> Iterator[tuple[str, Any, Any]]:
 
 
 def numbers(text: str) -> list[int]:
-    """Views as in 1,5,7. Raises ValueError for anything else."""
+    """Parse numbers of views, as in 1,5,7. Raises ValueError for anything else."""
     try:
         return [int(part) for part in text.split(",") if part.strip()]
     except ValueError:

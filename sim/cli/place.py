@@ -1,4 +1,4 @@
-"""Where should robots stand? Policies side by side."""
+"""The command `pilsim place`: compare or train policies that place robots."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EpisodeOptions:
-    """What an episode takes place in."""
+    """The environment of an episode."""
 
     difficulty: float = 0.5
     """Difficulty of the terrain, from 0 (gentle) to 1."""
@@ -51,11 +51,11 @@ class Place:
     difference is significant where its interval excludes 0.
 
     The policies are:
-      random    goes to random places, one after another
-      static    stays on the best ring
-      lloyd     covers the places where people walk
-      greedy    takes the most informative next move
-      ppo:FILE  is a policy that --train wrote
+      - random    goes to random places, one after another
+      - static    stays on the best ring
+      - lloyd     covers the places where people walk
+      - greedy    takes the most informative next move
+      - ppo:FILE  is a policy that --train wrote
 
     Examples: pilsim place --policy random lloyd greedy --episodes 20 --workers 2
               pilsim place --policy greedy --world campus --people 35 --json
@@ -120,7 +120,7 @@ class Place:
             draw(found, f"{self.scene.density or self.world}, {self.episodes} episodes", self.picture)
 
     def _outcomes(self) -> list[Outcome]:
-        """In the order of policies and seeds."""
+        """The outcomes of all episodes, ordered by policy and seed."""
         from tqdm import tqdm
 
         from sim.policies.comparison import contest
@@ -128,9 +128,9 @@ class Place:
         seeds = range(self.seed, self.seed + self.episodes)
         out: list[Outcome] = []
         with tqdm(total=len(set(self.policy)) * len(seeds), unit=" episodes", leave=False, disable=None) as bar:
-            for some in contest(self.policy, seeds, self._options(), self.steps, self.workers):
-                out += some
-                bar.update(len(some))
+            for batch in contest(self.policy, seeds, self._options(), self.steps, self.workers):
+                out += batch
+                bar.update(len(batch))
         return out
 
     def _options(self) -> dict[str, Any]:

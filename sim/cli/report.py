@@ -1,4 +1,4 @@
-"""A stress test as a page."""
+"""The command `pilsim report`: write a page about a stress test."""
 
 from __future__ import annotations
 

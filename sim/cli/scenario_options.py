@@ -1,4 +1,4 @@
-"""The expert options of `pilsim generate`: fields of a scenario, None where the value of the preset stays."""
+"""The expert options of `pilsim generate`: fields of a scenario. None keeps the value of the preset."""
 
 from __future__ import annotations
 
@@ -49,6 +49,6 @@ class DetectorSettings:
 
 
 def given(options: Any, names: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Name → value of the options that are not None; all fields where no names are told."""
+    """Name → value of the options that are not None. names: the fields to look at; all where it is empty."""
     values = {name: getattr(options, name) for name in names or [field.name for field in dataclasses.fields(options)]}
     return {name: value for name, value in values.items() if value is not None}

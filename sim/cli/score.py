@@ -1,4 +1,4 @@
-"""Tracks against the truth."""
+"""The command `pilsim score`: score tracks against the truth."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Files:
     """A MOT15 file with the truth."""
     result: Annotated[Path | None, unset("FILE", "two folders")] = None
     """A MOT15 file with a tracker's output."""
-    iou: Annotated[float | None, unset("FLOAT", "places on the ground within 1 m")] = None
+    iou: Annotated[float | None, unset("FLOAT", "positions on the ground within 1 m")] = None
     """Match boxes by at least this intersection over union, from 0 to 1."""
 
 
@@ -45,8 +45,8 @@ class Score:
     """These options score one MOT15 file against another, in place of two folders."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import open_source
-        from tracker.datasets.pets2009 import Choice
+        from tracker.datasets.opening import open_sequence
+        from tracker.datasets.pets2009 import PetsOptions
         from tracker.formats.utias import is_utias
         from tracker.metrics.evaluation import efficiency, evaluate, evaluate_files, table
         from tracker.planar_slam import trajectories, utias_run
@@ -54,12 +54,12 @@ class Score:
         from tracker.sequence.results import read_results
 
         if self.source and is_utias(self.source) and self.results and not (self.files.truth or self.files.result or self.files.iou):
-            scores = utias_run.evaluate_paths(self.source, self.results)
+            scores = utias_run.evaluate_trajectories(self.source, self.results)
             print(json.dumps(scores, indent=1) if self.json else trajectories.table(scores))
             return
         if self.source and self.results and not (self.files.truth or self.files.result) and self.files.iou is None:
             results = read_results(self.results)
-            sequence = open_source(self.source, views_of(results.run), Choice.of_run(results.run))
+            sequence = open_sequence(self.source, views_of(results.run), PetsOptions.of_run(results.run))
             scores = evaluate(sequence, results)
             if scores["robots"]:
                 scores["robots"] |= efficiency(sequence, results)

@@ -1,4 +1,4 @@
-"""Where the tracker breaks."""
+"""The command `pilsim stress`: test a tracker on sweeps of one parameter each."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Stress:
 
         from tqdm import tqdm
 
-        from sim.stress.runner import Force, sweep
+        from sim.stress.runner import Workers, run_trials
         from worlds.catalogue import WORLDS
 
         if self.show:
@@ -113,8 +113,8 @@ class Stress:
                 raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
         if self.world not in WORLDS:
             raise ValueError(f"--world is {self.world!r}, needs one of {', '.join(sorted(WORLDS))}")
-        force, trials = Force(self.workers, self.machine.cluster, self.machine.limit), self._trials()
-        rows = sweep(trials, self.out, force, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
+        workers, trials = Workers(self.workers, self.machine.cluster, self.machine.limit), self._trials()
+        rows = run_trials(trials, self.out, workers, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
         if self.json:
             for row in rows:
                 print(json.dumps(row))
@@ -127,38 +127,38 @@ class Stress:
             print(f"and {len(failed) - 10} more")
 
     def _cases(self) -> list[Case]:
-        from sim.stress.sweeps import cases, pets_cases, standard
+        from sim.stress.sweeps import cases, default_scenario, pets_cases
 
         if self.pets is not None and not self.pets.is_dir():
             raise ValueError(f"{self.pets}: no such folder")
-        start = replace(standard(self.frames, self.width), world=self.world)
+        start = replace(default_scenario(self.frames, self.width), world=self.world)
         alone = self.pets is not None and not self.sweep
         chosen = [] if alone else cases(self.sweep, start)
         return chosen + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))
 
-    def _contender(self) -> TrackerUnderTest:
-        from sim.stress.tracker_under_test import TrackerUnderTest, load
+    def _tracker(self) -> TrackerUnderTest:
+        from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
 
         names = ("slam", "iterations", "correction", "hypotheses")
         options = {name: value for name in names if (value := getattr(self.subject, name)) is not None}
         if self.subject.results is not None and not self.subject.results.is_dir():
             raise ValueError(f"{self.subject.results}: no such folder")
         if self.subject.tracker:
-            load(self.subject.tracker)
+            load_tracker(self.subject.tracker)
         return TrackerUnderTest(self.subject.tracker, options, "" if self.subject.results is None else str(self.subject.results.resolve()))
 
     def _trials(self) -> list[Trial]:
-        """Seed by seed, so that an interrupted sweep has whole curves."""
+        """All trials, ordered by seed, so that an interrupted run has all settings of the first seeds."""
         from sim.stress.trial import Trial
 
         assert self.out is not None
-        contender, out, made = self._contender(), self.out.resolve(), []
+        tracker, out, made = self._tracker(), self.out.resolve(), []
         for seed in range(self.first_seed, self.first_seed + self.seeds):
             for case in self._cases():
-                # What is real is the same for every seed.
+                # The real sequence is the same for every seed.
                 if case.source != "pets" or seed == self.first_seed:
                     command = self._command(replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1))
-                    made.append(Trial(case.of_seed(seed), contender, out, self.render, self.ladder, command))
+                    made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ladder, command))
         return made
 
     def _show(self) -> None:
@@ -173,9 +173,9 @@ class Stress:
             print(f"{sweep.name:12} {sweep.about}\n{'':12} {sweep.parameter}{f' ({sweep.unit})' if sweep.unit else ''}: {values}")
 
     def _command(self, other: Stress | None = None) -> str:
-        """The command line that asks for this."""
-        now, words = other or self, ["pilsim", "stress"]
-        for name, value, default in options_of(now):
+        """The command line of this run, or of another one."""
+        shown, words = other or self, ["pilsim", "stress"]
+        for name, value, default in options_of(shown):
             if value == default or name in ("show", "json"):
                 continue
             flag = f"--{name.replace('_', '-')}"

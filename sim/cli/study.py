@@ -1,4 +1,4 @@
-"""Studies of the tracker."""
+"""The command `pilsim study`: repeat the studies of the paper."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Study:
             if getattr(self, name) < 1:
                 raise ValueError(f"--{name} is {getattr(self, name)}, needs at least 1")
         if self.pets is not None:
-            # What is wrong with the folder is said before anything is begun.
+            # A bad folder is refused before the first run, which takes long.
             hypothesis_count.check(self.pets, self.name == "images")
         self.out.mkdir(parents=True, exist_ok=True)
         people = image_tracklets.CROWD.people if self.name == "images" else hypothesis_count.PEOPLE
@@ -67,10 +67,10 @@ class Study:
         (self.out / f"{self.name}.txt").write_text(text + "\n")
         print(text)
 
-    def _materials(self, degrade: tuple[str, ...]) -> list[Material]:
+    def _materials(self, degradations: tuple[str, ...]) -> list[Material]:
         from sim.studies import hypothesis_count
 
-        real = [] if self.pets is None else [hypothesis_count.pets(self.pets, self.frames, worse) for worse in degrade]
+        real = [] if self.pets is None else [hypothesis_count.pets(self.pets, self.frames, degradation) for degradation in degradations]
         return [hypothesis_count.synthetic(self.frames), *real]
 
     def _fig4(self) -> str:
@@ -78,7 +78,7 @@ class Study:
 
         from sim.studies import hypothesis_count
 
-        materials = self._materials(("", hypothesis_count.WORSE))
+        materials = self._materials(("", hypothesis_count.DEGRADATION))
         total = len(materials) * self.repetitions * len(hypothesis_count.K_H) * len(hypothesis_count.I_BLS_MAX)
         cells = list(tqdm(hypothesis_count.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
         hypothesis_count.draw(cells, self.out / "fig4.png")
@@ -101,7 +101,7 @@ class Study:
         from sim.studies import image_tracklets
 
         materials = image_tracklets.materials(self.out, self.pets)
-        total = image_tracklets.runs(materials, self.repetitions)
+        total = image_tracklets.count_runs(materials, self.repetitions)
         cells = list(tqdm(image_tracklets.study(self.out, materials, self.frames, self.repetitions), total=total, unit="run"))[-1]
         image_tracklets.draw(cells, self.out / "images.png")
         return image_tracklets.summary(cells)

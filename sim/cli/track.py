@@ -1,4 +1,4 @@
-"""From views to tracks."""
+"""The command `pilsim track`: track people and localize robots in a sequence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.cli.options import Out, numbers, options_of, unset
 
 
 @dataclass(frozen=True)
-class PetsOptions:
+class PetsDetections:
     """Detections of a PETS folder."""
 
     detections: tyro.conf.UseAppendAction[
@@ -89,10 +89,10 @@ class Track:
     """Track people and localize the robots in a sequence.
 
     SOURCE is one of:
-      a sequence that pilsim wrote
-      a PETS 2009 folder with annotations/*-cropped.xml and
+      - a sequence that pilsim wrote
+      - a PETS 2009 folder with annotations/*-cropped.xml and
         detections/View_00N.txt (MOT15), and calibration/ in it or beside it
-      a UTIAS set (MRCLAM); it has robots alone
+      - a UTIAS set (MRCLAM), which has robots only
 
     Examples: pilsim track runs/demo/sequence --out runs/tracks
               pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
@@ -113,7 +113,7 @@ class Track:
     """Use the images, too: silhouettes, and appearance (multiple) or tracklets (single). A PETS folder needs video/View_00N.mp4 of any view."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter knows the landmarks."""
-    pets: Annotated[OmitArgPrefixes[PetsOptions], arg(name="PETS detection")] = PetsOptions()
+    pets: Annotated[OmitArgPrefixes[PetsDetections], arg(name="PETS detection")] = PetsDetections()
     """These options replace or degrade the detections of a PETS folder."""
     robots: Annotated[OmitArgPrefixes[SlamOptions], arg(name="expert SLAM")] = SlamOptions()
     """These options choose the filter that estimates the poses of the robots."""
@@ -125,8 +125,8 @@ class Track:
     """The paper's parameters of tracklets need --images and --hypotheses single."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import open_source
-        from tracker.datasets.pets2009 import Choice
+        from tracker.datasets.opening import open_sequence
+        from tracker.datasets.pets2009 import PetsOptions
         from tracker.datasets.pets2009_videos import with_videos
         from tracker.formats.utias import is_utias
         from tracker.options import OPTIONS, parameters_from
@@ -141,23 +141,23 @@ class Track:
                 raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
             if self.robots.persistence == "on":
                 raise ValueError(f"{self.source}: --persistence is for sequences; biases of a UTIAS set are in the correction factor")
-            self._explore()
+            self._track_utias()
             return
         if self.map != "unknown":
             raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
-        choice = Choice.parse(self.pets.detections, self.pets.degrade, self.pets.seed)
-        sequence = open_source(self.source, views, choice)
-        lost = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
-        sequence = without_starts(sequence, lost)
+        options = PetsOptions.parse(self.pets.detections, self.pets.degrade, self.pets.seed)
+        sequence = open_sequence(self.source, views, options)
+        unknown = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
+        sequence = without_starts(sequence, unknown)
         if self.images:
             sequence = with_videos(sequence, self.source)
-        run = {"source": self.source.name, "views": views} | choice.to_run() | ({"unknown_start": lost} if lost else {})
+        run = {"source": self.source.name, "views": views} | options.to_run() | ({"unknown_start": unknown} if unknown else {})
         parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
         results = tracked(sequence, self.out, run, parameters)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
 
-    def _explore(self) -> None:
+    def _track_utias(self) -> None:
         from tracker.planar_slam.event_schedule import PlanarParameters
         from tracker.planar_slam.utias_run import track_utias
 

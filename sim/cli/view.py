@@ -1,4 +1,4 @@
-"""A sequence in space and time."""
+"""The command `pilsim view`: show a sequence in 3-D."""
 
 from __future__ import annotations
 

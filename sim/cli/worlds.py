@@ -1,4 +1,4 @@
-"""The places that there are."""
+"""The command `pilsim worlds`: list, draw or export worlds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report on this computer, with and without OpenGL."""
+"""The command `pilsim doctor`, with and without OpenGL."""
 
 import json
 
@@ -8,7 +8,7 @@ from sim.cli import doctor
 from sim.rendering.gl_context import GLUnavailable
 
 
-def test_a_report_is_json_and_text() -> None:
+def test_the_report_is_json_and_text() -> None:
     report = doctor.examine(seconds=0.01)
     assert json.loads(json.dumps(report)) == report
     assert report["fault"] is None
@@ -21,7 +21,7 @@ def test_a_report_is_json_and_text() -> None:
     assert all(line == line.rstrip() for line in text.splitlines())
 
 
-def test_without_opengl_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_opengl_the_report_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def none() -> str:
         raise GLUnavailable("no OpenGL: install libegl1")
 
@@ -31,6 +31,6 @@ def test_without_opengl_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch)
     assert doctor.describe(report).splitlines()[-1] == "OpenGL     no OpenGL: install libegl1"
 
 
-def test_the_time_is_checked() -> None:
+def test_the_measuring_time_is_checked() -> None:
     with pytest.raises(ValueError, match="seconds is 0"):
         doctor.examine(0)

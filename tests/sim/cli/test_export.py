@@ -16,18 +16,18 @@ def pilsim(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([PILSIM, "export", *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=100)
 
 
-def test_an_export_says_where_it_is(tmp_path: Path) -> None:
+def test_an_export_reports_its_folder(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     done = pilsim("s", "--format", "tum", "--out", "tum", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "tum: 1 sequence as tum; README.md in it explains every column\n"
-    # Progress is for terminals.
+    # Progress is shown in terminals only.
     assert done.stderr == ""
     done = pilsim("s", "--format", "jrdb", "--out", "jrdb", "--json", cwd=tmp_path)
     assert json.loads(done.stdout) == {"out": "jrdb", "format": "jrdb", "sequences": ["s"]}
 
 
-def test_an_export_is_not_made_twice(tmp_path: Path) -> None:
+def test_an_export_refuses_an_existing_folder(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     (tmp_path / "tum").mkdir()
     (tmp_path / "tum" / "mine").write_text("x")
@@ -42,7 +42,7 @@ def test_an_export_is_not_made_twice(tmp_path: Path) -> None:
         (("nowhere", "--format", "tum", "--out", "out"), "error: nowhere: neither a sequence"),
     ],
 )
-def test_what_cannot_be_is_one_line(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+def test_errors_are_one_line(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
     sequences.write(tmp_path / "s")
     done = pilsim(*arguments, cwd=tmp_path)
     assert done.returncode == 2

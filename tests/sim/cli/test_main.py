@@ -1,4 +1,4 @@
-"""The command as a user meets it: bad input is one line and exit code 2, and nothing is left half-written."""
+"""The command line as a process: bad input gives one line and exit code 2, and leaves no files."""
 
 import json
 import re
@@ -24,7 +24,7 @@ def pilsim(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def refused(*arguments: object, cwd: Path) -> str:
-    """Run what must be refused; returns the one line that says why."""
+    """Run a command that must be refused, and return its one line of error."""
     before = sorted(p.as_posix() for p in cwd.rglob("*"))
     done = pilsim(*arguments, cwd=cwd)
     assert done.returncode == 2, done.stderr
@@ -70,18 +70,18 @@ def test_bad_scenarios(arguments: list[str], message: str, tmp_path: Path) -> No
         (["worlds", "pilsun", "--slip", "inf"], "seconds is inf, needs 0 to 3600"),
     ],
 )
-def test_what_no_command_knows(arguments: list[str], message: str, tmp_path: Path) -> None:
+def test_unknown_commands_and_options(arguments: list[str], message: str, tmp_path: Path) -> None:
     assert message in refused(*arguments, cwd=tmp_path)
 
 
-def called(*words: str) -> int:
+def exit_code(*words: str) -> int:
     """The exit code of the command line in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sys.argv", ["pilsim", *words])
         try:
             main()
-        except SystemExit as left:
-            return int(left.code or 0)
+        except SystemExit as ended:
+            return int(ended.code or 0)
     return 0
 
 
@@ -103,14 +103,14 @@ def called(*words: str) -> int:
     ],
 )
 def test_misspelt_names(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert called(*words.split()) == 2
+    assert exit_code(*words.split()) == 2
     assert capsys.readouterr().err == f"error: {message}\n"
 
 
 @pytest.mark.parametrize("columns", [80, 200])
 def test_overview_fits_a_screen(columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
-    assert called("--help") == 0
+    assert exit_code("--help") == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 40
     assert max(map(len, lines)) <= 80
@@ -137,13 +137,13 @@ def test_help_needs_no_heavy_module() -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
-    assert called(name, "--help") == 0
-    said = capsys.readouterr().out
-    lines = said.splitlines()
-    assert "Example" in said
-    # A reader learns nothing from `None`.
-    assert "None" not in said
-    # Examples stay whole, so that they can be copied; all else fits.
+    assert exit_code(name, "--help") == 0
+    text = capsys.readouterr().out
+    lines = text.splitlines()
+    assert "Example" in text
+    # `None` tells a reader nothing.
+    assert "None" not in text
+    # Examples stay on one line, so that they can be copied. All other lines fit.
     assert all(len(line) <= min(columns, 120) for line in lines if "pilsim " not in line)
     groups = [line.strip("╭╮─ ") for line in lines if line.startswith("╭")]
     common = groups.index("options")
@@ -153,13 +153,13 @@ def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixtur
         below = lines[next(k for k, line in enumerate(lines) if line.startswith(f"╭─ {group} ")) + 1 :]
         sentence = " ".join(line.strip("│ ") for line in below[: next(k for k, line in enumerate(below) if "───" in line)])
         assert sentence.endswith("."), group
-    options = re.split(r"\n│ (?=--)", said)[1:]
-    assert {option.split()[0].strip(",") for option in options} | {"--help"} >= set(re.findall(r"(?m)^│ (--[a-z-]+)", said))
+    options = re.split(r"\n│ (?=--)", text)[1:]
+    assert {option.split()[0].strip(",") for option in options} | {"--help"} >= set(re.findall(r"(?m)^│ (--[a-z-]+)", text))
     for option in options:
         assert re.search(r"\((default|required)", option), option
 
 
-def test_an_out_that_holds_something_else(tmp_path: Path) -> None:
+def test_an_out_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "diary.txt").write_text("dear diary")
     assert "and no sequence/scenario.json; choose another --out" in refused("demo", "--out", "out", cwd=tmp_path)
@@ -193,7 +193,7 @@ def test_track_then_score_and_reuse(tmp_path: Path) -> None:
 
 
 def test_results_of_an_old_version_are_scored_and_not_tracked_over(tmp_path: Path) -> None:
-    """As pilsim 0.3.0 wrote run.json: its parameters are a text, here cut short."""
+    """run.json of pilsim 0.3.0 holds parameters as text, here shortened."""
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
     scores = pilsim("score", "s", "r", "--json", cwd=tmp_path).stdout
@@ -237,11 +237,13 @@ def test_filters_by_name(tmp_path: Path) -> None:
     assert needs in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
     assert needs in refused("track", "s", "--images", "--hypotheses", "multiple", "--l-c", "4", "--out", "q", cwd=tmp_path)
     assert "--map is for UTIAS sets" in refused("track", "s", "--map", "known", "--out", "q", cwd=tmp_path)
-    assert "'robot_9' is not told its start, needs one of" in refused("track", "s", "--unknown-start", "robot_9", "--out", "q", cwd=tmp_path)
-    assert "no robot is left that knows its start" in refused("track", "s", "--unknown-start", "robot_0,robot_1", "--out", "q", cwd=tmp_path)
+    assert "robot without a start pose is 'robot_9', needs one of" in refused("track", "s", "--unknown-start", "robot_9", "--out", "q", cwd=tmp_path)
+    assert "no moving robot with a known start pose is left" in refused(
+        "track", "s", "--unknown-start", "robot_0,robot_1", "--out", "q", cwd=tmp_path
+    )
 
 
-def test_score_wants_one_of_two_forms(tmp_path: Path) -> None:
+def test_score_takes_one_of_two_forms(tmp_path: Path) -> None:
     assert "score takes either" in refused("score", cwd=tmp_path)
     assert "score takes either" in refused("score", "--truth", "a.txt", cwd=tmp_path)
     (tmp_path / "a.txt").write_text("1,1,0,0,5,5,1,0,0\n")
