@@ -1,5 +1,6 @@
-"""All benchmarks that take minutes, or those named: `python -m tests.benchmarks [NAME ...]`. Each prints a table; one whose peer is not installed
-says so. `space` and `crowds` take an hour or more, and are run where they are named.
+"""Run benchmarks by name, or all that take minutes: `python -m tests.benchmarks [NAME ...]`. Each prints a table.
+
+A benchmark without its peer installed says so. `space` and `crowds` take an hour or more, and run only by name.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The search for heavy cliques beside its peers: networkx's exact search, CP-SAT on the complement, and a plain tabu search.
+"""The clique search compared with its peers: the exact search of networkx, CP-SAT on the complement, and a plain tabu search.
 
-Time to the best known weight on the graphs of `clique/` in the real data, 10 seeds of ours, a limit of 10 s each.
+The table shows the time to the best known weight on the graphs of `clique/` in the real data. Ours runs with 10 seeds; the limit is 10 s each.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SEEDS = 10
 
 
 def ours(graph: Graph, target: float) -> tuple[str, str]:
-    """Seeds that reach the target, and the median seconds of those."""
+    """The share of seeds that reach the target, and their median time, s."""
     found = [search(graph, Limits(seconds=LIMIT, target=target), seed) for seed in range(SEEDS)]
     reached = [f.seconds for f in found if f.weight >= target]
     return f"{len(reached)}/{SEEDS}", f"{np.median(reached):.3f}" if reached else f"({max(f.weight for f in found):g})"
@@ -41,8 +41,8 @@ def by_networkx(graph: Graph, target: float) -> str:
     import networkx
 
     weights = graph.weight.astype(int)
-    apart = set(pairs(graph))
-    peer = networkx.Graph((a, b) for b in range(len(graph)) for a in range(b) if (a, b) not in apart)
+    conflicts = set(pairs(graph))
+    peer = networkx.Graph((a, b) for b in range(len(graph)) for a in range(b) if (a, b) not in conflicts)
     peer.add_nodes_from((v, {"weight": int(w)}) for v, w in enumerate(weights))
 
     def stop(*_: object) -> None:
@@ -83,18 +83,18 @@ def by_cpsat(graph: Graph, target: float) -> str:
 
 
 def by_tabu(graph: Graph, target: float, seed: int = 0) -> str:
-    """Best of add, swap and drop that is not tabu; what was dropped stays out for ten moves or so; plain numpy."""
+    """Tabu search in plain numpy: the best of add, swap and drop that is not tabu. Dropped vertices are tabu for about ten moves."""
     rng, n = np.random.default_rng(seed), len(graph)
-    apart = np.zeros((n, n), dtype=bool)
-    apart[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = True
+    conflicts = np.zeros((n, n), dtype=bool)
+    conflicts[np.repeat(np.arange(n), np.diff(graph.start)), graph.conflict] = True
     inside, tabu, best, move = np.zeros(n, dtype=bool), np.zeros(n, dtype=int), 0.0, 0
     start = time.perf_counter()
     while time.perf_counter() - start < LIMIT:
-        blocks, load = apart[:, inside].sum(axis=1), apart[:, inside] @ graph.weight[inside]
+        blocks, load = conflicts[:, inside].sum(axis=1), conflicts[:, inside] @ graph.weight[inside]
         gain = np.where(inside, -graph.weight, np.where(blocks <= 1, graph.weight - load, -np.inf))
         gain[~inside & (tabu > move)] = -np.inf
         v = int(rng.choice(np.flatnonzero(gain == gain.max())))
-        out = np.flatnonzero(inside & apart[v]) if not inside[v] else np.array([v])
+        out = np.flatnonzero(inside & conflicts[v]) if not inside[v] else np.array([v])
         tabu[out] = move + 7 + rng.integers(1 + (blocks == 1).sum(), size=len(out))
         inside[v], inside[out] = not inside[v], False
         move += 1
@@ -110,13 +110,13 @@ def pairs(graph: Graph) -> list[tuple[int, int]]:
 
 
 def main() -> None:
-    """Print the table; seconds to the best known weight, the weight reached in brackets where it was not, – where nothing was."""
+    """Print the table: seconds to the best known weight, or the best weight found in brackets, or – without a result."""
     if not (DATA / "clique").is_dir():
         print(f"cliques: {DATA / 'clique'} is not there (PILSIM_DATA): skipped")
         return
     peers = {"networkx": by_networkx, "CP-SAT": by_cpsat, "tabu": by_tabu}
-    there = {"networkx": "networkx", "CP-SAT": "ortools", "tabu": "numpy"}
-    used = {name: solve for name, solve in peers.items() if importlib.util.find_spec(there[name])}
+    modules = {"networkx": "networkx", "CP-SAT": "ortools", "tabu": "numpy"}
+    used = {name: solve for name, solve in peers.items() if importlib.util.find_spec(modules[name])}
     with (DATA / "clique" / "optima.csv").open() as file:
         best = {row["instance"]: float(row["weighted_imod200p1"]) for row in csv.DictReader(file)}
     search(Graph.from_conflicts([1.0, 2.0], [[0, 1]]), Limits(moves=10))

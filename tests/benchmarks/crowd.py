@@ -1,8 +1,8 @@
-"""Crowd steps a second beside jupedsim's SocialForce and CollisionFreeSpeed and pysocialforce, in one process: `python -m tests.benchmarks.crowd`.
+"""Crowd steps per second compared with jupedsim (SocialForce, CollisionFreeSpeed) and pysocialforce: `python -m tests.benchmarks.crowd`.
 
-One scene for all: dt 0.05 s, four obstacles of 0.25 m, a square with 0.5 people a m², everybody on the way to one of four goals, again and again.
-Process time, so that other work on the machine counts little; the peers must be there: pip install --no-deps jupedsim pysocialforce shapely
-deprecated wrapt toml.
+All models simulate one scene: dt 0.05 s, four obstacles of 0.25 m, and a square with 0.5 people per m². People walk to four goals in turn.
+Process time is measured, which other work on the machine affects little. The peers must be installed:
+pip install --no-deps jupedsim pysocialforce shapely deprecated wrapt toml.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ DT, DENSITY, RADIUS, APART = 0.05, 0.5, 0.25, 0.7
 SIZES = (10, 74, 500, 2000)
 REPETITIONS, WARM_UP = 7, 5
 SLOW = 500
-"""pysocialforce compares everybody with everybody in Python: it is not run with more people than this."""
+"""Largest number of people for pysocialforce, which compares all pairs of people in Python."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """side m of the square, people (n, 2) m, obstacles (4, 2) m, goals (4, 2) m, goal (n,) the first goal of each."""
+    """side of the square, m; people (n, 2) m; obstacles (4, 2) m; goals (4, 2) m; goal (n,): the first goal of each person."""
 
     side: float
     people: Array
@@ -51,7 +51,7 @@ class Scene:
         places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
         free = np.linalg.norm(places[:, None] - obstacles, axis=2).min(axis=1) > RADIUS + 0.35
         inside = np.abs(places - side / 2).max(axis=1) < side / 2 - 0.4
-        # Closer starts throw jupedsim's people out of its area.
+        # With closer starts, jupedsim pushes people out of its area.
         places, chosen = np.random.default_rng(n).permutation(places[free & inside]), []
         while len(chosen) < n:
             chosen.append(places[0])
@@ -61,7 +61,7 @@ class Scene:
 
 
 def ours(scene: Scene) -> Callable[[int], None]:
-    """The way to make that many steps."""
+    """A function that makes a number of steps of our crowd."""
     ground = Heightfield.flat([[-0.6, -0.6], [scene.side + 0.6, scene.side + 0.6]], 0.2)
     feet = free_space(ground, np.zeros(ground.heights.shape, dtype=bool), FEET)
     n = len(scene.people)
@@ -78,7 +78,7 @@ def ours(scene: Scene) -> Callable[[int], None]:
 
 
 def jupedsim(scene: Scene, name: str) -> Callable[[int], None]:
-    """The same with jupedsim's model of that name; obstacles are octagons."""
+    """As `ours`, with a model of jupedsim by its name. Obstacles are octagons."""
     import jupedsim as jps
     from shapely.geometry import Point, box
 
@@ -103,9 +103,9 @@ def jupedsim(scene: Scene, name: str) -> Callable[[int], None]:
 
 
 def pysocialforce(scene: Scene) -> Callable[[int], None]:
-    """The same with pysocialforce; obstacles are squares of lines."""
+    """As `ours`, with pysocialforce. Obstacles are squares of lines."""
     logging.disable(logging.INFO)
-    # Its import opens a log file in the working folder.
+    # The import of pysocialforce opens a log file in the working directory.
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         import pysocialforce
 
@@ -130,7 +130,7 @@ def microseconds(run: Callable[[int], None], steps: int) -> float:
 
 
 def measure(sizes: tuple[int, ...] = SIZES) -> list[dict[str, float]]:
-    """A row for each number of people: µs a step of each model; NaN where it was not run."""
+    """A row for each number of people: µs per step of each model, NaN where it did not run."""
     rows = []
     for n in sizes:
         scene, steps = Scene.of(n), max(5, 6000 // n)

@@ -1,7 +1,8 @@
-"""Crowds among moving robots: people by the tracker in `campus` and `ruins`, the robots' poses from SLAM, and beside it from the truth.
+"""Crowds among moving robots: people tracked in `campus` and `ruins`, with robot poses from SLAM and with true ones.
 
-Four rovers, 20 s at 6 frames/s, the simulator's detector at its default, sightings of landmarks by rays in the place of pictures; told 10 frames
-late. What is missed, imagined and mixed up is told by cause, as shares of all people who count.
+Four rovers run for 20 s at 6 frames/s with the default detector. Sightings of landmarks come from ray casting, and output has a delay of 10 frames.
+Errors are shown by cause, as shares of all true positions that count.
+
 `python -m tests.benchmarks.crowds --worlds ruins --people 10 43 --seeds 100 109`
 """
 
@@ -17,10 +18,10 @@ from joblib import Parallel, delayed
 
 from sim.scenario import Scenario
 from sim.stress import error_causes
-from sim.stress.ablation import STAGES, replaced
-from sim.stress.footage import simulate_case
+from sim.stress.ablation import STAGES, with_true_stages
 from sim.stress.sweeps import Case
-from sim.stress.trial import scored
+from sim.stress.trial import trial_scores
+from sim.stress.trial_data import simulate_case
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results
 
@@ -30,23 +31,23 @@ POSES = ("SLAM", "true")
 
 @dataclass(frozen=True)
 class Outcome:
-    """Scores of one run, ATE in m (NaN with true poses), how many counted, and how often which cause."""
+    """Scores of one run: ATE in m (NaN with true poses), number of true positions that count, and cause → count of errors."""
 
     mota: float
     idf1: float
     ate: float
     truths: int
-    error_causes: dict[str, int]
+    causes: dict[str, int]
 
 
 def outcomes(scenario: Scenario, delay: int) -> dict[str, Outcome]:
-    """By where the poses come from, of one simulated run."""
-    footage, out = simulate_case(Case("crowd/0", "crowd", "people", scenario.people, scenario), rendered=False), {}
+    """The outcomes of one simulated run, by the source of the poses."""
+    data, out = simulate_case(Case("crowd/0", "crowd", "people", scenario.people, scenario), rendered=False), {}
     for poses in POSES:
-        setup, ticks, _ = replaced(footage, dict.fromkeys(STAGES, False) | {"poses": poses == "true"})
+        setup, ticks, _ = with_true_stages(data, dict.fromkeys(STAGES, False) | {"poses": poses == "true"})
         results = Results.of(track(setup, ticks, Parameters(delay=delay)), {})
-        scores = scored(footage, results)
-        why = error_causes.counted(error_causes.mistakes(error_causes.gather(footage, results)))
+        scores = trial_scores(data, results)
+        why = error_causes.count_causes(error_causes.find_mistakes(error_causes.gather_evidence(data, results)))
         flat = {cause: count for counts in why.values() for cause, count in counts.items()}
         ate = scores["ate_m"] if poses == "SLAM" and scores["ate_m"] is not None else np.nan
         out[poses] = Outcome(scores["mota"], scores["idf1"], ate, scores["truths"], flat)
@@ -54,7 +55,7 @@ def outcomes(scenario: Scenario, delay: int) -> dict[str, Outcome]:
 
 
 def row(found: Iterable[Outcome]) -> str:
-    """Means over runs, the least in brackets, and the causes that cost a hundredth or more."""
+    """Means over runs with minima in brackets, and the causes with at least 0.01 errors per true position."""
     runs = list(found)
     truths, why = sum(r.truths for r in runs), Counter[str]()
     for r in runs:
@@ -73,14 +74,14 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=FRAMES)
     parser.add_argument("--delay", type=int, default=DELAY)
     parser.add_argument("--workers", type=int, default=2)
-    told = parser.parse_known_args()[0]
-    seeds = range(told.seeds[0], told.seeds[1] + 1)
-    print(f"{told.frames} frames, {told.delay} frames late, seeds {seeds[0]} to {seeds[-1]}, means, the least in brackets\n")
-    print("| world | people | poses | MOTA | IDF1 | ATE, m | what it costs |\n|---|---|---|---|---|---|---|")
-    for world in told.worlds:
-        for people in told.people:
-            start = Scenario(world=world, people=people, frames=told.frames)
-            runs = Parallel(n_jobs=told.workers)(delayed(outcomes)(replace(start, seed=seed), told.delay) for seed in seeds)
+    options = parser.parse_known_args()[0]
+    seeds = range(options.seeds[0], options.seeds[1] + 1)
+    print(f"{options.frames} frames, delay {options.delay} frames, seeds {seeds[0]} to {seeds[-1]}, means with minima in brackets\n")
+    print("| world | people | poses | MOTA | IDF1 | ATE, m | causes of errors |\n|---|---|---|---|---|---|---|")
+    for world in options.worlds:
+        for people in options.people:
+            start = Scenario(world=world, people=people, frames=options.frames)
+            runs = Parallel(n_jobs=options.workers)(delayed(outcomes)(replace(start, seed=seed), options.delay) for seed in seeds)
             for poses in POSES:
                 print(f"| {world} | {people} | {poses} | {row(run[poses] for run in runs)} |", flush=True)
 

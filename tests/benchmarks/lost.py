@@ -1,7 +1,9 @@
-"""Robots that lose their way, from pixels: in mid-run each robot of a generated sequence is carried 2 m with its wheels still and its camera covered,
-and in another run blinded for 3 s while it drives on; how long after that it knows again where it is.
+"""Relocalization of lost robots from images, in generated sequences: the time until a robot has recovered its pose.
 
-`python -m tests.benchmarks.lost SEQUENCE ...`; a Markdown table. Found is who errs from then on by less than 0.3 m, or half more than before.
+In mid-run, each robot is carried for 2 m with still wheels and a covered camera. In another run, its camera is covered for 3 s while it drives on.
+A robot has recovered when its error stays below 0.3 m, or below 1.5 times the error before.
+
+`python -m tests.benchmarks.lost SEQUENCE ...` prints a Markdown table.
 """
 
 from __future__ import annotations
@@ -20,14 +22,14 @@ from tracker.sequence.reader import read_sequence
 from tracker.slam.filter import Slam
 from tracker.types import Detections, Sequence, Setup, Tick, View
 
-FAR, BLIND, WATCHED = 2.0, 3.0, 10.0
-"""m, s, and s that are looked at afterwards."""
-NEAR = 0.3
-"""m."""
+CARRIED, BLIND, AFTERWARDS = 2.0, 3.0, 10.0
+"""Distance, m; time without a camera, s; and time that is evaluated afterwards, s."""
+RECOVERED = 0.3
+"""Error of a robot that has recovered, m."""
 
 
-def looked(sequence: Sequence) -> list[Tick]:
-    """The ticks with what is seen in the panoramas in the place of these: SIFT is done once for all runs."""
+def with_features(sequence: Sequence) -> list[Tick]:
+    """The ticks with features in place of images, so that SIFT runs only once for all runs."""
     slam, ticks = Slam(sequence.setup, Parameters().slam), []
     for tick in tqdm(sequence.ticks, total=len(sequence.truth or ()), desc="key points", leave=False):
         slam.step(tick)
@@ -36,8 +38,8 @@ def looked(sequence: Sequence) -> list[Tick]:
     return ticks
 
 
-def troubled(setup: Setup, tick: Tick, robot: str, carried: bool) -> Tick:
-    """The tick with a robot that sees nothing and, where it is carried, whose wheels say that it stands."""
+def with_fault(setup: Setup, tick: Tick, robot: str, carried: bool) -> Tick:
+    """The tick with a robot that sees nothing. Where it is carried, its odometry is zero."""
 
     def change(view: View) -> View:
         if setup.mounts[view.camera].robot != robot:
@@ -51,7 +53,7 @@ def troubled(setup: Setup, tick: Tick, robot: str, carried: bool) -> Tick:
 
 
 def errors(setup: Setup, ticks: Iterable[Tick], robot: str, places: Array) -> Array:
-    """(n,) m: how far the robot is off."""
+    """(n,) m: the position error of a robot at each tick. places: (n, 3) m, its true positions."""
     slam, out = Slam(setup, Parameters().slam), []
     for tick, place in zip(ticks, places, strict=False):
         slam.step(tick)
@@ -59,9 +61,9 @@ def errors(setup: Setup, ticks: Iterable[Tick], robot: str, places: Array) -> Ar
     return np.array(out)
 
 
-def found_after(error: Array, first: int, last: int) -> int | None:
-    """Ticks from the end of the trouble, which lasted from `first` to before `last`, until the robot knows where it is; None where it never does."""
-    wrong = np.flatnonzero(error[last:] > max(NEAR, 1.5 * error[first - 1]))
+def recovered_after(error: Array, first: int, last: int) -> int | None:
+    """Ticks from the end of the fault, ticks `first` to `last` − 1, until the robot has recovered. None where it has not."""
+    wrong = np.flatnonzero(error[last:] > max(RECOVERED, 1.5 * error[first - 1]))
     after = int(wrong[-1]) + 1 if len(wrong) else 0
     return after if after < len(error) - last else None
 
@@ -69,22 +71,23 @@ def found_after(error: Array, first: int, last: int) -> int | None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sequences", nargs="+", type=Path, help="folders of generated sequences")
-    print("| sequence | robot | trouble | lasts | off before | at its end | found after | 5 s after |\n|---|---|---|---|---|---|---|---|")
+    print("| sequence | robot | fault | duration | error before | error at its end | recovered after | error 5 s after |")
+    print("|---" * 8 + "|")
     for folder in parser.parse_args().sequences:
         sequence = read_sequence(folder)
         assert sequence.truth is not None
-        ticks, period, start = looked(sequence), sequence.setup.period, len(sequence.truth) // 2
+        ticks, period, start = with_features(sequence), sequence.setup.period, len(sequence.truth) // 2
         for robot in sequence.truth[0].T_world_robot:
             places = np.array([t.T_world_robot[robot].translation for t in sequence.truth])
-            far = np.flatnonzero(np.linalg.norm(places[start:] - places[start], axis=1) >= FAR)
-            for trouble, length in (("carried", int(far[0]) if len(far) else 0), ("blinded", round(BLIND / period))):
+            far = np.flatnonzero(np.linalg.norm(places[start:] - places[start], axis=1) >= CARRIED)
+            for fault, length in (("carried", int(far[0]) if len(far) else 0), ("blinded", round(BLIND / period))):
                 end = start + length
-                if not length or end + round(WATCHED / period) > len(ticks):
+                if not length or end + round(AFTERWARDS / period) > len(ticks):
                     continue
-                changed = [troubled(sequence.setup, t, robot, trouble == "carried") if start <= k < end else t for k, t in enumerate(ticks)]
-                error = errors(sequence.setup, changed[: end + round(WATCHED / period)], robot, places)
-                after = found_after(error, start, end)
-                cells = [folder.parent.name, robot, trouble, f"{length * period:.1f} s", f"{error[start - 1]:.3f} m", f"{error[end - 1]:.2f} m"]
+                changed = [with_fault(sequence.setup, t, robot, fault == "carried") if start <= k < end else t for k, t in enumerate(ticks)]
+                error = errors(sequence.setup, changed[: end + round(AFTERWARDS / period)], robot, places)
+                after = recovered_after(error, start, end)
+                cells = [folder.parent.name, robot, fault, f"{length * period:.1f} s", f"{error[start - 1]:.3f} m", f"{error[end - 1]:.2f} m"]
                 cells += ["never" if after is None else f"{after * period:.1f} s", f"{error[end + round(5 / period) - 1]:.3f} m"]
                 print(f"| {' | '.join(cells)} |", flush=True)
 

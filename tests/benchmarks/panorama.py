@@ -1,7 +1,7 @@
-"""Panoramas beside what people do instead: six faces by mujoco.Renderer at its defaults, put together by py360convert.
+"""Panoramas compared with the common alternative: six faces by mujoco.Renderer at its defaults, joined by py360convert.
 
-The same scene (pilsun, four robots), 1024 x 512, colour and instances, by EGL and by OSMesa on one thread; milliseconds of processor time
-a panorama, the least of some runs. PSNR of both against MuJoCo's own picture, four times as fine along each axis.
+Both render the same scene (pilsun, four robots) at 1024 x 512 with colour and instances, by EGL and by OSMesa, on one thread. The table shows
+processor time per panorama, ms, the minimum of some runs. PSNR compares both with MuJoCo's own picture at four times the resolution.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PEOPLE, SIZES = (1, 10, 50, 100, 200), (512, 1024, 2048, 4096)
 
 
 class Faces:
-    """Six views of a cube by mujoco.Renderer."""
+    """The six faces of a cube, rendered by mujoco.Renderer."""
 
     def __init__(self, simulation: Simulation, side: int) -> None:
         model = simulation.model
@@ -47,7 +47,7 @@ class Faces:
         self.option.geomgroup[:] = (1, 1, 1, 1, 0, 0)
 
     def take(self, pose: Pose, labels: bool) -> list[NDArray[Any]]:
-        """(side, side, 3) colours, or (side, side) geoms + 1, in the order of CUBE."""
+        """Render the faces in the order of CUBE: (side, side, 3) colours, or (side, side) geom + 1."""
         (self.renderer.enable_segmentation_rendering if labels else self.renderer.disable_segmentation_rendering)()
         out = []
         for axes in CUBE @ pose.rotation.T:
@@ -65,7 +65,7 @@ class Faces:
 
 
 def joined(faces: list[NDArray[Any]], mode: str) -> NDArray[Any]:
-    """By py360convert, from the unfolded cube."""
+    """The panorama that py360convert makes of six faces."""
     import py360convert
 
     side = len(faces[0])
@@ -77,17 +77,17 @@ def joined(faces: list[NDArray[Any]], mode: str) -> NDArray[Any]:
 
 
 def reference(simulation: Simulation, pose: Pose) -> NDArray[np.float64]:
-    """The panorama as MuJoCo draws it, every pixel the mean of FINE x FINE."""
+    """The panorama as MuJoCo renders it, each pixel the mean of FINE x FINE."""
     side = SIDE * 3 // 2 * FINE
     faces = Faces(simulation, side)
     pictures = faces.take(pose, False)
     faces.renderer.close()
     u, v = np.meshgrid((np.arange(CAMERA.width * FINE) + 0.5) / FINE, (np.arange(CAMERA.height * FINE) + 0.5) / FINE)
-    ways = CAMERA.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1))
-    number = np.argmax(ways @ CUBE[:, 0].T, axis=1).reshape(u.shape)
+    rays = CAMERA.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1))
+    number = np.argmax(rays @ CUBE[:, 0].T, axis=1).reshape(u.shape)
     fine = np.zeros((*u.shape, 3), np.uint8)
     for k, (axes, picture) in enumerate(zip(CUBE, pictures, strict=True)):
-        at = ways @ axes.T
+        at = rays @ axes.T
         x, y = (((1 + sign * at[:, j] / at[:, 0]) * side / 2 - 0.5).reshape(u.shape).astype(np.float32) for j, sign in ((1, 1), (2, -1)))
         sampled = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         fine[number == k] = sampled[number == k]
@@ -99,8 +99,10 @@ def psnr(picture: NDArray[Any], truth: NDArray[np.float64]) -> float:
 
 
 def in_turn(actions: Sequence[Callable[[], Any]], runs: int = 3) -> list[float]:
-    """Milliseconds of processor time of each, the least of some runs after one that is not counted; by turns, so that whatever else goes on on
-    the computer slows all of them down."""
+    """Processor time of each action, ms: the minimum of some runs after a warm-up.
+
+    The actions run by turns, so that other work on the computer affects all of them.
+    """
     spent: list[list[float]] = [[] for _ in actions]
     for _ in range(runs + 1):
         for action, times in zip(actions, spent, strict=True):
@@ -111,14 +113,14 @@ def in_turn(actions: Sequence[Callable[[], Any]], runs: int = 3) -> list[float]:
 
 
 def milliseconds(action: Callable[[], Any], runs: int = 3) -> float:
-    """Of processor time, the least of some runs after one that is not counted."""
+    """Processor time of an action, ms: the minimum of some runs after a warm-up."""
     return in_turn([action], runs)[0]
 
 
-def beside(backend: str) -> None:
-    """Ours and the peer's, with 10 and 74 people."""
+def compare_renderers(backend: str) -> None:
+    """Print time and PSNR of our renderer and of the peer, with 10 and 74 people."""
     for people in (10, 74):
-        # The lab does not hold 200 people.
+        # pilsun has no room for 200 people.
         simulation = Simulation(Scenario(people=people, world="pilsun" if people <= 100 else "campus"))
         poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
         owners = simulation.person_of_geom.astype(np.uint16)
@@ -145,9 +147,9 @@ def beside(backend: str) -> None:
 
 
 def rates() -> None:
-    """Ours against the number of people (200 on the campus) and against size: colour, instances and range."""
+    """Print panoramas per second of our renderer against the number of people and against size: colour, instances and range."""
     for people, width in [*((n, 1024) for n in PEOPLE), *((10, w) for w in SIZES)]:
-        # The lab does not hold 200 people.
+        # pilsun has no room for 200 people.
         simulation = Simulation(Scenario(people=people, world="pilsun" if people <= 100 else "campus"))
         poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
         owners, ids = simulation.person_of_geom.astype(np.uint16), simulation.persons.tolist()
@@ -155,7 +157,7 @@ def rates() -> None:
             drawn = milliseconds(lambda: renderer.render(simulation.data, poses), 2) / len(poses)  # noqa: B023
             unoccluded = milliseconds(lambda: renderer.unoccluded(simulation.data, poses, ids), 2) / len(poses)  # noqa: B023
         size = f"{width:4} x {width // 2:4}"
-        print(f"{people:3} people {size}   {1000 / drawn:5.1f} panoramas/s   what each person covers alone: {alone:6.1f} ms", flush=True)
+        print(f"{people:3} people {size}   {1000 / drawn:5.1f} panoramas/s   unoccluded pixels of each person: {unoccluded:6.1f} ms", flush=True)
 
 
 def main() -> None:
@@ -163,7 +165,7 @@ def main() -> None:
         if importlib.util.find_spec("py360convert") is None:
             print("py360convert is not installed: pip install --no-deps py360convert")
             return
-        beside(sys.argv[1])
+        compare_renderers(sys.argv[1])
         return
     kept = {key: value for key, value in os.environ.items() if key != "PYOPENGL_PLATFORM"} | {"LP_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     for backend in ("egl", "osmesa"):

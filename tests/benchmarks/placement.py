@@ -1,8 +1,9 @@
-"""Decisions and simulated seconds a second of the placement environment, beside Gymnasium's Ant-v5 in the same process; memory of sixteen.
+"""Speed of the placement environment compared with Gymnasium's Ant-v5 in the same process, and the memory of sixteen environments.
 
     python -m tests.benchmarks.placement
 
-Process time of one core, four robots and ten people in ruins, random actions, observations and rewards included.
+The table shows decisions and simulated seconds per second of process time of one core. Four robots and ten people in ruins take random actions;
+observations and rewards are included.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ ENVS = 16
 
 
 def speed(env: gymnasium.Env[Any, Any], steps: int) -> float:
-    """Steps a second of process time, the best of three rounds after a warm-up."""
+    """Steps per second of process time, the best of three rounds after a warm-up."""
     env.reset(seed=0)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(50)]
@@ -39,7 +40,7 @@ def speed(env: gymnasium.Env[Any, Any], steps: int) -> float:
 
 
 def peer() -> tuple[float, float] | None:
-    """Steps and simulated seconds a second of Ant-v5; None where it cannot be made."""
+    """Steps and simulated seconds per second of Ant-v5. None where it cannot be made."""
     try:
         env = gymnasium.make("Ant-v5")
     except Exception as error:
@@ -50,7 +51,7 @@ def peer() -> tuple[float, float] | None:
 
 
 def resident() -> float:
-    """MiB that this process has needed at most."""
+    """Peak memory of this process, MiB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 

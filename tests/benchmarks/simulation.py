@@ -1,4 +1,4 @@
-"""Simulated seconds a second of one core, without rendering; and how bad wheel odometry is on every world.
+"""Speed of the simulation on one core without rendering, and the error of wheel odometry in each world.
 
 python -m tests.benchmarks.simulation [--worlds]
 """
@@ -17,7 +17,7 @@ SECONDS = 10.0
 
 
 def speed(people: int, timestep: float) -> float:
-    """Simulated seconds a second of process time, of four rovers and so many people on pilsun."""
+    """Simulated seconds per second of process time, with four rovers and a number of people on pilsun."""
     simulation = Simulation(Scenario(robots=4, people=people, timestep=timestep))
     simulation.step()
     best = 0.0
@@ -30,12 +30,12 @@ def speed(people: int, timestep: float) -> float:
 
 
 def main() -> None:
-    print("simulated seconds a second of one core, four rovers, pilsun, the best of three")
+    print("simulated seconds per second of one core, four rovers, pilsun, the best of three")
     print("people  at 2 ms  at 5 ms")
     for people in (10, 74):
         print(f"{people:6d}  {speed(people, 0.002):7.1f}  {speed(people, 0.005):7.1f}")
     if "--worlds" in sys.argv[1:]:
-        print("\nerror of wheel odometry a metre driven, by slip alone, in 60 s of four rovers without people")
+        print("\nerror of wheel odometry per metre, by slip only, in 60 s of four rovers without people")
         print("world     difficulty  error  driven  frames tipped")
         for name in sorted(catalogue.WORLDS):
             for difficulty in (0.0, 0.5, 1.0):

@@ -1,4 +1,4 @@
-"""The planar filter on a circle among landmarks: all modes beside the posterior Cramér-Rao bound, as a Markdown table with 95 % intervals.
+"""The planar SLAM filter compared with the posterior Cramér-Rao bound: all modes, as a Markdown table with 95 % intervals.
 
 One robot drives four laps of a circle of 10 m at 1 m/s among 24 landmarks and sees 5 m far, at three levels of noise. Errors count from 10 s on.
 """
@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.planar_slam.event_schedule import PlanarParameters, run_filter, state
-from tracker.planar_slam.filter import BOUND, MARK, ROBOT, SCAN, STEP, EventSchedule, FilterSettings
+from tracker.planar_slam.event_schedule import PlanarParameters, initial_state, run_filter
+from tracker.planar_slam.filter import BOUND, OUTPUT, ROBOT, SCAN, STEP, EventSchedule, FilterSettings
 
 Array = NDArray[np.float64]
 
@@ -20,13 +20,13 @@ RADIUS, SPEED, LAPS, PERIOD, LANDMARKS, SIGHT = 10.0, 1.0, 4, 0.5, 24, 5.0
 LEVELS = {"1°, 0.1 m": (1.0, 0.1, 0.1, 0.02), "3°, 0.2 m": (3.0, 0.2, 0.1, 0.06), "6°, 0.4 m": (6.0, 0.4, 0.2, 0.10)}
 """Noise of bearing (°), range (m), speed (m/s), turn (rad/s)."""
 OFFSET = np.array([0.02, 0.05])
-"""Standing offsets of bearing (rad) and range (m) where there are any; their signs are drawn."""
+"""Constant offsets of bearing (rad) and range (m), in runs with offsets. Their signs are random."""
 SETTLED = 20  # steps: 10 s
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What a run is: the truth's poses (n, 3) and landmarks (24, 2), what the robot measures, and the same events without noise."""
+    """A run: true poses (n, 3), landmarks (24, 2), the measured events, and the same events without noise."""
 
     truth: Array
     landmarks: Array
@@ -60,28 +60,28 @@ def drive(level: str, offset: bool, seed: int) -> Drive:
         start.append(start[-1] + len(seen))
     rows = np.concatenate(z)
     rows += sigma * rng.normal(size=rows.shape)
-    kind = np.concatenate([[SCAN, MARK], np.tile([STEP, SCAN, MARK], steps)])
+    kind = np.concatenate([[SCAN, OUTPUT], np.tile([STEP, SCAN, OUTPUT], steps)])
     item = np.concatenate([[0, 0], np.stack([np.arange(steps), np.arange(1, steps + 1), np.arange(1, steps + 1)], axis=1).ravel()])
     time = np.concatenate([[0, 0], np.repeat(np.arange(1, steps + 1) * PERIOD, 3)])
     still = np.zeros_like(kind)
 
-    def course(moves: Array) -> EventSchedule:
+    def schedule(moves: Array) -> EventSchedule:
         seen = (np.array(start), np.concatenate(subject), rows, np.tile(sigma, (len(rows), 1)))
         return EventSchedule(kind, still, item, moves, noise, *seen, time, steps + 1)
 
-    return Drive(truth, landmarks, course(noisy), course(motion))
+    return Drive(truth, landmarks, schedule(noisy), schedule(motion))
 
 
 def estimate(run: Drive, parameters: PlanarParameters | None, correction: bool) -> tuple[Array, Array]:
-    """Errors (n, 3) and covariances (n, 3, 3) of the filter; of the bound where there are no parameters."""
+    """Errors (n, 3) and covariances (n, 3, 3) of the filter, or of the bound where there are no parameters."""
     covariance = np.zeros((1, ROBOT, ROBOT))
     if correction:
         covariance[0, [3, 4], [3, 4]] = OFFSET**2
     begin = np.zeros((1, ROBOT))
     begin[0, :3] = run.truth[0]
-    s = state(begin, covariance, LANDMARKS)
-    rule = FilterSettings(BOUND, 1, np.inf, 0.0, 1 << 40, (0.0, 0.0), run.landmarks) if parameters is None else parameters.rule()
-    path, spread = run_filter(s, rule, run.exact if parameters is None else run.measured)
+    s = initial_state(begin, covariance, LANDMARKS)
+    settings = FilterSettings(BOUND, 1, np.inf, 0.0, 1 << 40, (0.0, 0.0), run.landmarks) if parameters is None else parameters.settings()
+    path, spread = run_filter(s, settings, run.exact if parameters is None else run.measured)
     error = path[:, 0] - run.truth
     error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
     return error[SETTLED:], spread[SETTLED:, 0]
@@ -89,7 +89,10 @@ def estimate(run: Drive, parameters: PlanarParameters | None, correction: bool) 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Of each run (n,): mean squared position error m², mean NEES per degree of freedom, the bound's mean variance m²; lost: how many diverged."""
+    """Results of n runs: mean squared position error (n,) m², mean NEES per degree of freedom (n,), and mean variance of the bound (n,) m².
+
+    lost: the number of runs that diverged.
+    """
 
     square: Array
     nees: Array
@@ -98,7 +101,7 @@ class Row:
 
     @staticmethod
     def of(runs: list[tuple[float, float, float]]) -> Row:
-        """From square, nees and bound of each run, NaN where it diverged."""
+        """The row of runs, each with square, nees and bound, NaN where it diverged."""
         table = np.array(runs)
         whole = np.isfinite(table).all(axis=1)
         return Row(*table[whole].T, lost=int((~whole).sum()))
@@ -109,21 +112,21 @@ class Row:
 
     @property
     def efficiency(self) -> float:
-        """RMSE over the bound."""
+        """The ratio of the RMSE to its bound."""
         return float(np.sqrt(self.square.mean() / self.bound.mean()))
 
-    def interval(self, what: str, draws: int = 2000) -> tuple[float, float]:
-        """95 % by the bootstrap over runs."""
+    def interval(self, measure: str, draws: int = 2000) -> tuple[float, float]:
+        """The 95 % bootstrap interval over runs of "nees" or "efficiency"."""
         rng = np.random.default_rng(0)
         pick = rng.integers(len(self.square), size=(draws, len(self.square)))
         ratio = self.square[pick].mean(axis=1) / self.bound[pick].mean(axis=1)
-        values = self.nees[pick].mean(axis=1) if what == "nees" else np.sqrt(ratio)
+        values = self.nees[pick].mean(axis=1) if measure == "nees" else np.sqrt(ratio)
         low, high = np.quantile(values, [0.025, 0.975])
         return float(low), float(high)
 
 
 def rows(level: str, offset: bool, modes: dict[str, PlanarParameters], runs: int) -> dict[str, Row]:
-    """The same seeded runs for all modes; the bound is that of the state that the mode estimates."""
+    """The rows of all modes on the same seeded runs. The bound is that of the state that the mode estimates."""
     found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in modes}
     for seed in range(runs):
         run = drive(level, offset, seed)
@@ -143,8 +146,8 @@ def rows(level: str, offset: bool, modes: dict[str, PlanarParameters], runs: int
 
 
 def modes() -> dict[str, PlanarParameters]:
-    """The textbook's filters as they are; first estimates and the invariant filter with what ours has beside: noise for the bend, robust weights."""
-    plain = {"robust": np.inf, "curved": 0.0, "reopen": 1 << 40}
+    """Textbook filters, and ours, which adds process noise for curved steps and robust weights."""
+    plain = {"robust": np.inf, "curvature": 0.0, "max_outlier_excess": 1 << 40}
     table = {
         "EKF": PlanarParameters("ekf", 1, **plain),
         "EKF, 2 iterations": PlanarParameters("iekf", 2, **plain),
@@ -161,7 +164,7 @@ HEAD = """| noise | filter, correction factor | RMSE, m | over its bound | NEES 
 
 
 def show(level: str, table: dict[str, Row]) -> None:
-    """Lines below HEAD; names end in ", on" or ", off", and the gain is that of the correction factor."""
+    """Print lines below HEAD. Names end in ", on" or ", off"; the gain is that of the correction factor."""
     for name, row in table.items():
         (a, b), (c, d) = row.interval("efficiency"), row.interval("nees")
         nees = f"{row.nees.mean():.2f} ({c:.2f}–{d:.2f})"

@@ -1,8 +1,7 @@
-"""The tracker of people: milliseconds a frame against people, views, K_H and i_bls^max; and how far its cliques are from the best.
+"""Speed of the tracker of people against people, views, K_H and i_bls^max, and the gap of its cliques from the optimum.
 
-Seeded crowds among fixed panoramas (tracker/datasets/synthetic_crowd.py),
-misses 0.1, 0.05 false boxes a view and frame; processor time of one core. Told a number
-(`python -m tests.benchmarks.tracker 10`) it takes so many frames of each, for a short look.
+The data are seeded crowds among fixed panoramas (tracker/datasets/synthetic_crowd.py), with misses 0.1 and 0.05 false boxes per view and frame. The
+table shows processor time of one core per frame, ms. A number sets the frames of each run: `python -m tests.benchmarks.tracker 10`.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from tests.conftest import DATA
 from tracker.clique.branch_and_bound import exact
 from tracker.clique.local_search import Graph
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_source
+from tracker.datasets.opening import open_sequence
 from tracker.formats.dimacs import read_graph
 from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
@@ -33,34 +32,34 @@ PEOPLE = (10, 25, 50, 74, 100)
 VIEWS = (1, 3, 5, 7)
 K_H = (1, 10, 30)
 MOVES = (500, 2000)
-PATIENCE = 5.0
-"""s for a proof; a graph without one is told of."""
-ASKED = 8
-"""Graphs of a run that are proved, evenly spread over it."""
+PROOF_LIMIT = 5.0
+"""Time limit of a proof, s. Graphs without a proof are counted."""
+MAX_GRAPHS = 8
+"""Largest number of graphs of a run that are solved exactly, evenly spread over it."""
 
 
 def per_frame(people: int, views: int, parameters: Parameters, frames: int) -> float:
-    """Milliseconds of processor time."""
+    """Processor time per frame of a synthetic crowd, ms."""
     rng = np.random.default_rng([people, views])
-    setup, walked = synthetic_crowd.setup(views), synthetic_crowd.paths(people, frames, rng)
-    return spent(setup, synthetic_crowd.ticks(setup, walked, rng), parameters)
+    setup, walks = synthetic_crowd.setup(views), synthetic_crowd.paths(people, frames, rng)
+    return spent(setup, synthetic_crowd.ticks(setup, walks, rng), parameters)
 
 
 def spent(setup: Setup, ticks: Iterable[Tick], parameters: Parameters) -> float:
-    """Milliseconds of processor time a frame."""
+    """Processor time per frame, ms."""
     began = time.process_time()
     frames = len(list(track(setup, ticks, parameters)))
     return 1000 * (time.process_time() - began) / frames
 
 
 def gaps(people: int, frames: int, parameters: MhtParameters) -> Iterator[tuple[float, float, float]]:
-    """For graphs of a run: share of the best weight that is missing, seconds of our proof, seconds of CP-SAT; NaN without a proof."""
+    """For graphs of a run: gap of the weight as a share of the optimum, time of our proof, s, and time of CP-SAT, s; NaN without a proof."""
     rng = np.random.default_rng(0)
-    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(people, frames, rng)
+    setup, walks = synthetic_crowd.setup(), synthetic_crowd.paths(people, frames, rng)
     with tempfile.TemporaryDirectory() as folder:
-        list(track(setup, synthetic_crowd.ticks(setup, walked, rng, clutter=1.0), Parameters(multiple=replace(parameters, graphs=Path(folder)))))
+        list(track(setup, synthetic_crowd.ticks(setup, walks, rng, clutter=1.0), Parameters(multiple=replace(parameters, graphs=Path(folder)))))
         paths = sorted(Path(folder).glob("*.clq"))
-        for k in np.unique(np.linspace(0, len(paths) - 1, min(ASKED, len(paths))).round().astype(int)).tolist():
+        for k in np.unique(np.linspace(0, len(paths) - 1, min(MAX_GRAPHS, len(paths))).round().astype(int)).tolist():
             graph = read_graph(paths[k])
             chosen = np.array(paths[k].with_suffix(".txt").read_text().split(), dtype=np.int64) - 1
             assert graph.is_clique(chosen), paths[k]
@@ -72,16 +71,16 @@ def gaps(people: int, frames: int, parameters: MhtParameters) -> Iterator[tuple[
 
 
 def by_ours(graph: Graph) -> tuple[float, float]:
-    """The proved weight, and seconds."""
+    """The proved weight, and the time, s."""
     try:
-        proof = exact(graph, PATIENCE)
+        proof = exact(graph, PROOF_LIMIT)
     except ValueError:
         return float("nan"), float("nan")
     return proof.weight, proof.seconds
 
 
 def by_cpsat(graph: Graph) -> tuple[float, float]:
-    """The weight that CP-SAT proves, and its seconds; weights to a millionth."""
+    """The weight that CP-SAT proves, to a millionth, and its time, s."""
     if importlib.util.find_spec("ortools") is None:
         return float("nan"), float("nan")
     from ortools.sat.python import cp_model
@@ -94,7 +93,7 @@ def by_cpsat(graph: Graph) -> tuple[float, float]:
             model.add_at_most_one([inside[a], inside[b]])
     model.maximize(sum(round(1e6 * float(w)) * x for w, x in zip(graph.weight, inside, strict=True)))
     solver = cp_model.CpSolver()
-    solver.parameters.num_workers, solver.parameters.max_time_in_seconds = 1, PATIENCE
+    solver.parameters.num_workers, solver.parameters.max_time_in_seconds = 1, PROOF_LIMIT
     began = time.perf_counter()
     proved = solver.solve(model) == cp_model.OPTIMAL
     return (solver.objective_value / 1e6, time.perf_counter() - began) if proved else (float("nan"), float("nan"))
@@ -106,13 +105,13 @@ def main() -> None:
     single, many, small = Parameters(), Parameters(multiple=MhtParameters(k_h=30)), Parameters(multiple=MhtParameters(small_graphs=True))
     for warm in (single, many, small):
         per_frame(3, 1, warm, 5)
-    print(f"tracker, ms a frame, {frames} frames, one core: one hypothesis / track trees")
+    print(f"tracker, ms per frame, {frames} frames, one core: one hypothesis / track trees")
     print(f"{'people':>8}" + "".join(f"{f'{v} views':>20}" for v in VIEWS))
     for people in PEOPLE:
         cells = [f"{per_frame(people, v, single, frames):8.1f} /{per_frame(people, v, many, frames):8.1f}" for v in VIEWS]
         print(f"{people:>8}" + "".join(f"{cell:>20}" for cell in cells), flush=True)
     if (DATA / "pets2009").is_dir():
-        sequence = open_source(DATA / "pets2009" / "S2.L1", [1, 5, 7])
+        sequence = open_sequence(DATA / "pets2009" / "S2.L1", [1, 5, 7])
         ticks = list(itertools.islice(iter(sequence.ticks), 10 * frames))
         print("\nPETS 2009 S2.L1, views 1, 5, 7: " + " / ".join(f"{spent(sequence.setup, ticks, p):.1f}" for p in (single, many)), flush=True)
     print("\nK_H and i_bls^max, a graph for each hypothesis, 30 people, 3 views")
@@ -120,18 +119,18 @@ def main() -> None:
     for k in K_H:
         cells = [f"{per_frame(30, 3, Parameters(multiple=replace(small.multiple, k_h=k, i_bls_max=m)), frames):.1f}" for m in MOVES]  # type: ignore[type-var]
         print(f"{k:>8}" + "".join(f"{cell:>12}" for cell in cells), flush=True)
-    print(f"\nthe graphs beside their proved optimum (3 views, 1 false box a view and frame, {PATIENCE:g} s for a proof)")
+    print(f"\ngaps of the clique search (3 views, 1 false box per view and frame, at most {PROOF_LIMIT:g} s for a proof)")
     for people, name, parameters in (
         (20, "one graph", MhtParameters()),
         (43, "one graph", MhtParameters()),
         (74, "one graph", MhtParameters()),
         (20, "small graphs, K_H 5", MhtParameters(small_graphs=True, k_h=5)),
     ):
-        print(f"{people} people, {name}: {told(np.array(list(gaps(people, frames, parameters))).reshape(-1, 3))}", flush=True)
+        print(f"{people} people, {name}: {gap_text(np.array(list(gaps(people, frames, parameters))).reshape(-1, 3))}", flush=True)
 
 
-def told(found: np.ndarray) -> str:
-    """What gaps gave, in words."""
+def gap_text(found: np.ndarray) -> str:
+    """The result of `gaps` in words."""
     proved = found[np.isfinite(found[:, 0])]
     if not len(proved):
         return f"{len(found)} graphs, none proved"

@@ -1,4 +1,4 @@
-"""One and two workers: processes that are spawned and draw panoramas of pilsun, each on one thread."""
+"""Rendering speed of one and two worker processes: panoramas of pilsun, each process on one thread."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROUNDS = 20
 
 
 def work(seed: int) -> tuple[float, float, float]:
-    """When a worker began and ended its ROUNDS x 4 panoramas, and the memory that it took at most, GiB."""
+    """Start and end time of ROUNDS x 4 panoramas, s, and peak memory, GiB, of one worker."""
     simulation = Simulation(Scenario(seed=seed))
     poses = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
     ids = simulation.persons.tolist()
@@ -35,9 +35,9 @@ def work(seed: int) -> tuple[float, float, float]:
 
 
 def rate(pool: Pool, workers: int) -> tuple[float, float]:
-    """Panoramas a second of so many workers at once, and the greatest memory of one, GiB."""
+    """Panoramas per second of a number of workers at once, and the largest peak memory of one, GiB."""
     found = np.array(pool.map(work, range(workers), chunksize=1))
-    # Each worker's own rate while it drew: that they do not begin at the same instant is left out.
+    # The rates of workers are added, so that different start times do not count.
     return float((4 * ROUNDS / (found[:, 1] - found[:, 0])).sum()), float(found[:, 2].max())
 
 
@@ -47,7 +47,7 @@ def main() -> None:
     for workers in (1, 2):
         with multiprocessing.get_context("spawn").Pool(workers) as pool:
             rates[workers], memory = rate(pool, workers)
-        print(f"{workers} workers: {rates[workers]:5.1f} panoramas/s, {memory:.2f} GiB at most each", flush=True)
+        print(f"{workers} workers: {rates[workers]:5.1f} panoramas/s, {memory:.2f} GiB peak memory each", flush=True)
     print(f"two are {rates[2] / rates[1]:.2f} x one")
 
 

@@ -1,4 +1,4 @@
-"""What writing costs on top of rendering, and how generation scales from one to two workers; pilsun as it is generated."""
+"""The cost of writing on top of rendering, and the scaling of generation from one to two workers, with the preset pilsun."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.generation import Plan, generate
 from sim.datasets.presets import PRESETS
-from sim.recording import record as recording
+from sim.recording import record
 from sim.recording.record import Recording, open_renderer, run
 from sim.recording.tracker_setup import make_setup
 from sim.simulation.simulation import Simulation
@@ -22,7 +22,7 @@ FRAMES, SCALING = 30, 40
 
 
 def writing(folder: Path) -> None:
-    """Process CPU seconds and seconds by the clock of the same frames, drawn only, and drawn and written."""
+    """Print CPU time and clock time of the same frames, rendered only, and rendered and written."""
     scenario = replace(PRESETS["pilsun"].scenario, frames=FRAMES)
     for form in (ImageForm(), ImageForm(range=True, classes=True), ImageForm(png=True)):
         clock, cpu = {}, {}
@@ -33,26 +33,26 @@ def writing(folder: Path) -> None:
             setup = make_setup(scenario, simulation, fixed)
             assert isinstance(setup.occluders, Grid)
             with open_renderer(scenario, simulation, {one.camera: None for one in fixed.values()}) as renderer:
-                moments = run(scenario, simulation, setup, renderer)
-                next(moments)
+                frames = run(scenario, simulation, setup, renderer)
+                next(frames)
                 begun = time.perf_counter(), time.process_time()
                 if written:
                     with SequenceWriter(folder / "s", setup, setup.occluders, recording.form) as writer:
-                        for m in moments:
+                        for m in frames:
                             writer.add(m.tick, m.truth, Layers(m.instances, m.range, m.classes), m.views)
-                        writer.finish({}, recording.versions())
+                        writer.finish({}, record.versions())
                     shutil.rmtree(folder / "s")
                 else:
-                    for _ in moments:
+                    for _ in frames:
                         pass
                 clock[written], cpu[written] = time.perf_counter() - begun[0], time.process_time() - begun[1]
         drawn, both = (1e3 * cpu[written] / FRAMES for written in (False, True))
         more = [f"{100 * (seconds[True] / seconds[False] - 1):+.0f} %" for seconds in (cpu, clock)]
-        print(f"{form}\n  a frame of 8 views: drawn {drawn:.0f} ms of CPU, written too {both:.0f}: {more[0]}, by the clock {more[1]}", flush=True)
+        print(f"{form}\n  a frame of 8 views: rendered {drawn:.0f} ms of CPU, also written {both:.0f}: {more[0]}, by the clock {more[1]}", flush=True)
 
 
 def scaling(folder: Path) -> None:
-    """Sequences a minute with one and with two workers, from the first to the last byte."""
+    """Print the time of a dataset with one and with two workers, from the first to the last byte."""
     preset = PRESETS["pilsun"]
     preset = replace(preset, scenario=replace(preset.scenario, frames=SCALING))
     seconds = {}
