@@ -1,8 +1,10 @@
-"""Which stage owns the loss: the same footage tracked with stages replaced by the truth, all 16 combinations, and the loss shared out between them.
+"""Ablation: the same trial tracked with stages replaced by the truth, in all 16 combinations, and the loss attributed to the stages.
 
-Shares are Shapley's (1953, A value for n-person games): the mean, over all orders in which the four stages can be replaced one after the other, of
-what replacing the stage gains at its turn. They add up to the whole difference between nothing and everything replaced. The tracker is never
-handed the truth: what goes into it is replaced, or, for association, the part that decides whose a box is.
+Shares are Shapley values (Shapley 1953, A value for n-person games). The four stages are replaced one after the other, and a share is the gain of a
+stage at its turn, averaged over all orders. The shares add up to the difference between no stage and all stages replaced.
+
+Replaced poses, detections and terrain are true inputs of the tracker. Replaced association is a tracker for each person, which gets the boxes of
+that person only.
 """
 
 from __future__ import annotations
@@ -16,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from sim.sensors.person_detector import Detector
-from sim.stress.footage import TrialData, identities
-from sim.stress.tracker_under_test import TrackerUnderTest, checked
+from sim.stress.tracker_under_test import TrackerUnderTest, check_estimates
+from sim.stress.trial_data import TrialData, match_persons
 from tracker.detections.ground_points import GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
 from tracker.geometry import Array, Ints, Pose
 from tracker.gnn.tracker import GnnTracker
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import who_counts
+from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.matching import MatchingFrame
 from tracker.options import parameters_from
 from tracker.pipeline import Parameters, track
@@ -33,29 +35,38 @@ from tracker.tracks.tracks import Tracks
 from tracker.types import Detections, Estimate, Odometry, Setup, Start, Tick, View
 
 STAGES = ("poses", "detections", "association", "terrain")
-SURE = 1e-10
-"""m², rad²: variance of what is known for certain; of nothing at all no covariance can be inverted."""
+TINY_VARIANCE = 1e-10
+"""m², rad²: variance of known quantities. Covariances of 0 could not be inverted."""
 
-TRUSTING = {"min_confidence": 0.0, "birth_confidence": 0.0, "n_conf": 1, "believe": -1e6, "forget": -1e6, "end": -1e6}
-"""TargetParameters of who is shown one person's boxes alone: what they show is there."""
+ACCEPT_ALL = {
+    "min_confidence": 0.0,
+    "initiation_confidence": 0.0,
+    "n_conf": 1,
+    "confirm_score": -1e6,
+    "delete_tentative_score": -1e6,
+    "delete_confirmed_score": -1e6,
+}
+"""Parameters of a tracker that gets the boxes of one person only: its first track is confirmed at once and never deleted."""
 
 
-def ablate(footage: TrialData, contender: TrackerUnderTest) -> dict[str, Any]:
-    """Shares of the stages in MOTA and in metres (mean distance of a match), and both for every combination, "0110" for detections and association
-    replaced. Of our own tracker alone: the association of others cannot be replaced.
+def ablate(data: TrialData, tracker: TrackerUnderTest) -> dict[str, Any]:
+    """Shares of the stages in MOTA ("mota") and in the mean distance of a match ("metres"), and both scores of every combination.
+
+    The key "0110" of a combination means that detections and association are replaced. The tracker must be pilsim's own, since the association of
+    others cannot be replaced.
     """
-    parameters = parameters_from(contender.options)
+    parameters = parameters_from(tracker.options)
     values = {}
     for which in product((False, True), repeat=len(STAGES)):
         chosen = dict(zip(STAGES, which, strict=True))
-        values["".join("01"[on] for on in which)] = _scored(footage, _tracked(footage, parameters, chosen))
-    # Metres are lost where they grow, points where they fall.
+        values["".join("01"[on] for on in which)] = _scores(data, _track(data, parameters, chosen))
+    # A larger MOTA is better, a larger distance is worse.
     shares = {name: shapley({k: sign * v[name] for k, v in values.items()}) for name, sign in (("mota", 1.0), ("metres", -1.0))}
     return shares | {"combinations": values}
 
 
 def shapley(values: Mapping[str, float]) -> dict[str, float]:
-    """What each stage adds on average over all orders, and "total": values["1111"] − values["0000"], which is their sum."""
+    """The Shapley value of each stage, and "total": values["1111"] − values["0000"], which is their sum."""
     n, out = len(STAGES), dict[str, float]()
     for k, stage in enumerate(STAGES):
         share = 0.0
@@ -67,106 +78,106 @@ def shapley(values: Mapping[str, float]) -> dict[str, float]:
     return out | {"total": values["1" * n] - values["0" * n]}
 
 
-def _scored(footage: TrialData, results: Results) -> dict[str, float]:
+def _scores(data: TrialData, results: Results) -> dict[str, float]:
     nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    counts = who_counts(footage.truth, footage.setup.period)
-    frames = [MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=c) for t, c in zip(footage.truth, counts, strict=True)]
+    counts = evaluated_people(data.truth, data.setup.period)
+    frames = [MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=c) for t, c in zip(data.truth, counts, strict=True)]
     value = score(frames)
-    # Where nobody is matched there is no distance: as far off as a match may be.
+    # Without a match there is no distance; the largest distance of a match stands for it.
     return {"mota": float(np.nan_to_num(value.mota, nan=1.0)), "metres": float(np.nan_to_num(value.motp_m, nan=1.0))}
 
 
-def _tracked(footage: TrialData, parameters: Parameters, chosen: Mapping[str, bool]) -> Results:
-    setup, ticks, whose = replaced(footage, chosen)
+def _track(data: TrialData, parameters: Parameters, chosen: Mapping[str, bool]) -> Results:
+    setup, ticks, persons = with_true_stages(data, chosen)
     if not chosen["association"]:
-        return Results.of(checked("default", track(setup, ticks, parameters), setup, ticks), {})
-    return Results.of(associated(setup, ticks, parameters, whose), {})
+        return Results.of(check_estimates("default", track(setup, ticks, parameters), setup, ticks), {})
+    return Results.of(track_with_true_association(setup, ticks, parameters, persons), {})
 
 
 @dataclass(frozen=True, eq=False)
-class TrueOwners:
-    """Whose detections are: those of the footage, and perfect ones."""
+class TruePersons:
+    """The true persons of detections: of those of the trial, and of the true ones that replace them (by `id` of their Detections)."""
 
-    footage: TrialData
-    perfect: Mapping[int, Ints]
+    data: TrialData
+    replaced: Mapping[int, Ints]
 
     def of(self, detections: Detections) -> Ints:
-        """(n,) person, 0 for nobody."""
-        return self.perfect[id(detections)] if id(detections) in self.perfect else self.footage.whose(detections)
+        """(n,) person, 0 for false detections."""
+        return self.replaced[id(detections)] if id(detections) in self.replaced else self.data.true_persons(detections)
 
 
-def replaced(footage: TrialData, chosen: Mapping[str, bool]) -> tuple[Setup, list[Tick], TrueOwners]:
-    """What the tracker is given where the chosen stages are as good as the truth, and whose the detections are."""
-    setup = footage.told
+def with_true_stages(data: TrialData, chosen: Mapping[str, bool]) -> tuple[Setup, list[Tick], TruePersons]:
+    """The input of the tracker where the chosen stages are replaced by the truth, and the true persons of its detections."""
+    setup = data.tracker_setup
     if chosen["terrain"]:
-        setup = replace(setup, ground=footage.setup.ground, occluders=footage.setup.occluders)
+        setup = replace(setup, ground=data.setup.ground, occluders=data.setup.occluders)
     if chosen["poses"]:
-        setup = replace(setup, starts={robot: _known(footage, robot, start) for robot, start in setup.starts.items()})
-    perfect: dict[int, Ints] = {}
+        setup = replace(setup, starts={robot: _true_start(data, robot, start) for robot, start in setup.starts.items()})
+    true_persons: dict[int, Ints] = {}
     ticks = []
-    for k, tick in enumerate(footage.ticks):
+    for k, tick in enumerate(data.ticks):
         views = []
         for view in tick.views:
             now = view
             if chosen["detections"]:
-                detections, whose = _perfect(footage, view.camera, k)
-                perfect[id(detections)] = whose
+                detections, persons = _true_detections(data, view.camera, k)
+                true_persons[id(detections)] = persons
                 now = replace(now, detections=detections)
-            views.append(_placed(footage, now, k) if chosen["poses"] else now)
+            views.append(_with_true_odometry(data, now, k) if chosen["poses"] else now)
         ticks.append(replace(tick, views=tuple(views)))
-    return setup, ticks, TrueOwners(footage, perfect)
+    return setup, ticks, TruePersons(data, true_persons)
 
 
-def _known(footage: TrialData, robot: str, start: Start | None) -> Start | None:
-    """The start as it is; a fixed camera is known anyway."""
-    if robot not in footage.truth[0].T_world_robot or footage.told.is_fixed(robot):
+def _true_start(data: TrialData, robot: str, start: Start | None) -> Start | None:
+    """The true start of a robot. The start of a fixed camera is known and stays."""
+    if robot not in data.truth[0].T_world_robot or data.tracker_setup.is_fixed(robot):
         return start
-    return Start(footage.truth[0].T_world_robot[robot], SURE * np.eye(6))
+    return Start(data.truth[0].T_world_robot[robot], TINY_VARIANCE * np.eye(6))
 
 
-def _placed(footage: TrialData, view: View, k: int) -> View:
-    """The view with the true motion as odometry, and with nothing by which the filter could put that right."""
-    robot = footage.setup.mounts[view.camera].robot
-    if robot not in footage.truth[k].T_world_robot:
+def _with_true_odometry(data: TrialData, view: View, k: int) -> View:
+    """The view with the true motion as odometry, and without measurements that would correct it."""
+    robot = data.setup.mounts[view.camera].robot
+    if robot not in data.truth[k].T_world_robot:
         return view
-    before, now = (footage.truth[max(j, 0)].T_world_robot[robot] for j in (k - 1, k))
-    motion = Odometry(before.inverse() @ now, SURE / 100 * np.eye(6))
+    before, now = (data.truth[max(j, 0)].T_world_robot[robot] for j in (k - 1, k))
+    motion = Odometry(before.inverse() @ now, TINY_VARIANCE / 100 * np.eye(6))
     return View(view.camera, view.detections, None, motion)
 
 
-def _perfect(footage: TrialData, camera: str, k: int) -> tuple[Detections, Ints]:
-    """The boxes of all whom the view shows well enough, where they are, and who they are."""
-    scenario, mount, view = footage.case.scenario, footage.setup.mounts[camera], footage.views[k][camera]
-    # Nothing is drawn that shows but the order, and confidence, of which there is no doubt.
+def _true_detections(data: TrialData, camera: str, k: int) -> tuple[Detections, Ints]:
+    """The true boxes of all persons who are visible enough in the view, and the persons (n,)."""
+    scenario, mount, view = data.case.scenario, data.setup.mounts[camera], data.views[k][camera]
+    # Without noise, the random draws change the order and the confidence only, and the confidence is set to 1.
     found = Detector(0.0, 0.0, 0.0, scenario.min_visible).detect(mount.camera, view, np.random.default_rng(0))
     found = replace(found, confidence=np.ones(len(found)))
-    return found, identities(found, mount.camera, view.boxes)
+    return found, match_persons(found, mount.camera, view.boxes)
 
 
-def associated(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, whose: TrueOwners) -> Iterator[Estimate]:
-    """Our tracker, with one tracker of people for each person, which is shown that person's boxes and no others, and so believes the first."""
+def track_with_true_association(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, persons: TruePersons) -> Iterator[Estimate]:
+    """The estimates of pilsim's tracker with true association: one tracker of people for each person, which gets the boxes of that person only."""
     slam, people = Slam(setup, parameters.slam), dict[int, GnnTracker]()
-    trusting = replace(parameters.targets, **TRUSTING)  # type: ignore[arg-type]
+    accepting = replace(parameters.targets, **ACCEPT_ALL)  # type: ignore[arg-type]
     for tick in ticks:
         slam.step(tick)
-        feet, cameras, owners = list[GroundDetections](), list[Viewpoint](), list[Ints]()
+        points, cameras, owners = list[GroundDetections](), list[Viewpoint](), list[Ints]()
         for view in tick.views:
             mount = setup.mounts[view.camera]
             pose = slam.pose(mount.robot)
-            feet.append(project_to_ground(setup, view.camera, view.detections, (pose, slam.covariance(mount.robot)), trusting.fusion))
+            points.append(project_to_ground(setup, view.camera, view.detections, (pose, slam.covariance(mount.robot)), accepting.fusion))
             cameras.append(Viewpoint(view.camera, mount.camera, pose @ mount.T_body_camera))
-            owners.append(whose.of(view.detections))
+            owners.append(persons.of(view.detections))
         for person in sorted({int(p) for own in owners for p in own[own > 0]} - set(people)):
-            people[person] = GnnTracker(setup, trusting, 0)
-        told = {p: one.step([f.select(own == p) for f, own in zip(feet, owners, strict=True)], cameras) for p, one in people.items()}
+            people[person] = GnnTracker(setup, accepting, 0)
+        tracks = {p: one.step([g.select(own == p) for g, own in zip(points, owners, strict=True)], cameras) for p, one in people.items()}
         robots = {robot: (slam.pose(robot), slam.covariance(robot)) for robot in setup.starts}
-        yield _estimate(setup, tick.index, robots, told)
+        yield _estimate(setup, tick.index, robots, tracks)
 
 
-def _estimate(setup: Setup, index: int, robots: dict[str, tuple[Pose, Array]], told: Mapping[int, Tracks | None]) -> Estimate:
-    """The best track of each person under the person's own name; outside the area nobody is told of."""
+def _estimate(setup: Setup, index: int, robots: dict[str, tuple[Pose, Array]], tracks_of: Mapping[int, Tracks | None]) -> Estimate:
+    """The best track of each person, with the person as its id; tracks outside the area are left out."""
     ids, places, spread = [], [], []
-    for person, tracks in told.items():
+    for person, tracks in tracks_of.items():
         if tracks is None or not len(tracks):
             continue
         best = int(np.argmax(tracks.score))

@@ -1,6 +1,6 @@
-"""Why people were missed, imagined or mixed up: every mistake that the score counts, with one cause each.
+"""Error diagnosis: each miss, false positive and identity switch that the score counts, with one cause each.
 
-Correspondences are those of the score itself (tracker/metrics/matching.py), so that the causes add up to its counts.
+Matches are those of the score itself (tracker/metrics/matching.py), so that the counts of causes add up to the counts of the score.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.stress.footage import TrialData
+from sim.stress.trial_data import TrialData
 from tracker.detections.ground_points import FusionParameters, project_to_ground
 from tracker.geometry import Array, Ints, Pose
-from tracker.metrics.evaluation import SEEN, who_counts
-from tracker.metrics.matching import Comparison, Matches, MatchingFrame, compare, correspond, planar_distance, without_ignored
+from tracker.metrics.evaluation import VISIBLE_FRACTION, evaluated_people
+from tracker.metrics.matching import Comparison, Matches, MatchingFrame, compare, match_frames, planar_distance, without_ignored
 from tracker.sequence.results import Results
 from tracker.types import Tick, View
 
@@ -23,19 +23,22 @@ FALSE_POSITIVES = ("clutter", "duplicate", "coasting", "misplaced", "pose error"
 SWITCHES = ("wrong association", "after occlusion", "after detector misses", "pose error", "new track")
 CAUSES = {"misses": MISSES, "false positives": FALSE_POSITIVES, "switches": SWITCHES}
 
-GATE = 1.0
-"""m: a match lies within this (clearmot.score)."""
-SHIFTED = 0.5
-"""m by which every view that saw a person must misplace it for its robot's error to be the cause."""
-NEARBY = 2.5
-"""m: an estimate this near to somebody who is missed is that person, misplaced."""
+MATCH_DISTANCE = 1.0
+"""Largest distance of a match, m, as in tracker.metrics.clear_mot.score."""
+POSE_ERROR = 0.5
+"""m: pose errors are the cause where they shift a person by more than this in each view that detected the person."""
+MISPLACED = 2.5
+"""m: a false positive nearer than this to a missed person is an estimate of that person."""
 RECENT = 2.0
-"""s since which a track that was somebody's is still told of that person."""
+"""s: a track that was matched to a person within this time is still attributed to that person."""
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """frame; kind "miss", "false positive" or "switch"; cause; person, of the truth, or None; track, the id told, or None; position (3,) m."""
+    """One error that the score counts.
+
+    kind: "miss", "false positive" or "switch". person: true id, or None. track: estimated id, or None. position: (3,) m.
+    """
 
     frame: int
     kind: str
@@ -46,10 +49,13 @@ class Mistake:
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What is known of a frame: everybody (m,) and feet (m, 3) m; visible (m,), the largest share that a view that arrived shows; detected: who is
-    in some box; shift: person → m by which all views that detected the person misplace it at least; match: person → track for those who count;
-    near: all tracks (k,) and their places (k, 3) m; false: those of them that are false positives.
+class FrameEvidence:
+    """Truth, detections and tracks of one frame.
+
+    person (m,) and feet (m, 3) m: all true persons. visible: (m,) the largest visible share of each over the views that reached the tracker.
+    detected: persons with a box. shift: person → m, the least distance by which pose errors of the detecting robots shift the person.
+    missed: persons who count and have no track. match: person → track, of those who count. track (k,) and place (k, 3) m: all tracks.
+    false: the tracks that are false positives.
     """
 
     index: int
@@ -67,32 +73,32 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class TrialEvidence:
-    """What is known of every frame of a run; period s."""
+    """The evidence of all frames of a run; period s."""
 
-    frames: tuple[Known, ...]
+    frames: tuple[FrameEvidence, ...]
     period: float
 
 
-def gather(footage: TrialData, results: Results) -> TrialEvidence:
-    """Truth, what was seen and what was told, frame by frame."""
+def gather_evidence(data: TrialData, results: Results) -> TrialEvidence:
+    """Collect truth, detections and tracks of each frame."""
     nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    counts = who_counts(footage.truth, footage.setup.period)
-    frames = [MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=c) for t, c in zip(footage.truth, counts, strict=True)]
-    scored, matches = matched(frames)
+    counts = evaluated_people(data.truth, data.setup.period)
+    frames = [MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=c) for t, c in zip(data.truth, counts, strict=True)]
+    scored, matches = match_tracks(frames)
     truths, tracks = _ids([f.truth_id for f in frames]), _ids([f.estimate_id for f in frames])
     out = []
     for k, (frame, pairing, (rows, columns)) in enumerate(zip(frames, scored.frames, matches, strict=True)):
         match = dict(zip(truths[pairing.truth[rows]].tolist(), tracks[pairing.estimate[columns]].tolist(), strict=True))
-        tick = footage.ticks[k]
-        seen_by = _detections(footage, tick, k)
+        tick = data.ticks[k]
+        seen_by = _cameras_by_person(data, tick, k)
         out.append(
-            Known(
-                index=footage.truth[k].index,
+            FrameEvidence(
+                index=data.truth[k].index,
                 person=frame.truth_id,
-                feet=footage.truth[k].feet,
-                visible=_visible(footage, tick, k),
+                feet=data.truth[k].feet,
+                visible=_visible(data, tick, k),
                 detected=frozenset(seen_by),
-                shift=_shifts(footage, results, k, seen_by),
+                shift=_shifts(data, results, k, seen_by),
                 missed=frozenset(truths[pairing.truth].tolist()) - set(match),
                 match=match,
                 track=frame.estimate_id,
@@ -100,18 +106,18 @@ def gather(footage: TrialData, results: Results) -> TrialEvidence:
                 false=frozenset(tracks[pairing.estimate].tolist()) - set(match.values()),
             )
         )
-    return TrialEvidence(tuple(out), footage.setup.period)
+    return TrialEvidence(tuple(out), data.setup.period)
 
 
-def matched(frames: Sequence[MatchingFrame]) -> tuple[Comparison, Matches]:
-    """Those who count, and which track stands for whom, as clearmot.score has it."""
+def match_tracks(frames: Sequence[MatchingFrame]) -> tuple[Comparison, Matches]:
+    """Distances without persons and tracks that do not count, and matches, as in tracker.metrics.clear_mot.score."""
 
     def similarity(distance: Array) -> Array:
-        return np.maximum(0.0, 1 - distance / (2 * GATE))
+        return np.maximum(0.0, 1 - distance / (2 * MATCH_DISTANCE))
 
     values = compare(frames, planar_distance)
-    values = without_ignored(frames, values, correspond(values.mapped(similarity), 0.5))
-    return values, correspond(values.mapped(similarity), 0.5)
+    values = without_ignored(frames, values, match_frames(values.mapped(similarity), 0.5))
+    return values, match_frames(values.mapped(similarity), 0.5)
 
 
 def _ids(columns: list[Ints]) -> Ints:
@@ -119,42 +125,46 @@ def _ids(columns: list[Ints]) -> Ints:
 
 
 def _arrived(view: View, recorded: View) -> bool:
-    """Whether a view reached the tracker with what it had."""
-    told = len(view.detections) or view.sightings is not None or view.image is not None
-    return bool(told) or (recorded.sightings is None and recorded.image is None)
+    """Whether a view reached the tracker with its measurements."""
+    given = len(view.detections) or view.sightings is not None or view.image is not None
+    return bool(given) or (recorded.sightings is None and recorded.image is None)
 
 
-def _visible(footage: TrialData, tick: Tick, k: int) -> Array:
-    """(m,) the largest visible share of each person over the views that arrived."""
-    visible = footage.truth[k].visible
-    recorded = {view.camera: view for view in footage.recorded[k].views}
+def _visible(data: TrialData, tick: Tick, k: int) -> Array:
+    """(m,) the largest visible share of each person over the views that reached the tracker."""
+    visible = data.truth[k].visible
+    recorded = {view.camera: view for view in data.recorded[k].views}
     there = {view.camera for view in tick.views if _arrived(view, recorded[view.camera])}
-    columns = [c for c, camera in enumerate(footage.setup.mounts) if camera in there]
+    columns = [c for c, camera in enumerate(data.setup.mounts) if camera in there]
     return np.asarray(visible[:, columns].max(axis=1, initial=0.0))
 
 
-def _detections(footage: TrialData, tick: Tick, k: int) -> dict[int, list[str]]:
+def _cameras_by_person(data: TrialData, tick: Tick, k: int) -> dict[int, list[str]]:
     """Person → the cameras that have a box of the person."""
     out: dict[int, list[str]] = {}
     for view in tick.views:
-        whose = footage.whose(view.detections) if footage.views[k] else _by_feet(footage, view, k)
-        for person in whose[whose > 0].tolist():
+        persons = data.true_persons(view.detections) if data.views[k] else _persons_by_distance(data, view, k)
+        for person in persons[persons > 0].tolist():
             out.setdefault(person, []).append(view.camera)
     return out
 
 
-def _by_feet(footage: TrialData, view: View, k: int) -> Ints:
-    """Where boxes have no known owner (a real sequence before fixed cameras): who stands within GATE of where they meet the ground."""
-    start, truth = footage.setup.starts[footage.setup.mounts[view.camera].robot], footage.truth[k]
+def _persons_by_distance(data: TrialData, view: View, k: int) -> Ints:
+    """(n,) the person nearest to the ground point of each box, 0 beyond MATCH_DISTANCE.
+
+    For real sequences of fixed cameras, whose boxes have no known persons.
+    """
+    start, truth = data.setup.starts[data.setup.mounts[view.camera].robot], data.truth[k]
     if start is None or not len(view.detections) or not len(truth.person_id):
         return np.zeros(len(view.detections), dtype=np.int64)
-    feet = project_to_ground(footage.setup, view.camera, view.detections, (start.T_world_robot, start.covariance), FusionParameters())
-    distance = planar_distance(feet.point, truth.feet)
-    return np.where(feet.grounded & (distance.min(axis=1) < GATE), truth.person_id[distance.argmin(axis=1)], 0)
+    ground = project_to_ground(data.setup, view.camera, view.detections, (start.T_world_robot, start.covariance), FusionParameters())
+    distance = planar_distance(ground.point, truth.feet)
+    return np.where(ground.grounded & (distance.min(axis=1) < MATCH_DISTANCE), truth.person_id[distance.argmin(axis=1)], 0)
 
 
-def _shifts(footage: TrialData, results: Results, k: int, seen_by: dict[int, list[str]]) -> dict[int, float]:
-    truth, moved = footage.truth[k], dict[str, Pose]()
+def _shifts(data: TrialData, results: Results, k: int, seen_by: dict[int, list[str]]) -> dict[int, float]:
+    """Person → m, the least distance by which pose errors of the robots that detected the person shift the person."""
+    truth, moved = data.truth[k], dict[str, Pose]()
     for robot, poses in results.poses.items():
         estimate = poses[k] if k < len(poses) else None
         if estimate is not None and robot in truth.T_world_robot:
@@ -162,14 +172,14 @@ def _shifts(footage: TrialData, results: Results, k: int, seen_by: dict[int, lis
     feet = dict(zip(truth.person_id.tolist(), truth.feet, strict=True))
     out = {}
     for person, cameras in seen_by.items():
-        errors = [moved[r] for r in (footage.setup.mounts[c].robot for c in cameras) if r in moved]
+        errors = [moved[r] for r in (data.setup.mounts[c].robot for c in cameras) if r in moved]
         if person in feet and errors:
             out[person] = min(float(np.linalg.norm((T.apply(feet[person][None])[0] - feet[person])[:2])) for T in errors)
     return out
 
 
-def mistakes(evidence: TrialEvidence) -> list[Mistake]:
-    """All of them, frame by frame; as many of each kind as the score counts."""
+def find_mistakes(evidence: TrialEvidence) -> list[Mistake]:
+    """All errors, frame by frame; as many of each kind as the score counts."""
     out: list[Mistake] = []
     owner: dict[int, tuple[int, int]] = {}  # track → person and frame of its last match
     last: dict[int, tuple[int, int]] = {}  # person → track and number of the frame of the last match
@@ -190,49 +200,52 @@ def mistakes(evidence: TrialEvidence) -> list[Mistake]:
     return out
 
 
-def _mistake(now: Known, kind: str, cause: str, who: tuple[int | None, int | None], place: Array) -> Mistake:
+def _mistake(now: FrameEvidence, kind: str, cause: str, who: tuple[int | None, int | None], place: Array) -> Mistake:
     x, y, *z = place.tolist()
     return Mistake(now.index, kind, cause, *who, (x, y, z[0] if z else 0.0))
 
 
-def _why_missed(now: Known, person: int, known: bool) -> str:
-    """known: whether the person was ever followed before."""
+def _why_missed(now: FrameEvidence, person: int, known: bool) -> str:
+    """known: whether the person was tracked before."""
     row = int(np.flatnonzero(now.person == person)[0])
     if now.visible[row] <= 0:
         return "nobody saw it"
-    if now.visible[row] < SEEN:
+    if now.visible[row] < VISIBLE_FRACTION:
         return "occluded"
     if person not in now.detected:
         return "detector missed"
-    if now.shift.get(person, 0.0) > SHIFTED:
+    if now.shift.get(person, 0.0) > POSE_ERROR:
         return "pose error"
-    near = planar_distance(now.feet[row : row + 1], now.place)[0] < GATE if len(now.place) else np.zeros(0, dtype=bool)
+    near = planar_distance(now.feet[row : row + 1], now.place)[0] < MATCH_DISTANCE if len(now.place) else np.zeros(0, dtype=bool)
     others = set(now.track[near].tolist()) - now.false
     return "merged" if others else "gated out" if known else "not yet believed"
 
 
-def _why_false(now: Known, place: Array, owner: tuple[int, int] | None, since: float) -> str:
+def _why_false(now: FrameEvidence, place: Array, owner: tuple[int, int] | None, since: float) -> str:
     distance = planar_distance(place[None], now.feet)[0] if len(now.feet) else np.zeros(0)
     nearest = int(np.argmin(distance)) if len(distance) else -1
     person = int(now.person[nearest]) if len(distance) else 0
-    if len(distance) and distance[nearest] < GATE and person not in now.missed:
+    if len(distance) and distance[nearest] < MATCH_DISTANCE and person not in now.missed:
         return "duplicate"
-    if len(distance) and distance[nearest] < NEARBY and person in now.missed:
-        return "pose error" if now.shift.get(person, 0.0) > SHIFTED else "misplaced"
+    if len(distance) and distance[nearest] < MISPLACED and person in now.missed:
+        return "pose error" if now.shift.get(person, 0.0) > POSE_ERROR else "misplaced"
     if owner is not None and owner[1] >= since:
-        return "pose error" if now.shift.get(owner[0], 0.0) > SHIFTED else "coasting"
+        return "pose error" if now.shift.get(owner[0], 0.0) > POSE_ERROR else "coasting"
     return "clutter"
 
 
-def _why_switched(since: tuple[Known, ...], person: int, track: int, before: tuple[int, tuple[int, int] | None]) -> str:
-    """since: the frames from the last match until now; before: the person's track then, and whose the new track was."""
+def _why_switched(since: tuple[FrameEvidence, ...], person: int, track: int, before: tuple[int, tuple[int, int] | None]) -> str:
+    """since: the frames from the last match of the person until now.
+
+    before: the track of that match, and person and frame of the last match of the new track.
+    """
     now, (old, owner) = since[-1], before
     if (owner is not None and owner[0] != person) or old in now.match.values():
         return "wrong association"
-    if now.shift.get(person, 0.0) > SHIFTED:
+    if now.shift.get(person, 0.0) > POSE_ERROR:
         return "pose error"
     between = since[1:-1]
-    seen = [float(f.visible[f.person == person].max(initial=0.0)) >= SEEN for f in between]
+    seen = [float(f.visible[f.person == person].max(initial=0.0)) >= VISIBLE_FRACTION for f in between]
     if between and np.mean(seen) < 0.5:
         return "after occlusion"
     if between and np.mean([person in f.detected for f in between]) < 0.5:
@@ -240,8 +253,8 @@ def _why_switched(since: tuple[Known, ...], person: int, track: int, before: tup
     return "new track"
 
 
-def counted(found: Sequence[Mistake]) -> dict[str, dict[str, int]]:
-    """Kind → cause → how many; all causes are there."""
+def count_causes(found: Sequence[Mistake]) -> dict[str, dict[str, int]]:
+    """Kind → cause → count; causes that do not occur count 0."""
     kinds = {"misses": "miss", "false positives": "false positive", "switches": "switch"}
     is_of: Callable[[str, str], int] = lambda kind, cause: sum(m.kind == kind and m.cause == cause for m in found)  # noqa: E731
     return {name: {cause: is_of(kinds[name], cause) for cause in causes} for name, causes in CAUSES.items()}

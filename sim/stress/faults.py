@@ -1,5 +1,6 @@
-"""What goes wrong between the sensors and the tracker: views that drop out, late clocks, slipping wheels, a robot carried away, a terrain that is
-not well known. Applied to what was recorded, so that the same run can be tracked with and without.
+"""Fault injection: view dropout, clock skew, wheel slip, a kidnapped robot, and poor knowledge of the terrain.
+
+Faults change recorded ticks and the setup, so that the same run can be tracked with and without them.
 """
 
 from __future__ import annotations
@@ -17,17 +18,20 @@ from tracker.types import Detections, Setup, Tick, View
 
 KNOWLEDGE = ("exact", "coarse", "flat", "none")
 COARSE = 2.0
-"""m between the known heights of a coarsely known terrain."""
-SPELL = 5
-"""Ticks that a view stays away, on average."""
+"""Grid spacing of a coarsely known terrain, m."""
+DROPOUT_TICKS = 5
+"""Mean number of consecutive ticks without a view."""
 
 
 @dataclass(frozen=True)
 class Faults:
-    """dropout: share of ticks at which a view is away, in spells; skew: ticks by which every second robot is late; slip: standard deviation of a
-    robot's lasting error of odometry, as a share of the way (and half of it anew at each tick); kidnapped s: the first robot is carried for so
-    long in mid-run, blind, while its wheels stand still; terrain: what is known of it: exact; coarse, heights every 2 m and nothing of what stands
-    there; flat, the mean height of the starts; none, z = 0.
+    """The faults of a case.
+
+    dropout: the share of ticks without a view, in runs of DROPOUT_TICKS on average. skew: delay of every second robot, ticks. slip: standard
+    deviation of a robot's constant odometry error, as a share of the distance; half of it is added anew at each tick. kidnapped: time for which the
+    first robot is carried in mid-run, s; its cameras see nothing and its wheels stand still.
+
+    terrain: the knowledge of the ground. "exact"; "coarse", heights every 2 m without occluders; "flat", the mean height of starts; "none", z = 0.
     """
 
     dropout: float = 0.0
@@ -44,27 +48,27 @@ class Faults:
             raise ValueError(f"terrain is {self.terrain!r}, needs one of {', '.join(KNOWLEDGE)}")
 
     def to_dict(self) -> dict[str, Any]:
-        """What differs from no trouble at all."""
+        """The fields that differ from their defaults."""
         none = asdict(Faults())
         return {name: value for name, value in asdict(self).items() if value != none[name]}
 
-    def told(self, setup: Setup) -> Setup:
-        """The setup as the tracker is told it."""
+    def degraded_setup(self, setup: Setup) -> Setup:
+        """The setup that the tracker gets."""
         if self.terrain == "exact":
             return setup
-        return replace(setup, ground=_known(setup, self.terrain), occluders=None)
+        return replace(setup, ground=_known_ground(setup, self.terrain), occluders=None)
 
-    def sent(self, setup: Setup, ticks: Sequence[Tick], seed: int) -> list[Tick]:
-        """The ticks as they reach the tracker; draws of one trouble do not move those of another."""
+    def degraded_ticks(self, setup: Setup, ticks: Sequence[Tick], seed: int) -> list[Tick]:
+        """The ticks that the tracker gets. Each fault has random streams of its own."""
         out = list(ticks)
         if self.skew:
-            out = _late(setup, out, self.skew)
+            out = _delay(setup, out, self.skew)
         if self.slip:
-            out = _slipping(setup, out, self.slip, seed)
+            out = _add_slip(setup, out, self.slip, seed)
         if self.dropout:
-            out = _dropping(setup, out, self.dropout, seed)
+            out = _drop_views(setup, out, self.dropout, seed)
         if self.kidnapped:
-            out = _carried(setup, out, round(self.kidnapped / setup.period))
+            out = _kidnap(setup, out, round(self.kidnapped / setup.period))
         return out
 
 
@@ -72,7 +76,7 @@ def _stream(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
-def _known(setup: Setup, terrain: str) -> Ground:
+def _known_ground(setup: Setup, terrain: str) -> Ground:
     ground = setup.ground
     if terrain == "coarse" and isinstance(ground, Grid):
         rows, columns = ground.heights.shape
@@ -87,12 +91,12 @@ def _known(setup: Setup, terrain: str) -> Ground:
 
 
 def _blind(view: View) -> View:
-    """The view with nothing in it but its odometry."""
+    """The view with its odometry only."""
     return View(view.camera, Detections.none(), odometry=view.odometry)
 
 
-def _late(setup: Setup, ticks: list[Tick], by: int) -> list[Tick]:
-    """Views of every second robot as they were `by` ticks before, at the first ticks as at the first of all."""
+def _delay(setup: Setup, ticks: list[Tick], by: int) -> list[Tick]:
+    """Views of every second robot from `by` ticks before; the first ticks repeat the first view."""
     robots = list(setup.starts)
     out = []
     for k, tick in enumerate(ticks):
@@ -105,36 +109,36 @@ def _late(setup: Setup, ticks: list[Tick], by: int) -> list[Tick]:
     return out
 
 
-def _slipping(setup: Setup, ticks: list[Tick], slip: float, seed: int) -> list[Tick]:
+def _add_slip(setup: Setup, ticks: list[Tick], slip: float, seed: int) -> list[Tick]:
     streams = {robot: _stream(seed, f"{robot}/slip") for robot in setup.starts}
-    lasting = {robot: rng.normal(0.0, slip) for robot, rng in streams.items()}
+    constant = {robot: rng.normal(0.0, slip) for robot, rng in streams.items()}
 
     def worse(view: View) -> View:
         if view.odometry is None:
             return view
         robot = setup.mounts[view.camera].robot
-        share = 1.0 + lasting[robot] + streams[robot].normal(0.0, slip / 2)
+        share = 1.0 + constant[robot] + streams[robot].normal(0.0, slip / 2)
         motion = view.odometry.T_before_now
         return replace(view, odometry=replace(view.odometry, T_before_now=Pose(motion.rotation, motion.translation * share)))
 
     return [replace(tick, views=tuple(worse(view) for view in tick.views)) for tick in ticks]
 
 
-def _dropping(setup: Setup, ticks: list[Tick], share: float, seed: int) -> list[Tick]:
-    """Spells of SPELL ticks on average, as a chain of two states whose share of absence is `share`."""
+def _drop_views(setup: Setup, ticks: list[Tick], share: float, seed: int) -> list[Tick]:
+    """Dropout as a Markov chain of two states. Views are absent for DROPOUT_TICKS on average, and for `share` of all ticks."""
     away = {}
     for camera in setup.mounts:
         draws = _stream(seed, f"{camera}/dropout").random(len(ticks) + 1)
-        gone, spells = bool(draws[0] < share), []
+        gone, absent = bool(draws[0] < share), []
         for draw in draws[1:]:
-            spells.append(gone)
-            gone = bool(draw >= 1 / SPELL) if gone else bool(draw < share / max(1e-9, 1 - share) / SPELL)
-        away[camera] = spells
+            absent.append(gone)
+            gone = bool(draw >= 1 / DROPOUT_TICKS) if gone else bool(draw < share / max(1e-9, 1 - share) / DROPOUT_TICKS)
+        away[camera] = absent
     return [replace(tick, views=tuple(_blind(v) if away[v.camera][k] else v for v in tick.views)) for k, tick in enumerate(ticks)]
 
 
-def _carried(setup: Setup, ticks: list[Tick], length: int) -> list[Tick]:
-    """From the middle of the run on the first robot's odometry says for `length` ticks that it stands, and its cameras see nothing."""
+def _kidnap(setup: Setup, ticks: list[Tick], length: int) -> list[Tick]:
+    """From the middle of the run on, the odometry of the first robot is zero for `length` ticks, and its cameras see nothing."""
     robot, first = next(iter(setup.starts)), len(ticks) // 2
 
     def still(view: View) -> View:

@@ -1,4 +1,4 @@
-"""Running sweeps: trials on all cores or on a cluster, a row each in results.jsonl; what is whole is kept, and the same command goes on there."""
+"""Runs the trials of sweeps on all cores or on a cluster, and writes a row of each to results.jsonl. The same command resumes an interrupted run."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from typing import Any
 from sim.parallel.file_lock import file_lock, holder_file
 from sim.parallel.pool import Pool
 from sim.recording.record import versions
-from sim.stress.trial import SCHEMA, Trial, blank
+from sim.stress.trial import SCHEMA, Trial, empty_row
 from sim.stress.worker import Worker
 from tracker.io.atomic import write_text
-from tracker.io.resume import check_same, holds
+from tracker.io.resume import check_same, holds_run
 
 RESULTS, RUN, LOCK = "results.jsonl", "run.json", ".lock"
 Key = tuple[str, int, str]
@@ -26,42 +26,48 @@ _workers: dict[tuple[int, float], Worker] = {}
 
 
 @dataclass(frozen=True)
-class Force:
-    """workers, cluster: as in Workforce; limit s that a trial may take."""
+class Workers:
+    """Where trials run. workers, cluster: as in Pool. limit: time limit of a trial, s.
+
+    Raises ValueError for values out of bounds.
+    """
 
     workers: int = 1
     cluster: str | None = None
     limit: float = 1800.0
 
     def __post_init__(self) -> None:
-        _ = self.workforce  # it checks the number
+        _ = self.pool  # Pool checks the number.
         if not self.limit > 0:
             raise ValueError(f"--limit is {self.limit} s, needs more than 0")
 
     @property
-    def workforce(self) -> Pool:
+    def pool(self) -> Pool:
+        """The pool of threads or of a cluster."""
         return Pool(self.workers, self.cluster)
 
 
-def sweep(trials: Iterable[Trial], folder: Path, force: Force, command: str, progress: Callable[..., Any] | None = None) -> list[dict[str, Any]]:
-    """All rows of the folder, those of the trials among them; trials whose row is there without an error are not run again.
+def run_trials(
+    trials: Iterable[Trial], folder: Path, workers: Workers, command: str, progress: Callable[..., Any] | None = None
+) -> list[dict[str, Any]]:
+    """Run trials into a folder, and return all of its rows. Trials with a row without an error are not run again.
 
-    progress: like tqdm, wraps the rows as they come. Raises ValueError where another command is at work in the folder, or where it is none, or holds
-    something else or results of another version.
+    command: the command line, for run.json. progress: wraps the rows as they come, like tqdm. Raises ValueError where the folder is a file, holds
+    something else or results of another version, and where another process writes into it.
     """
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file, needs a folder")
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder):
-        rows = {key_of(row): row for row in _whole_rows(folder)}
+        rows = {key_of(row): row for row in _read_rows(folder)}
         wanted = list(trials)
         done = {key for key, row in rows.items() if row["error"] is None}
-        done -= {trial.key for trial in wanted if trial.key in done and not _is_of(folder, rows[trial.key], trial)}
+        done -= {trial.key for trial in wanted if trial.key in done and not _is_complete(folder, rows[trial.key], trial)}
         todo = [trial for trial in wanted if trial.key not in done]
         _write_run(folder, command)
-        # What failed is tried again; what is kept is written anew, so that a torn line is gone.
+        # Failed trials are tried again. Kept rows are rewritten, which removes a line that was cut off.
         _write_rows(folder, [row for key, row in rows.items() if key in done])
-        made = _rows(todo, force)
+        made = _run(todo, workers)
         shown = progress(made, total=len(todo)) if progress else made
         with (folder / RESULTS).open("a", encoding="utf-8") as file:
             for row in shown:
@@ -75,16 +81,16 @@ def sweep(trials: Iterable[Trial], folder: Path, force: Force, command: str, pro
 
 
 def key_of(row: dict[str, Any]) -> Key:
-    """Of what a row is: id, seed, tracker."""
+    """The key of a row: id, seed, name of the tracker."""
     return row["id"], row["seed"], row["tracker"]["name"]
 
 
-def _is_of(folder: Path, row: dict[str, Any], trial: Trial) -> bool:
-    """Whether a row is all that a trial would give; not where only its ladder is missing. Raises ValueError where it is of another run."""
-    asked = blank(trial)
+def _is_complete(folder: Path, row: dict[str, Any], trial: Trial) -> bool:
+    """Whether a row holds all that a trial would give, its ablation too. Raises ValueError where the row is of another run."""
+    asked = empty_row(trial)
     wanted = {name: asked[name] for name in ("scenario", "tracker", "rendered", "value")}
     check_same(folder, row, wanted, f"{row['id']} seed {row['seed']} of another run")
-    return row["ladder"] is not None or not trial.climbs
+    return row["ladder"] is not None or not trial.can_ablate
 
 
 def _order(key: Key) -> tuple[str, int, int, str]:
@@ -92,25 +98,25 @@ def _order(key: Key) -> tuple[str, int, int, str]:
     return name, int(number) if number.isdecimal() else 0, key[1], key[2]
 
 
-def _rows(trials: list[Trial], force: Force) -> Iterator[dict[str, Any]]:
-    """Rows as they come."""
+def _run(trials: list[Trial], workers: Workers) -> Iterator[dict[str, Any]]:
+    """Rows in the order in which trials end."""
     if not trials:
         return
-    calls = ((trial.to_json(), force.limit) for trial in trials)
-    # By threads: each waits for a process of its own, which does the work.
-    yield from force.workforce.as_they_come(_row, calls, threads=True)
+    calls = ((trial.to_json(), workers.limit) for trial in trials)
+    # Each thread waits for a process of its own, which does the work.
+    yield from workers.pool.as_completed(_row, calls, threads=True)
 
 
 def _row(trial: str, limit: float) -> dict[str, Any]:
-    """In a thread or on a machine of the cluster: the row of a trial, by this thread's own process."""
-    mine = threading.get_ident(), limit
-    if mine not in _workers:
-        _workers[mine] = Worker(limit)
-    return _workers[mine].row(Trial.from_json(trial))
+    """The row of a trial, from the process of this thread."""
+    own = threading.get_ident(), limit
+    if own not in _workers:
+        _workers[own] = Worker(limit)
+    return _workers[own].row(Trial.from_json(trial))
 
 
 def close_workers() -> None:
-    """End all processes that wait for trials."""
+    """End all processes of trials."""
     for worker in _workers.values():
         worker.close()
     _workers.clear()
@@ -118,7 +124,7 @@ def close_workers() -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Nobody else writes rows here meanwhile."""
+    """Lock a folder against other processes that write rows."""
     with file_lock(folder / LOCK):
         try:
             yield
@@ -126,10 +132,10 @@ def _locked(folder: Path) -> Iterator[None]:
             close_workers()
 
 
-def _whole_rows(folder: Path) -> list[dict[str, Any]]:
-    """The rows of a folder; a last line that was cut off in writing is left out. Raises ValueError for anything else that is no row."""
+def _read_rows(folder: Path) -> list[dict[str, Any]]:
+    """The rows of a folder. A last line that is cut off is left out. Raises ValueError for any other line that is no row."""
     path = folder / RESULTS
-    if not holds(folder, RESULTS, (LOCK, holder_file(folder / LOCK).name, RUN, "moments")):
+    if not holds_run(folder, RESULTS, (LOCK, holder_file(folder / LOCK).name, RUN, "moments")):
         return []
     lines = path.read_bytes().split(b"\n")
     out = []

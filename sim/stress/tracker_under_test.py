@@ -1,4 +1,4 @@
-"""The tracker under trial: ours with its options, a function of somebody else's, or tracks that were made elsewhere."""
+"""The tracker under test: pilsim's own with options, a function by its name, or tracks that were made elsewhere."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ from tracker.pipeline import track
 from tracker.sequence.results import Results
 from tracker.types import Estimate, Setup, Tick
 
-Tracking = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
+TrackFunction = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
 
 
 @dataclass(frozen=True)
 class TrackerUnderTest:
-    """function: module:function like tracker.pipeline.track, or "" for our own tracker; options of our own, by the names of `pilsim track`;
-    results: a folder of tracks made elsewhere, ID/SEED.txt in MOT15 form with x, y, z, or "".
+    """One of three kinds of trackers. Raises ValueError where kinds are mixed, and for unknown options.
+
+    function: module:function of a function like tracker.pipeline.track, or "" for pilsim's own. options: of pilsim's own, by the names of
+    `pilsim track`. results: a folder of tracks made elsewhere, ID/SEED.txt in MOT15 with x, y, z, or "".
     """
 
     function: str = ""
@@ -41,39 +43,39 @@ class TrackerUnderTest:
 
     @property
     def name(self) -> str:
-        """Under which it stands in the results."""
+        """Its name in the results."""
         return self.function or (Path(self.results).name if self.results else "default")
 
     def with_options(self, options: dict[str, Any]) -> TrackerUnderTest:
-        """The same with a case's own options, which go first; a tracker that is not ours has none."""
+        """The tracker with the options of a case, which override its own. Only pilsim's own tracker has options."""
         return self if self.function or self.results else replace(self, options=self.options | options)
 
     @property
     def solves_graphs(self) -> bool:
-        """Whether it takes the best set of tracks as a clique of a graph."""
+        """Whether it selects tracks by maximum weight cliques."""
         return self.options.get("hypotheses") == "multiple"
 
     def results_of(self, setup: Setup, ticks: list[Tick], run: tuple[str, int], graphs: Path | None = None) -> Results:
-        """What it makes of the ticks; run: id of the case and seed; graphs: where the graphs that it solves are written.
+        """Track the ticks. run: id of the case and seed. graphs: folder for the graphs that it solves.
 
-        Raises whatever the tracker raises, and ValueError where what it says is not what it should be.
+        Raises the errors of the tracker, and ValueError where its estimates are not valid.
         """
         if self.results:
-            return _made_elsewhere(Path(self.results) / run[0] / f"{run[1]}.txt", len(ticks))
+            return _read_tracks(Path(self.results) / run[0] / f"{run[1]}.txt", len(ticks))
         return Results.of(self.estimates(setup, ticks, graphs), {})
 
     def estimates(self, setup: Setup, ticks: list[Tick], graphs: Path | None = None) -> list[Estimate]:
-        """As results_of, in full."""
+        """As `results_of`, one Estimate a tick. Not for tracks that were made elsewhere."""
         if self.function:
-            return checked(self.name, load(self.function)(setup, ticks), setup, ticks)
+            return check_estimates(self.name, load_tracker(self.function)(setup, ticks), setup, ticks)
         parameters = parameters_from(self.options)
         if graphs is not None and parameters.multiple is not None:
             parameters = replace(parameters, multiple=replace(parameters.multiple, graphs=graphs))
-        return checked(self.name, track(setup, ticks, parameters), setup, ticks)
+        return check_estimates(self.name, track(setup, ticks, parameters), setup, ticks)
 
 
-def load(function: str) -> Tracking:
-    """The function that module:function names; modules of the working folder go first, as for `python -m`. Raises ValueError where there is none."""
+def load_tracker(function: str) -> TrackFunction:
+    """Import module:function. Modules of the working directory go first, as for `python -m`. Raises ValueError where there is no such function."""
     module, _, name = function.partition(":")
     if not module or not name:
         raise ValueError(f"--tracker is {function!r}, needs module:function")
@@ -85,12 +87,12 @@ def load(function: str) -> Tracking:
         raise ValueError(f"--tracker {function}: {error}") from None
     if not callable(found):
         raise ValueError(f"--tracker {function}: {module} has no function {name}")
-    tracking: Tracking = found
-    return tracking
+    imported: TrackFunction = found
+    return imported
 
 
-def checked(name: str, estimates: Iterable[Estimate], setup: Setup, ticks: list[Tick]) -> list[Estimate]:
-    """The estimates, one a tick. Raises ValueError that says what is wrong, at which frame."""
+def check_estimates(name: str, estimates: Iterable[Estimate], setup: Setup, ticks: list[Tick]) -> list[Estimate]:
+    """The estimates, one a tick. Raises ValueError naming the frame where an estimate is missing or not valid."""
     out: list[Estimate] = []
     for estimate in estimates:
         if len(out) == len(ticks):
@@ -114,10 +116,11 @@ def checked(name: str, estimates: Iterable[Estimate], setup: Setup, ticks: list[
     return out
 
 
-def _made_elsewhere(path: Path, frames: int) -> Results:
+def _read_tracks(path: Path, frames: int) -> Results:
+    """Read tracks that were made elsewhere. Raises ValueError for rows without positions, and for frames beyond the run."""
     rows = read_mot15(path)
-    if not rows.positioned.all():
-        raise ValueError(f"{path}: row {int(np.argmin(rows.positioned)) + 1} has no x, y, z")
+    if not rows.has_position.all():
+        raise ValueError(f"{path}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z")
     if len(rows) and rows.frame.max() > frames:
         raise ValueError(f"{path}: frame is {rows.frame.max()}, needs at most {frames}")
     tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}

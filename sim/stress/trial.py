@@ -1,4 +1,4 @@
-"""One trial: a case with a seed is simulated, tracked, scored and explained; what comes out is a row, JSON values all through."""
+"""One trial: a case with a seed is simulated, tracked, scored and diagnosed. The result is a row of JSON values."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from sim.recording.record import versions
 from sim.stress import ablation, bounds, error_causes, worst_moments
-from sim.stress.footage import TrialData, simulate_case
 from sim.stress.map_truth import map_score
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
+from sim.stress.trial_data import TrialData, simulate_case
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import evaluate, who_counts
+from tracker.metrics.evaluation import evaluate, evaluated_people
 from tracker.metrics.landmark_map import MapScore
 from tracker.metrics.matching import MatchingFrame
 from tracker.sequence.results import Results
@@ -31,44 +31,46 @@ TARGETS = ("mota", "idf1", "hota", "motp_m", "false_positives", "misses", "switc
 
 @dataclass(frozen=True)
 class Trial:
-    """case: its scenario has the seed; folder: where pictures go; rendered: panoramas and SIFT, else rays; climbed: with the ladder; command: the
-    line to give to get it again.
+    """A case with a seed, and a tracker.
+
+    case: its scenario has the seed. folder: of the results, for pictures. rendered: with images, otherwise by ray casting. ablation: whether an
+    ablation is asked for. command: the command line that repeats the trial.
     """
 
     case: Case
-    contender: TrackerUnderTest
+    tracker: TrackerUnderTest
     folder: Path
     rendered: bool = True
-    climbed: bool = False
+    ablation: bool = False
     command: str = ""
 
     @property
     def key(self) -> tuple[str, int, str]:
-        """What the row is of: id, seed, tracker."""
-        return self.case.id, self.case.scenario.seed, self.contender.name
+        """The key of its row: id, seed, name of the tracker."""
+        return self.case.id, self.case.scenario.seed, self.tracker.name
 
     @property
-    def climbs(self) -> bool:
-        """Whether a ladder is asked for and can be had: nothing of a real sequence or of somebody else's tracker can be replaced."""
-        return self.climbed and self.case.source != "pets" and not self.contender.function and not self.contender.results
+    def can_ablate(self) -> bool:
+        """Whether an ablation is asked for and possible: not with a real sequence, and with pilsim's own tracker only."""
+        return self.ablation and self.case.source != "pets" and not self.tracker.function and not self.tracker.results
 
     def to_json(self) -> str:
-        """One line, for another process."""
-        contender = {"function": self.contender.function, "options": self.contender.options, "results": self.contender.results}
-        plain = {"folder": str(self.folder), "rendered": self.rendered, "climbed": self.climbed, "command": self.command}
-        return json.dumps(plain | {"case": self.case.to_json(), "contender": contender})
+        """One line of JSON, for another process."""
+        tracker = {"function": self.tracker.function, "options": self.tracker.options, "results": self.tracker.results}
+        plain = {"folder": str(self.folder), "rendered": self.rendered, "ablation": self.ablation, "command": self.command}
+        return json.dumps(plain | {"case": self.case.to_json(), "tracker": tracker})
 
     @staticmethod
     def from_json(text: str) -> Trial:
-        """What to_json wrote."""
+        """The trial that to_json wrote."""
         content = json.loads(text)
-        case, contender = Case.from_json(content.pop("case")), TrackerUnderTest(**content.pop("contender"))
-        return Trial(case, contender, Path(content.pop("folder")), **content)
+        case, tracker = Case.from_json(content.pop("case")), TrackerUnderTest(**content.pop("tracker"))
+        return Trial(case, tracker, Path(content.pop("folder")), **content)
 
 
-def blank(trial: Trial) -> dict[str, Any]:
-    """The row of a trial of which nothing is known yet."""
-    case, contender = trial.case, trial.contender.with_options(trial.case.options)
+def empty_row(trial: Trial) -> dict[str, Any]:
+    """The row of a trial without results."""
+    case, tracker = trial.case, trial.tracker.with_options(trial.case.options)
     return {
         "schema": SCHEMA,
         "id": case.id,
@@ -76,8 +78,8 @@ def blank(trial: Trial) -> dict[str, Any]:
         "parameter": case.parameter,
         "value": case.value,
         "seed": case.scenario.seed,
-        "scenario": json.loads(case.scenario.to_json()) | _besides(case),
-        "tracker": {"name": contender.name, "options": contender.options},
+        "scenario": json.loads(case.scenario.to_json()) | _beyond_scenario(case),
+        "tracker": {"name": tracker.name, "options": tracker.options},
         "rendered": trial.rendered and not case.source,
         "seconds": None,
         "error": None,
@@ -91,68 +93,69 @@ def blank(trial: Trial) -> dict[str, Any]:
     }
 
 
-def _besides(case: Case) -> dict[str, Any]:
-    """What makes a run beside its Scenario."""
-    troubles = case.troubles.to_dict()
-    return ({"troubles": troubles} if troubles else {}) | ({"policy": case.policy} if case.policy else {})
+def _beyond_scenario(case: Case) -> dict[str, Any]:
+    """Faults and policy of a case, which are no part of its Scenario."""
+    faults = case.faults.to_dict()
+    return ({"troubles": faults} if faults else {}) | ({"policy": case.policy} if case.policy else {})
 
 
-def attempted(trial: Trial) -> dict[str, Any]:
-    """The row of a trial; what went wrong is in `error`, in one line, and nothing is raised but the end of the process."""
-    row, began = blank(trial), time.perf_counter()
+def row_of(trial: Trial) -> dict[str, Any]:
+    """The row of a trial. An error of the trial is not raised but stands in the row, in one line."""
+    row, began = empty_row(trial), time.perf_counter()
     try:
         row |= run(trial)
     except Exception as error:
-        # A tracker of somebody else's may raise anything, and the other rows shall come all the same.
+        # A tracker of the user may raise anything, and the other trials go on.
         row["error"] = f"{type(error).__name__}: {' '.join(str(error).split())[:500]}"
     return row | {"seconds": round(time.perf_counter() - began, 2)}
 
 
 def run(trial: Trial) -> dict[str, Any]:
-    """Scores, limits, causes, ladder and moments of a trial, as they stand in its row."""
+    """Scores, bounds, causes of errors, ablation and worst moments of a trial, as in its row."""
     case = trial.case
-    contender = trial.contender.with_options(case.options)
-    footage = simulate_case(case, trial.rendered)
+    tracker = trial.tracker.with_options(case.options)
+    data = simulate_case(case, trial.rendered)
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as solved:
-        graphs = Path(solved) if contender.solves_graphs else None
-        results = contender.results_of(footage.told, footage.ticks, (case.id, case.scenario.seed), graphs)
-        reachable = bounds.limits(footage, graphs, results.survey)
-    scores = scored(footage, results)
-    known = scores["ate_m"] is not None and reachable.get("ate_bound_m")
-    scores["efficiency"] = scores["ate_m"] / reachable["ate_bound_m"] if known else None
-    evidence = error_causes.gather(footage, results)
-    mistakes = error_causes.mistakes(evidence)
-    climbed = ablation.ablate(footage, contender) if trial.climbs else None
-    kept = worst_moments.worst(mistakes)
+        graphs = Path(solved) if tracker.solves_graphs else None
+        results = tracker.results_of(data.tracker_setup, data.ticks, (case.id, case.scenario.seed), graphs)
+        limits = bounds.all_bounds(data, graphs, results.landmark_history)
+    scores = trial_scores(data, results)
+    known = scores["ate_m"] is not None and limits.get("ate_bound_m")
+    scores["efficiency"] = scores["ate_m"] / limits["ate_bound_m"] if known else None
+    evidence = error_causes.gather_evidence(data, results)
+    mistakes = error_causes.find_mistakes(evidence)
+    shares = ablation.ablate(data, tracker) if trial.can_ablate else None
+    kept = worst_moments.find_worst(mistakes)
     return {
         "scores": scores,
-        "limits": reachable,
-        "causes": error_causes.counted(mistakes),
-        "ladder": climbed,
-        "moments": worst_moments.pictured(kept, evidence, (footage, results), trial.folder / "moments", worst_moments.stem(trial.key)),
+        "limits": limits,
+        "causes": error_causes.count_causes(mistakes),
+        "ladder": shares,
+        "moments": worst_moments.draw_pictures(kept, evidence, (data, results), trial.folder / "moments", worst_moments.file_stem(trial.key)),
     }
 
 
-def scored(footage: TrialData, results: Results) -> dict[str, Any]:
-    """The scores of a row; of robots only where their places were told and are not known beforehand."""
-    truth = footage.truth
+def trial_scores(data: TrialData, results: Results) -> dict[str, Any]:
+    """The scores of a row. Scores of robots are None where the tracker reports no poses, or no robot moves from a known start."""
+    truth = data.truth
     if results.poses:
-        sequence = Sequence(footage.setup, footage.in_memory(), truth, {})
+        sequence = Sequence(data.setup, data.in_memory(), truth, {})
         everything = evaluate(sequence, results)
         targets, everybody = everything["targets"], everything["everybody"]
         robots, reckoned = everything["robots"] or {}, everything["dead_reckoning"] or {}
     else:
-        targets, everybody, robots, reckoned = _people(footage, results, True), _people(footage, results, False), {}, {}
+        targets, everybody, robots, reckoned = _person_scores(data, results, True), _person_scores(data, results, False), {}, {}
     out = {name: targets[name] for name in TARGETS}
     out |= {"mota_all": everybody["mota"], "ate_m": robots.get("ate_m"), "dead_reckoning_m": reckoned.get("ate_m")}
-    return out | {name: robots.get(name) for name in ROBOTS} | (map_score(footage, results) or MapScore()).to_dict()
+    return out | {name: robots.get(name) for name in ROBOTS} | (map_score(data, results) or MapScore()).to_dict()
 
 
-def _people(footage: TrialData, results: Results, by_count: bool) -> dict[str, Any]:
+def _person_scores(data: TrialData, results: Results, by_count: bool) -> dict[str, Any]:
+    """CLEAR MOT scores; by_count: of people whom some view showed lately only."""
     nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    counts = who_counts(footage.truth, footage.setup.period)
+    counts = evaluated_people(data.truth, data.setup.period)
     frames = [
         MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=counts[k] if by_count else None)
-        for k, t in enumerate(footage.truth)
+        for k, t in enumerate(data.truth)
     ]
     return score(frames).to_dict()

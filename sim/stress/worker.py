@@ -1,7 +1,6 @@
-"""A process of its own for trials, one after the other: a tracker that hangs, or takes the process with it, costs its row and nothing else.
+"""A child process that runs trials one after the other, so that a tracker that hangs or crashes loses its own row only.
 
-It is handed trials as lines on its standard input and answers with rows as lines on what was its standard output; whatever a tracker prints goes to
-standard error.
+The process reads trials as lines on standard input and writes rows as lines on standard output. Output of the tracker goes to standard error.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ import time
 from typing import IO, Any
 
 from sim.parallel.pool import ONE_THREAD
-from sim.stress.trial import Trial, attempted, blank
+from sim.stress.trial import Trial, empty_row, row_of
 
 POLL = 1.0
-"""s between looks whether the parent is still there."""
+"""Time between checks of the parent process, s."""
 
 
 class Worker:
-    """A child process; started when it is needed, ended and started anew where a trial takes more than `limit` s."""
+    """A child process. It starts with the first trial, and is replaced where a trial takes more than `limit` s."""
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
@@ -32,7 +31,7 @@ class Worker:
         atexit.register(self.close)
 
     def row(self, trial: Trial) -> dict[str, Any]:
-        """The row of a trial; where the process died or took too long, a row that says so."""
+        """The row of a trial. Where the process crashed or took too long, the row has that error."""
         began = time.perf_counter()
         child = self._child if self._child is not None and self._child.poll() is None else self._start()
         assert child.stdin is not None
@@ -47,25 +46,25 @@ class Worker:
             fault = f"RuntimeError: the process ended with status {child.wait()} in the middle of it"
         if answer is None:
             self.close()
-            return blank(trial) | {"error": fault, "seconds": round(time.perf_counter() - began, 2)}
+            return empty_row(trial) | {"error": fault, "seconds": round(time.perf_counter() - began, 2)}
         row: dict[str, Any] = json.loads(answer)
         return row
 
     def close(self) -> None:
-        """End the child, whatever it does."""
+        """Kill the child process."""
         if self._child is not None:
             self._child.kill()
             self._child.wait()
             self._child = None
 
     def _start(self) -> subprocess.Popen[bytes]:
-        alone = os.environ | dict.fromkeys(ONE_THREAD, "1")
-        self._child = subprocess.Popen([sys.executable, "-m", "sim.stress.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=alone)
+        environment = os.environ | dict.fromkeys(ONE_THREAD, "1")
+        self._child = subprocess.Popen([sys.executable, "-m", "sim.stress.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
         return self._child
 
 
 def _line(stream: IO[bytes], until: float) -> bytes | None:
-    """The next line, None where it does not come in time. Raises EOFError where the other end is closed."""
+    """The next line, or None where it does not come in time. Raises EOFError where the other end is closed."""
     out = b""
     while not out.endswith(b"\n"):
         left = until - time.perf_counter()
@@ -79,19 +78,19 @@ def _line(stream: IO[bytes], until: float) -> bytes | None:
 
 
 def _watch(parent: int) -> None:
-    """End with the parent, even in the middle of a tracker that hangs."""
+    """End this process when its parent ends, even while a tracker hangs."""
     while os.getppid() == parent:
         time.sleep(POLL)
     os._exit(1)
 
 
 def main() -> None:
-    """Read trials until there are no more."""
+    """Run the trials of standard input until it ends."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
     for line in sys.stdin:
-        print(json.dumps(attempted(Trial.from_json(line))), file=answers, flush=True)
+        print(json.dumps(row_of(Trial.from_json(line))), file=answers, flush=True)
 
 
 if __name__ == "__main__":

@@ -89,11 +89,11 @@ def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
 def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
     setup = make_setup(SCENARIO, Simulation(SCENARIO, world=yard()))
     ticks = [glimpse.tick for glimpse in glimpses]
-    sent = Faults(dropout=0.5).sent(setup, ticks, 1)
+    sent = Faults(dropout=0.5).degraded_ticks(setup, ticks, 1)
     blind = [view for tick in sent for view in tick.views if view.sightings is None]
     assert blind
     assert all(view.robot_detections is None for view in blind)
-    carried = Faults(kidnapped=SCENARIO.period * 3).sent(setup, ticks, 1)
+    carried = Faults(kidnapped=SCENARIO.period * 3).degraded_ticks(setup, ticks, 1)
     assert [tick.views[0].robot_detections is None for tick in carried] == [False, False, False, True, True, True]
     assert all(view.robot_detections is not None for tick in carried for view in tick.views[1:]), "others see it where it is carried"
 

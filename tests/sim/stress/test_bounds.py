@@ -1,4 +1,4 @@
-"""The bound of the robots' places: two ways to it, and what a filter makes of it."""
+"""The bound of robot positions: the recursion against the batch problem, and against the covariance of a filter."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 
 from sim.scenario import Scenario
 from sim.stress.bounds import ate_bound
-from sim.stress.footage import TrialData
 from sim.stress.map_truth import map_score
 from sim.stress.sweeps import Case
-from tests.tracker.slam.test_inter_robot import with_companions
+from sim.stress.trial_data import TrialData
+from tests.tracker.slam.test_inter_robot import with_robot_detections
 from tests.tracker.walled_room import Room, simulate
-from tracker.ekf.linearization import linearise
+from tracker.ekf.linearization import linearize
 from tracker.ekf.state import JointState
 from tracker.metrics import cramer_rao
 from tracker.pipeline import track
@@ -22,73 +22,73 @@ from tracker.sequence.results import Results
 from tracker.slam.inter_robot import identify
 from tracker.types import Truth
 
-ROOM = Room(seed=3, robots=2, ticks=11, landmarks=40, named=True, miss=0.2)
+SPARE_LANDMARKS = Room(seed=3, robots=2, ticks=11, landmarks=40, named=True, miss=0.2)
 NOBODY = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 2)))
 
 
 @pytest.fixture(scope="module")
-def footage() -> TrialData:
-    setup, ticks, poses, points = simulate(ROOM)
+def data() -> TrialData:
+    setup, ticks, poses, points = simulate(SPARE_LANDMARKS)
     truth = tuple(Truth(tick.index, true, *NOBODY) for tick, true in zip(ticks, poses, strict=True))
     case = Case("room/0", "room", "none", 0, Scenario())
     return TrialData(case, setup, ticks, truth, [{} for _ in ticks], setup, ticks, {}, points)
 
 
-def test_the_recursion_and_the_whole_problem_agree(footage: TrialData) -> None:
+def test_the_recursion_and_the_batch_problem_agree(data: TrialData) -> None:
     frames = []
-    for tick, truth, odometry in zip(footage.ticks, footage.truth, footage.in_memory().odometry(), strict=True):
+    for tick, truth, odometry in zip(data.ticks, data.truth, data.in_memory().odometry(), strict=True):
         seen = {v.camera: (v.sightings.subject, v.sightings.covariance) for v in tick.views if v.sightings is not None}
         frames.append(cramer_rao.BoundFrame(truth.T_world_robot, odometry, seen))
-    assert footage.landmarks is not None
-    places = dict(enumerate(footage.landmarks))
-    found = cramer_rao.variances(footage.setup, frames, places)
-    # The problem takes the bound at every other frame here, and drops sightings of which it is not sure whose they are.
-    assert cramer_rao.ate_bound(found[[2, 4, 6, 8, 10]]) == pytest.approx(ate_bound(footage), rel=0.02)
-    # An offset that is estimated as well costs something.
-    more = cramer_rao.variances(footage.setup, frames, places, (0.02, 0.02, 0.02))
+    assert data.landmarks is not None
+    places = dict(enumerate(data.landmarks))
+    found = cramer_rao.position_variances(data.setup, frames, places)
+    # The batch problem evaluates every other frame here, and leaves out sightings without a clear landmark.
+    assert cramer_rao.ate_bound(found[[2, 4, 6, 8, 10]]) == pytest.approx(ate_bound(data), rel=0.02)
+    # Estimating odometry biases as well raises the bound.
+    more = cramer_rao.position_variances(data.setup, frames, places, (0.02, 0.02, 0.02))
     assert cramer_rao.ate_bound(more) > cramer_rao.ate_bound(found)
 
 
 def test_robots_that_see_each_other_lower_the_bound() -> None:
-    """Of a first frame alone it is what the filter makes of the starts at the truth, where no landmark is known."""
-    setup, ticks, poses = with_companions(Room(seed=3, robots=3, ticks=1, landmarks=1), np.random.default_rng(0))
+    """At the first frame, without landmarks, the bound is the covariance of the filter at the truth."""
+    setup, ticks, poses = with_robot_detections(Room(seed=3, robots=3, ticks=1, landmarks=1), np.random.default_rng(0))
     truth, case = (Truth(1, poses[0], *NOBODY),), Case("room/0", "room", "none", 0, Scenario())
     views = tuple(replace(view, sightings=None, odometry=None) for view in ticks[0].views)
-    blind = tuple(replace(view, companions=None) for view in views)
+    blind = tuple(replace(view, robot_detections=None) for view in views)
     bounds = []
     for seen in (views, blind):
-        told = [replace(ticks[0], views=seen)]
-        bounds.append(ate_bound(TrialData(case, setup, told, truth, [{}], setup, told, {}, np.zeros((1, 3)))))
-    joint, team = JointState(1, 1, None), {}
+        given = [replace(ticks[0], views=seen)]
+        bounds.append(ate_bound(TrialData(case, setup, given, truth, [{}], setup, given, {}, np.zeros((1, 3)))))
+    state, team = JointState(1, 1, None), {}
     for name, start in setup.starts.items():
         assert start is not None
-        team[name] = joint.join(replace(start, T_world_robot=poses[0][name]))
+        team[name] = state.add_robot(replace(start, T_world_robot=poses[0][name]))
     for view in views:
         mount = setup.mounts[view.camera]
-        assert view.companions is not None
-        seen_at_all = identify(setup, mount, view.companions, team)
-        joint.update(lambda mount=mount, seen=seen_at_all: linearise(joint, team[mount.robot], None, None, seen), 1, np.inf)  # type: ignore[misc]
-    expected = np.mean([np.sqrt(joint.covariance(robot)[:3, :3].trace()) for robot in team.values()])
-    # The filter's mean moves by the noise of the bearings, the bound's does not.
+        assert view.robot_detections is not None
+        identified = identify(setup, mount, view.robot_detections, team)
+        state.update(lambda mount=mount, seen=identified: linearize(state, team[mount.robot], None, None, seen), 1, np.inf)  # type: ignore[misc]
+    expected = np.mean([np.sqrt(state.covariance(robot)[:3, :3].trace()) for robot in team.values()])
+    # The filter linearizes at its mean, which has noise; the bound linearizes at the truth.
     assert bounds[0] == pytest.approx(expected, rel=1e-3)
     assert bounds[0] < 0.9 * (bounds[1] or 0)
 
 
-def test_what_the_tracker_saw_gives_a_bound_and_a_map(footage: TrialData) -> None:
-    results = Results.of(track(footage.setup, footage.ticks), {})
-    survey = results.survey
-    assert survey is not None
-    assert set(survey.final.tolist()) <= set(survey.places)
-    for tick, sighted in zip(footage.ticks, survey.sighted, strict=True):
+def test_sightings_of_the_tracker_give_a_bound_and_a_map_score(data: TrialData) -> None:
+    results = Results.of(track(data.setup, data.ticks), {})
+    history = results.landmark_history
+    assert history is not None
+    assert set(history.final.tolist()) <= set(history.positions)
+    for tick, sighted in zip(data.ticks, history.sighted, strict=True):
         for view in tick.views:
             assert view.sightings is not None
-            assert len(sighted[footage.setup.mounts[view.camera].robot]) <= len(view.sightings)
-    poses, odometry = [t.T_world_robot for t in footage.truth], footage.in_memory().odometry()
-    bound = cramer_rao.surveyed(footage.setup, poses, odometry, survey)
-    # The same sightings of fewer landmarks, and from a start that is 0.035 m off.
+            assert len(sighted[data.setup.mounts[view.camera].robot]) <= len(view.sightings)
+    poses, odometry = [t.T_world_robot for t in data.truth], data.in_memory().odometry()
+    bound = cramer_rao.bound_of_map(data.setup, poses, odometry, history)
+    # The sightings are the same, of fewer landmarks, and the start has an error of 0.035 m.
     assert bound is not None
-    assert 0.3 * (ate_bound(footage) or 0) < bound < 0.05
-    score = map_score(footage, results)
+    assert 0.3 * (ate_bound(data) or 0) < bound < 0.05
+    score = map_score(data, results)
     assert score is not None
     d = score.to_dict()
     assert d["map_aligned_m"] is not None

@@ -1,18 +1,18 @@
-"""Each mistake has one cause, and there are as many of them as the score counts."""
+"""Each error has one cause, and there are as many errors as the score counts."""
 
 import numpy as np
 import pytest
 
 from sim.scenario import Scenario
-from sim.stress.error_causes import CAUSES, Known, Mistake, TrialEvidence, counted, gather, mistakes
-from sim.stress.footage import simulate_case
+from sim.stress.error_causes import CAUSES, FrameEvidence, Mistake, TrialEvidence, count_causes, find_mistakes, gather_evidence
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
-from sim.stress.trial import scored
+from sim.stress.trial import trial_scores
+from sim.stress.trial_data import simulate_case
 
 
-def frame(index: int, **changes: object) -> Known:
-    """Persons 1 at the origin and 2 three metres away, both followed, by tracks 11 and 12."""
+def frame(index: int, **changes: object) -> FrameEvidence:
+    """Person 1 at the origin and person 2 three metres away, matched to tracks 11 and 12."""
     plain: dict[str, object] = {
         "index": index,
         "person": np.array([1, 2]),
@@ -26,17 +26,17 @@ def frame(index: int, **changes: object) -> Known:
         "place": np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
         "false": frozenset(),
     }
-    return Known(**(plain | changes))  # type: ignore[arg-type]
+    return FrameEvidence(**(plain | changes))  # type: ignore[arg-type]
 
 
-def missed(index: int, **changes: object) -> Known:
-    """As `frame`, with person 1 missed and track 11 gone."""
+def missed(index: int, **changes: object) -> FrameEvidence:
+    """As `frame`, with person 1 missed and track 11 deleted."""
     plain: dict[str, object] = {"missed": frozenset({1}), "match": {2: 12}, "track": np.array([12]), "place": np.array([[3.0, 0.0, 0.0]])}
     return frame(index, **(plain | changes))
 
 
-def found(*frames: Known) -> list[tuple[int, str, str]]:
-    return [(m.frame, m.kind, m.cause) for m in mistakes(TrialEvidence(frames, 1 / 6))]
+def found(*frames: FrameEvidence) -> list[tuple[int, str, str]]:
+    return [(m.frame, m.kind, m.cause) for m in find_mistakes(TrialEvidence(frames, 1 / 6))]
 
 
 @pytest.mark.parametrize(
@@ -50,21 +50,21 @@ def found(*frames: Known) -> list[tuple[int, str, str]]:
         ({}, "gated out"),
     ],
 )
-def test_why_somebody_is_missed(changes: dict[str, object], cause: str) -> None:
+def test_causes_of_misses(changes: dict[str, object], cause: str) -> None:
     assert found(frame(0), missed(1, **changes)) == [(1, "miss", cause)]
 
 
-def test_who_was_never_followed_is_not_yet_believed() -> None:
+def test_a_person_who_was_never_tracked_is_not_yet_believed() -> None:
     assert found(missed(0)) == [(0, "miss", "not yet believed")]
 
 
-def false(place: float, track: int = 13, **changes: object) -> Known:
+def false(place: float, track: int = 13, **changes: object) -> FrameEvidence:
     """As `frame` with one more track, `place` m along x."""
     here = {"track": np.array([11, 12, track]), "place": np.array([[0.0, 0, 0], [3.0, 0, 0], [place, 0, 0]]), "false": frozenset({track})}
     return frame(1, **(here | changes))
 
 
-def test_why_somebody_is_imagined() -> None:
+def test_causes_of_false_positives() -> None:
     assert found(frame(0), false(0.8)) == [(1, "false positive", "duplicate")]
     assert found(frame(0), false(9.0)) == [(1, "false positive", "clutter")]
     gone = {"missed": frozenset({1}), "match": {2: 12}, "track": np.array([12, 11])}
@@ -76,7 +76,7 @@ def test_why_somebody_is_imagined() -> None:
     assert found(frame(0), frame(1, **left, false=frozenset({11}))) == [(1, "false positive", "coasting")]
 
 
-def test_why_tracks_are_mixed_up() -> None:
+def test_causes_of_switches() -> None:
     swapped = frame(1, match={1: 12, 2: 11})
     assert found(frame(0), swapped) == [(1, "switch", "wrong association")] * 2
     new = {"match": {1: 13, 2: 12}, "track": np.array([13, 12])}
@@ -90,18 +90,18 @@ def test_why_tracks_are_mixed_up() -> None:
 
 def test_all_causes_are_listed_with_their_counts() -> None:
     some = [Mistake(0, "miss", "occluded", 1, None, (0.0, 0.0, 0.0))] * 3 + [Mistake(0, "switch", "new track", 1, 2, (0.0, 0.0, 0.0))]
-    counts = counted(some)
+    counts = count_causes(some)
     assert {kind: tuple(causes) for kind, causes in counts.items()} == CAUSES
     assert counts["misses"]["occluded"] == 3
     assert sum(sum(causes.values()) for causes in counts.values()) == 4
 
 
 def test_causes_add_up_to_the_score() -> None:
-    """A hard run: every miss, false positive and switch that the score counts is there."""
+    """A hard run with many errors of all kinds."""
     scenario = Scenario(seed=1002, robots=1, people=12, frames=14, width=256, misses=0.4, clutter=2.0, bearing_noise=0.015)
-    footage = simulate_case(Case("x/0", "x", "people", 14, scenario), rendered=False)
-    results = TrackerUnderTest().results_of(footage.told, footage.ticks, ("x/0", 1002))
-    scores, counts = scored(footage, results), counted(mistakes(gather(footage, results)))
+    data = simulate_case(Case("x/0", "x", "people", 14, scenario), rendered=False)
+    results = TrackerUnderTest().results_of(data.tracker_setup, data.ticks, ("x/0", 1002))
+    scores, counts = trial_scores(data, results), count_causes(find_mistakes(gather_evidence(data, results)))
     for kind, name in (("misses", "misses"), ("false positives", "false_positives"), ("switches", "switches")):
         assert sum(counts[kind].values()) == scores[name]
     assert scores["misses"] > 20

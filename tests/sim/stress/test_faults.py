@@ -1,4 +1,4 @@
-"""Troubles on the way from the sensors to the tracker."""
+"""Injected faults."""
 
 from dataclasses import replace
 
@@ -20,39 +20,39 @@ def recorded() -> tuple[Setup, list[Tick]]:
     return setup, ticks
 
 
-def test_no_trouble_changes_nothing(recorded: tuple[Setup, list[Tick]]) -> None:
+def test_without_faults_nothing_changes(recorded: tuple[Setup, list[Tick]]) -> None:
     setup, ticks = recorded
-    assert Faults().sent(setup, ticks, 1) == ticks
-    assert Faults().told(setup) is setup
+    assert Faults().degraded_ticks(setup, ticks, 1) == ticks
+    assert Faults().degraded_setup(setup) is setup
 
 
-def test_views_stay_away_for_their_share_and_in_spells(recorded: tuple[Setup, list[Tick]]) -> None:
+def test_dropout_has_its_share_and_mean_length(recorded: tuple[Setup, list[Tick]]) -> None:
     setup, ticks = recorded
     away = []
     for seed in range(40):
-        sent = Faults(dropout=0.3).sent(setup, ticks, seed)
-        away += [[tick.views[c].sightings is None for tick in sent] for c in range(4)]
-        assert all(view.odometry is not None for tick in sent for view in tick.views)
+        degraded = Faults(dropout=0.3).degraded_ticks(setup, ticks, seed)
+        away += [[tick.views[c].sightings is None for tick in degraded] for c in range(4)]
+        assert all(view.odometry is not None for tick in degraded for view in tick.views)
     gone = np.array(away)
     assert gone.mean() == pytest.approx(0.3, abs=0.03)
     ends = (gone[:, :-1] & ~gone[:, 1:]).sum()
     assert gone[:, :-1].sum() / ends == pytest.approx(5.0, rel=0.15)
 
 
-def test_every_second_robot_is_late(recorded: tuple[Setup, list[Tick]]) -> None:
+def test_every_second_robot_is_delayed(recorded: tuple[Setup, list[Tick]]) -> None:
     setup, ticks = recorded
-    sent = Faults(skew=2).sent(setup, ticks, 1)
-    for k, tick in enumerate(sent):
+    degraded = Faults(skew=2).degraded_ticks(setup, ticks, 1)
+    for k, tick in enumerate(degraded):
         assert tick.index == ticks[k].index
         for c, late in enumerate((0, 2, 0, 2)):
             assert tick.views[c] is ticks[max(k - late, 0)].views[c]
 
 
-def test_slipping_wheels_change_lengths_alone(recorded: tuple[Setup, list[Tick]]) -> None:
+def test_slip_changes_the_length_of_motion_only(recorded: tuple[Setup, list[Tick]]) -> None:
     setup, ticks = recorded
-    sent = Faults(slip=0.2).sent(setup, ticks, 5)
+    degraded = Faults(slip=0.2).degraded_ticks(setup, ticks, 5)
     shares = []
-    for before, now in zip(ticks, sent, strict=True):
+    for before, now in zip(ticks, degraded, strict=True):
         for a, b in zip(before.views, now.views, strict=True):
             assert a.odometry is not None
             assert b.odometry is not None
@@ -63,16 +63,16 @@ def test_slipping_wheels_change_lengths_alone(recorded: tuple[Setup, list[Tick]]
     assert 0.05 < np.abs(by_robot.mean(axis=0)).max() < 0.6
 
 
-def test_the_first_robot_is_carried_blind(recorded: tuple[Setup, list[Tick]]) -> None:
+def test_the_first_robot_is_kidnapped_blind(recorded: tuple[Setup, list[Tick]]) -> None:
     setup, ticks = recorded
-    sent = Faults(kidnapped=10 * setup.period).sent(setup, ticks, 1)
-    blind = [k for k, tick in enumerate(sent) if tick.views[0].sightings is None]
+    degraded = Faults(kidnapped=10 * setup.period).degraded_ticks(setup, ticks, 1)
+    blind = [k for k, tick in enumerate(degraded) if tick.views[0].sightings is None]
     assert blind == list(range(45, 55))
     for k in blind:
-        odometry = sent[k].views[0].odometry
+        odometry = degraded[k].views[0].odometry
         assert odometry is not None
         np.testing.assert_array_equal(odometry.T_before_now.translation, Pose.identity().translation)
-        assert sent[k].views[1:] == ticks[k].views[1:]
+        assert degraded[k].views[1:] == ticks[k].views[1:]
 
 
 def test_knowledge_of_the_terrain(recorded: tuple[Setup, list[Tick]]) -> None:
@@ -80,14 +80,14 @@ def test_knowledge_of_the_terrain(recorded: tuple[Setup, list[Tick]]) -> None:
     ground = Grid(0.1 * x - 0.05 * y, np.zeros(2), 0.25)
     setup = replace(recorded[0], ground=ground, occluders=ground)
     places = np.random.default_rng(0).uniform([0.0, 0.0], [14.0, 9.0], (50, 2))
-    coarse = Faults(terrain="coarse").told(setup)
+    coarse = Faults(terrain="coarse").degraded_setup(setup)
     assert isinstance(coarse.ground, Grid)
     assert coarse.ground.spacing == 2.0
     assert coarse.occluders is None
-    # A plane is known exactly by any of its points.
+    # A coarse grid represents a plane exactly.
     np.testing.assert_allclose(coarse.ground.height_at(places), ground.height_at(places), atol=1e-9)
-    assert Faults(terrain="none").told(setup).ground == Flat(0.0)
-    flat = Faults(terrain="flat").told(setup).ground
+    assert Faults(terrain="none").degraded_setup(setup).ground == Flat(0.0)
+    flat = Faults(terrain="flat").degraded_setup(setup).ground
     assert isinstance(flat, Flat)
     assert 0.2 < flat.level < 1.0
 

@@ -1,15 +1,15 @@
-"""Sweeps as data: an id stands for one run for good."""
+"""Sweeps as data: ids, what each sweep changes, and cases as JSON."""
 
 import pytest
 
 from sim.policies.rollouts import PLAIN
 from sim.scenario import Scenario
-from sim.stress.sweeps import OWN_GOALS, POLICIES, SWEEPS, Case, cases, standard
+from sim.stress.sweeps import OWN_GOALS, POLICIES, SWEEPS, Case, cases, default_scenario
 from tracker.options import parameters_from
 
 
-def test_ids_are_one_each_and_say_what_varies() -> None:
-    every = cases((), standard())
+def test_ids_are_unique_and_name_a_value() -> None:
+    every = cases((), default_scenario())
     assert len({case.id for case in every}) == len(every) == sum(len(sweep.values) for sweep in SWEEPS.values())
     assert {case.sweep for case in every} == set(SWEEPS)
     for case in every:
@@ -17,32 +17,32 @@ def test_ids_are_one_each_and_say_what_varies() -> None:
         parameters_from(case.options)
 
 
-def test_a_sweep_changes_what_it_says_and_nothing_else() -> None:
-    start = standard()
+def test_a_sweep_changes_its_parameter_only() -> None:
+    start = default_scenario()
     for case in cases((), start):
         changed = {name for name in Scenario.__dataclass_fields__ if getattr(case.scenario, name) != getattr(start, name)}
         assert case.policy == ("" if case.sweep != "placement" else case.value)
         named = {case.parameter, "world"} | ({"frames"} if case.sweep == "rate" else set())
         assert changed <= named, case.id
-        assert set(case.troubles.to_dict()) <= {case.parameter}
+        assert set(case.faults.to_dict()) <= {case.parameter}
     people = [case.scenario.people for case in cases(["density"], start)]
     assert people == [5, 10, 20, 40, 80, 150]
     seconds = {round(case.scenario.frames / case.scenario.rate, 6) for case in cases(["rate"], start)}
     assert seconds == {10.0}
 
 
-def test_policies_are_those_that_can_be_had_without_a_file() -> None:
+def test_policies_need_no_file() -> None:
     assert set(POLICIES) - {OWN_GOALS} <= set(PLAIN)
 
 
 def test_cases_travel_as_json() -> None:
-    for case in cases((), standard(frames=7)):
-        assert Case.from_json(case.of_seed(3).to_json()) == case.of_seed(3)
+    for case in cases((), default_scenario(frames=7)):
+        assert Case.from_json(case.with_seed(3).to_json()) == case.with_seed(3)
 
 
-def test_single_cases_and_unknown_ones() -> None:
-    assert [case.id for case in cases(["slip/2", "density/0", "slip/2"], standard())] == ["slip/2", "density/0"]
+def test_single_cases_and_unknown_names() -> None:
+    assert [case.id for case in cases(["slip/2", "density/0", "slip/2"], default_scenario())] == ["slip/2", "density/0"]
     with pytest.raises(ValueError, match=r"--sweep is 'weather', needs one of density, difficulty, robots"):
-        cases(["weather"], standard())
+        cases(["weather"], default_scenario())
     with pytest.raises(ValueError, match=r"needs slip/0 to slip/4"):
-        cases(["slip/5"], standard())
+        cases(["slip/5"], default_scenario())

@@ -1,27 +1,27 @@
-"""Trackers under trial: options of ours, functions of others, and what is said of those that break."""
+"""Trackers under test: options of pilsim's own, functions by name, and errors of faulty ones."""
 
 import re
 
 import pytest
 
 from sim.scenario import Scenario
-from sim.stress.footage import TrialData, simulate_case
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
+from sim.stress.trial_data import TrialData, simulate_case
 
 
 @pytest.fixture(scope="module")
-def footage() -> TrialData:
+def data() -> TrialData:
     scenario = Scenario(seed=1001, robots=1, people=2, frames=3, width=256)
     return simulate_case(Case("x/0", "x", "people", 2, scenario), rendered=False)
 
 
-def of(name: str) -> TrackerUnderTest:
-    return TrackerUnderTest(f"tests.sim.contenders:{name}")
+def sample(name: str) -> TrackerUnderTest:
+    return TrackerUnderTest(f"tests.sim.sample_trackers:{name}")
 
 
-def test_a_function_of_somebody_elses_is_as_good_as_ours(footage: TrialData) -> None:
-    ours, theirs = (c.results_of(footage.told, footage.ticks, ("x/0", 1)) for c in (TrackerUnderTest(), of("good")))
+def test_a_function_by_name_gives_the_results_of_the_same_function(data: TrialData) -> None:
+    ours, theirs = (c.results_of(data.tracker_setup, data.ticks, ("x/0", 1)) for c in (TrackerUnderTest(), sample("good")))
     assert ours.frames == theirs.frames == 3
     for k in range(3):
         assert (ours.tracks[k][0] == theirs.tracks[k][0]).all()
@@ -40,21 +40,25 @@ def test_a_function_of_somebody_elses_is_as_good_as_ours(footage: TrialData) -> 
         ("numbers", "gave a int for frame 0, needs an Estimate"),
     ],
 )
-def test_what_is_no_estimate_is_refused(footage: TrialData, name: str, message: str) -> None:
+def test_faulty_estimates_are_refused(data: TrialData, name: str, message: str) -> None:
     with pytest.raises(ValueError, match=message if "\\" in message else re.escape(message)):
-        of(name).results_of(footage.told, footage.ticks, ("x/0", 1))
+        sample(name).results_of(data.tracker_setup, data.ticks, ("x/0", 1))
 
 
-def test_functions_that_are_not_there(footage: TrialData) -> None:
-    for name, message in (("nothing", "needs module:function"), ("no.such:track", "no"), ("tests.sim.contenders:absent", "has no function absent")):
+def test_unknown_functions_are_refused(data: TrialData) -> None:
+    for name, message in (
+        ("nothing", "needs module:function"),
+        ("no.such:track", "no"),
+        ("tests.sim.sample_trackers:absent", "has no function absent"),
+    ):
         with pytest.raises(ValueError, match=message):
-            TrackerUnderTest(name).estimates(footage.told, footage.ticks)
+            TrackerUnderTest(name).estimates(data.tracker_setup, data.ticks)
 
 
-def test_a_cases_options_go_first() -> None:
+def test_options_of_a_case_override_those_of_the_tracker() -> None:
     assert TrackerUnderTest(options={"slam": "ekf", "correction": "on"}).with_options({"slam": "iekf"}).options == {
         "slam": "iekf",
         "correction": "on",
     }
     with pytest.raises(ValueError, match="options slam are of the default tracker"):
-        TrackerUnderTest("tests.sim.contenders:good", {"slam": "ekf"})
+        TrackerUnderTest("tests.sim.sample_trackers:good", {"slam": "ekf"})

@@ -1,4 +1,4 @@
-"""Trackers as a user might hand them in: one that works, and some that do not."""
+"""Trackers that a user might write: one that works, and some with faults."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tracker.types import Estimate, Setup, Tick
 
 
 def good(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
-    """Our own."""
+    """The default tracker."""
     yield from track(setup, ticks)
 
 
@@ -35,7 +35,7 @@ def long(setup: Setup, ticks: Iterable[Tick]) -> list[Estimate]:
 
 
 def flat(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Any]:
-    """Places in the plane."""
+    """Positions without z."""
     for estimate in track(setup, ticks):
         yield Estimate(estimate.index, {}, {}, np.zeros(2, dtype=np.int64), np.zeros((2, 2)), np.zeros((2, 3, 3)))
 

@@ -1,0 +1,169 @@
+"""The data of a trial in memory: setup, ticks and truth of a case, as recorded and as the tracker gets them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from sim.datasets.pets_twin import Twin, recording_of
+from sim.policies.driven_simulation import PolicySimulation
+from sim.recording.raycast_run import RaycastFrame, run_raycast
+from sim.recording.record import Recording, open_renderer
+from sim.recording.record import run as run_rendered
+from sim.recording.tracker_setup import make_setup
+from sim.sensors.raycast_camera import RaycastCamera
+from sim.stress.sweeps import OWN_GOALS, Case
+from tracker.datasets.opening import open_sequence
+from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS
+from tracker.geometry import Array, Ints, angles_from_bearing, wrap
+from tracker.geometry.cameras import Camera, Panorama
+from tracker.types import Boxes, Detections, Setup, Tick, TicksInMemory, Truth, ViewTruth
+
+EDGE_TOLERANCE = np.radians(1.5)
+"""A detection is false where an edge is off by more than this and four standard deviations, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrialData:
+    """A case as recorded (setup, recorded, truth) and as the tracker gets it (tracker_setup, ticks).
+
+    views: by frame and camera, the truth of the view; empty where it is not known, as in real sequences. person: by `id` of Detections, the true
+    persons, as `true_persons` gives them. landmarks: (n, 3) m, of which there are sightings; None where sightings are features of images.
+    """
+
+    case: Case
+    setup: Setup
+    recorded: list[Tick]
+    truth: tuple[Truth, ...]
+    views: Sequence[Mapping[str, ViewTruth]]
+    tracker_setup: Setup
+    ticks: list[Tick]
+    person: Mapping[int, Ints]
+    landmarks: Array | None = None
+
+    def true_persons(self, detections: Detections) -> Ints:
+        """(n,) the true person of each detection, 0 for false ones. The detections must be objects of this trial."""
+        return self.person.get(id(detections), np.zeros(len(detections), dtype=np.int64))
+
+    def in_memory(self) -> TicksInMemory:
+        """The ticks that the tracker gets."""
+        return TicksInMemory(tuple(self.ticks), self.setup.mounts)
+
+
+def simulate_case(case: Case, rendered: bool) -> TrialData:
+    """Simulate a case, or read it.
+
+    rendered: from images, otherwise by ray casting. Raises ValueError where the scenario does not fit its world, and where the folder is no PETS 2009
+    sequence.
+    """
+    if case.source == "pets":
+        return _read_pets(case)
+    recording = _recording_of(case)
+    setup = make_setup(recording.scenario, recording.simulation, recording.fixed)
+    if case.source:
+        setup = _with_fixed_cameras_only(setup)
+    landmarks = None
+    if rendered and not case.source:
+        with open_renderer(recording.scenario, recording.simulation) as renderer:
+            # Instances and ranges are large and not needed any more.
+            frames = [RaycastFrame(m.tick, m.truth, m.views) for m in run_rendered(recording.scenario, recording.simulation, setup, renderer)]
+    else:
+        camera = RaycastCamera(recording.simulation)
+        landmarks = camera.landmarks
+        frames = list(run_raycast(recording.scenario, recording.simulation, setup, camera))
+        frames = [_crop_truth(frame, setup) for frame in frames] if setup.area is not None else frames
+    recorded = [frame.tick for frame in frames]
+    person = {
+        id(view.detections): match_persons(view.detections, setup.mounts[view.camera].camera, frame.views[view.camera].boxes)
+        for frame in frames
+        for view in frame.tick.views
+    }
+    ticks = case.faults.degraded_ticks(setup, recorded, case.scenario.seed)
+    truth, views = tuple(frame.truth for frame in frames), [frame.views for frame in frames]
+    return TrialData(case, setup, recorded, truth, views, case.faults.degraded_setup(setup), ticks, person, landmarks)
+
+
+def _recording_of(case: Case) -> Recording:
+    """The simulation of a case, ready to record."""
+    if case.source == "twin":
+        return _twin_recording(case)
+    if not case.policy:
+        return Recording.of(case.scenario)
+    return Recording(case.scenario, PolicySimulation(case.scenario, "" if case.policy == OWN_GOALS else case.policy), {}, {})
+
+
+def _with_fixed_cameras_only(setup: Setup) -> Setup:
+    """The setup of a twin with its fixed cameras only, and with the area of the real truth."""
+    mounts = {name: mount for name, mount in setup.mounts.items() if name == mount.robot}
+    starts = {name: setup.starts[name] for name in mounts}
+    return replace(setup, mounts=mounts, starts=starts, area=np.array(PETS_AREA))
+
+
+def _crop_truth(frame: RaycastFrame, setup: Setup) -> RaycastFrame:
+    """The frame with the truth of people within the area only, and without robots."""
+    t = frame.truth
+    inside = setup.contains(t.feet)
+    return replace(frame, truth=Truth(t.index, {}, t.person_id[inside], t.feet[inside], t.visible[inside]))
+
+
+def _read_pets(case: Case) -> TrialData:
+    """The real sequence S2.L1, as PETS_VIEWS see it."""
+    sequence = open_sequence(Path(case.folder), PETS_VIEWS)
+    if sequence.truth is None:
+        raise ValueError(f"{case.folder}: no truth (annotations/*-cropped.xml)")
+    ticks = list(sequence.ticks)[: len(sequence.truth)]
+    return TrialData(case, sequence.setup, ticks, sequence.truth, [{} for _ in ticks], sequence.setup, ticks, {})
+
+
+def _twin_recording(case: Case) -> Recording:
+    """The twin of the sequence, as the same cameras see it."""
+    folder = Path(case.folder)
+    calibration = next((p for p in (folder / "calibration", folder.parent / "calibration") if p.is_dir()), folder / "calibration")
+    files = sorted((folder / "annotations").glob("*.xml"))
+    whole = [file for file in files if "cropped" not in file.name] or files
+    if not whole:
+        raise ValueError(f"{folder / 'annotations'}: no *.xml")
+    return recording_of(Twin(whole[0], calibration, PETS_VIEWS, robots=1, width=case.scenario.width, seed=case.scenario.seed))
+
+
+def match_persons(detections: Detections, camera: Camera, boxes: Boxes) -> Ints:
+    """(n,) the person of each detection by linear assignment to the true boxes of the view, 0 where no box is near."""
+    out = np.zeros(len(detections), dtype=np.int64)
+    shown = boxes.seen[:, 2] > boxes.seen[:, 0]
+    if not len(detections) or not shown.any():
+        return out
+    azimuth, elevation, span, height = _angles(camera, boxes.seen[shown])
+    seen_azimuth, seen_elevation = angles_from_bearing(detections.bearing)
+    aside = np.abs(wrap(seen_azimuth[:, None] - azimuth))
+    low = np.abs((seen_elevation - detections.extent[:, 1] / 2)[:, None] - (elevation - height / 2))
+    high = np.abs((seen_elevation + detections.extent[:, 1] / 2)[:, None] - (elevation + height / 2))
+    wide = np.abs(detections.extent[:, :1] - span)
+    edge = 4 * np.sqrt(detections.covariance[:, 1, 1])[:, None] + EDGE_TOLERANCE
+    cost = aside + low + high + 0.5 * wide
+    allowed = (aside < edge) & (low < edge) & (high < edge)
+    rows, columns = linear_sum_assignment(np.where(allowed, cost, 1e3))
+    good = allowed[rows, columns]
+    out[rows[good]] = boxes.person[shown][columns[good]]
+    return out
+
+
+def _angles(camera: Camera, boxes: Array) -> tuple[Array, Array, Array, Array]:
+    """Azimuth and elevation of the middle, width and height, each (n,) rad, of boxes (n, 4) left, top, right, bottom px."""
+    left, top, right, bottom = boxes.T - (0.5 - camera.pixel_centre)
+    middle = (left + right) / 2
+    if isinstance(camera, Panorama):
+        middle = np.mod(middle, camera.width)
+    azimuth, low = angles_from_bearing(camera.bearings_from_pixels(np.stack([middle, bottom], axis=1)))
+    _, high = angles_from_bearing(camera.bearings_from_pixels(np.stack([middle, top], axis=1)))
+    if isinstance(camera, Panorama):
+        span = 2 * np.pi * (right - left) / camera.width
+    else:
+        row = (top + bottom) / 2
+        first, _ = angles_from_bearing(camera.bearings_from_pixels(np.stack([left, row], axis=1)))
+        last, _ = angles_from_bearing(camera.bearings_from_pixels(np.stack([right, row], axis=1)))
+        span = first - last
+    return azimuth, (low + high) / 2, span, high - low
