@@ -1,3 +1,8 @@
-"""What boxes and images of a camera say about where people stand: ground points, occlusion, cross-view groups, silhouettes, appearance.
+"""Detections of a view made ready for tracking: ground points, occlusion, cross-view groups, silhouettes, optical flow and appearance.
 
-Read `ground_points.py` first."""
+Read `ground_points.py` first.
+"""
+
+from tracker.detections.boxes import detections_from_boxes
+
+__all__ = ["detections_from_boxes"]

@@ -1,4 +1,4 @@
-"""Boxes in pixels as what detections are, angles, and detections as boxes in pixels where these need not be exact."""
+"""Conversion of pixel boxes to detections, which are angles, and approximately back."""
 
 from __future__ import annotations
 
@@ -10,13 +10,19 @@ from tracker.geometry import Array, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, Panorama, Tsai
 from tracker.types import Detections
 
-FOOT_PIXELS = 2.0  # px, error of a box's edge ...
-FOOT_SHARE = 0.02  # ... and as a share of its height
-DISTORTION_SHARE = 1.0  # where a distortion folds back (κ1 < 0) the calibration is off by about as much as it bends: View_007, left
+EDGE_PIXELS = 2.0
+"""px, constant part of the standard deviation of a box's edge."""
+EDGE_SHARE = 0.02
+"""The part of it that grows with the box: a share of its height."""
+DISTORTION_SHARE = 1.0
+"""Standard deviation of a barrel distortion (κ1 < 0) as a share of its own size: such calibrations are poor (View_007 of PETS 2009, left)."""
 
 
 def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> Detections:
-    """Pixel boxes (n, 4) left, top, width, height → Detections; the azimuth is that of the middle of the lower edge."""
+    """Detections of pixel boxes (n, 4): left, top, width, height; confidence (n,) is clipped to [0, 1].
+
+    The azimuth is that of the middle of the lower edge. The covariance is that of the same point.
+    """
     if not len(boxes):
         return Detections.none()
     left, top, width, height = boxes.T
@@ -28,7 +34,7 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
     azimuth, low = angles(middle, bottom)
     _, high = angles(middle, top)
     span = angles(left, waist)[0] - angles(left + width, waist)[0]
-    sigma = FOOT_PIXELS + FOOT_SHARE * height
+    sigma = EDGE_PIXELS + EDGE_SHARE * height
     by_side = (angles(middle - sigma, bottom)[0] - angles(middle + sigma, bottom)[0]) / 2 * np.cos(low)
     by_height = (angles(middle, bottom - sigma)[1] - angles(middle, bottom + sigma)[1]) / 2
     covariance = np.zeros((len(boxes), 2, 2))
@@ -42,9 +48,10 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
     return Detections(bearing, extent, np.clip(confidence, 0.0, 1.0), covariance, np.zeros((len(boxes), 0)))
 
 
-def drawn(camera: Camera, detections: Detections) -> tuple[Array, Array]:
-    """Middle (n, 2) px and size (n, 2) px of boxes, NaN for those that cannot be drawn; beside footage.boxes_of_detections this is quick, and right
-    but for the slant of a box at the edge of a wide image.
+def approximate_pixel_boxes(camera: Camera, detections: Detections) -> tuple[Array, Array]:
+    """Middle (n, 2) px and size (n, 2) px of boxes; the middle is NaN for a box that is not in front of the camera.
+
+    The slant of a box near the edge of a wide image is neglected; tracker/export/recorded_sequence.py has the exact and slower conversion.
     """
     azimuth, elevation = angles_from_bearing(detections.bearing)
     half = detections.extent / 2

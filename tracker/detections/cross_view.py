@@ -1,4 +1,4 @@
-"""Detections of several views that may be of one person, grouped on the ground."""
+"""Cross-view association: detections of several views that may be of one person, grouped on the ground."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from tracker.geometry import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class CrossViewGroup:
-    """Boxes of different views that may be one person: members (view, detection), point x, y m, covariance (2, 2) m²."""
+    """Boxes of different views that may be of one person.
+
+    members: pairs (row of the view, row of the box in it); point (2,) m and covariance (2, 2) m² of the place on the ground.
+    """
 
     members: tuple[tuple[int, int], ...]
     point: Array
@@ -24,12 +27,12 @@ class CrossViewGroup:
 def group_across_views(
     views: list[GroundDetections], free: list[Mask], height: tuple[float, float], parameters: FusionParameters
 ) -> list[CrossViewGroup]:
-    """Group the boxes that are `free` in each view, at most one a view, by the Mahalanobis distance of their feet.
+    """Group the boxes that are `free` (n,) in each view, at most one of a view, by the Mahalanobis distance of their ground points.
 
-    The surest foot starts a group and takes from each other view the nearest within the gate; the point is the covariance-weighted mean.
-    Feet that are too likely hidden neither start a group nor join one. Greedy: which groups are people is for the hypotheses to say.
+    The greedy order is that of the variances. Each point starts a group and takes from each other view the nearest point within the gate.
+    The point of a group is the covariance-weighted mean. Boxes whose feet are probably hidden, or whose height (m) is out of bounds, are left out.
     """
-    fit = [np.flatnonzero(free[v] & _standing(f, parameters) & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
+    fit = [np.flatnonzero(free[v] & _usable(f, parameters) & (f.height >= height[0]) & (f.height <= height[1])) for v, f in enumerate(views)]
     view = np.repeat(np.arange(len(views)), [len(rows) for rows in fit])
     if not len(view):
         return []
@@ -37,23 +40,26 @@ def group_across_views(
     point = np.concatenate([f.point[rows, :2] for f, rows in zip(views, fit, strict=True)])
     spread = np.concatenate([f.spread[rows] for f, rows in zip(views, fit, strict=True)])
     order = np.lexsort((box, view, np.trace(spread, axis1=1, axis2=2)))
-    group, mean, covariance = _grouped(view[order], point[order], spread[order], parameters.gate)
+    group, mean, covariance = _group(view[order], point[order], spread[order], parameters.gate)
     members: list[list[tuple[int, int]]] = [[] for _ in mean]
     for k, g in zip(order.tolist(), group.tolist(), strict=True):
         members[g].append((int(view[k]), int(box[k])))
     return [CrossViewGroup(tuple(m), x, P) for m, x, P in zip(members, mean, covariance, strict=True)]
 
 
-def _standing(feet: GroundDetections, parameters: FusionParameters) -> Mask:
-    """Whether each box may start somebody: where the place is not sure, one with anything before it, ended above the feet, puts them metres off."""
+def _usable(feet: GroundDetections, parameters: FusionParameters) -> Mask:
+    """Which boxes (n,) may initiate a track: where the place is uncertain, a box that ends above the feet misplaces them by metres."""
     variance = np.trace(feet.spread, axis1=1, axis2=2)
-    usual = np.where(variance <= parameters.near**2, feet.lying <= parameters.doubtful, ~feet.hidden)
-    return feet.grounded & np.where(feet.vague, variance <= parameters.somewhere**2, usual)
+    usual = np.where(variance <= parameters.occludable_sigma**2, feet.feet_hidden <= parameters.max_feet_hidden, ~feet.occludable)
+    return feet.grounded & np.where(feet.ambiguous, variance <= parameters.ambiguous_sigma**2, usual)
 
 
 @njit(cache=True)
-def _grouped(view: NDArray[np.int64], point: Array, spread: Array, gate: float) -> tuple[NDArray[np.int64], Array, Array]:
-    """Feet in order, the surest first: view (n,), point (n, 2), spread (n, 2, 2) → group (n,) of each; mean (g, 2), covariance (g, 2, 2)."""
+def _group(view: NDArray[np.int64], point: Array, spread: Array, gate: float) -> tuple[NDArray[np.int64], Array, Array]:
+    """Group (n,) of each point, and mean (g, 2) m and covariance (g, 2, 2) m² of each group.
+
+    view (n,), point (n, 2) m, spread (n, 2, 2) m²: the points by growing variance.
+    """
     n, views = len(view), view.max() + 1
     group, mean, covariance, groups = np.full(n, -1), np.empty((n, 2)), np.empty((n, 2, 2)), 0
     for i in range(n):

@@ -1,7 +1,7 @@
-"""What cameras have at a tick, made ready for a tracker of people: boxes brought to the ground, and what images say beside them.
+"""Front end: the views of a tick turned into ground detections, with what their images tell beside the boxes.
 
-Where a camera stands still and has images its silhouettes (silhouettes.py) are a view of their own, from the same place: a second detector,
-whose boxes are as good or as bad as they turn out to be. How it is called is the camera's name with SILHOUETTES after it.
+A fixed camera with images has a second detector, its silhouettes (silhouettes.py). Their boxes form a view of their own from the same place, so that
+the tracker learns how good each detector is. The name of that view is the camera's name with SILHOUETTES after it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from tracker.geometry import Array, Mask, Pose
 from tracker.types import Mount, Setup, Tick, View
 
 SILHOUETTES = " silhouettes"
+"""Suffix of the views of silhouettes."""
 
 Placed = tuple[Pose, Array]
 """T_world_robot and the covariance (6, 6) of its right tangent."""
@@ -24,44 +25,47 @@ Placed = tuple[Pose, Array]
 
 @dataclass(frozen=True)
 class ImageParameters:
-    """What is looked for in images; None and False for what is not."""
+    """What is computed from images; None and False switch a part off."""
 
-    tracklets: TrackletParameters | None = None  # corners of boxes that are followed back (tracklets.py)
-    silhouettes: SilhouetteParameters | None = None  # people before the backdrop of cameras that stand still (silhouettes.py)
-    appearance: bool = False  # what people look like (appearance.py)
+    tracklets: TrackletParameters | None = None  # corners tracked back through the last images (optical_flow.py)
+    silhouettes: SilhouetteParameters | None = None  # people by background subtraction, of fixed cameras (silhouettes.py)
+    appearance: bool = False  # colour histograms of people (appearance.py)
 
 
 class FrontEnd:
-    """All cameras of a setup. `setup` is the one that was given, with the views of silhouettes."""
+    """The front end of all cameras of a setup. The attribute `setup` is the given one with the views of silhouettes added."""
 
     def __init__(self, setup: Setup, fusion: FusionParameters, images: ImageParameters) -> None:
-        still = {name: mount for name, mount in setup.mounts.items() if images.silhouettes and setup.is_fixed(mount.robot)}
-        self.setup = replace(setup, mounts=setup.mounts | {name + SILHOUETTES: mount for name, mount in still.items()})
+        fixed = {name: mount for name, mount in setup.mounts.items() if images.silhouettes and setup.is_fixed(mount.robot)}
+        self.setup = replace(setup, mounts=setup.mounts | {name + SILHOUETTES: mount for name, mount in fixed.items()})
         self.fusion, self.images = fusion, images
         self._tracklets = {name: KltTracklets(mount.camera, images.tracklets) for name, mount in setup.mounts.items() if images.tracklets}
-        self._silhouettes = {name: Silhouettes(mount.camera, _pose(setup, mount), setup, images.silhouettes) for name, mount in still.items()}
+        self._silhouettes = {name: Silhouettes(mount.camera, _pose(setup, mount), setup, images.silhouettes) for name, mount in fixed.items()}
 
     def step(self, tick: Tick, placed: dict[str, Placed]) -> tuple[list[GroundDetections], list[Viewpoint]]:
-        """The boxes of each view whose robot is placed, and from where it looks."""
+        """Ground detections and viewpoint of each view whose robot has a pose.
+
+        placed: robot → T_world_robot and covariance (6, 6) of its right tangent.
+        """
         feet: list[GroundDetections] = []
         for view in tick.views:
             robot = self.setup.mounts[view.camera].robot
             if robot in placed:
-                feet += self._of_view(view, placed[robot])
+                feet += self._ground_detections(view, placed[robot])
         return feet, [self._viewpoint(f.camera, placed) for f in feet]
 
-    def _of_view(self, view: View, placed: Placed) -> list[GroundDetections]:
+    def _ground_detections(self, view: View, placed: Placed) -> list[GroundDetections]:
         feet = project_to_ground(self.setup, view.camera, view.detections, placed, self.fusion)
         if self._tracklets:
             feet = replace(feet, links=self._tracklets[view.camera].step(view.image, view.detections))
         silhouettes = self._silhouettes.get(view.camera)
         if view.image is None or silhouettes is None:
-            return [self._dressed(feet, view, None)]
+            return [self._with_appearance(feet, view, None)]
         found = silhouettes.step(view.image, view.detections, feet)
         other = project_to_ground(self.setup, view.camera + SILHOUETTES, found, placed, self.fusion)
-        return [self._dressed(f, v, silhouettes.foreground) for f, v in ((feet, view), (other, replace(view, detections=found)))]
+        return [self._with_appearance(f, v, silhouettes.foreground) for f, v in ((feet, view), (other, replace(view, detections=found)))]
 
-    def _dressed(self, feet: GroundDetections, view: View, foreground: Mask | None) -> GroundDetections:
+    def _with_appearance(self, feet: GroundDetections, view: View, foreground: Mask | None) -> GroundDetections:
         if not self.images.appearance or view.image is None:
             return feet
         return replace(feet, appearance=appearances(view.image, self.setup.mounts[view.camera].camera, view.detections, foreground))

@@ -1,7 +1,7 @@
-"""Where people can be in worlds that are known: not in what is solid, nor where the ground is too steep to stand on, nor beyond its end.
+"""Scene prior of where people can stand: outside solid objects, on ground that is not too steep, within the map.
 
-What is expected of a place is multiplied by how likely somebody is there, and has the mean and covariance of the product then (assumed density
-filtering, as in tracker/gnn/ambiguous_range.py). Who walks out of sight towards a wall so comes to a halt before it.
+The prior multiplies the predicted distribution of a place. The mean and covariance of the product are kept (assumed density filtering: Maybeck
+1982, Stochastic models 2). So the prediction of a hidden person who walks towards a wall stops before it.
 """
 
 from __future__ import annotations
@@ -19,56 +19,58 @@ from tracker.geometry import Array
 from tracker.geometry.ground import Grid, Ground
 
 COUNT, REACH = 13, 3.0
-"""Places along each of two axes at which is looked, and up to how many standard deviations."""
+"""Grid points along each of two axes, and their extent in standard deviations."""
 
 
 @dataclass(frozen=True)
-class FootingParameters:
-    """What is assumed of people and maps."""
+class WalkabilityParameters:
+    """Assumptions on people and maps."""
 
-    solid: float = 0.3  # m over the ground from which on a thing is nothing to stand on
-    blur: float = 0.15  # m, standard deviation of where a thing ends in the map
-    steep: tuple[float, float] = (0.5, 0.1)  # slope (rise over run) on which half as many stand as on the level, and how gradually that comes ...
-    stride: float = 0.6  # ... over so many m
-    least: float = 0.02  # how likely somebody is where nobody should be: maps do not know all doors and stairs
+    solid_height: float = 0.3  # m over the ground above which nobody stands on an object
+    edge_sigma: float = 0.15  # m, standard deviation of the edges of objects in the map
+    slope: tuple[float, float] = (0.5, 0.1)  # slope (rise over run) that halves the prior, and the standard deviation of that limit
+    slope_window: float = 0.6  # m over which slopes are taken
+    floor: float = 0.02  # prior of places where nobody should stand: maps miss doors and stairs
 
 
 @dataclass(frozen=True, eq=False)
 class WalkablePrior:
-    """likely (rows, columns): how likely somebody is at each point of a grid, beside free and level ground; least: the same beyond the grid; origin
-    (2,) m, spacing m as of Grid."""
+    """Prior (rows, columns) at the points of a grid, relative to free and level ground, which has 1.
 
-    likely: Array
+    origin (2,) m and spacing m: as of Grid; floor: the prior beyond the grid.
+    """
+
+    prior: Array
     origin: Array
     spacing: float
-    least: float
+    floor: float
 
     @staticmethod
     @lru_cache(maxsize=8)
-    def of(ground: Ground, tops: Ground | None, q: FootingParameters) -> WalkablePrior | None:
-        """Of the ground and the tops of what stands on it; None where they are not known at the same grid points."""
+    def of(ground: Ground, tops: Ground | None, q: WalkabilityParameters) -> WalkablePrior | None:
+        """The prior of a ground and the tops of the objects on it; None unless both are grids of the same points."""
         if not (isinstance(ground, Grid) and isinstance(tops, Grid) and _same_points(ground, tops)):
             return None
-        solid = tops.heights - ground.heights > q.solid
-        away = (_depth(~solid) - _depth(solid)) * ground.spacing
-        stride = max(1, round(q.stride / ground.spacing))
-        smooth = ndimage.uniform_filter(ground.heights, stride, mode="nearest")
-        # Above and below a step one stands well.
-        slope = ndimage.minimum_filter(np.hypot(*np.gradient(smooth, ground.spacing)), stride, mode="nearest")
-        free = ndtr(away / q.blur) * ndtr((q.steep[0] - slope) / q.steep[1])
-        return WalkablePrior(q.least + (1 - q.least) * free, ground.origin, ground.spacing, q.least)
+        solid = tops.heights - ground.heights > q.solid_height
+        clearance = (_depth(~solid) - _depth(solid)) * ground.spacing
+        window = max(1, round(q.slope_window / ground.spacing))
+        smooth = ndimage.uniform_filter(ground.heights, window, mode="nearest")
+        # The minimum admits the level ground right above and right below a step.
+        slope = ndimage.minimum_filter(np.hypot(*np.gradient(smooth, ground.spacing)), window, mode="nearest")
+        free = ndtr(clearance / q.edge_sigma) * ndtr((q.slope[0] - slope) / q.slope[1])
+        return WalkablePrior(q.floor + (1 - q.floor) * free, ground.origin, ground.spacing, q.floor)
 
     def at(self, points: Array) -> Array:
-        """(..., 2) m → (...) how likely somebody is there."""
+        """Prior (...) at points (..., 2) m."""
         index = np.rint((points - self.origin) / self.spacing).astype(np.int64)
-        end = np.array(self.likely.shape)[::-1] - 1
+        end = np.array(self.prior.shape)[::-1] - 1
         column, row = np.moveaxis(np.clip(index, 0, end), -1, 0)
-        return np.where(((index >= 0) & (index <= end)).all(axis=-1), self.likely[row, column], self.least)
+        return np.where(((index >= 0) & (index <= end)).all(axis=-1), self.prior[row, column], self.floor)
 
-    def meet(self, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
-        """Places (n, 2) m with covariance (n, 2, 2) m²: both when people are where they can be, and how likely (n,) they are."""
-        cloud = GaussianGrid.of(mean, covariance, COUNT, REACH)
-        return cloud.where(self.at(cloud.places))
+    def posterior(self, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
+        """Mean (n, 2) m and covariance (n, 2, 2) m² of n normal distributions times the prior, and the prior's expectation (n,) under each."""
+        grid = GaussianGrid.of(mean, covariance, COUNT, REACH)
+        return grid.posterior(self.at(grid.points))
 
 
 def _same_points(one: Grid, other: Grid) -> bool:
@@ -76,5 +78,5 @@ def _same_points(one: Grid, other: Grid) -> bool:
 
 
 def _depth(mask: NDArray[np.bool_]) -> Array:
-    """How many cells each point of `mask` is from the nearest that is not of it, 0 elsewhere; as many as the grid has where all are."""
+    """Distance, in cells, of each point of `mask` to the nearest point outside it; 0 outside, the grid's length where the mask is full."""
     return np.asarray(ndimage.distance_transform_edt(mask)) if not mask.all() else np.full(mask.shape, float(max(mask.shape)))

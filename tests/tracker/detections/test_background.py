@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.detections.background import BackdropParameters, BackgroundModel
+from tracker.detections.background import BackgroundParameters, BackgroundModel
 from tracker.geometry import Mask
 
 SHAPE, PERIOD = (60, 80), 1 / 7
@@ -28,68 +28,68 @@ def block(left: int, top: int = 15, width: int = 10, height: int = 25) -> Mask:
 
 
 def settled(rng: np.random.Generator, ticks: int = 40) -> BackgroundModel:
-    backdrop = BackgroundModel(PERIOD)
+    model = BackgroundModel(PERIOD)
     for _ in range(ticks):
-        backdrop.step(image(rng), NOBODY)
-    return backdrop
+        model.step(image(rng), NOBODY)
+    return model
 
 
 def test_a_scene_is_known_once_it_was_still_and_shows_nobody() -> None:
-    rng, backdrop, p = np.random.default_rng(1), BackgroundModel(PERIOD), BackdropParameters()
+    rng, model, p = np.random.default_rng(1), BackgroundModel(PERIOD), BackgroundParameters()
     for tick in range(30):
-        body, unknown = backdrop.step(image(rng), NOBODY)
-        assert unknown.all() or tick * PERIOD > p.still
+        body, unknown = model.step(image(rng), NOBODY)
+        assert unknown.all() or tick * PERIOD > p.stable
         assert body.mean() < 0.005
     assert unknown.mean() < 0.01
 
 
 def test_who_walks_differs_where_they_are() -> None:
     rng = np.random.default_rng(2)
-    backdrop = settled(rng)
+    model = settled(rng)
     for left in range(5, 65, 6):
-        body, _ = backdrop.step(image(rng, block(left)), NOBODY)
+        body, _ = model.step(image(rng, block(left)), NOBODY)
         assert body[block(left)].mean() > 0.95
         assert (body & ~block(left - 2, 13, 14, 29)).sum() < 20
 
 
 def test_shadows_are_nobody() -> None:
     rng = np.random.default_rng(3)
-    backdrop = settled(rng)
+    model = settled(rng)
     where = block(30)[..., None]
-    body, _ = backdrop.step(np.where(where, image(rng, dim=0.75), image(rng)), NOBODY)
+    body, _ = model.step(np.where(where, image(rng, dim=0.75), image(rng)), NOBODY)
     assert body.mean() < 0.02
 
 
 def test_who_is_there_at_the_start_is_not_of_the_scene_while_a_detector_finds_them() -> None:
-    rng, backdrop = np.random.default_rng(4), BackgroundModel(PERIOD)
+    rng, model = np.random.default_rng(4), BackgroundModel(PERIOD)
     for _ in range(60):
-        _, unknown = backdrop.step(image(rng, block(30)), block(30))
+        _, unknown = model.step(image(rng, block(30)), block(30))
     assert unknown[block(30)].all()
     for _ in range(30):
-        body, unknown = backdrop.step(image(rng), NOBODY)
+        body, unknown = model.step(image(rng), NOBODY)
     assert not unknown[block(30)].any()
     assert body.mean() < 0.01
 
 
 def test_who_stops_is_held_for_a_person_and_what_nobody_finds_becomes_a_part_of_the_scene() -> None:
-    rng, p = np.random.default_rng(5), BackdropParameters()
+    rng, p = np.random.default_rng(5), BackgroundParameters()
     person, thing = block(15), block(50)
-    backdrop = settled(rng)
-    for _ in range(round(p.absorbed * 4 / PERIOD)):
-        body, _ = backdrop.step(image(rng, person | thing), person)
+    model = settled(rng)
+    for _ in range(round(p.absorb_object * 4 / PERIOD)):
+        body, _ = model.step(image(rng, person | thing), person)
     assert body[person].mean() > 0.9
     assert body[thing].mean() < 0.1
     # Found no more, but a moment ago: still a person.
-    for _ in range(round(0.8 * p.found / PERIOD)):
-        body, _ = backdrop.step(image(rng, person | thing), NOBODY)
+    for _ in range(round(0.8 * p.person_memory / PERIOD)):
+        body, _ = model.step(image(rng, person | thing), NOBODY)
     assert body[person].mean() > 0.9
 
 
 def test_another_light_begins_anew_and_another_size_does() -> None:
     rng = np.random.default_rng(6)
-    backdrop = settled(rng)
-    body, unknown = backdrop.step(255 - image(rng), NOBODY)
+    model = settled(rng)
+    body, unknown = model.step(255 - image(rng), NOBODY)
     assert not body.any()
     assert unknown.all()
-    _, unknown = backdrop.step(np.zeros((20, 30, 3), dtype=np.uint8), np.zeros((20, 30), dtype=bool))
+    _, unknown = model.step(np.zeros((20, 30, 3), dtype=np.uint8), np.zeros((20, 30), dtype=bool))
     assert unknown.shape == (20, 30)

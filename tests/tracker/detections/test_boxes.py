@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.detections.boxes import detections_from_boxes, drawn
+from tracker.detections.boxes import approximate_pixel_boxes, detections_from_boxes
 from tracker.geometry.cameras import Camera, Panorama, pinhole
 
 
@@ -14,7 +14,7 @@ def test_boxes_are_drawn_where_they_were_found(camera: Camera) -> None:
     rng = np.random.default_rng(0)
     size = np.column_stack([rng.uniform(8, 30, 40), rng.uniform(20, 90, 40)])
     corner = rng.uniform(0.3, 0.6, (40, 2)) * [camera.width, camera.height]
-    middle, drawn_size = drawn(camera, detections_from_boxes(camera, np.column_stack([corner, size]), np.full(40, 0.9)))
+    middle, drawn_size = approximate_pixel_boxes(camera, detections_from_boxes(camera, np.column_stack([corner, size]), np.full(40, 0.9)))
     np.testing.assert_allclose(middle, corner + size / 2, atol=0.5)
     np.testing.assert_allclose(drawn_size, size, rtol=0.03)
 
@@ -22,7 +22,7 @@ def test_boxes_are_drawn_where_they_were_found(camera: Camera) -> None:
 def test_a_box_over_the_seam_is_as_wide_as_it_is() -> None:
     camera = Panorama(1024, 512)
     found = detections_from_boxes(camera, np.array([[1010.0, 200.0, 28.0, 80.0]]), np.ones(1))
-    middle, size = drawn(camera, found)
+    middle, size = approximate_pixel_boxes(camera, found)
     assert min(middle[0, 0], 1024 - middle[0, 0]) < 1
     np.testing.assert_allclose(size[0], [28, 80], atol=0.5)
 
@@ -30,10 +30,10 @@ def test_a_box_over_the_seam_is_as_wide_as_it_is() -> None:
 def test_what_is_behind_a_camera_cannot_be_drawn() -> None:
     ahead, camera = pinhole(640, 480, 1.0), Panorama(1024, 512)
     around = detections_from_boxes(camera, np.array([[0.0, 220.0, 20.0, 60.0], [502.0, 220.0, 20.0, 60.0]]), np.ones(2))
-    assert np.isfinite(drawn(ahead, around)[0]).all(axis=1).sum() == 1
+    assert np.isfinite(approximate_pixel_boxes(ahead, around)[0]).all(axis=1).sum() == 1
 
 
 def test_no_box() -> None:
     camera = pinhole(640, 480, 1.0)
-    middle, size = drawn(camera, detections_from_boxes(camera, np.zeros((0, 4)), np.zeros(0)))
+    middle, size = approximate_pixel_boxes(camera, detections_from_boxes(camera, np.zeros((0, 4)), np.zeros(0)))
     assert middle.shape == size.shape == (0, 2)

@@ -12,7 +12,7 @@ from tracker.detections.ground_points import FusionParameters, GroundDetections,
 from tracker.geometry import Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid, Ground
-from tracker.tracks.tracks import MotionParameters, Sights, Tracks, sights
+from tracker.tracks.tracks import MotionParameters, Innovations, Tracks, innovations
 from tracker.types import Detections, Mount, Setup, Start
 
 EYE = 1.5
@@ -50,7 +50,7 @@ def born(feet: GroundDetections) -> set[int]:
 
 def test_a_box_over_a_corner_of_another_leaves_its_feet_in_sight_and_one_over_all_of_it_does_not() -> None:
     corner, whole = seen([(0.0, 6.0), (0.1, 4.0)]), seen([(0.0, 6.0), (0.0, 4.0)])
-    assert (corner.lying[0], whole.lying[0]) == RULE.lying[:2]
+    assert (corner.feet_hidden[0], whole.feet_hidden[0]) == RULE.feet_hidden[:2]
     assert born(corner) == {0, 1}
     assert born(whole) == {1}
 
@@ -58,8 +58,8 @@ def test_a_box_over_a_corner_of_another_leaves_its_feet_in_sight_and_one_over_al
 def test_feet_seen_over_a_wall_are_where_they_are_seen() -> None:
     # The line of sight to the feet passes the wall's top by less than a pixel: the feet are there, or behind the wall and out of sight.
     feet = seen([(0.0, 5.0)], wall=3.3)
-    assert feet.vague[0]
-    assert feet.hidden[0] == (feet.lines.hidden[0] > 0.5)
+    assert feet.ambiguous[0]
+    assert feet.occludable[0] == (feet.ranges.feet_hidden[0] > 0.5)
     assert born(feet) == {0}
 
 
@@ -74,9 +74,9 @@ def terrace(fall: float) -> Grid:
 def test_a_box_that_ends_at_a_lip_of_the_ground_may_end_above_the_feet(fall: float) -> None:
     """Well before it feet are where they seem to be. At it they may be a little beyond, too: not far, where who fills the box would be a giant."""
     before, at_lip = (seen([(0.0, d)], ground=terrace(fall), occluders=terrace(fall)) for d in (4.0, 6.09))
-    assert not before.vague[0]
+    assert not before.ambiguous[0]
     assert before.point[0, 0] == pytest.approx(4.0, abs=0.01)
-    assert at_lip.vague[0] == (fall > 0)
+    assert at_lip.ambiguous[0] == (fall > 0)
     assert at_lip.point[0, 0] == pytest.approx(6.09, abs=0.5)
 
 
@@ -85,21 +85,21 @@ def test_how_tall_a_box_looks_changes_with_the_place_as_is_said() -> None:
     ground = Grid(heights, np.array([-40.0, -10.0]), 0.1)
     feet = seen([(0.0, 6.0), (0.2, 9.0)], ground=ground)
 
-    def look(x: float, y: float) -> Sights:
+    def look(x: float, y: float) -> Innovations:
         track = replace(Tracks.none(), tree=np.ones(1, dtype=np.int64), state=np.array([[x, y, 0.0, 0.0, 1.72]]), covariance=np.eye(5)[None])
-        return sights(track, feet, np.zeros((1, 2)), ground, MotionParameters())
+        return innovations(track, feet, np.zeros((1, 2)), ground, MotionParameters())
 
     here, step = look(7.0, 0.5), 0.1
     for axis, (dx, dy) in enumerate(((step, 0.0), (0.0, step))):
         slope = (look(7.0 + dx, 0.5 + dy).height - look(7.0 - dx, 0.5 - dy).height) / (2 * step)
-        np.testing.assert_allclose(here.climb[..., axis], slope, atol=2e-3)
+        np.testing.assert_allclose(here.height_gradient[..., axis], slope, atol=2e-3)
 
 
 def test_what_may_hide_feet_is_told_apart() -> None:
-    assert seen([(0.0, 10.0)], wall=6.6).vague.all()
+    assert seen([(0.0, 10.0)], wall=6.6).ambiguous.all()
     people = seen([(0.0, 10.0), (0.0, 6.0)])
-    assert people.hidden[0]
-    assert not people.vague.any()
+    assert people.occludable[0]
+    assert not people.ambiguous.any()
     assert not people.cut.any()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.detections.occlusion import BEFORE, HALF, SLIM, TALL, occluded_share
+from tracker.detections.occlusion import DEPTH_MARGIN, BOX_HALF_WIDTH, BODY_HALF_WIDTH, BODY_HEIGHT, occluded_share
 from tracker.geometry import Array, wrap
 
 EYE = np.array([0.0, 0.0, 4.0])
@@ -16,13 +16,13 @@ def by_rays(place: Array, things: Array, count: int = 80) -> float:
     """Share of a body's box that upright rectangles (x, y, half the width, low, high), turned to the eye, lie over."""
     far = np.hypot(*(place[:2] - EYE[:2]))
     azimuth = np.arctan2(place[1] - EYE[1], place[0] - EYE[0])
-    half = np.arctan2(HALF, far)
-    across, up = np.meshgrid(np.linspace(-half, half, count), np.linspace(place[2], place[2] + TALL, count))
+    half = np.arctan2(BOX_HALF_WIDTH, far)
+    across, up = np.meshgrid(np.linspace(-half, half, count), np.linspace(place[2], place[2] + BODY_HEIGHT, count))
     slope = (up - EYE[2]) / far
     hidden = np.zeros(across.shape, dtype=bool)
     for x, y, wide, low, high in things:
         near = np.hypot(x - EYE[0], y - EYE[1])
-        if near > far - BEFORE:
+        if near > far - DEPTH_MARGIN:
             continue
         beside = np.abs(wrap(azimuth + across - np.arctan2(y - EYE[1], x - EYE[0])))
         z = EYE[2] + slope * near
@@ -36,7 +36,7 @@ def test_a_post_covers_as_much_as_it_is_wide(way: float) -> None:
     at = np.array([np.cos(way), np.sin(way)])
     place, post = np.append(10 * at, 0.0)[None], np.array([[*(5 * at), 0.075, 0.0, 4.0]])
     share = occluded_share(EYE, place, np.ones(1, np.int64), NOBODY, post)
-    assert share[0, 0] == pytest.approx(0.15 / HALF, abs=1 / 9)
+    assert share[0, 0] == pytest.approx(0.15 / BOX_HALF_WIDTH, abs=1 / 9)
     assert share[0, 1] == 0
 
 
@@ -48,7 +48,7 @@ def test_things_and_people_cover_as_rays_have_it() -> None:
         pillars = np.column_stack([rng.uniform(3, 11, 2), rng.uniform(-1, 1, 2), wide, low, high])
         share = occluded_share(EYE, place, np.arange(4), np.arange(4), pillars)
         for i in range(4):
-            others = np.array([[*place[j, :2], SLIM, 0.0, TALL] for j in range(4) if j != i])
+            others = np.array([[*place[j, :2], BODY_HALF_WIDTH, 0.0, BODY_HEIGHT] for j in range(4) if j != i])
             assert share[i, 0] == pytest.approx(by_rays(place[i], pillars), abs=0.13)
             assert share[i, 1] == pytest.approx(by_rays(place[i], others), abs=0.13)
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tracker.detections.optical_flow import KltTracklets, TrackletParameters, TrackOwners, voted
+from tracker.detections.optical_flow import KltTracklets, TrackletParameters, TrackOwners, vote_shift
 from tracker.geometry import Image, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, Panorama, pinhole
 from tracker.types import Detections
@@ -101,15 +101,15 @@ def test_frames_without_boxes() -> None:
 def test_the_majority_votes() -> None:
     p, rng = TrackletParameters(), np.random.default_rng(3)
     steps = np.concatenate([rng.normal([5, 1], 0.3, (12, 2)), rng.normal([-4, 0], 0.3, (7, 2))])
-    shift, agree = voted(steps, 10.0, p)
+    shift, agree = vote_shift(steps, 10.0, p)
     assert np.abs(shift - [5, 1]).max() < 0.4
     assert agree[:12].all()
     assert not agree[12:].any()
-    still, agree = voted(np.concatenate([np.zeros((10, 2)), steps[:5]]), 10.0, p)
+    still, agree = vote_shift(np.concatenate([np.zeros((10, 2)), steps[:5]]), 10.0, p)
     assert (still == 0).all()
     assert agree.sum() == 10
-    assert np.isnan(voted(steps[:3], 10.0, p)[0]).all()
-    assert np.isnan(voted(10.0 * np.arange(8)[:, None] * [1, 1] + 1, 10.0, p)[0]).all()
+    assert np.isnan(vote_shift(steps[:3], 10.0, p)[0]).all()
+    assert np.isnan(vote_shift(10.0 * np.arange(8)[:, None] * [1, 1] + 1, 10.0, p)[0]).all()
 
 
 def test_links_of_boxes_become_links_of_tracks() -> None:

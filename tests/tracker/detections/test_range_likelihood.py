@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
-from tracker.detections.range_likelihood import LEAST, Edges, Expected, RangeLikelihood, StandpointParameters, standpoints
+from tracker.detections.range_likelihood import MIN_SIGMA, BoxEdges, RangePrior, RangeLikelihood, RangeLikelihoodParameters, infer_ranges
 from tracker.geometry import Array, Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid
 from tracker.gnn.ambiguous_range import AmbiguousUpdate, initiated_along_ray
-from tracker.tracks.tracks import MotionParameters, Tracks, initiated, sights, update
+from tracker.tracks.tracks import MotionParameters, Tracks, initiated, innovations, update
 from tracker.types import Detections, Mount, Setup, Start
 
-RULE = StandpointParameters(stray=0.1, gone=0.1, rough=0.0)
+RULE = RangeLikelihoodParameters(foot_sigma=0.1, absent_share=0.1, top_sigma=0.0)
 """Of maps that are right, and people who stand."""
 NOISE = 0.003
 """rad, one sigma of an edge of a box."""
@@ -56,7 +56,7 @@ def box(ground: Grid, tops: Grid, eye: Array, feet: Array, stature: float) -> tu
 
 def lines(ground: Grid | Flat, tops: Grid | Flat, eye: Array, azimuth: Array, edges: tuple[Array, Array], lying: float = 0.0) -> RangeLikelihood:
     n = len(azimuth)
-    return standpoints((ground, tops), eye, Edges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.full(n, lying)), 0.0, RULE)
+    return infer_ranges((ground, tops), eye, BoxEdges(azimuth, np.zeros(n), *edges, np.full(n, NOISE**2), np.full(n, lying)), 0.0, RULE)
 
 
 def test_distances_and_their_errors_are_right_on_rough_ground_and_behind_walls() -> None:
@@ -85,7 +85,7 @@ def test_distances_and_their_errors_are_right_on_rough_ground_and_behind_walls()
             error.append(found.mean[0] - away)
             point, meets = ground.intersect(eye[None], bearing_from_angles(np.arctan2([y], [x]), np.array([low])), 60.0)
             plain.append(float(np.hypot(*point[0, :2])) - away if meets[0] else 20.0)
-            hidden.append(found.hidden[0])
+            hidden.append(found.feet_hidden[0])
     assert 0.6 < np.mean(np.square(z)) < 1.6
     assert np.mean(np.abs(z) < 3) > 0.97
     often = np.array(hidden) > 0.5
@@ -107,7 +107,7 @@ def test_how_likely_feet_are_hidden_is_right() -> None:
         edges = box(ground, ground, eye, feet, float(rng.normal(RULE.stature, RULE.stature_sigma)))
         if edges is not None:
             low, high = np.array(edges) + rng.normal(0, NOISE, 2)
-            said.append(lines(ground, ground, eye, np.zeros(1), (np.array([low]), np.array([high]))).hidden[0])
+            said.append(lines(ground, ground, eye, np.zeros(1), (np.array([low]), np.array([high]))).feet_hidden[0])
             true.append(edges[0] > np.arctan((feet[2] - eye[2]) / away) + 1e-3)
     order, truth = np.digitize(said, [0.1, 0.3, 0.7, 0.9]), np.array(true)
     share = [truth[order == k].mean() for k in range(5) if (order == k).sum() > 20]
@@ -122,16 +122,16 @@ def test_on_a_plane_somebody_is_where_the_lower_edge_meets_the_ground() -> None:
     np.testing.assert_allclose(found.mean, away, rtol=0.02)
     slanted = NOISE * (away**2 + 1.5**2) / 1.5  # of the distance, by the elevation
     np.testing.assert_allclose(found.sigma, np.hypot(slanted, 0.1), rtol=0.15)
-    assert found.hidden.max() < 1e-6
+    assert found.feet_hidden.max() < 1e-6
     # A box beside which nobody of any stature fits has no place.
     assert not lines(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.array([0.2]), np.array([0.3]))).possible[0]
 
 
 def test_nothing_is_known_better_than_a_millimetre() -> None:
     """Where the edges leave but one of the places that are looked at."""
-    away, sharp = 8.0, StandpointParameters(stray=0.0, nod=1e-3, strange=0.0, stature_sigma=1e-3)
-    edges = Edges(np.zeros(1), np.zeros(1), np.arctan([-1.5 / away]), np.arctan([0.22 / away]), np.full(1, 1e-4**2), np.zeros(1))
-    assert standpoints((Flat(), Flat()), np.array([0.0, 0.0, 1.5]), edges, 0.0, sharp).sigma[0] >= LEAST
+    away, sharp = 8.0, RangeLikelihoodParameters(foot_sigma=0.0, head_sigma=1e-3, outlier_share=0.0, stature_sigma=1e-3)
+    edges = BoxEdges(np.zeros(1), np.zeros(1), np.arctan([-1.5 / away]), np.arctan([0.22 / away]), np.full(1, 1e-4**2), np.zeros(1))
+    assert infer_ranges((Flat(), Flat()), np.array([0.0, 0.0, 1.5]), edges, 0.0, sharp).sigma[0] >= MIN_SIGMA
 
 
 def test_under_an_arch_whose_top_is_all_that_the_map_knows_somebody_is_still_possible() -> None:
@@ -145,9 +145,9 @@ def test_what_is_expected_and_what_is_seen_meet_as_two_measurements_do() -> None
     found = lines(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.arctan([-1.5 / 8.0]), np.arctan([0.22 / 8.0])))
 
     def meet(away: float, variance: float) -> tuple[float, Array, Array]:
-        usual = Expected(np.array([[away, RULE.stature]]), np.diag([variance, RULE.stature_sigma**2])[None])
+        usual = RangePrior(np.array([[away, RULE.stature]]), np.diag([variance, RULE.stature_sigma**2])[None])
         box = np.zeros(1, dtype=np.int64)
-        (mean,), (covariance,) = found.meet(box, usual)
+        (mean,), (covariance,) = found.posterior(box, usual)
         return float(found.density(box, usual)[0]), mean, covariance
 
     density, mean, covariance = meet(8.6, 0.25)
@@ -176,9 +176,9 @@ def track(x: float, y: float, stature: float = RULE.stature, sigma: float = RULE
 
 
 def test_a_vague_box_corrects_a_track_as_one_that_is_not_where_there_is_but_one_place() -> None:
-    motion, feet = MotionParameters(foot_spread=StandpointParameters().stray), one_box(grid(np.zeros((201, 201))))
+    motion, feet = MotionParameters(foot_spread=RangeLikelihoodParameters().foot_sigma), one_box(grid(np.zeros((201, 201))))
     start = track(7.6, 0.3)
-    look = sights(start, feet, np.zeros((1, 2)), Flat(), motion)
+    look = innovations(start, feet, np.zeros((1, 2)), Flat(), motion)
     R = feet.covariance[0] + look.H[0] @ look.H[0].T * motion.foot_spread**2
     plain = update(start, 0, look.residual[0, 0], look.H[0], R)
     vague = AmbiguousUpdate.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros((1, 2)), motion.foot_spread).correct(start, 0, 0)
@@ -191,7 +191,7 @@ def test_a_track_behind_a_wall_is_held_in_its_direction_and_not_drawn_to_where_t
     tops = np.zeros((201, 201))
     tops[:, 125] = 1.5 * (1 - 5.0 / 8.0)
     feet = one_box(grid(tops))
-    assert feet.vague[0]
+    assert feet.ambiguous[0]
     start = track(6.2, 0.4)
     after = AmbiguousUpdate.of(start, feet, np.zeros(1, dtype=np.int64), np.zeros((1, 2)), 0.25).correct(start, 0, 0)
     assert abs(after.state[0, 1]) < 0.15
@@ -225,8 +225,8 @@ def test_of_many_boxes_of_one_person_none_says_anew_how_tall_people_are() -> Non
     rng, nees, distance, once = np.random.default_rng(7), [], [], []
     while len(nees) < 150:
         away, stature = rng.uniform(6.0, 11.0), rng.normal(RULE.stature, RULE.stature_sigma)
-        seen = [feet for _ in range(12) if (feet := behind_a_wall(rng, away, stature)) is not None and feet.vague[0]]
-        if len(seen) < 12 or not RULE.tall[0] < stature < RULE.tall[1]:
+        seen = [feet for _ in range(12) if (feet := behind_a_wall(rng, away, stature)) is not None and feet.ambiguous[0]]
+        if len(seen) < 12 or not RULE.stature_range[0] < stature < RULE.stature_range[1]:
             continue
         first, motion = seen[0], MotionParameters(start_speed=0.01)
         group = CrossViewGroup(((0, 0),), first.point[0, :2], first.spread[0])

@@ -8,7 +8,7 @@ import pytest
 from tests.tracker import street
 from tests.tracker.street import CAMERA, EYE, NAME, Street
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
-from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes, explained
+from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes, explain_foreground
 from tracker.geometry import Array
 from tracker.types import Detections
 
@@ -76,20 +76,20 @@ def test_a_post_speaks_against_nobody_behind_it_where_it_is_known() -> None:
 def test_a_body_that_is_exactly_there_is_explained_once_and_unknown_pixels_say_nothing() -> None:
     p, where = SilhouetteParameters(), Street()
     detector = Silhouettes(CAMERA, EYE, where.setup)
-    places = detector._standing(1.75)
-    place = int(np.argmin(np.abs(places.foot - [192, 200]).sum(axis=1)))
-    foot, head = places.foot[place], places.head[place]
+    candidates = detector._candidate_bodies(1.75)
+    place = int(np.argmin(np.abs(candidates.foot - [192, 200]).sum(axis=1)))
+    foot, head = candidates.foot[place], candidates.head[place]
     body, tall = np.zeros(detector.shape, dtype=bool), foot[1] - head[1]
     for half, high, low in ((0.055, 0.02, 0.16), (0.115, 0.16, 0.5), (0.09, 0.5, 0.93)):
         u = head[0] + (foot[0] - head[0]) * (high + low) / 2
         body[round(head[1] + high * tall) : round(head[1] + low * tall), round(u - half * tall) : round(u + half * tall)] = True
     nothing = np.zeros(detector.shape, dtype=bool)
-    found, worth = explained(body, nothing, nothing, places, p)
-    assert len(worth) == 1
-    assert worth[0] == pytest.approx(p.whole, rel=0.1)
+    found, score = explain_foreground(body, nothing, nothing, candidates, p)
+    assert len(score) == 1
+    assert score[0] == pytest.approx(p.full_score, rel=0.1)
     assert np.abs(found.foot[0] - foot).max() <= 3
-    assert len(explained(body, ~nothing, nothing, places, p)[1]) == 0
-    assert len(explained(nothing, nothing, nothing, places, p)[1]) == 0
+    assert len(explain_foreground(body, ~nothing, nothing, candidates, p)[1]) == 0
+    assert len(explain_foreground(nothing, nothing, nothing, candidates, p)[1]) == 0
 
 
 def test_how_tall_people_look_is_learned_from_boxes() -> None:
@@ -98,4 +98,4 @@ def test_how_tall_people_look_is_learned_from_boxes() -> None:
     people = np.array([[0.0, 0.0], [4.0, 2.0]])
     for _ in range(40):
         look(detector, where, people, people)
-    assert abs(detector._tall / detector._weight - street.TALL) < 0.02
+    assert abs(detector._stature_sum / detector._weight - street.TALL) < 0.02

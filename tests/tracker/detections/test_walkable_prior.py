@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.detections.walkable_prior import FootingParameters, WalkablePrior
+from tracker.detections.walkable_prior import WalkabilityParameters, WalkablePrior
 from tracker.geometry import Array
 from tracker.geometry.ground import Flat, Grid
 from tracker.pipeline import Parameters, Tracker
 
-Q = FootingParameters()
+Q = WalkabilityParameters()
 
 
 def grid(heights: Array) -> Grid:
@@ -28,32 +28,32 @@ def walled() -> tuple[Grid, Grid]:
     return grid(np.zeros((81, 81))), grid(tops)
 
 
-def footing(ground: Grid, tops: Grid) -> WalkablePrior:
+def prior_of(ground: Grid, tops: Grid) -> WalkablePrior:
     found = WalkablePrior.of(ground, tops, Q)
     assert found is not None
     return found
 
 
 def test_nobody_is_in_a_wall_nor_beyond_the_grid_and_anybody_elsewhere() -> None:
-    likely = footing(*walled()).at(np.array([[2.5, 0.0], [0.0, 11.0], [0.0, 0.0], [4.0, 0.0]]))
-    np.testing.assert_allclose(likely, [Q.least, Q.least, 1.0, 1.0], atol=1e-3)
+    likely = prior_of(*walled()).at(np.array([[2.5, 0.0], [0.0, 11.0], [0.0, 0.0], [4.0, 0.0]]))
+    np.testing.assert_allclose(likely, [Q.floor, Q.floor, 1.0, 1.0], atol=1e-3)
 
 
 @pytest.mark.parametrize(("slope", "free"), [(0.0, True), (0.3, True), (0.8, False)])
 def test_nobody_stands_on_a_bank_that_is_steep_all_over(slope: float, free: bool) -> None:
     x = np.linspace(-10, 10, 81)
     bank = grid(np.tile(slope * np.maximum(x - 4.0, 0.0), (81, 1)))
-    likely = footing(bank, bank).at(np.array([[0.0, 0.0], [6.0, 0.0]]))
+    likely = prior_of(bank, bank).at(np.array([[0.0, 0.0], [6.0, 0.0]]))
     assert likely[0] > 0.99
     assert (likely[1] > 0.95) == free
-    assert free or likely[1] < 2 * Q.least
+    assert free or likely[1] < 2 * Q.floor
 
 
 def test_above_and_below_a_step_one_stands() -> None:
     heights = np.zeros((81, 81))
     heights[:, 40:] = -1.0
     step = grid(heights)
-    assert footing(step, step).at(np.array([[-0.5, 0.0], [0.5, 0.0]])).min() > 0.9
+    assert prior_of(step, step).at(np.array([[-0.5, 0.0], [0.5, 0.0]])).min() > 0.9
 
 
 def test_worlds_that_are_not_known_say_nothing() -> None:
@@ -62,13 +62,13 @@ def test_worlds_that_are_not_known_say_nothing() -> None:
 
 
 def test_places_beside_a_wall_are_as_samples_have_them() -> None:
-    known, rng = footing(*walled()), np.random.default_rng(0)
+    known, rng = prior_of(*walled()), np.random.default_rng(0)
     mean, P = np.array([1.6, 0.0]), np.array([[0.5, 0.2], [0.2, 0.4]])
     place = rng.multivariate_normal(mean, P, 200_000)
     weight = known.at(place)
     expected = weight @ place / weight.sum()
     apart = place - expected
-    found, spread, likely = known.meet(mean[None], P[None])
+    found, spread, likely = known.posterior(mean[None], P[None])
     assert likely[0] == pytest.approx(weight.mean(), abs=0.06)
     np.testing.assert_allclose(found[0], expected, atol=0.08)
     np.testing.assert_allclose(spread[0], (weight[:, None] * apart).T @ apart / weight.sum(), atol=0.05)
