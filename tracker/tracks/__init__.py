@@ -1,3 +1,9 @@
-"""What both trackers of people share: track state and Kalman filter, sensor models of the views, re-identification, and track ids.
+"""Parts that both trackers of people share: track state and Kalman filter, sensor model of the views, re-identification, and track ids.
 
-Read `tracks.py` first."""
+Read `tracks.py` first.
+"""
+
+from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.tracks import MotionParameters, Tracks
+
+__all__ = ["MotionParameters", "TrackParameters", "Tracks"]

@@ -1,8 +1,9 @@
-"""How far each view's boxes can be believed, learned while tracking: how often it finds whom it should see, and how many boxes are nobody's.
+"""Detection rate and clutter rate of each view, estimated while tracking.
 
-Both are counted by confidence, so that a detector whose doubtful boxes are mostly right is used to the full, and one that is sure of
-what is not there is not believed. Counts fade, and begin with what is assumed of every view. How often people are found of whom a part is
-covered is counted, too, by how much it is and by what: an old detector loses whom a sign covers by a third, a new one hardly does.
+Both are counted by classes of confidence. So the less confident boxes of a good detector count in full, and a confident detector with many false
+boxes counts little. Counts fade exponentially and start from prior counts, which are the same for all views.
+
+Detection rates of partly visible people are counted by the share of the body that is covered, and by whether objects or people cover it.
 """
 
 from __future__ import annotations
@@ -16,34 +17,34 @@ from tracker.geometry import Array, Ints
 
 LEVELS = np.array([0.5, 0.8, 0.9, 0.97])
 """Bounds between the classes of confidence."""
-COVERED = np.array([0.05, 0.2, 0.4, 0.6, 0.8])
-"""Shares of a body that is covered at which the classes of cover begin ..."""
-MIDDLE = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
-"""... and the middles of the classes, after that of who is not covered."""
+COVER_BOUNDS = np.array([0.05, 0.2, 0.4, 0.6, 0.8])
+"""Covered shares of a body at which the classes of cover begin."""
+COVER_MIDDLES = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
+"""Covered shares in the middle of the classes; the first is that of visible bodies."""
 
 
 @dataclass(frozen=True)
 class DetectionRateParameters:
-    """detection: share of people found that is assumed at first, weight: as if counted on so many people; false: boxes of nobody, a square metre,
-    weight_false: as if counted in so many ticks; memory: ticks after which a count has faded to a third; watched m: radius of the ground on which
-    boxes are counted where no area is set; sharpness: share of the first counts that lies in the highest class of confidence."""
+    """Prior counts, memory and bounds."""
 
-    detection: float = 0.9
-    weight: float = 30.0
-    false: float = 1e-3
-    weight_false: float = 10.0
-    memory: float = 150.0
-    watched: float = 15.0
-    sharpness: float = 0.6
-    least: float = 0.2
-    most: float = 0.97
-    behind_things: tuple[float, ...] = (0.85, 0.6, 0.3, 0.15, 0.05)  # how often people are found who are covered by classes, of those who are not ...
-    behind_people: tuple[float, ...] = (0.7, 0.5, 0.4, 0.3, 0.2)
-    weight_covered: float = 40.0  # ... as if counted on so many of each
+    detection: float = 0.9  # prior detection rate of people in full view
+    weight: float = 30.0  # people for which that rate counts
+    false: float = 1e-3  # prior density of false boxes, a square metre of ground and tick
+    weight_false: float = 10.0  # ticks for which that density counts
+    memory: float = 150.0  # ticks, time constant with which counts fade
+    watched: float = 15.0  # m, radius of the ground on which false boxes are counted where no area is set
+    top_share: float = 0.6  # share of the prior counts in the highest class of confidence
+    min_detection: float = 0.2  # least detection rate
+    max_detection: float = 0.97  # greatest detection rate
+    behind_things: tuple[float, ...] = (0.85, 0.6, 0.3, 0.15, 0.05)  # prior relative detection rates of people behind objects, by classes of cover
+    behind_people: tuple[float, ...] = (0.7, 0.5, 0.4, 0.3, 0.2)  # the same of people behind people
+    weight_covered: float = 40.0  # people for which each of these rates counts
 
 
 @dataclass(eq=False)
 class _Counts:
+    """Counts of a view: found and false (levels,) boxes by classes of confidence, expected people, and ticks."""
+
     found: Array
     expected: float
     false: Array
@@ -51,12 +52,12 @@ class _Counts:
 
 
 class DetectionRates:
-    """Counts of each view. `square` m² is the ground on which boxes are counted."""
+    """Counts of all views. `ground_area` m²: the ground on which false boxes are counted."""
 
-    def __init__(self, parameters: DetectionRateParameters, square: float) -> None:
-        self.parameters, self.square = parameters, square
+    def __init__(self, parameters: DetectionRateParameters, ground_area: float) -> None:
+        self.parameters, self.ground_area = parameters, ground_area
         self._counts: dict[str, _Counts] = {}
-        self._covered: dict[tuple[str, int], tuple[Array, Array]] = {}  # camera, by things or by people → found and expected by classes of cover
+        self._covered: dict[tuple[str, int], tuple[Array, Array]] = {}  # camera, cover by objects (0) or people (1) → found and expected (classes,)
 
     @staticmethod
     def level(confidence: Array) -> Ints:
@@ -66,52 +67,56 @@ class DetectionRates:
     def _of(self, camera: str) -> _Counts:
         if camera not in self._counts:
             q, n = self.parameters, len(LEVELS) + 1
-            true = np.full(n, (1 - q.sharpness) / (n - 1))
-            true[-1] = q.sharpness
+            true = np.full(n, (1 - q.top_share) / (n - 1))
+            true[-1] = q.top_share
             self._counts[camera] = _Counts(
-                q.detection * q.weight * true, q.weight, np.full(n, q.false * self.square * q.weight_false / n), q.weight_false
+                q.detection * q.weight * true, q.weight, np.full(n, q.false * self.ground_area * q.weight_false / n), q.weight_false
             )
         return self._counts[camera]
 
     def detection(self, camera: str) -> float:
-        """Share of the people in full view who get a box."""
+        """Detection rate of people in full view."""
         c = self._of(camera)
-        return float(np.clip(c.found.sum() / c.expected, self.parameters.least, self.parameters.most))
+        return float(np.clip(c.found.sum() / c.expected, self.parameters.min_detection, self.parameters.max_detection))
 
-    def worth(self, camera: str, confidence: Array) -> Array:
-        """log (n,) of the rate at which people get such boxes over that of false ones a square metre."""
+    def log_ratio(self, camera: str, confidence: Array) -> Array:
+        """log (n,) of the rate of boxes of people over the density of false boxes a square metre, for boxes of such confidence (n,)."""
         c, k = self._of(camera), self.level(confidence)
         found = c.found / c.found.sum() * self.detection(camera)
-        return np.asarray(np.log(found[k] / (c.false[k] / c.ticks / self.square)))
+        return np.asarray(np.log(found[k] / (c.false[k] / c.ticks / self.ground_area)))
 
-    def shown(self, camera: str, cover: Array) -> Array:
-        """How often (n,) people are found of whom things and others cover so much (n, 2), of those who are not covered."""
+    def relative_detection(self, camera: str, cover: Array) -> Array:
+        """Detection rate (n,) of people covered by shares (n, 2) by objects and by people, relative to people in full view."""
         out, q, detection = np.ones(len(cover)), self.parameters, self.detection(camera)
-        for by, assumed in enumerate((q.behind_things, q.behind_people)):
+        for by, prior in enumerate((q.behind_things, q.behind_people)):
             found, expected = self._covered.get((camera, by), (0.0, 0.0))
-            share = (found + detection * q.weight_covered * np.array(assumed)) / (detection * (expected + q.weight_covered))
-            # Who is covered more is not found more often, whatever few counts say.
-            out *= np.interp(cover[:, by], MIDDLE, np.minimum.accumulate(np.append(1.0, share)))
+            share = (found + detection * q.weight_covered * np.array(prior)) / (detection * (expected + q.weight_covered))
+            # Rates must not increase with the covered share, which small counts may suggest.
+            out *= np.interp(cover[:, by], COVER_MIDDLES, np.minimum.accumulate(np.append(1.0, share)))
         return out
 
-    def learn_shown(self, camera: str, cover: Array, found: NDArray[np.bool_]) -> None:
-        """Count of known people, of whom so much (n, 2) is covered, who was found (n,)."""
+    def learn_partly_visible(self, camera: str, cover: Array, found: NDArray[np.bool_]) -> None:
+        """Count which people (n,) were found, by their covered shares (n, 2); people covered by both objects and people are left out."""
         for by in range(2):
-            rows = (cover[:, by] >= COVERED[0]) & (cover[:, 1 - by] < COVERED[1] / 2)
-            level = np.searchsorted(COVERED, cover[rows, by], side="right") - 1
-            n = len(COVERED)
+            rows = (cover[:, by] >= COVER_BOUNDS[0]) & (cover[:, 1 - by] < COVER_BOUNDS[1] / 2)
+            level = np.searchsorted(COVER_BOUNDS, cover[rows, by], side="right") - 1
+            n = len(COVER_BOUNDS)
             before = self._covered.get((camera, by), (np.zeros(n), np.zeros(n)))
             now = np.bincount(level, found[rows], n), np.bincount(level, minlength=n).astype(np.float64)
             self._covered[camera, by] = before[0] + now[0], before[1] + now[1]
 
     def learn(self, camera: str, found: Array, expected: float, false: tuple[Array, Array]) -> None:
-        """A tick: confidences (n,) of the boxes of known people, how many should have been seen, and of the other boxes confidence and weight."""
+        """Count a tick.
+
+        found (n,): confidences of the boxes of confirmed people; expected: number of these people in full view. false: confidences and weights of the
+        other boxes; a weight is the probability of a false box.
+        """
         c, n = self._of(camera), len(LEVELS) + 1
         fade, q = np.exp(-1 / self.parameters.memory), self.parameters
         c.found = fade * c.found + np.bincount(self.level(found), minlength=n)
         c.expected = fade * c.expected + expected
         c.false = fade * c.false + np.bincount(self.level(false[0]), weights=false[1], minlength=n)
         c.ticks = fade * c.ticks + 1.0
-        # What has never been seen stays possible.
-        c.false = np.maximum(c.false, 0.02 * q.false * self.square * c.ticks / n)
+        # Floors keep all log ratios finite.
+        c.false = np.maximum(c.false, 0.02 * q.false * self.ground_area * c.ticks / n)
         c.found = np.maximum(c.found, 0.002 * c.expected)

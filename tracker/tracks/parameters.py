@@ -1,4 +1,4 @@
-"""Parameters that both trackers of people share."""
+"""Parameters that both trackers of people share: sensors, motion, gates, and the life of tracks."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from tracker.tracks.tracks import MotionParameters
 
 @dataclass(frozen=True)
 class TrackParameters:
-    """Named as in the paper where it has a name for it; times in seconds, so that other frame rates work."""
+    """Names are those of Yoo et al. 2017 where it has one. Times are in seconds, so that they hold at any frame rate."""
 
     fusion: FusionParameters = field(default_factory=FusionParameters)
     motion: MotionParameters = field(default_factory=MotionParameters)
-    trust: DetectionRateParameters = field(default_factory=DetectionRateParameters)
-    reunion: ReidentificationParameters = field(default_factory=ReidentificationParameters)
-    min_confidence: float = 0.6  # boxes below say nothing of whether there is anybody, but keep those who are known from others' boxes ...
-    least_confidence: float = 0.4  # ... and below this they are not looked at
-    birth_confidence: float = 0.8  # and below this they start nobody
-    arrivals: float = 2e-4  # people who appear, a square metre and tick ...
-    present: float = 2e-2  # ... and who are there at the start, a square metre
-    most_gain: float = 6.0  # log-likelihood ratio that one box counts at most
-    alone: float = 2.0  # log-likelihood ratio for one person, at most, of a tick in which views see but one of two tracks ...
-    apart: float = 0.8  # ... and share of what a view's second box is worth that speaks for two
-    duplicate: float = 10.0  # log-likelihood ratio from which two tracks are one person
+    detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
+    reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
+    min_confidence: float = 0.6  # of boxes that count for or against existence; a less confident box only keeps a confirmed track from others' boxes
+    ignored_confidence: float = 0.4  # boxes below are ignored
+    initiation_confidence: float = 0.8  # of boxes that initiate tracks
+    arrival_rate: float = 2e-4  # new people, a square metre and tick
+    initial_density: float = 2e-2  # people in the first tick, a square metre
+    max_gain: float = 6.0  # greatest log-likelihood ratio of one box
+    merge_step: float = 2.0  # greatest log-likelihood ratio for one person of a tick in which each view sees at most one of two tracks
+    split_share: float = 0.8  # share of the ratio of a second box in one view that counts against one person
+    merge_score: float = 10.0  # log-likelihood ratio above which two tracks are one person
+    merge_distance: float = 1.0  # m, greatest distance of two tracks that may be one person (theta_s)
     gate: float = 4.0  # standard deviations of the innovation
-    delta_a: float = 9 / 7  # s, longest gap that is bridged ...
-    followed: float = 3.0  # ... and so many times as long people are followed of whom nothing is told: they are still where nobody looks
-    unsure: float = 0.3  # m, standard deviation of a place from which on it is asked of many where views could see somebody
-    n_conf: int = 2  # frames until a track may be believed
-    believe: float = 4.0  # score from which it is
-    forget: float = -8.0  # score below which a young track is dropped
-    end: float = -5.0  # the same for one that was believed
-    most_score: float = 20.0  # what is known of somebody counts at most so much against what is seen now
-    at_once: float = 2.0  # misses that all views' missing somebody at once is worth, at most
-    surely: float = 0.6  # m, standard deviation of a place up to which a box without feet is taken
-    before: float = 0.3  # share of those without a box who stand before somebody else's, whose corners are theirs then
-    outside: float = 3 / 7  # s, after which somebody is gone who is out of all views
-    partly: bool = False  # whether it is learned how often views find people of whom a part is covered (tracker/detections/occlusion.py)
-    same_person: float = 1.0  # m, two tracks nearer than this that no view tells apart are one person
-    offsets: RegistrationBiasParameters = field(default_factory=RegistrationBiasParameters)
+    delta_a: float = 9 / 7  # s, longest gap of a track that is bridged
+    coasting_factor: float = 3.0  # of delta_a, time for which a track without boxes coasts before its deletion, unreported
+    sampling_sigma: float = 0.3  # m, standard deviation of a place above which visibility is averaged over a grid
+    n_conf: int = 2  # frames with a box before a track may be confirmed
+    confirm_score: float = 4.0  # existence score from which a track is confirmed
+    delete_tentative_score: float = -8.0  # existence score below which a tentative track is deleted
+    delete_confirmed_score: float = -5.0  # existence score below which a confirmed track is deleted
+    max_score: float = 20.0  # greatest existence score
+    joint_misses: float = 2.0  # missed detections for which a miss in all views at once counts at most, as its cause is common
+    footless_sigma: float = 0.6  # m, standard deviation of a place up to which a box without visible feet is in the gate
+    covering_share: float = 0.3  # probability that a person without a box stands before another one's box, whose corners then are theirs
+    max_outside: float = 3 / 7  # s outside all views after which a person is gone
+    learn_partly_visible: bool = False  # whether detection rates of partly visible people are learned (detections/occlusion.py)
+    registration_bias: RegistrationBiasParameters = field(default_factory=RegistrationBiasParameters)

@@ -13,7 +13,7 @@ Gaussians = tuple[Array, Array]
 def rts_step(now: Gaussians, after: Gaussians, F: Array, Q: Array) -> Gaussians:
     """The smoothed states of a time.
 
-    now: the filtered states of that time; after: the smoothed states one step later; F (n, d, d) and Q (d, d): transition and process noise between.
+    now: its filtered states; after: the smoothed states one step later; F (n, d, d), Q (d, d): transition and process noise between them.
     """
     (x, P), (smoothed, covariance) = now, after
     predicted = F @ P @ F.transpose(0, 2, 1) + Q

@@ -24,43 +24,43 @@ def setup(moving: bool = False) -> Setup:
     return replace(whole, area=AREA, starts={name: start and replace(start, covariance=1e-4 * np.eye(6)) for name, start in whole.starts.items()})
 
 
-def taught(offsets: RegistrationBias, camera: str, sigma: float = 0.1, ticks: int = 400) -> Array:
+def taught(bias: RegistrationBias, camera: str, sigma: float = 0.1, ticks: int = 400) -> Array:
     """Look at people all over the area, whom the camera has off by SHIFT and SLOPE. What is left of it in the middle of each quarter (4, 2) m."""
     rng = np.random.default_rng(0)
     H, S = np.eye(2), sigma**2 * np.eye(2)
     for _ in range(ticks):
         place = rng.uniform(*AREA, (5, 2))
-        off = SHIFT + (place - AREA.mean(axis=0)) @ SLOPE.T - offsets.at(camera, place)
-        looks = off + rng.normal(0, sigma, off.shape), np.repeat(H[None], 5, axis=0), np.repeat(S[None], 5, axis=0)
-        offsets.learn(camera, place, looks)
+        off = SHIFT + (place - AREA.mean(axis=0)) @ SLOPE.T - bias.at(camera, place)
+        innovations = off + rng.normal(0, sigma, off.shape), np.repeat(H[None], 5, axis=0), np.repeat(S[None], 5, axis=0)
+        bias.learn(camera, place, innovations)
     corner = AREA.mean(axis=0) + np.array([[-5, -3], [5, -3], [-5, 3], [5, 3]])
-    return np.asarray(SHIFT + (corner - AREA.mean(axis=0)) @ SLOPE.T - offsets.at(camera, corner))
+    return np.asarray(SHIFT + (corner - AREA.mean(axis=0)) @ SLOPE.T - bias.at(camera, corner))
 
 
 def test_an_offset_that_changes_over_the_ground_is_found() -> None:
     whole = setup()
-    offsets = RegistrationBias(whole, SLOPED)
-    left = taught(offsets, list(whole.mounts)[1])
+    bias = RegistrationBias(whole, SLOPED)
+    left = taught(bias, list(whole.mounts)[1])
     assert np.abs(left).max() < 0.05
-    np.testing.assert_allclose(offsets.of(list(whole.mounts)[1]), [*SHIFT, *SLOPE.ravel()], atol=0.01)
-    assert not offsets.of(next(iter(whole.mounts))).any()
+    np.testing.assert_allclose(bias.of(list(whole.mounts)[1]), [*SHIFT, *SLOPE.ravel()], atol=0.01)
+    assert not bias.of(next(iter(whole.mounts))).any()
 
 
 @pytest.mark.parametrize("why", ["robots move", "not asked for"])
 def test_there_is_one_offset_for_all_the_ground_where_slopes_would_be_wrong(why: str) -> None:
     whole = setup(moving=why == "robots move")
-    offsets, camera = RegistrationBias(whole, SLOPED if why == "robots move" else RegistrationBiasParameters()), list(whole.mounts)[1]
-    taught(offsets, camera)
-    assert not offsets.of(camera)[2:].any()
-    np.testing.assert_allclose(offsets.of(camera)[:2], SHIFT, atol=0.06)
+    bias, camera = RegistrationBias(whole, SLOPED if why == "robots move" else RegistrationBiasParameters()), list(whole.mounts)[1]
+    taught(bias, camera)
+    assert not bias.of(camera)[2:].any()
+    np.testing.assert_allclose(bias.of(camera)[:2], SHIFT, atol=0.06)
 
 
 def test_the_first_view_is_taken_at_its_word() -> None:
     whole = setup()
     first = next(iter(whole.mounts))
     sure, open_ = RegistrationBias(whole, SLOPED), RegistrationBias(whole, replace(SLOPED, first=0.3, slope_first=0.05))
-    for offsets in (sure, open_):
-        taught(offsets, first, ticks=20)
+    for bias in (sure, open_):
+        taught(bias, first, ticks=20)
     assert np.linalg.norm(sure.of(first)[:2]) < 0.5 * np.linalg.norm(open_.of(first)[:2])
 
 

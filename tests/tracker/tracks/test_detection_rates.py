@@ -4,49 +4,49 @@ import numpy as np
 
 from tracker.tracks.detection_rates import DetectionRateParameters, DetectionRates
 
-SQUARE = 300.0
+GROUND_AREA = 300.0
 
 
 def taught(share: float, false: float, ticks: int = 600) -> DetectionRates:
     """People are found at `share`, with `false` boxes of the highest confidence a tick."""
-    rng, trust = np.random.default_rng(0), DetectionRates(DetectionRateParameters(), SQUARE)
+    rng, rates = np.random.default_rng(0), DetectionRates(DetectionRateParameters(), GROUND_AREA)
     for _ in range(ticks):
         found = np.full(rng.binomial(10, share), 0.99)
         other = np.full(rng.poisson(false), 0.99)
-        trust.learn("c", found, 10.0, (other, np.ones(len(other))))
-    return trust
+        rates.learn("c", found, 10.0, (other, np.ones(len(other))))
+    return rates
 
 
 def test_shares_are_found() -> None:
-    trust = taught(0.6, 2.0)
-    assert abs(trust.detection("c") - 0.6) < 0.05
-    expected = np.log(0.6 / (2.0 / SQUARE))
-    assert abs(trust.worth("c", np.array([0.99]))[0] - expected) < 0.3
+    rates = taught(0.6, 2.0)
+    assert abs(rates.detection("c") - 0.6) < 0.05
+    expected = np.log(0.6 / (2.0 / GROUND_AREA))
+    assert abs(rates.log_ratio("c", np.array([0.99]))[0] - expected) < 0.3
 
 
 def test_a_view_with_many_false_boxes_is_trusted_less() -> None:
     sure = np.array([0.99])
-    assert taught(0.9, 3.0).worth("c", sure)[0] < taught(0.9, 0.1).worth("c", sure)[0] - 2
+    assert taught(0.9, 3.0).log_ratio("c", sure)[0] < taught(0.9, 0.1).log_ratio("c", sure)[0] - 2
 
 
 def test_another_view_knows_nothing_of_it() -> None:
-    trust = taught(0.3, 5.0)
-    fresh = DetectionRates(DetectionRateParameters(), SQUARE)
-    assert trust.detection("other") == fresh.detection("other")
+    rates = taught(0.3, 5.0)
+    fresh = DetectionRates(DetectionRateParameters(), GROUND_AREA)
+    assert rates.detection("other") == fresh.detection("other")
 
 
 def test_nothing_becomes_impossible() -> None:
-    trust = taught(1.0, 0.0, 5000)
-    assert trust.detection("c") <= DetectionRateParameters().most
-    assert np.isfinite(trust.worth("c", np.array([0.0, 0.6, 0.85, 0.93, 1.0]))).all()
+    rates = taught(1.0, 0.0, 5000)
+    assert rates.detection("c") <= DetectionRateParameters().max_detection
+    assert np.isfinite(rates.log_ratio("c", np.array([0.0, 0.6, 0.85, 0.93, 1.0]))).all()
 
 
 def test_weighted_boxes_count_by_their_weight() -> None:
-    trust = DetectionRates(DetectionRateParameters(), SQUARE)
+    rates = DetectionRates(DetectionRateParameters(), GROUND_AREA)
     for _ in range(2000):
-        trust.learn("c", np.full(9, 0.99), 10.0, (np.full(2, 0.99), np.full(2, 0.5)))
-    expected = np.log(0.9 / (1.0 / SQUARE))
-    assert abs(trust.worth("c", np.array([0.99]))[0] - expected) < 0.1
+        rates.learn("c", np.full(9, 0.99), 10.0, (np.full(2, 0.99), np.full(2, 0.5)))
+    expected = np.log(0.9 / (1.0 / GROUND_AREA))
+    assert abs(rates.log_ratio("c", np.array([0.99]))[0] - expected) < 0.1
 
 
 def covered_by(things: float, people: float = 0.0) -> np.ndarray:
@@ -54,28 +54,28 @@ def covered_by(things: float, people: float = 0.0) -> np.ndarray:
 
 
 def test_how_often_who_is_covered_is_found_comes_out_as_it_was_put_in() -> None:
-    rng, trust = np.random.default_rng(1), taught(0.9, 0.1)
+    rng, rates = np.random.default_rng(1), taught(0.9, 0.1)
     for _ in range(4000):
         cover = np.array([[0.3, 0.0], [0.9, 0.0], [0.0, 0.5]])
-        trust.learn_shown("c", cover, rng.random(3) < 0.9 * np.array([0.8, 0.1, 0.25]))
-    assert abs(trust.shown("c", covered_by(0.3))[0] - 0.8) < 0.05
-    assert abs(trust.shown("c", covered_by(0.9))[0] - 0.1) < 0.05
-    assert abs(trust.shown("c", covered_by(0.0, 0.5))[0] - 0.25) < 0.05
-    assert trust.shown("c", covered_by(0.0))[0] == 1
-    assert trust.shown("other", covered_by(0.9))[0] == DetectionRates(DetectionRateParameters(), SQUARE).shown("c", covered_by(0.9))[0]
+        rates.learn_partly_visible("c", cover, rng.random(3) < 0.9 * np.array([0.8, 0.1, 0.25]))
+    assert abs(rates.relative_detection("c", covered_by(0.3))[0] - 0.8) < 0.05
+    assert abs(rates.relative_detection("c", covered_by(0.9))[0] - 0.1) < 0.05
+    assert abs(rates.relative_detection("c", covered_by(0.0, 0.5))[0] - 0.25) < 0.05
+    assert rates.relative_detection("c", covered_by(0.0))[0] == 1
+    assert rates.relative_detection("other", covered_by(0.9))[0] == DetectionRates(DetectionRateParameters(), GROUND_AREA).relative_detection("c", covered_by(0.9))[0]
 
 
 def test_who_is_covered_more_is_never_found_more_often() -> None:
-    trust = DetectionRates(DetectionRateParameters(), SQUARE)
+    rates = DetectionRates(DetectionRateParameters(), GROUND_AREA)
     for _ in range(500):
-        trust.learn_shown("c", covered_by(0.7), np.ones(1, dtype=bool))
-    share = trust.shown("c", np.column_stack([np.linspace(0, 1, 30), np.zeros(30)]))
+        rates.learn_partly_visible("c", covered_by(0.7), np.ones(1, dtype=bool))
+    share = rates.relative_detection("c", np.column_stack([np.linspace(0, 1, 30), np.zeros(30)]))
     assert (np.diff(share) <= 1e-12).all()
 
 
 def test_of_whom_both_things_and_people_cover_nothing_is_learned() -> None:
-    trust = DetectionRates(DetectionRateParameters(), SQUARE)
-    before = trust.shown("c", covered_by(0.5, 0.5))
+    rates = DetectionRates(DetectionRateParameters(), GROUND_AREA)
+    before = rates.relative_detection("c", covered_by(0.5, 0.5))
     for _ in range(500):
-        trust.learn_shown("c", covered_by(0.5, 0.5), np.zeros(1, dtype=bool))
-    assert trust.shown("c", covered_by(0.5, 0.5)) == before
+        rates.learn_partly_visible("c", covered_by(0.5, 0.5), np.zeros(1, dtype=bool))
+    assert rates.relative_detection("c", covered_by(0.5, 0.5)) == before

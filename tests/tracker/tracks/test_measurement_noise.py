@@ -43,7 +43,7 @@ def test_what_is_beyond_what_is_assumed_counts_as_is_asked() -> None:
 
 def test_no_view_counts_for_more_than_is_assumed_nor_for_next_to_nothing() -> None:
     np.testing.assert_array_equal(taught((0.2, 0.2)), 1.0)
-    np.testing.assert_array_equal(taught((50.0, 50.0)), MeasurementNoiseParameters().most)
+    np.testing.assert_array_equal(taught((50.0, 50.0)), MeasurementNoiseParameters().max_ratio)
 
 
 def test_looks_without_feet_say_nothing() -> None:

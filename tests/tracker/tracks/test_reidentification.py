@@ -32,64 +32,64 @@ def nobody_lost() -> Reidentification:
 
 def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None) -> Reidentification:
     """`start` are followed, nobody is seen for `gap` ticks, then those in `back` are new."""
-    reunions, people = nobody_lost(), tracks(*start)
-    known = np.ones(len(people), dtype=bool)
-    reunions.step(people, known, known, set())
+    reidentification, people = nobody_lost(), tracks(*start)
+    confirmed = np.ones(len(people), dtype=bool)
+    reidentification.step(people, confirmed, confirmed, set())
     for tick in range(gap):
-        reunions.step(tracks(), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool), left or set() if tick == 0 else set())
+        reidentification.step(tracks(), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool), left or set() if tick == 0 else set())
     fresh = np.ones(len(back), dtype=bool)
-    reunions.step(tracks(*back), fresh, fresh, set())
-    return reunions
+    reidentification.step(tracks(*back), fresh, fresh, set())
+    return reidentification
 
 
 @pytest.mark.parametrize(("gap", "x", "same"), [(12, 2.0, True), (12, 8.0, False), (30, 3.0, True), (60, 2.0, False)])
 def test_who_comes_back_in_time_about_where_one_would_be_is_the_same(gap: int, x: float, same: bool) -> None:
     found = after(gap, [(7, x, 0.2, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.2, 0.0, 0),))
-    assert found.person == ({7: 1} if same else {})
+    assert found.first_tree == ({7: 1} if same else {})
 
 
 def test_who_went_out_of_all_views_is_not_looked_for() -> None:
     start = ((1, 0.0, 0.0, 1.2, 0.0, 0),)
-    assert after(12, [(7, 2.0, 0.2, 1.0, 0.0, 0)], start, left={1}).person == {}
+    assert after(12, [(7, 2.0, 0.2, 1.0, 0.0, 0)], start, left={1}).first_tree == {}
 
 
 def test_of_two_who_are_lost_each_finds_himself_and_nobody_is_two() -> None:
     start = ((1, 0.0, 0.0, 1.0, 0.0, 0), (2, 6.0, 0.0, -1.0, 0.0, 0))
-    assert after(9, [(7, 4.9, 0.0, 0.0, 0.0, 0), (8, 1.1, 0.0, 0.0, 0.0, 0)], start).person == {7: 2, 8: 1}
-    assert len(after(9, [(7, 1.1, 0.3, 0.0, 0.0, 0), (8, 1.1, -0.6, 0.0, 0.0, 0)], start[:1]).person) == 1
+    assert after(9, [(7, 4.9, 0.0, 0.0, 0.0, 0), (8, 1.1, 0.0, 0.0, 0.0, 0)], start).first_tree == {7: 2, 8: 1}
+    assert len(after(9, [(7, 1.1, 0.3, 0.0, 0.0, 0), (8, 1.1, -0.6, 0.0, 0.0, 0)], start[:1]).first_tree) == 1
 
 
 def test_who_is_still_seen_is_nobody_else() -> None:
-    reunions = nobody_lost()
+    reidentification = nobody_lost()
     one, both = tracks((1, 0.0, 0.0, 0.0, 0.0, 0)), tracks((1, 0.0, 0.0, 0.0, 0.0, 0), (2, 5.0, 5.0, 0.0, 0.0, 0))
-    reunions.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set())
-    assert reunions.step(both, np.ones(2, dtype=bool), np.array([False, True]), set()) == set()
-    assert reunions.person == {}
+    reidentification.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set())
+    assert reidentification.step(both, np.ones(2, dtype=bool), np.array([False, True]), set()) == set()
+    assert reidentification.first_tree == {}
     # Who has had no box for a while is: the old track ends, and both have one name, the later of them the place.
     coasting = tracks((1, 1.5, 0.0, 0.0, 0.0, 5), (3, 0.4, 0.0, 0.0, 0.0, 0))
-    assert reunions.step(coasting, np.ones(2, dtype=bool), np.array([False, True]), set()) == {1}
-    told = reunions.renamed(coasting)
-    assert told.tree.tolist() == [1]
-    assert told.state[0, 0] == 0.4
+    assert reidentification.step(coasting, np.ones(2, dtype=bool), np.array([False, True]), set()) == {1}
+    reported = reidentification.relabelled(coasting)
+    assert reported.tree.tolist() == [1]
+    assert reported.state[0, 0] == 0.4
 
 
 def test_a_name_goes_on_through_many_reunions() -> None:
-    reunions, known = after(9, [(5, 1.0, 0.0, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.0, 0.0, 0),)), np.ones(1, dtype=bool)
+    reidentification, confirmed = after(9, [(5, 1.0, 0.0, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.0, 0.0, 0),)), np.ones(1, dtype=bool)
     for _ in range(9):
-        reunions.step(tracks(), known[:0], known[:0], set())
-    reunions.step(tracks((9, 2.2, 0.0, 1.0, 0.0, 0)), known, known, set())
-    assert reunions.person == {5: 1, 9: 1}
+        reidentification.step(tracks(), confirmed[:0], confirmed[:0], set())
+    reidentification.step(tracks((9, 2.2, 0.0, 1.0, 0.0, 0)), confirmed, confirmed, set())
+    assert reidentification.first_tree == {5: 1, 9: 1}
 
 
 def test_of_two_who_were_lost_together_each_is_known_by_the_stature() -> None:
-    """They come back in each other's places, and where it is not known how tall they are each is taken for the other."""
-    for sigma, known in ((0.03, True), (0.12, False)):
+    """They come back in each other's places, and where it is not confirmed how tall they are each is taken for the other."""
+    for sigma, confirmed in ((0.03, True), (0.12, False)):
         start, back = (tracks((a, 0.0, 0.0, 0.0, 0.0, 0), (b, 0.8, 0.0, 0.0, 0.0, 0)) for a, b in ((1, 2), (7, 8)))
         for people, tall in ((start, (1.58, 1.88)), (back, (1.87, 1.57))):
             people.state[:, 4], people.covariance[:, 4, 4] = tall, sigma**2
-        reunions, all_of_them = nobody_lost(), np.ones(2, dtype=bool)
-        reunions.step(start, all_of_them, all_of_them, set())
+        reidentification, all_of_them = nobody_lost(), np.ones(2, dtype=bool)
+        reidentification.step(start, all_of_them, all_of_them, set())
         for _ in range(9):
-            reunions.step(tracks(), all_of_them[:0], all_of_them[:0], set())
-        reunions.step(back, all_of_them, all_of_them, set())
-        assert reunions.person == ({7: 2, 8: 1} if known else {7: 1, 8: 2})
+            reidentification.step(tracks(), all_of_them[:0], all_of_them[:0], set())
+        reidentification.step(back, all_of_them, all_of_them, set())
+        assert reidentification.first_tree == ({7: 2, 8: 1} if confirmed else {7: 1, 8: 2})

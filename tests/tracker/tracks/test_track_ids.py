@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.tracks.track_ids import BEYOND, GONE, TrackIds
+from tracker.tracks.track_ids import EXIT_DISTANCE, EXIT_TIME, TrackIds
 from tracker.tracks.tracks import Tracks
 
 EDGE = 2.3
@@ -30,7 +30,7 @@ SECOND = round(synthetic_crowd.RATE)
 
 @pytest.mark.parametrize("seconds", [0, 1, 2])
 def test_who_walks_along_the_edge_keeps_the_id(seconds: int) -> None:
-    assert told([2.0, *[EDGE + 0.8 * BEYOND] * (seconds * SECOND), 2.0]) == {1}
+    assert told([2.0, *[EDGE + 0.8 * EXIT_DISTANCE] * (seconds * SECOND), 2.0]) == {1}
 
 
 def test_who_is_unseen_in_the_area_keeps_the_id() -> None:
@@ -38,12 +38,12 @@ def test_who_is_unseen_in_the_area_keeps_the_id() -> None:
 
 
 def test_who_went_far_has_a_new_id() -> None:
-    assert told([2.0, EDGE + 1.1 * BEYOND, 2.0]) == {1, 2}
+    assert told([2.0, EDGE + 1.1 * EXIT_DISTANCE, 2.0]) == {1, 2}
 
 
-@pytest.mark.parametrize("place", [EDGE + 0.5 * BEYOND, None])
+@pytest.mark.parametrize("place", [EDGE + 0.5 * EXIT_DISTANCE, None])
 def test_who_was_outside_for_long_has_a_new_id_seen_or_not(place: float | None) -> None:
-    assert told([2.0, EDGE + 0.5 * BEYOND, *[place] * (round(GONE) * SECOND), 2.0]) == {1, 2}
+    assert told([2.0, EDGE + 0.5 * EXIT_DISTANCE, *[place] * (round(EXIT_TIME) * SECOND), 2.0]) == {1, 2}
 
 
 def test_nobody_is_told_of_before_they_come_in() -> None:
