@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tracker.gnn.fixed_lag import GnnFixedLagSmoother
-from tracker.tracks.tracks import MotionParameters, Tracks, onward, predict, transition
+from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition, predict, transition
 
 MOTION = MotionParameters(acceleration=0.8)
 PERIOD = 0.2
@@ -72,7 +72,7 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
             information[5 * k : 5 * k + 2, 5 * k : 5 * k + 2] += np.linalg.inv(R)
             vector[5 * k : 5 * k + 2] += np.linalg.solve(R, measured[k])
         if k:
-            (F,), Q = onward(tracks[k - 1].misses, PERIOD, MOTION)
+            (F,), Q = coasting_transition(tracks[k - 1].misses, PERIOD, MOTION)
             A = np.zeros((5, 5 * steps))
             A[:, 5 * k - 5 : 5 * k], A[:, 5 * k : 5 * k + 5] = -F, np.eye(5)
             information += A.T @ np.linalg.solve(Q, A)
@@ -146,8 +146,8 @@ def test_who_is_out_of_sight_comes_to_a_halt() -> None:
         walker = predict(replace(walker, misses=np.array([0, k])), PERIOD, MOTION)
     seen, unseen = walker.state
     np.testing.assert_allclose(seen[0], 40 * PERIOD * 1.2)
-    # As seen until `early`, and then on for what a velocity that fades within `onward` still covers.
-    np.testing.assert_allclose(unseen[0], (3 * PERIOD + MOTION.onward) * 1.2, atol=0.01)
+    # As seen until `fade_after`, and then on for what a velocity that fades within `fade_time` still covers.
+    np.testing.assert_allclose(unseen[0], (3 * PERIOD + MOTION.fade_time) * 1.2, atol=0.01)
     assert np.linalg.norm(unseen[2:4]) < 0.01
     assert unseen[4] == seen[4] == 1.7
 

@@ -19,7 +19,7 @@ from tracker.tracks.sensor_model import SensorModel
 from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
 
-LIMITS = TrackParameters(fusion=FusionParameters(reach=60.0), unsure=0.3)
+PARAMETERS = TrackParameters(fusion=FusionParameters(reach=60.0), sampling_sigma=0.3)
 DETECTION = np.array([0.9])
 
 
@@ -36,21 +36,21 @@ def track(place: tuple[float, float], sigma: float) -> Tracks:
     return Tracks(one, np.array([[*place, 0.0, 0.0, 1.7]]), np.diag([sigma**2, sigma**2, 0.1, 0.1, 0.01])[None], zero, 5 * one, one, 5 * one)
 
 
-def outlook(setup: Setup, tracks: Tracks) -> tuple[ExpectedVisibility, list[Viewpoint]]:
+def visibility(setup: Setup, tracks: Tracks) -> tuple[ExpectedVisibility, list[Viewpoint]]:
     views = []
     for name, mount in setup.mounts.items():
         start = setup.starts[mount.robot]
         assert start is not None
         views.append(Viewpoint(name, mount.camera, start.T_world_robot @ mount.T_body_camera))
-    return ExpectedVisibility.of(tracks, views, SensorModel(setup, LIMITS)), views
+    return ExpectedVisibility.of(tracks, views, SensorModel(setup, PARAMETERS)), views
 
 
 def test_places_are_as_samples_have_them() -> None:
     setup, tracks = walled(), track((0.0, 2.0), 1.2)
-    found, views = outlook(setup, tracks)
-    after = found.without(tracks, np.zeros((1, 1), dtype=bool), DETECTION)
+    found, views = visibility(setup, tracks)
+    after = found.given_misses(tracks, np.zeros((1, 1), dtype=bool), DETECTION)
     place = np.random.default_rng(0).multivariate_normal(tracks.state[0, :2], tracks.covariance[0, :2, :2], 50_000)
-    share = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup).expected(views[0], LIMITS.fusion.reach)
+    share = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup).expected_detection(views[0], PARAMETERS.fusion.reach)
     weight = 1 - DETECTION * share
     expected: Array = weight @ place / weight.sum()
     assert found.share[0, 0] == pytest.approx(share.mean(), abs=0.05)
@@ -64,7 +64,7 @@ def test_places_are_as_samples_have_them() -> None:
 def test_nothing_follows_for_who_is_seen_or_whose_place_is_sure_or_where_no_walls_are_known(why: str) -> None:
     setup, tracks = walled(), track((0.0, 2.0), 0.2 if why == "sure" else 1.2)
     setup = replace(setup, occluders=None) if why == "unknown" else setup
-    after = outlook(setup, tracks)[0].without(tracks, np.full((1, 1), why == "seen"), DETECTION)
+    after = visibility(setup, tracks)[0].given_misses(tracks, np.full((1, 1), why == "seen"), DETECTION)
     np.testing.assert_array_equal(after.state, tracks.state)
     np.testing.assert_array_equal(after.covariance, tracks.covariance)
 

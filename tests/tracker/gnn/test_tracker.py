@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_source
-from tracker.datasets.pets2009 import Choice
+from tracker.datasets.opening import open_sequence
+from tracker.datasets.pets2009 import PetsOptions
 from tracker.geometry import angles_from_bearing
 from tracker.gnn.tracker import GnnTracker
 from tracker.metrics.evaluation import evaluate
@@ -40,7 +40,7 @@ def test_people_keep_their_ids(data: Callable[..., Path], views: list[int], poor
     other = [f"{views[0]}={folder / 'mot15' / 'det.txt'}"] if poor else []
     found = []
     for seed in range(3 if degrade else 1):
-        sequence = open_source(folder, views, Choice.parse(other, degrade, seed))
+        sequence = open_sequence(folder, views, PetsOptions.parse(other, degrade, seed))
         assert sequence.truth is not None
         ticks = TicksInMemory(tuple(itertools.islice(iter(sequence.ticks), FRAMES)), sequence.setup.mounts)
         half = replace(sequence, ticks=ticks, truth=sequence.truth[:FRAMES])
@@ -62,23 +62,23 @@ def test_of_three_tracks_on_two_people_one_goes() -> None:
         tracker.step(tick)
     people = tracker._people
     assert isinstance(people, GnnTracker)
-    known = people.hypotheses
-    assert known.believed.sum() == 2
+    known = people.filter
+    assert known.confirmed.sum() == 2
     # A third, between them, who is as sure as they are.
     third = replace(known.tracks.select(np.array([0])), tree=np.array([99]), state=known.tracks.state[:2].mean(axis=0, keepdims=True))
-    known.tracks, known.believed = known.tracks.join(third), np.append(known.believed, True)
-    known._gone = np.append(known._gone, 0.0)
+    known.tracks, known.confirmed = known.tracks.join(third), np.append(known.confirmed, True)
+    known._outside = np.append(known._outside, 0.0)
     for tick in ticks[10:13]:
         tracker.step(tick)
-    # Each of the three has a box now and then, which another of them would take: all are believed less.
-    assert (known.tracks.score < known.parameters.most_score).all()
+    # Each of the three has a box now and then, which another of them would take: all are confirmed less.
+    assert (known.tracks.score < known.parameters.max_score).all()
     for tick in ticks[13:]:
         estimate = tracker.step(tick)
     assert estimate is not None
     assert len(estimate.target_id) == 2
 
 
-def doubted(tick: Tick, confidence: float) -> Tick:
+def with_confidence(tick: Tick, confidence: float) -> Tick:
     """The tick with boxes of that confidence."""
     views = (replace(v, detections=replace(v.detections, confidence=np.full(len(v.detections), confidence))) for v in tick.views)
     return replace(tick, views=tuple(views))
@@ -86,8 +86,8 @@ def doubted(tick: Tick, confidence: float) -> Tick:
 
 def test_doubtful_boxes_neither_start_nor_keep_anybody() -> None:
     setup, ticks = standing([(-2.0, -2.0)], 60, np.random.default_rng(1))
-    assert all(len(e.target_id) == 0 for e in track(setup, [doubted(tick, 0.5) for tick in ticks]))
-    told = list(track(setup, [tick if k < 20 else doubted(tick, 0.5) for k, tick in enumerate(ticks)]))
+    assert all(len(e.target_id) == 0 for e in track(setup, [with_confidence(tick, 0.5) for tick in ticks]))
+    told = list(track(setup, [tick if k < 20 else with_confidence(tick, 0.5) for k, tick in enumerate(ticks)]))
     assert len(told[19].target_id) == 1
     assert len(told[-1].target_id) == 0
 
@@ -95,7 +95,8 @@ def test_doubtful_boxes_neither_start_nor_keep_anybody() -> None:
 @pytest.mark.parametrize("seed", [0, 2, 3, 4])
 def test_a_doubtful_box_keeps_somebody_from_the_box_of_another(seed: int) -> None:
     # One behind the other, far off: whose box is missing would be given the other's.
-    ahead, eye = np.array([np.cos(synthetic_crowd.CORNERS[0][2]), np.sin(synthetic_crowd.CORNERS[0][2])]), np.array(synthetic_crowd.CORNERS[0][:2])
+    x, y, yaw = synthetic_crowd.CAMERA_POSES[0]
+    ahead, eye = np.array([np.cos(yaw), np.sin(yaw)]), np.array([x, y])
     setup, ticks = standing([tuple(eye + distance * ahead) for distance in (10.0, 10.4)], 45, np.random.default_rng(seed))
 
     def one_doubtful(tick: Tick) -> Tick:
