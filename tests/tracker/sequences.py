@@ -41,7 +41,7 @@ def tick(k: int, rng: np.random.Generator) -> Tick:
         found = Detections(bearing, rng.uniform(0.1, 0.5, (n, 2)), rng.uniform(0.5, 1, n), covariance, np.zeros((n, 0)))
         odometry = Odometry(Pose.exp(rng.normal(0, 0.1, 6)), 0.001 * np.eye(6), np.array([0.0, 0.0, 1.0]), 0.01) if k else None
         image = rng.integers(0, 255, (32, 64, 3), dtype=np.uint8)
-        views.append(View(name, found, odometry=odometry, image=image, companions=companions(k, name)))
+        views.append(View(name, found, odometry=odometry, image=image, robot_detections=companions(k, name)))
     return Tick(k, k / 6, tuple(views))
 
 

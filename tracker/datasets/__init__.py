@@ -1,3 +1,4 @@
-"""Whole data sets: opening them, degrading their detections, validating and summarizing them.
+"""Data sets on disk: opening them, degrading their detections, validating, summarizing and describing them.
 
-Read `opening.py` first."""
+Read `opening.py` first.
+"""

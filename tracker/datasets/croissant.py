@@ -1,6 +1,6 @@
-"""Metadata of a dataset as Croissant 1.0 (JSON-LD, MLCommons): its files with their sums, and its tables and images as record sets.
+"""Metadata of a dataset as Croissant 1.0 (JSON-LD, MLCommons): its files with checksums, and its tables and images as record sets.
 
-The same dataset gives the same bytes: there is no date in it. https://docs.mlcommons.org/croissant/docs/croissant-spec.html
+The same dataset gives the same bytes, because the file holds no date. https://docs.mlcommons.org/croissant/docs/croissant-spec.html
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 from tracker.sequence.dataset import sequences
-from tracker.sequence.schema import BOXES, CAMERAS, COMPANIONS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOTS, people_columns
+from tracker.sequence.schema import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOT_DETECTIONS, ROBOTS, people_columns
 
 FILE = "croissant.json"
 CONFORMS = "http://mlcommons.org/croissant/1.0"
@@ -64,14 +64,14 @@ CONTEXT: dict[str, Any] = {
 TABLES: dict[str, tuple[str, Mapping[str, type], str]] = {
     "odometry": ("odometry.csv", ODOMETRY, "Motion of a robot's body since the frame before, measured, with its covariance."),
     "detections": ("detections.csv", DETECTIONS, "What the simulated detector reported: directions in the camera's frame."),
-    "companions": ("companions.csv", COMPANIONS, "Other robots in the views of robots: directions in the camera's frame."),
+    "companions": ("companions.csv", ROBOT_DETECTIONS, "Other robots in the views of robots: directions in the camera's frame."),
     "robots": ("truth/robots.csv", ROBOTS, "True poses of the robots' bodies."),
     "cameras": ("truth/cameras.csv", CAMERAS, "True poses of the cameras, and the terrain straight below."),
     "boxes": ("truth/boxes.csv", BOXES, "True boxes of people in every view."),
     "keypoints": ("truth/keypoints.csv", KEYPOINTS, "The 17 key points of COCO in every view."),
     "joints": ("truth/joints.csv", JOINTS, "The 17 key points of COCO in the world."),
 }
-"""Record set → file in a sequence, its columns, what it is; people.csv has columns that depend on the cameras."""
+"""Record set → file in a sequence, its columns, description. people.csv is not among them, because its columns depend on the cameras."""
 PEOPLE = "Where people stand, and the share of each that every camera sees."
 _POSE = "of the pose (x forward, y left, z up; to the world, or now to before)"
 COLUMNS: tuple[tuple[str, str], ...] = (
@@ -96,19 +96,19 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     (r".*_visibility", "2 visible, 1 hidden, 0 not in the image"),
     (r".*_[xyz]", "[m] in the world"),
 )
-"""Pattern of a column's name → what it is."""
+"""Pattern of a column's name → description."""
 
 
 def describe(column: str) -> str:
-    """What a column is, with its unit."""
+    """The description of a column, with its unit."""
     return next(text for pattern, text in COLUMNS if re.fullmatch(pattern, column))
 
 
 @dataclass(frozen=True, eq=False)
 class _Files:
-    """Sequences of a dataset by their path in it ('' for a folder that is itself one), and their files with sums."""
+    """checksums: path of a sequence in the dataset ('' for a single sequence) → file → SHA-256."""
 
-    sums: dict[str, dict[str, str]]
+    checksums: dict[str, dict[str, str]]
 
     @staticmethod
     def of(folder: Path) -> _Files:
@@ -119,37 +119,37 @@ class _Files:
         return _Files(found)
 
     def holding(self, name: str) -> list[str]:
-        """Paths of the file of that name in every sequence that has it."""
-        return [prefix + name for prefix, files in self.sums.items() if name in files]
+        """Paths of the file `name` in all sequences that have it."""
+        return [prefix + name for prefix, files in self.checksums.items() if name in files]
 
     def suffixes(self, kind: str) -> list[str]:
-        """Of the images of a kind."""
-        return sorted({Path(name).suffix for files in self.sums.values() for name in files if name.startswith(f"{kind}/")})
+        """Suffixes of the images of a kind."""
+        return sorted({Path(name).suffix for files in self.checksums.values() for name in files if name.startswith(f"{kind}/")})
 
 
 def write_croissant(folder: Path) -> None:
-    """Write croissant.json of a dataset, or of a single sequence, from the manifests in it. Raises ValueError where there is none."""
+    """Write croissant.json of a dataset or of a single sequence. Raises ValueError where `folder` is neither."""
     content = json.dumps(croissant_of(folder), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     write_text(folder / FILE, content)
 
 
 def croissant_of(folder: Path) -> dict[str, Any]:
-    """As JSON values."""
+    """The content of croissant.json as JSON values."""
     files = _Files.of(folder)
-    distribution = [_manifest(folder, prefix) for prefix in files.sums]
+    distribution = [_manifest(folder, prefix) for prefix in files.checksums]
     records = []
     for name, (file, columns, text) in _tables(folder).items():
         paths = files.holding(file)
         if paths:
-            distribution += [_object(prefix + file, sums[file], "text/csv") for prefix, sums in files.sums.items() if file in sums]
+            distribution += [_object(prefix + file, sha256[file], "text/csv") for prefix, sha256 in files.checksums.items() if file in sha256]
             distribution.append(_file_set(name, paths, "text/csv", f"{file} of every sequence"))
-            records.append(_records(name, columns, text, "" not in files.sums))
+            records.append(_records(name, columns, text, "" not in files.checksums))
     for kind, text in (("images", "Images, RGB: panoramas and fixed views."), ("instances", "Instances: the person's id at each pixel, 0 nobody.")):
         for suffix in files.suffixes(kind):
-            paths = [f"{prefix}{kind}/*/*{suffix}" for prefix in files.sums]
+            paths = [f"{prefix}{kind}/*/*{suffix}" for prefix in files.checksums]
             mime = {".jpg": "image/jpeg", ".png": "image/png"}[suffix]
             distribution.append(_file_set(kind, paths, mime, text))
-            records.append(_image_records(kind, text, "" not in files.sums))
+            records.append(_image_records(kind, text, "" not in files.checksums))
     name = folder.resolve().name
     return {
         "@context": CONTEXT,
@@ -199,7 +199,7 @@ def _sequence(records: str) -> dict[str, Any]:
 
 
 def _records(name: str, columns: Mapping[str, type], text: str, many: bool) -> dict[str, Any]:
-    """many: whether the folder holds sequences, so that a row needs the name of its own."""
+    """many: whether the folder holds several sequences, so that a row needs the name of its sequence."""
     fields = [_sequence(name)] if many else []
     fields += [_field(name, column, TYPES[kind], describe(column), {"extract": {"column": column}}) for column, kind in columns.items()]
     return {"@type": "cr:RecordSet", "@id": name, "name": name, "description": text, "field": fields}
@@ -212,7 +212,7 @@ def _image_records(kind: str, text: str, many: bool) -> dict[str, Any]:
         _part_of_path(kind, "frame", "sc:Integer", "index from 0", rf"^.*{kind}/[^/]+/(\d+)\.[a-z]+$"),
         _field(kind, "file", "sc:Text", "path in the dataset", {"extract": {"fileProperty": "fullpath"}}),
     ]
-    # Readers of this format turn images into 8 bits a channel, which ids do not fit in.
+    # Readers of this format convert images to 8 bits per channel, which cannot hold the ids of instances.
     if kind == "images":
         fields.append(_field(kind, "image", "sc:ImageObject", "the picture", {"extract": {"fileProperty": "content"}}))
     return {"@type": "cr:RecordSet", "@id": kind, "name": kind, "description": text, "field": fields}

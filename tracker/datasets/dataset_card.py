@@ -1,4 +1,4 @@
-"""The README.md of a dataset: front matter as the Hugging Face hub reads it (YAML), then what the dataset is, for people.
+"""The README.md of a dataset: front matter in YAML for the Hugging Face hub, then a description.
 
 https://huggingface.co/docs/hub/datasets-cards
 """
@@ -28,7 +28,7 @@ TABLES = {
     "detections": "detections.csv",
     "odometry": "odometry.csv",
 }
-"""Configuration on the hub → table of every sequence."""
+"""Configuration on the hub → table of each sequence."""
 
 BODY = """
 People walk through the world `{world}` ({people} a sequence), robots with panoramic cameras drive among them ({robots}), and fixed pinhole cameras
@@ -59,7 +59,7 @@ images look like a simulator's, and a detector trained on them alone will not do
 
 @dataclass(frozen=True)
 class _Size:
-    """frames and images in all, frames a second, names of moving and of fixed cameras."""
+    """Total numbers of frames and images, frames per second, names of moving and of fixed cameras."""
 
     frames: int
     images: int
@@ -83,12 +83,12 @@ class _Size:
 
 
 def write_card(folder: Path) -> None:
-    """Write README.md of a dataset. Raises ValueError where it is none, or none of its sequences is whole."""
+    """Write README.md of a dataset. Raises ValueError where `folder` is no dataset, or has no complete sequence."""
     write_text(folder / "README.md", card_of(folder))
 
 
 def card_of(folder: Path) -> str:
-    """The whole text: front matter and prose. The same dataset gives the same text."""
+    """The text of README.md. The same dataset gives the same text."""
     dataset, found = read_dataset(folder), sequences(folder)
     size = _Size.of(found)
     names = [path.name for path in found]
@@ -110,7 +110,7 @@ def card_of(folder: Path) -> str:
 
 
 def _front(title: str, images: int, names: list[str]) -> list[str]:
-    """Lines of YAML; texts are quoted as JSON has them, which YAML reads the same."""
+    """Lines of YAML. Strings are quoted as in JSON, which is valid YAML."""
     lines = [f"pretty_name: {json.dumps(title)}", f"license: {LICENSE}", "annotations_creators:", "- machine-generated", "task_categories:"]
     lines += [f"- {task}" for task in TASKS]
     lines += ["size_categories:", f"- {json.dumps(size_of(images))}", "tags:", *(f"- {tag}" for tag in TAGS), "configs:"]
@@ -121,5 +121,5 @@ def _front(title: str, images: int, names: list[str]) -> list[str]:
 
 
 def size_of(images: int) -> str:
-    """The hub's class of a number of samples."""
+    """The size category of the hub for a number of images."""
     return next((name for limit, name in SIZES if images < limit), "n>10M")

@@ -1,4 +1,4 @@
-"""Detections made worse on purpose: boxes lost, false boxes added, edges moved. Seeded; written as drop=P,clutter=N,noise=PX."""
+"""Degradation of detections for tests of robustness: boxes are dropped, false boxes are added, positions get noise."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera
 
 HEIGHTS = (1.5, 2.0)
-"""m, heights of people who are not there."""
+"""m: lowest and highest stature for false boxes."""
 WIDTH = 0.4
 """Width of a false box over its height."""
-TRIES = 20
-"""Places that are drawn for a false box until one lies in the image."""
+MAX_TRIES = 20
+"""Most positions that are drawn for a false box until one lies in the image."""
 
 Boxes = dict[int, tuple[Array, Array]]
 """Frame → boxes (n, 4) left, top, width, height px and confidence (n,)."""
@@ -22,7 +22,10 @@ Boxes = dict[int, tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Degradation:
-    """drop: share of boxes that is lost; clutter: false boxes a view and frame; noise: standard deviation of a box's place, px an axis."""
+    """drop: probability that a box is dropped. clutter: false boxes per view and frame. noise: standard deviation of the position, px per axis.
+
+    Raises ValueError for a value out of bounds.
+    """
 
     drop: float = 0.0
     clutter: int = 0
@@ -38,7 +41,7 @@ class Degradation:
 
     @staticmethod
     def parse(text: str) -> Degradation:
-        """drop=P,clutter=N,noise=PX in any order, each at most once. Raises ValueError that names the part that is none."""
+        """Parse drop=P,clutter=N,noise=PX in any order, each at most once. Raises ValueError that names the invalid part."""
         given: dict[str, float] = {}
         names = [f.name for f in fields(Degradation)]
         for part in filter(None, (p.strip() for p in text.split(","))):
@@ -51,37 +54,38 @@ class Degradation:
                 raise ValueError(f"--degrade has {part!r}, needs a {'whole ' if name == 'clutter' else ''}number") from None
         return Degradation(given.get("drop", 0.0), int(given.get("clutter", 0)), given.get("noise", 0.0))
 
-    def applied(self, boxes: Boxes, frames: int, view: tuple[Camera, Pose], area: Array, rng: np.random.Generator) -> Boxes:
-        """The boxes of `frames` frames of a view (model, T_world_camera), frames from 1, made worse.
+    def apply(self, boxes: Boxes, frames: int, view: tuple[Camera, Pose], area: Array, rng: np.random.Generator) -> Boxes:
+        """The degraded boxes of frames 1 to `frames` of a view (camera model, T_world_camera).
 
-        False boxes: feet uniform in `area` (2, 2) m on the plane z = 0, heights uniform in HEIGHTS, confidence drawn from the true boxes'. A place
-        outside the image is drawn again, up to TRIES times.
+        False boxes have feet uniform in `area` (2, 2) m on the plane z = 0, and statures uniform in HEIGHTS.
+        Their confidences are drawn from those of the given boxes, of at least 0.5 where possible.
+        A position outside the image is drawn again, up to MAX_TRIES times.
         """
-        sure = np.concatenate([c for _, c in boxes.values()] or [np.ones(1)])
-        # Most boxes of a detector are rubbish of low confidence: false ones shall look like true ones.
-        sure = sure[sure >= 0.5] if (sure >= 0.5).any() else sure
-        out: Boxes = {}
+        likely = np.concatenate([c for _, c in boxes.values()] or [np.ones(1)])
+        # Detectors report many false boxes of low confidence. The added boxes must look like true ones, so low confidences are left out.
+        likely = likely[likely >= 0.5] if (likely >= 0.5).any() else likely
+        degraded: Boxes = {}
         for frame in range(1, frames + 1):
             box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
             kept = rng.random(len(box)) >= self.drop
             box = box[kept] + np.column_stack([rng.normal(0.0, 1.0, (int(kept.sum()), 2)) * self.noise, np.zeros((int(kept.sum()), 2))])
-            false = [b for _ in range(self.clutter) if (b := _false(view, area, rng)) is not None]
-            out[frame] = (
+            false = [b for _ in range(self.clutter) if (b := _false_box(view, area, rng)) is not None]
+            degraded[frame] = (
                 np.concatenate([box, np.array(false).reshape(-1, 4)]),
-                np.concatenate([confidence[kept], rng.choice(sure, len(false))]),
+                np.concatenate([confidence[kept], rng.choice(likely, len(false))]),
             )
-        return out
+        return degraded
 
 
-def _false(view: tuple[Camera, Pose], area: Array, rng: np.random.Generator) -> Array | None:
-    """A box (4,) px of somebody who is not there; None where no place that was drawn lies in the image."""
+def _false_box(view: tuple[Camera, Pose], area: Array, rng: np.random.Generator) -> Array | None:
+    """A false box (4,) px; None where no drawn position lies in the image."""
     camera, pose = view
-    for _ in range(TRIES):
+    for _ in range(MAX_TRIES):
         x, y = rng.uniform(area[0], area[1])
-        sight = np.array([[x, y, 0.0], [x, y, rng.uniform(*HEIGHTS)]]) - pose.translation
-        sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-        pixels, inside = camera.pixels_from_bearings(sight @ pose.rotation)
-        tall = pixels[0, 1] - pixels[1, 1]
-        if inside.all() and tall > 1:
-            return np.array([pixels[0, 0] - WIDTH * tall / 2, pixels[1, 1], WIDTH * tall, tall])
+        rays = np.array([[x, y, 0.0], [x, y, rng.uniform(*HEIGHTS)]]) - pose.translation
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        pixels, inside = camera.pixels_from_bearings(rays @ pose.rotation)
+        height = pixels[0, 1] - pixels[1, 1]
+        if inside.all() and height > 1:
+            return np.array([pixels[0, 0] - WIDTH * height / 2, pixels[1, 1], WIDTH * height, height])
     return None

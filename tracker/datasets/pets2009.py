@@ -1,4 +1,4 @@
-"""Opening what is to be tracked: a Sequence of pilsim's, or a folder of PETS 2009."""
+"""Reading a PETS 2009 folder as a sequence: cameras, detections and ground truth."""
 
 from __future__ import annotations
 
@@ -22,27 +22,30 @@ from tracker.types import Mount, Sequence, Setup, Start, Tick, TicksInMemory, Tr
 PETS_AREA, PETS_RATE = AREA, RATE
 
 PETS_VIEWS = (1, 5, 7)
-"""Of the views of S2.L1, those that are used where nothing is said."""
+"""Default views of S2.L1."""
 
 MAX_FRAMES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """What of a PETS folder is read: other detection files of views (number → file), and how all detections are made worse, from which seed."""
+class PetsOptions:
+    """How a PETS 2009 folder is read.
+
+    detections: view number → another file of detections. degradation: of all detections, with a seed.
+    """
 
     detections: Mapping[int, Path] = field(default_factory=dict)
     degradation: Degradation = Degradation()
     seed: int = 0
 
     @property
-    def plain(self) -> bool:
-        """Whether the folder is read as it is."""
+    def is_default(self) -> bool:
+        """Whether the folder is read without changes."""
         return not self.detections and self.degradation == Degradation()
 
     @staticmethod
-    def parse(detections: Iterable[str], degrade: str, seed: int) -> Choice:
-        """detections: each VIEW=FILE; degrade: see Degradation.parse. Raises ValueError that names what is wrong."""
+    def parse(detections: Iterable[str], degrade: str, seed: int) -> PetsOptions:
+        """Parse command line options. detections: each VIEW=FILE. degrade: see Degradation.parse. Raises ValueError for an invalid value."""
         files: dict[int, Path] = {}
         for text in detections:
             number, _, file = text.partition("=")
@@ -53,40 +56,34 @@ class Choice:
             files[int(number)] = Path(file)
         if seed < 0:
             raise ValueError(f"--seed is {seed}, needs 0 or more")
-        return Choice(files, Degradation.parse(degrade), seed)
+        return PetsOptions(files, Degradation.parse(degrade), seed)
 
     def to_run(self) -> dict[str, Any]:
-        """As values of run.json; nothing where the folder is read as it is."""
-        if self.plain:
+        """As entries of run.json; none for the default."""
+        if self.is_default:
             return {}
         d = self.degradation
         files = [f"{number}={file.resolve()}" for number, file in self.detections.items()]
         return {"detections": files, "degrade": f"drop={d.drop},clutter={d.clutter},noise={d.noise}", "seed": self.seed}
 
     @staticmethod
-    def of_run(run: dict[str, Any]) -> Choice:
-        """What to_run wrote. Raises ValueError where that is not what it is."""
+    def of_run(run: dict[str, Any]) -> PetsOptions:
+        """The options that to_run wrote. Raises ValueError for other content."""
         detections, degrade, seed = run.get("detections", []), run.get("degrade", ""), run.get("seed", 0)
         if not isinstance(detections, list) or not isinstance(degrade, str) or not isinstance(seed, int):
             raise ValueError("run.json: detections, degrade and seed need to be a list, a text and a whole number")
-        return Choice.parse(map(str, detections), degrade, seed)
+        return PetsOptions.parse(map(str, detections), degrade, seed)
 
 
-def _read_pets(path: Path, wanted: list[int], choice: Choice) -> Sequence:
-    """Cameras, detections and cropped truth of a PETS 2009 folder; calibration/ lies in it or beside it."""
+def read_pets(path: Path, wanted: list[int], options: PetsOptions) -> Sequence:
+    """Read a PETS 2009 folder; calibration/ lies in it or beside it. wanted: view numbers, empty for all.
+
+    Raises ValueError with the path for missing or invalid content.
+    """
     calibration = next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
     if calibration is None:
         raise ValueError(f"{path}: no calibration/ in it or beside it")
-    found = {int(m[1]): p for p in sorted((path / "detections").glob("*.txt")) if (m := re.fullmatch(r"View_0*(\d+)\.txt", p.name))}
-    for number, file in choice.detections.items():
-        if wanted and number not in wanted:
-            raise ValueError(f"--detections names view {number}, --views has {','.join(map(str, wanted))}")
-        found[number] = file
-    for number in wanted:
-        if number not in found:
-            raise ValueError(f"{path / 'detections' / f'View_{number:03d}.txt'}: no such file; there are views {','.join(map(str, found))}")
-    if not found:
-        raise ValueError(f"{path / 'detections'}: no View_00N.txt")
+    found = _detection_files(path, wanted, options)
     cameras: dict[str, tuple[Camera, Pose]] = {}
     boxes: dict[str, dict[int, tuple[Array, Array]]] = {}
     for number in wanted or list(found):
@@ -95,24 +92,39 @@ def _read_pets(path: Path, wanted: list[int], choice: Choice) -> Sequence:
         cameras[name], boxes[name] = (camera, pose), read_detections(found[number])
     site = read_site(path)
     truth = _pets_truth(path, calibration, len(cameras), site)
-    frames = max([max(frames, default=0) for frames in boxes.values()] + [len(truth or ())])
+    frames = max([max(by_frame, default=0) for by_frame in boxes.values()] + [len(truth or ())])
     if frames > MAX_FRAMES:
         raise ValueError(f"{path}: frame {frames}, needs at most {MAX_FRAMES}")
-    if choice.degradation != Degradation():
+    if options.degradation != Degradation():
         for name, view in cameras.items():
-            rng = np.random.default_rng([choice.seed, zlib.crc32(name.encode())])
-            boxes[name] = choice.degradation.applied(boxes[name], frames, view, site.area, rng)
+            rng = np.random.default_rng([options.seed, zlib.crc32(name.encode())])
+            boxes[name] = options.degradation.apply(boxes[name], frames, view, site.area, rng)
     mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
     starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
     setup = Setup(mounts, site.ground, starts, 1 / site.rate, area=site.area, occluders=site.occluders, pillars=site.pillars)
     ticks = TicksInMemory(tuple(_pets_tick(index, index / site.rate, cameras, boxes) for index in range(frames)), mounts)
-    read = [found[n] for n in wanted or found] + sorted((path / "annotations").glob("*-cropped.xml"))
-    read += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]
-    sums = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in read}
-    made: dict[str, object] = {"source": "PETS 2009", "views": list(cameras), "files": sums}
-    if choice.degradation != Degradation():
-        made |= {"degradation": asdict(choice.degradation), "seed": choice.seed}
-    return Sequence(setup, ticks, truth, made)
+    files = [found[n] for n in wanted or found] + sorted((path / "annotations").glob("*-cropped.xml"))
+    files += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]
+    sums = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+    provenance: dict[str, object] = {"source": "PETS 2009", "views": list(cameras), "files": sums}
+    if options.degradation != Degradation():
+        provenance |= {"degradation": asdict(options.degradation), "seed": options.seed}
+    return Sequence(setup, ticks, truth, provenance)
+
+
+def _detection_files(path: Path, wanted: list[int], options: PetsOptions) -> dict[int, Path]:
+    """View number → file of its detections, of all views. Raises ValueError where the file of a wanted view is missing."""
+    found = {int(m[1]): p for p in sorted((path / "detections").glob("*.txt")) if (m := re.fullmatch(r"View_0*(\d+)\.txt", p.name))}
+    for number, file in options.detections.items():
+        if wanted and number not in wanted:
+            raise ValueError(f"--detections names view {number}, --views has {','.join(map(str, wanted))}")
+        found[number] = file
+    for number in wanted:
+        if number not in found:
+            raise ValueError(f"{path / 'detections' / f'View_{number:03d}.txt'}: no such file; there are views {','.join(map(str, found))}")
+    if not found:
+        raise ValueError(f"{path / 'detections'}: no View_00N.txt")
+    return found
 
 
 def _pets_tick(index: int, time: float, cameras: dict[str, tuple[Camera, Pose]], boxes: dict[str, dict[int, tuple[Array, Array]]]) -> Tick:
@@ -124,7 +136,7 @@ def _pets_tick(index: int, time: float, cameras: dict[str, tuple[Camera, Pose]],
 
 
 def _pets_truth(path: Path, calibration: Path, cameras: int, site: Site) -> tuple[Truth, ...] | None:
-    """Where the people of the cropped annotation stand, by View_001, in which they were annotated."""
+    """Ground truth from the cropped annotation, which is in the image of View_001."""
     files = sorted((path / "annotations").glob("*-cropped.xml"))
     if not files:
         return None

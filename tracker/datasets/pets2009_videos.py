@@ -1,4 +1,4 @@
-"""Videos beside a PETS 2009 folder's detections: VIDEO/View_00N.mp4, a frame a tick."""
+"""Videos beside a PETS 2009 folder as images of its sequence: video/View_00N.mp4, one frame per tick."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from tracker.types import Odometry, Sequence, Tick, Ticks
 FOLDER = "video"
 
 
-class Film:
-    """The frames of a video, one after the other. Raises ValueError where it cannot be opened."""
+class VideoReader:
+    """Reads the frames of a video in order. Raises ValueError where it cannot be opened."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._frames, self._video = path, 0, cv2.VideoCapture(str(path))
@@ -25,9 +25,9 @@ class Film:
             raise ValueError(f"{path}: is no video that OpenCV can read")
 
     def next(self) -> Image:
-        """The next frame (H, W, 3) uint8 RGB. Raises ValueError where there is none."""
-        there, frame = self._video.read()
-        if not there:
+        """The next frame (H, W, 3) uint8 RGB. Raises ValueError at the end of the video."""
+        success, frame = self._video.read()
+        if not success:
             raise ValueError(f"{self.path}: has {self._frames} frames, the detections go on")
         self._frames += 1
         return np.asarray(frame[:, :, ::-1], dtype=np.uint8)
@@ -37,8 +37,11 @@ class Film:
 
 
 @dataclass(frozen=True, eq=False)
-class FilmedTicks:
-    """Ticks whose views have images, read as they are asked for; files: camera → video. Raises ValueError, on the way, where a video ends early."""
+class TicksWithVideos:
+    """Ticks with images that are read from videos during iteration. files: camera → video.
+
+    Iteration raises ValueError where a video has fewer frames than there are ticks.
+    """
 
     ticks: Ticks
     files: dict[str, Path]
@@ -48,9 +51,9 @@ class FilmedTicks:
 
     def __iter__(self) -> Iterator[Tick]:
         with ExitStack() as stack:
-            films = {camera: stack.enter_context(closing(Film(path))) for camera, path in self.files.items()}
+            readers = {camera: stack.enter_context(closing(VideoReader(path))) for camera, path in self.files.items()}
             for tick in self.ticks:
-                images = {camera: film.next() for camera, film in films.items()}
+                images = {camera: reader.next() for camera, reader in readers.items()}
                 yield replace(tick, views=tuple(replace(view, image=images.get(view.camera)) for view in tick.views))
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
@@ -58,9 +61,9 @@ class FilmedTicks:
 
 
 def with_videos(sequence: Sequence, folder: Path) -> Sequence:
-    """The sequence with the images of folder/video/CAMERA.mp4, for those cameras that have one; as it is where its ticks have images.
+    """The sequence with images from folder/video/CAMERA.mp4, for cameras with such a file. A sequence with images is returned unchanged.
 
-    Raises ValueError where neither is so.
+    Raises ValueError where there are neither images nor videos.
     """
     first = next(iter(sequence.ticks), None)
     if first is not None and any(view.image is not None for view in first.views):
@@ -69,4 +72,4 @@ def with_videos(sequence: Sequence, folder: Path) -> Sequence:
     files = {camera: path for camera, path in files.items() if path.is_file()}
     if not files:
         raise ValueError(f"{folder}: has no images, and no {FOLDER}/CAMERA.mp4 of {', '.join(sequence.setup.mounts)}")
-    return replace(sequence, ticks=FilmedTicks(sequence.ticks, files))
+    return replace(sequence, ticks=TicksWithVideos(sequence.ticks, files))

@@ -1,4 +1,4 @@
-"""What there is in a dataset: sequences, frames, cameras, people, boxes, how dense the crowd is, and how large the files are."""
+"""Summary of a dataset: sequences, frames, cameras, people, boxes, crowd density and file sizes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tracker.sequence.reader import read_contents
 from tracker.sequence.schema import BOXES, people_columns
 
 SEEN = 0.2
-"""The visible fraction from which on somebody counts as seen."""
+"""Least visible fraction of a person who counts as seen."""
 
 
-def inventory(folder: Path) -> dict[str, Any]:
-    """A sequence or a dataset as JSON values: `sequences`, a list of what each has, and `total`. Sums are not looked at.
+def summarize(folder: Path) -> dict[str, Any]:
+    """Summarize a sequence or a dataset as JSON values: `sequences`, a list with one entry each, and `total`. Checksums are not verified.
 
-    Raises ValueError, with the file's name, for what is missing or damaged.
+    Raises ValueError with the path for missing or invalid content.
     """
     rows = [_of_sequence(path) for path in sequences(folder)]
     total = {name: sum(row[name] for row in rows) for name in ("frames", "images", "boxes", "seen", "files", "bytes")}
@@ -59,29 +59,29 @@ def _of_sequence(folder: Path) -> dict[str, Any]:
         "at_once": int(present.max()),
         "boxes": len(boxes["frame"]),
         "seen": int((boxes["visible"] >= SEEN).sum()) if len(boxes["frame"]) else 0,
-        "a_square_metre": round(float(present.mean()) / _hull(people["x"], people["y"]), 4) if len(people["x"]) else 0.0,
+        "a_square_metre": round(float(present.mean()) / _bounding_area(people["x"], people["y"]), 4) if len(people["x"]) else 0.0,
         "files": len(manifest["files"]) + 1,
         "bytes": sum(sizes.values()),
         "bytes_of": dict(sizes),
     }
 
 
-def _hull(x: Any, y: Any) -> float:
-    """m² of the box around all feet, at least one."""
+def _bounding_area(x: Any, y: Any) -> float:
+    """Area m² of the bounding box of all feet, at least 1 m²."""
     return max(1.0, float(np.ptp(x) * np.ptp(y)))
 
 
-def described(found: dict[str, Any]) -> str:
-    """The inventory as text for people."""
+def summary_text(summary: dict[str, Any]) -> str:
+    """The result of `summarize` as text: a line for each sequence and one for the total."""
     lines = []
-    for row in found["sequences"]:
+    for row in summary["sequences"]:
         kinds = Counter(row["cameras"].values())
         lines.append(
             f"{row['name']}: {row['frames']} frames at {row['rate']:g}/s, {', '.join(f'{n} {kind}' for kind, n in kinds.items())};"
             f" world {row['world']}, seed {row['seed']}; {row['people']} people, up to {row['at_once']} at once, {row['a_square_metre']:g} a m²;"
             f" {row['boxes']} boxes ({row['seen']} seen); {row['bytes'] / 1e6:.1f} MB"
         )
-    total = found["total"]
+    total = summary["total"]
     sizes = ", ".join(f"{name} {size / 1e6:.1f}" for name, size in sorted(total["bytes_of"].items(), key=lambda item: -item[1]))
     lines.append(
         f"{total['sequences']} sequences, {total['frames']} frames, {total['images']} images, {total['boxes']} boxes,"

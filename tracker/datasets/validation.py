@@ -1,6 +1,6 @@
-"""What is wrong with a dataset or a sequence on disk, and where: files against manifests, tables, and truth against images.
+"""Validation of a dataset or a sequence on disk: files against manifests, tables against each other, truth against images.
 
-Nothing that is read is believed: sizes are looked at before anything is set aside for what a file claims to hold.
+Files are of unknown origin: sizes are checked before memory is allocated for their content.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from tracker.geometry.cameras import Tsai
 from tracker.io.json_files import read_json
 from tracker.sequence import dataset
 from tracker.sequence.dataset import FILE, MANIFEST, read_dataset
-from tracker.sequence.manifest import check_file, manifest_sum, read_manifest
+from tracker.sequence.manifest import check_file, manifest_checksum, read_manifest
 from tracker.sequence.reader import read_contents
 from tracker.types import Sequence
 
 PICTURE = "twin.png"
-"""What a twin has beside the files of its manifest: made of them, for people to look at."""
+"""A picture that the synthetic twin of PETS 2009 has beside the files of its manifest."""
 Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
-"""Wraps what is gone through, of a sequence of that name and that length, to show how far it is."""
+"""Wraps an iterable, with its name and length, to show progress."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with a file, in one line."""
+    """A fault of a file, in one line."""
 
     file: Path
     reason: str
@@ -41,7 +41,7 @@ class Fault:
 
     @staticmethod
     def of(error: ValueError, file: Path) -> Fault:
-        """Of an error whose message names a file first; of `file` where it does not."""
+        """A fault from an error whose message begins with a path; of `file` where it does not."""
         name, colon, reason = " ".join(str(error).split()).partition(": ")
         if not colon or "/" not in name:
             return Fault(file, " ".join(str(error).split()))
@@ -49,10 +49,10 @@ class Fault:
         return Fault(Path(at[1]), f"line {at[2]}: {reason}") if at else Fault(Path(name), reason)
 
 
-def inspect(folder: Path, progress: Progress | None = None) -> Iterator[Fault]:
-    """All faults of a sequence or a dataset, one after the other. Raises ValueError where `folder` is neither."""
+def validate(folder: Path, progress: Progress | None = None) -> Iterator[Fault]:
+    """Yield all faults of a sequence or a dataset. Raises ValueError where `folder` is neither."""
     if (folder / MANIFEST).exists():
-        yield from _of_sequence(folder, progress)
+        yield from _sequence_faults(folder, progress)
         return
     if not (folder / FILE).exists():
         raise ValueError(f"{folder}: neither a sequence ({MANIFEST}) nor a dataset ({FILE})")
@@ -63,25 +63,25 @@ def inspect(folder: Path, progress: Progress | None = None) -> Iterator[Fault]:
         return
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") and (path.name.endswith(".partial") or ".part." in path.name):
-            yield Fault(path, "left by a run that was cut off or still goes on; generate into this folder again")
+            yield Fault(path, "left by a run that is unfinished or was interrupted; generate into this folder again")
     for number, name in enumerate(wanted.sequences):
         if not (folder / name / MANIFEST).exists():
-            yield Fault(folder / name, "this sequence is not there; generate into this folder again")
+            yield Fault(folder / name, "this sequence is missing; generate into this folder again")
             continue
-        yield from _of_another(folder / name, wanted, number)
-        yield from _of_sequence(folder / name, progress)
+        yield from _scenario_faults(folder / name, wanted, number)
+        yield from _sequence_faults(folder / name, progress)
     for name in ("README.md", "croissant.json"):
         if not (folder / name).is_file():
             yield Fault(folder / name, "missing; generate into this folder again")
 
 
-def _of_another(folder: Path, wanted: dataset.Dataset, number: int) -> Iterator[Fault]:
-    """Whether a sequence is of another scenario than its dataset says."""
+def _scenario_faults(folder: Path, wanted: dataset.Dataset, number: int) -> Iterator[Fault]:
+    """Faults of a sequence whose scenario differs from that of its dataset."""
     path = folder / "scenario.json"
     try:
         scenario = read_json(path)
     except (ValueError, OSError):
-        return  # said with the other files
+        return  # reported with the other files
     expected = wanted.scenario | {"preset": wanted.preset, "views": wanted.views}
     seed = wanted.scenario.get("seed")
     expected["seed"] = seed + number if isinstance(seed, int) else None
@@ -91,14 +91,14 @@ def _of_another(folder: Path, wanted: dataset.Dataset, number: int) -> Iterator[
             yield Fault(path, f"{name} is {str(there)[:80]}, {FILE} says {value}")
 
 
-def _of_sequence(folder: Path, progress: Progress | None) -> Iterator[Fault]:
+def _sequence_faults(folder: Path, progress: Progress | None) -> Iterator[Fault]:
     try:
         manifest = read_manifest(folder)
     except (ValueError, OSError) as error:
         yield Fault.of(ValueError(error), folder / MANIFEST)
         return
-    if manifest["schema"] > 2 and manifest.get("sum") != manifest_sum(manifest):
-        yield Fault(folder / MANIFEST, "its own sum is not that of what it says: edited by hand")
+    if manifest["schema"] > 2 and manifest.get("sum") != manifest_checksum(manifest):
+        yield Fault(folder / MANIFEST, "its checksum does not match its content: edited by hand")
     files = manifest["files"]
     damaged = set()
     for name, entry in progress(files.items(), f"{folder.name}: files", len(files)) if progress else files.items():
@@ -113,33 +113,33 @@ def _of_sequence(folder: Path, progress: Progress | None) -> Iterator[Fault]:
             yield Fault(path, "the manifest does not name it")
     try:
         sequence = read_contents(folder, files)
-        yield from _of_calibration(folder, sequence, files)
+        yield from _calibration_faults(folder, sequence, files)
         for file, reason in inconsistencies(folder, sequence, set(files) - damaged, progress):
             yield Fault(file, reason)
     except (ValueError, OSError) as error:
         fault = Fault.of(ValueError(error), folder)
-        # What is damaged has been named; tables that are whole may still be wrong.
+        # Damaged files are reported above; a table that matches the manifest may still be invalid.
         if not (fault.file.is_relative_to(folder) and fault.file.relative_to(folder).as_posix() in damaged):
             yield fault
 
 
-def _of_calibration(folder: Path, sequence: Sequence, files: dict[str, Any]) -> Iterator[Fault]:
-    """Whether the files of PETS 2009 are of the cameras in calibration.json."""
+def _calibration_faults(folder: Path, sequence: Sequence, files: dict[str, Any]) -> Iterator[Fault]:
+    """Faults of PETS 2009 calibration files that differ from calibration.json."""
     for name, mount in sequence.setup.mounts.items():
         path = folder / "calibration" / f"{name}.xml"
         start = sequence.setup.starts[mount.robot]
         if not isinstance(mount.camera, Tsai) or start is None or not sequence.setup.is_fixed(mount.robot):
             continue
         if path.relative_to(folder).as_posix() not in files:
-            yield Fault(path, "missing, though the camera stands still")
+            yield Fault(path, "missing, though the camera is fixed")
             continue
         try:
             _, camera, pose = read_camera(path)
         except (ValueError, OSError) as error:
             yield Fault.of(ValueError(error), path)
             continue
-        apart = pose.inverse() @ start.T_world_robot @ mount.T_body_camera
-        # The file has 15 digits.
+        difference = pose.inverse() @ start.T_world_robot @ mount.T_body_camera
+        # The file has 15 significant digits.
         same = np.allclose(astuple(camera), astuple(mount.camera), rtol=1e-12, atol=0.0)
-        if not same or float(abs(apart.log()).max()) > 1e-6:
-            yield Fault(path, "is another camera than calibration.json has")
+        if not same or float(abs(difference.log()).max()) > 1e-6:
+            yield Fault(path, "differs from the camera in calibration.json")

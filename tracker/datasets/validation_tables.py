@@ -1,6 +1,6 @@
-"""Whether the tables of a sequence agree with each other and its truth with its images: what no checksum can tell.
+"""Consistency of a sequence: its tables agree with each other, and its ground truth agrees with its images.
 
-Boxes are those of the instances to the pixel, key points are the joints seen by the cameras, and visible ones lie on their own person.
+Boxes must match the instance images to the pixel. Key points must be the projected joints, and visible key points must lie on their person.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from tracker.ekf.gaussian import mahalanobis2
 from tracker.ekf.measurement_models import residual
 from tracker.geometry import Array, Ints
 from tracker.geometry.cameras import Camera, Panorama
-from tracker.io.image_files import decode
-from tracker.sequence.reader import read_companions
+from tracker.io.image_files import decode_image
+from tracker.sequence.reader import read_robot_detections
 from tracker.sequence.schema import LAYERS
 from tracker.sequence.truth_tables import read_joints, read_views
 from tracker.types import VISIBLE, Sequence, Setup, Truth, ViewTruth
@@ -27,19 +27,20 @@ from tracker.types import VISIBLE, Sequence, Setup, Truth, ViewTruth
 Finding = tuple[Path, str]
 Progress = Callable[[Iterable[Any], str, int], Iterable[Any]]
 LARGEST_ID = (1 << 16) - 1
-KINDS: dict[str, type] = {"instances": np.uint16, "range": np.uint16, "classes": np.uint8}
+LAYER_TYPES: dict[str, type] = {"instances": np.uint16, "range": np.uint16, "classes": np.uint8}
 JOINT_STEP = 1e-4
-"""m, to which joints are written; and px, to which key points are."""
+"""m: rounding of joints in their table."""
 PIXEL_STEP = 0.01
-ASTRAY = 7.0
-"""Standard deviations of a bearing that none of a sequence is off."""
-BESIDE = 2
-"""px: a visible key point is at most so far from its person, the step of its column included."""
+"""px: rounding of key points in their table."""
+MAX_BEARING_DEVIATION = 7.0
+"""Largest error of a bearing to another robot, in standard deviations."""
+PIXEL_TOLERANCE = 2
+"""px: largest distance of a visible key point from the pixels of its person, rounding included."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """What is read of a sequence beside its images."""
+    """The ground truth of a sequence."""
 
     truth: tuple[Truth, ...]
     views: dict[tuple[int, str], ViewTruth]
@@ -47,16 +48,16 @@ class _Tables:
 
 
 def inconsistencies(folder: Path, sequence: Sequence, files: Collection[str], progress: Progress | None = None) -> Iterator[Finding]:
-    """Files of a sequence and what is wrong with them; files: names of those that are there and whole.
+    """Yield inconsistent files of a sequence and the reasons. files: names of the undamaged files.
 
-    Raises ValueError, with the file's name, for a table that cannot be read.
+    Raises ValueError with the path for a table that cannot be read.
     """
     tables = _Tables(sequence.truth or (), read_views(folder), read_joints(folder))
     frames = range(len(tables.truth))
     cameras = {name: mount.camera for name, mount in sequence.setup.mounts.items()}
     yield from _poses(folder, tables)
     if "companions.csv" in files:
-        yield from _companions(folder, tables, sequence.setup)
+        yield from _robot_detections(folder, tables, sequence.setup)
     wanted = {(k, name) for k in frames for name in cameras}
     for k, name in sorted(wanted ^ set(tables.views)):
         there = "has no row" if (k, name) in wanted else "is not of the sequence"
@@ -77,7 +78,7 @@ def inconsistencies(folder: Path, sequence: Sequence, files: Collection[str], pr
 
 
 def _poses(folder: Path, tables: _Tables) -> Iterator[Finding]:
-    """Poses are rotations."""
+    """Rotations must be orthonormal."""
     poses = [(k, robot, pose, "robots.csv") for k, frame in enumerate(tables.truth) for robot, pose in frame.T_world_robot.items()]
     poses += [(k, camera, view.T_world_camera, "cameras.csv") for (k, camera), view in tables.views.items()]
     for k, name, pose, file in poses:
@@ -85,37 +86,37 @@ def _poses(folder: Path, tables: _Tables) -> Iterator[Finding]:
             yield folder / "truth" / file, f"frame {k} of {name} has a quaternion that is not of length 1"
 
 
-def _companions(folder: Path, tables: _Tables, setup: Setup) -> Iterator[Finding]:
-    """Robots are seen where they are."""
-    for (k, camera), seen in read_companions(folder, setup, len(tables.truth)).items():
+def _robot_detections(folder: Path, tables: _Tables, setup: Setup) -> Iterator[Finding]:
+    """Detections of other robots must agree with the true poses."""
+    for (k, camera), seen in read_robot_detections(folder, setup, len(tables.truth)).items():
         poses, mount = tables.truth[k].T_world_robot, setup.mounts[camera]
-        places = np.array([(poses[robot] @ setup.mount_of(robot).T_body_camera).translation for robot in seen.robot])
-        sight = (poses[mount.robot] @ mount.T_body_camera).inverse().apply(places)
-        error = residual(seen.bearing, sight / np.linalg.norm(sight, axis=1, keepdims=True))
+        positions = np.array([(poses[robot] @ setup.mount_of(robot).T_body_camera).translation for robot in seen.robot])
+        offset = (poses[mount.robot] @ mount.T_body_camera).inverse().apply(positions)
+        error = residual(seen.bearing, offset / np.linalg.norm(offset, axis=1, keepdims=True))
         for robot, d2 in zip(seen.robot, mahalanobis2(error, seen.covariance), strict=True):
-            if not d2 < ASTRAY**2:
-                yield folder / "companions.csv", f"frame {k} of {camera}: {robot} is {np.sqrt(d2):.0f} standard deviations off its place in truth"
+            if not d2 < MAX_BEARING_DEVIATION**2:
+                yield folder / "companions.csv", f"frame {k} of {camera}: {robot} is {np.sqrt(d2):.0f} standard deviations off its true position"
 
 
 def _image(folder: Path, stem: str, camera: Camera, files: Collection[str]) -> tuple[Path, NDArray[Any] | None, str]:
-    """Path, image and fault of one of a view's images; neither image nor fault where it has been found damaged before."""
+    """Path, image and fault of one image of a view. Image and fault are both empty where the file is reported as damaged elsewhere."""
     name = next((stem + ending for ending in (".png", ".jpg") if stem + ending in files), None)
     if name is None:
         there = any((folder / (stem + ending)).exists() for ending in (".png", ".jpg"))
         return folder / f"{stem}.png", None, "" if there else "missing"
     layer = stem.split("/")[0]
     try:
-        image = decode((folder / name).read_bytes(), (camera.height, camera.width), cv2.IMREAD_UNCHANGED)
+        image = decode_image((folder / name).read_bytes(), (camera.height, camera.width), cv2.IMREAD_UNCHANGED)
     except (ValueError, cv2.error) as error:
         return folder / name, None, " ".join(str(error).split())
-    expected = (np.dtype(np.uint8), 3) if layer == "images" else (np.dtype(KINDS[layer]), 2)
+    expected = (np.dtype(np.uint8), 3) if layer == "images" else (np.dtype(LAYER_TYPES[layer]), 2)
     if (image.dtype, image.ndim) != expected:
         return folder / name, None, f"{image.dtype} of shape {image.shape}, needs {expected[0]} with {'3 channels' if expected[1] == 3 else 'one'}"
     return folder / name, image, ""
 
 
 def _people(folder: Path, tables: _Tables, k: int) -> Iterator[Finding]:
-    """Ids, and that the same people are in people.csv and joints.csv; visible fractions."""
+    """Ids and visible fractions must be in bounds, and people.csv and joints.csv must hold the same people."""
     frame = tables.truth[k]
     ids = frame.person_id
     if len(ids) and not (ids.min() >= 1 and ids.max() <= LARGEST_ID):
@@ -127,7 +128,7 @@ def _people(folder: Path, tables: _Tables, k: int) -> Iterator[Finding]:
 
 
 def _view(folder: Path, tables: _Tables, key: tuple[int, str], camera: Camera, instances: NDArray[np.uint16] | None) -> Iterator[Finding]:
-    """One view's boxes and key points, against the instances where they can be read."""
+    """Boxes and key points of a view must agree with people.csv and with the instance image, where it can be read."""
     (k, name), view = key, tables.views[key]
     where, boxes = f"frame {k} of {name}", view.boxes
     present = set(tables.truth[k].person_id.tolist())
@@ -152,7 +153,7 @@ def _view(folder: Path, tables: _Tables, key: tuple[int, str], camera: Camera, i
 
 
 def _projected(folder: Path, tables: _Tables, key: tuple[int, str], camera: Camera) -> Iterator[Finding]:
-    """Key points in the image are where the camera sees the joints, to what they are written with."""
+    """Key points must be the projected joints, up to rounding."""
     view, (persons, joints) = tables.views[key], tables.joints.get(key[0], (np.zeros(0, np.int64), np.zeros((0, 17, 3))))
     rows = {person: i for i, person in enumerate(persons.tolist())}
     for person, pixels, visibility in zip(view.keypoints.person.tolist(), view.keypoints.pixels, view.keypoints.visibility, strict=True):
@@ -161,19 +162,19 @@ def _projected(folder: Path, tables: _Tables, key: tuple[int, str], camera: Came
         seen = visibility > 0
         points = view.T_world_camera.inverse().apply(joints[rows[person]][seen])
         expected, _ = camera.pixels_from_bearings(points / np.linalg.norm(points, axis=1, keepdims=True))
-        apart = np.abs(expected + 0.5 - camera.pixel_centre - pixels[seen])
+        deviation = np.abs(expected + 0.5 - camera.pixel_centre - pixels[seen])
         if isinstance(camera, Panorama):
-            apart[:, 0] = np.minimum(apart[:, 0], camera.width - apart[:, 0])
+            deviation[:, 0] = np.minimum(deviation[:, 0], camera.width - deviation[:, 0])
         focal = camera.height / np.pi if isinstance(camera, Panorama) else camera.width
         # Columns of a panorama are narrower towards its poles.
-        flat = np.maximum(np.hypot(points[:, 0], points[:, 1]), 0.05) if isinstance(camera, Panorama) else np.maximum(points[:, 0], 0.05)
-        if not (apart <= (PIXEL_STEP + 4 * focal * JOINT_STEP / flat)[:, None]).all():
+        distance = np.maximum(np.hypot(points[:, 0], points[:, 1]), 0.05) if isinstance(camera, Panorama) else np.maximum(points[:, 0], 0.05)
+        if not (deviation <= (PIXEL_STEP + 4 * focal * JOINT_STEP / distance)[:, None]).all():
             where = f"frame {key[0]} of {key[1]}"
-            yield folder / "truth" / "keypoints.csv", f"{where}: person {person} is {np.nanmax(apart):.2f} px from where joints.csv projects to"
+            yield folder / "truth" / "keypoints.csv", f"{where}: person {person} is {np.nanmax(deviation):.2f} px from the projection of joints.csv"
 
 
 def _on_instances(folder: Path, view: ViewTruth, where: str, camera: Camera, instances: NDArray[np.uint16]) -> Iterator[Finding]:
-    """Boxes are those of the pixels, nobody else has any, and visible key points lie on their person."""
+    """Boxes must bound the pixels of the same people, and visible key points must lie on their person."""
     panorama, path = isinstance(camera, Panorama), folder / "truth" / "boxes.csv"
     shown = set(np.unique(instances).tolist()) - {0}
     boxes = view.boxes
@@ -191,8 +192,8 @@ def _on_instances(folder: Path, view: ViewTruth, where: str, camera: Camera, ins
             yield path, f"{where}: the box of person {person} is not that of the instances"
         u, v = np.floor(pixels[visibility == VISIBLE]).astype(np.int64).T
         for x, y in zip(u.tolist(), v.tolist(), strict=True):
-            across = np.arange(x - BESIDE, x + BESIDE + 1)
+            across = np.arange(x - PIXEL_TOLERANCE, x + PIXEL_TOLERANCE + 1)
             across = across % camera.width if panorama else across[(across >= 0) & (across < camera.width)]
-            if not mask[max(y - BESIDE, 0) : y + BESIDE + 1, across].any():
+            if not mask[max(y - PIXEL_TOLERANCE, 0) : y + PIXEL_TOLERANCE + 1, across].any():
                 yield folder / "truth" / "keypoints.csv", f"{where}: a visible key point of person {person} at ({x}, {y}) is not on that person"
                 break

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.export.recorded_sequence import RecordedSequence, sized
-from tracker.formats.coco import Content, Shown, masks, write_coco
+from tracker.export.recorded_sequence import RecordedSequence, ltwh_from_edges
+from tracker.formats.coco import CocoFile, PersonAnnotation, encode_masks, write_coco
 from tracker.types import Boxes, ViewTruth
 
 README = """
@@ -30,39 +30,39 @@ annotations count from 1 in every file. Who shows no pixel in an image has no an
 """
 
 
-def export_coco(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
-    """Write images, and a file of annotations a sequence. Raises ValueError where instances and boxes of a view do not belong together."""
+def export_coco(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write images and one annotation file per sequence. Raises ValueError where instances and boxes of a view disagree."""
     (out / "annotations").mkdir()
-    for footage in footages:
-        content, videos = Content(), {}
-        for camera in footage.cameras:
-            (out / "images" / footage.name / camera).mkdir(parents=True)
-            videos[camera] = content.add_video(f"{footage.name}-{camera}", camera, footage.name)
-        for k in footage.frames():
-            for camera, size in footage.cameras.items():
-                file = f"{footage.name}/{camera}/{k:06d}.jpg"
-                (out / "images" / file).write_bytes(footage.image(k, camera))
+    for recording in recordings:
+        content, videos = CocoFile(), {}
+        for camera in recording.cameras:
+            (out / "images" / recording.name / camera).mkdir(parents=True)
+            videos[camera] = content.add_video(f"{recording.name}-{camera}", camera, recording.name)
+        for k in recording.frames():
+            for camera, size in recording.cameras.items():
+                file = f"{recording.name}/{camera}/{k:06d}.jpg"
+                (out / "images" / file).write_bytes(recording.image(k, camera))
                 image = content.add_image(videos[camera], file, (size.width, size.height), k)
-                for shown in shown_in(footage, k, camera):
-                    content.add(image, shown)
-        write_coco(out / "annotations" / f"{footage.name}.json", content, f"{footage.name}: synthetic people by pilsim")
+                for person in people_in_image(recording, k, camera):
+                    content.add(image, person)
+        write_coco(out / "annotations" / f"{recording.name}.json", content, f"{recording.name}: synthetic people by pilsim")
     return []
 
 
-def shown_in(footage: RecordedSequence, frame: int, camera: str) -> list[Shown]:
-    """Everybody of whom a pixel is seen in an image, in the order of the table of boxes."""
-    view: ViewTruth | None = footage.views.get((frame, camera))
-    found = masks(footage.instances(frame, camera))
+def people_in_image(recording: RecordedSequence, frame: int, camera: str) -> list[PersonAnnotation]:
+    """The people with visible pixels in an image, in the order of the boxes."""
+    view: ViewTruth | None = recording.views.get((frame, camera))
+    found = encode_masks(recording.instances(frame, camera))
     boxes = view.boxes if view else Boxes.none()
     rows = [k for k, visible in enumerate(boxes.visible) if visible > 0]
     if sorted(boxes.person[rows].tolist()) != list(found):
-        raise ValueError(f"{footage.folder}: instances of {camera} in frame {frame} show {list(found)}, the boxes {boxes.person[rows].tolist()}")
-    out = []
+        raise ValueError(f"{recording.folder}: instances of {camera} in frame {frame} show {list(found)}, the boxes {boxes.person[rows].tolist()}")
+    people = []
     for k in rows:
         person = int(boxes.person[k])
         assert view is not None
         point = int(np.flatnonzero(view.keypoints.person == person)[0])
         pixels, visibility = view.keypoints.pixels[point], view.keypoints.visibility[point]
-        seen, full = sized(boxes.seen[[k]])[0], sized(boxes.full[[k]])[0]
-        out.append(Shown(person, seen, full, float(boxes.visible[k]), float(boxes.range[k]), found[person], pixels, visibility))
-    return out
+        seen, full = ltwh_from_edges(boxes.seen[[k]])[0], ltwh_from_edges(boxes.full[[k]])[0]
+        people.append(PersonAnnotation(person, seen, full, float(boxes.visible[k]), float(boxes.range[k]), found[person], pixels, visibility))
+    return people

@@ -1,4 +1,4 @@
-"""A sequence or a dataset in the formats that other people's tools read. Each export says in its README.md what every column is."""
+"""Export of a sequence or a dataset to a format of another project. Each export has a README.md that describes its columns."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from tracker.sequence.dataset import sequences
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A foreign format: its title, what its README says of layout and columns, and what writes it and returns further lines for the README."""
+    """A format: its title, the description of its files in README.md, and its writer, which returns notes for README.md."""
 
     title: str
     readme: str
     write: Callable[[Path, Iterable[RecordedSequence]], list[str]]
 
 
-FORMS = {
+FORMATS = {
     "pets": ExportFormat("PETS 2009", README_PETS, export_pets),
     "mot15": ExportFormat("MOTChallenge 2015, 2-D and 3-D", README15, export_mot15),
     "mot17": ExportFormat("MOTChallenge 2017", README17, export_mot17),
@@ -44,23 +44,24 @@ FORMS = {
 
 
 def export(folder: Path, form: str, out: Path, progress: Progress | None = None, rectangles: bool = False) -> list[Path]:
-    """Write the sequences of `folder` (one, or a dataset) into `out`, which must not be there yet and appears whole or not at all.
+    """Write the sequences of `folder` (one, or a dataset) into `out` atomically; returns their folders.
 
-    form: a key of FORMS. rectangles: rectangles.pom, too, which only wildtrack has. Returns the sequences. Raises ValueError for another form, a
-    folder that is none, an `out` that is there or lies in the folder itself, and where a sequence lacks what the format needs.
+    form: a key of FORMATS. rectangles: also write rectangles.pom, for wildtrack only.
+    Raises ValueError for an unknown format, a folder without sequences, and an `out` that is not empty or lies in `folder`.
+    Raises ValueError where a sequence lacks what the format needs.
     """
-    if form not in FORMS:
-        raise ValueError(f"format is {form!r}, needs one of {', '.join(FORMS)}")
+    if form not in FORMATS:
+        raise ValueError(f"format is {form!r}, needs one of {', '.join(FORMATS)}")
     if rectangles and form != "wildtrack":
         raise ValueError(f"rectangles is set for {form}, needs wildtrack")
-    write = partial(export_wildtrack, rectangles=True) if rectangles else FORMS[form].write
+    write = partial(export_wildtrack, rectangles=True) if rectangles else FORMATS[form].write
     found = sequences(folder)
     if out.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
     with new_folder(out) as unfinished:
         notes = write(unfinished, (RecordedSequence.open(path, progress) for path in found))
         names = ", ".join(path.resolve().name for path in found)
-        head = f"# {FORMS[form].title}, exported by pilsim\n\nFrom: {names}. Synthetic: people, places and images were made by a program.\n"
+        head = f"# {FORMATS[form].title}, exported by pilsim\n\nFrom: {names}. Synthetic: people, places and images were made by a program.\n"
         tail = "".join(f"\n{note}\n" for note in notes)
-        write_text(unfinished / "README.md", head + FORMS[form].readme + tail)
+        write_text(unfinished / "README.md", head + FORMATS[form].readme + tail)
     return found

@@ -1,4 +1,4 @@
-"""Export to JRDB: the panoramas of the robots, with boxes in the image and in space."""
+"""Export to JRDB: the panoramas of the robots with 2-D and 3-D boxes of people."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.export.recorded_sequence import RecordedSequence, sized
-from tracker.formats.jrdb import Label, Solid, write_labels, write_solids
+from tracker.export.recorded_sequence import RecordedSequence, ltwh_from_edges
+from tracker.formats.jrdb import Label2d, Label3d, write_labels_2d, write_labels_3d
 from tracker.geometry import Array
 from tracker.geometry.cameras import Panorama
 from tracker.sequence.truth_tables import read_joints
 from tracker.types import KEYPOINT_NAMES
 
 NOSE_HEIGHT = 0.921
-"""Of stature, in people who stand: from the ground to the nose (Drillis & Contini 1966, and the heads of pilsim's people)."""
-AROUND = 0.1
-"""m: the body around its outermost joints, sideways and to the front."""
+"""Height of the nose over stature of a standing person (Drillis & Contini 1966, and the heads of pilsim's people)."""
+BODY_MARGIN = 0.1
+"""m: horizontal distance of the body surface from the outermost joints."""
 _NOSE, _LEFT, _RIGHT = (KEYPOINT_NAMES.index(name) for name in ("nose", "left_shoulder", "right_shoulder"))
 
 README = """
@@ -41,56 +41,56 @@ observation_angle [rad]: rot_z less the azimuth of the centre.
 """
 
 
-def export_jrdb(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
+def export_jrdb(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
     """Write panoramas and labels. Raises ValueError where a sequence has no panorama."""
     for folder in ("labels_2d_stitched", "labels_3d"):
         (out / "labels" / folder).mkdir(parents=True)
-    for footage in footages:
-        panoramas = {name: camera for name, camera in footage.cameras.items() if isinstance(camera, Panorama)}
+    for recording in recordings:
+        panoramas = {name: camera for name, camera in recording.cameras.items() if isinstance(camera, Panorama)}
         if not panoramas:
-            raise ValueError(f"{footage.folder}: has no panorama, and jrdb knows nothing else; export fixed views as mot17, coco or wildtrack")
+            raise ValueError(f"{recording.folder}: has no panorama, which jrdb needs; export fixed views as mot17, coco or wildtrack")
         for name in panoramas:
-            (out / "images" / "image_stitched" / f"{footage.name}-{name}").mkdir(parents=True)
-        for k in footage.frames():
+            (out / "images" / "image_stitched" / f"{recording.name}-{name}").mkdir(parents=True)
+        for k in recording.frames():
             for name in panoramas:
-                (out / "images" / "image_stitched" / f"{footage.name}-{name}" / f"{k:06d}.jpg").write_bytes(footage.image(k, name))
+                (out / "images" / "image_stitched" / f"{recording.name}-{name}" / f"{k:06d}.jpg").write_bytes(recording.image(k, name))
         for name, camera in panoramas.items():
-            write_labels(out / "labels" / "labels_2d_stitched" / f"{footage.name}-{name}.json", _labels(footage, name), camera.width)
-            write_solids(out / "labels" / "labels_3d" / f"{footage.name}-{name}.json", _solids(footage, name))
+            write_labels_2d(out / "labels" / "labels_2d_stitched" / f"{recording.name}-{name}.json", _labels_2d(recording, name), camera.width)
+            write_labels_3d(out / "labels" / "labels_3d" / f"{recording.name}-{name}.json", _labels_3d(recording, name))
     return []
 
 
-def _labels(footage: RecordedSequence, camera: str) -> dict[int, list[Label]]:
+def _labels_2d(recording: RecordedSequence, camera: str) -> dict[int, list[Label2d]]:
     out = {}
-    for k in range(len(footage.truth)):
-        boxes = footage.views[k, camera].boxes
-        full, seen = sized(boxes.full), sized(boxes.seen)
-        out[k] = [Label(p, full[i], seen[i], float(boxes.visible[i])) for i, p in enumerate(boxes.person.tolist())]
+    for k in range(len(recording.truth)):
+        boxes = recording.views[k, camera].boxes
+        full, seen = ltwh_from_edges(boxes.full), ltwh_from_edges(boxes.seen)
+        out[k] = [Label2d(p, full[i], seen[i], float(boxes.visible[i])) for i, p in enumerate(boxes.person.tolist())]
     return out
 
 
-def _solids(footage: RecordedSequence, camera: str) -> dict[int, list[Solid]]:
-    joints = read_joints(footage.folder)
+def _labels_3d(recording: RecordedSequence, camera: str) -> dict[int, list[Label3d]]:
+    joints = read_joints(recording.folder)
     out = {}
-    for truth in footage.truth:
-        view = footage.views[truth.index, camera]
+    for truth in recording.truth:
+        view = recording.views[truth.index, camera]
         T = view.T_world_camera.inverse()
         present = {p: k for k, p in enumerate(truth.person_id.tolist())}
         ids, bodies = joints.get(truth.index, (truth.person_id, np.zeros((0, len(KEYPOINT_NAMES), 3))))
         body = {p: bodies[k] for k, p in enumerate(ids.tolist())}
         wanted = view.boxes.person.tolist()
-        out[truth.index] = [solid_of(p, T.apply(body[p]), T.apply(truth.feet[[present[p]]])[0]) for p in wanted]
+        out[truth.index] = [label_3d(p, T.apply(body[p]), T.apply(truth.feet[[present[p]]])[0]) for p in wanted]
     return out
 
 
-def solid_of(person: int, joints: Array, feet: Array) -> Solid:
-    """The box around somebody with joints (17, 3) m who stands on feet (3,) m, both in the camera's frame."""
+def label_3d(person: int, joints: Array, feet: Array) -> Label3d:
+    """The 3-D box of a person with joints (17, 3) m and feet (3,) m, both in the camera's frame."""
     across = joints[_LEFT] - joints[_RIGHT]
     heading = float(np.arctan2(-across[0], across[1]))
     c, s = np.cos(heading), np.sin(heading)
     along = np.array([[c, s], [-s, c]])
     flat = joints[:, :2] @ along.T
-    low, high = flat.min(axis=0) - AROUND, flat.max(axis=0) + AROUND
+    low, high = flat.min(axis=0) - BODY_MARGIN, flat.max(axis=0) + BODY_MARGIN
     top = feet[2] + (joints[_NOSE, 2] - feet[2]) / NOSE_HEIGHT
     centre = np.array([*((low + high) / 2 @ along), (feet[2] + top) / 2])
-    return Solid(person, centre, np.array([*(high - low), top - feet[2]]), heading)
+    return Label3d(person, centre, np.array([*(high - low), top - feet[2]]), heading)

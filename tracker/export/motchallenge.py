@@ -1,4 +1,4 @@
-"""Export to MOTChallenge: one sequence a view, panoramas among them; for 2015 also the places of all people on the ground."""
+"""Export to MOTChallenge: one sequence per view, panoramas included; for 2015 also the ground positions of all people."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.export.recorded_sequence import RecordedSequence, sized
-from tracker.formats.motchallenge import ABSENT, PEDESTRIAN, Annotated, Rows, SeqInfo, write_mot15, write_mot17, write_seqinfo, write_seqmap
+from tracker.export.recorded_sequence import RecordedSequence, ltwh_from_edges
+from tracker.formats.motchallenge import ABSENT, PEDESTRIAN, Mot15Rows, Mot17Rows, SeqInfo, write_mot15, write_mot17, write_seqinfo, write_seqmap
 from tracker.geometry import Array, Ints
-from tracker.metrics.evaluation import who_counts
+from tracker.metrics.evaluation import evaluated_people
 from tracker.types import Boxes, ViewTruth
 
 FIRST = 1.0
-"""The first pixel's number: a box that begins at the image's edge has left = 1."""
+"""Number of the first pixel: a box at the left edge of the image has left = 1."""
 
 LAYOUT = """
     {era}-train/SEQUENCE-CAMERA/img1/000001.jpg  images, RGB; file 000001 is frame 0 of the pilsim sequence
@@ -55,56 +55,56 @@ least a fifth of the body, for 9/7 s: does not count), x, y, z [m]. `pilsim scor
 )
 
 
-def export_mot17(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
-    """Write views with truth of nine values. Nothing to note."""
+def export_mot17(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write MOT17 sequences with truth of nine values. Returns no notes."""
     names = []
-    for footage in footages:
-        for camera in footage.cameras:
-            root = _view_folder(out / "MOT17-train", footage, camera)
+    for recording in recordings:
+        for camera in recording.cameras:
+            root = _view_folder(out / "MOT17-train", recording, camera)
             names.append(root.name)
-            frame, boxes = _stacked(footage, camera)
+            frame, boxes = _stacked(recording, camera)
             ones = np.full(len(frame), 1)
-            full = sized(boxes.full) + np.array([FIRST, FIRST, 0, 0])
-            write_mot17(root / "gt" / "gt.txt", Annotated(frame, boxes.person, full, ones, PEDESTRIAN * ones, boxes.visible))
-        _write_views(out / "MOT17-train", footage)
+            full = ltwh_from_edges(boxes.full) + np.array([FIRST, FIRST, 0, 0])
+            write_mot17(root / "gt" / "gt.txt", Mot17Rows(frame, boxes.person, full, ones, PEDESTRIAN * ones, boxes.visible))
+        _write_views(out / "MOT17-train", recording)
     write_seqmap(_made(out / "seqmaps") / "MOT17-train.txt", names)
     return []
 
 
-def export_mot15(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
-    """Write views with truth of ten values, and the people's places of every sequence. Nothing to note."""
+def export_mot15(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write MOT15 sequences with truth of ten values, and the ground positions of each sequence. Returns no notes."""
     names = []
-    for footage in footages:
-        feet = {(t.index, p): place for t in footage.truth for p, place in zip(t.person_id.tolist(), t.feet, strict=True)}
-        for camera in footage.cameras:
-            root = _view_folder(out / "MOT15-train", footage, camera)
+    for recording in recordings:
+        feet = {(t.index, p): position for t in recording.truth for p, position in zip(t.person_id.tolist(), t.feet, strict=True)}
+        for camera in recording.cameras:
+            root = _view_folder(out / "MOT15-train", recording, camera)
             names.append(root.name)
-            frame, boxes = _stacked(footage, camera)
-            places = np.array([feet[k - 1, p] for k, p in zip(frame.tolist(), boxes.person.tolist(), strict=True)]).reshape(-1, 3)
-            full = sized(boxes.full) + np.array([FIRST, FIRST, 0, 0])
-            write_mot15(root / "gt" / "gt.txt", Rows(frame, boxes.person, full, (boxes.visible > 0).astype(float), places))
-        _write_views(out / "MOT15-train", footage)
-        write_mot15(_made(out / "MOT15-3D" / footage.name / "gt") / "gt.txt", places_of(footage))
+            frame, boxes = _stacked(recording, camera)
+            positions = np.array([feet[k - 1, p] for k, p in zip(frame.tolist(), boxes.person.tolist(), strict=True)]).reshape(-1, 3)
+            full = ltwh_from_edges(boxes.full) + np.array([FIRST, FIRST, 0, 0])
+            write_mot15(root / "gt" / "gt.txt", Mot15Rows(frame, boxes.person, full, (boxes.visible > 0).astype(float), positions))
+        _write_views(out / "MOT15-train", recording)
+        write_mot15(_made(out / "MOT15-3D" / recording.name / "gt") / "gt.txt", ground_positions(recording))
     write_seqmap(_made(out / "seqmaps") / "MOT15-train.txt", names)
     return []
 
 
-def places_of(footage: RecordedSequence) -> Rows:
-    """Everybody's places as rows without boxes; who does not count (evaluation.who_counts) has confidence 0."""
-    counts = who_counts(footage.truth, footage.setup.period)
-    n = sum(len(t.person_id) for t in footage.truth)
-    return Rows(
-        np.concatenate([np.full(len(t.person_id), t.index + 1) for t in footage.truth]),
-        np.concatenate([t.person_id for t in footage.truth]),
+def ground_positions(recording: RecordedSequence) -> Mot15Rows:
+    """Ground positions of all people as rows without boxes. Confidence is 0 where a person does not count (evaluation.evaluated_people)."""
+    counts = evaluated_people(recording.truth, recording.setup.period)
+    n = sum(len(t.person_id) for t in recording.truth)
+    return Mot15Rows(
+        np.concatenate([np.full(len(t.person_id), t.index + 1) for t in recording.truth]),
+        np.concatenate([t.person_id for t in recording.truth]),
         np.full((n, 4), ABSENT),
         np.concatenate(counts).astype(float),
-        np.concatenate([t.feet for t in footage.truth]).reshape(-1, 3),
+        np.concatenate([t.feet for t in recording.truth]).reshape(-1, 3),
     )
 
 
-def _stacked(footage: RecordedSequence, camera: str) -> tuple[Ints, Boxes]:
+def _stacked(recording: RecordedSequence, camera: str) -> tuple[Ints, Boxes]:
     """Frames (n,) from 1 and boxes of all people in one camera over all frames."""
-    views: list[tuple[int, ViewTruth]] = [(k, footage.views[k, camera]) for k in range(len(footage.truth)) if (k, camera) in footage.views]
+    views: list[tuple[int, ViewTruth]] = [(k, recording.views[k, camera]) for k in range(len(recording.truth)) if (k, camera) in recording.views]
     all_boxes = [view.boxes for _, view in views]
 
     def joined(name: str, shape: tuple[int, ...]) -> Array:
@@ -115,25 +115,25 @@ def _stacked(footage: RecordedSequence, camera: str) -> tuple[Ints, Boxes]:
     return frame, Boxes(person, joined("seen", (4,)), joined("full", (4,)), joined("visible", ()), joined("range", ()))
 
 
-def _view_folder(split: Path, footage: RecordedSequence, camera: str) -> Path:
-    """The folder of one view with seqinfo.ini and det.txt in it."""
-    root = _made(split / f"{footage.name}-{camera}")
+def _view_folder(split: Path, recording: RecordedSequence, camera: str) -> Path:
+    """Make the folder of one view with seqinfo.ini and det.txt."""
+    root = _made(split / f"{recording.name}-{camera}")
     for name in ("img1", "gt", "det"):
         _made(root / name)
-    size = footage.cameras[camera]
-    write_seqinfo(root / "seqinfo.ini", SeqInfo(root.name, footage.rate, len(footage.truth), size.width, size.height))
-    found = [footage.detected(k, camera) for k in range(len(footage.truth))]
-    frame = np.concatenate([np.full(len(sure), k + 1) for k, (_, sure) in enumerate(found)])
+    size = recording.cameras[camera]
+    write_seqinfo(root / "seqinfo.ini", SeqInfo(root.name, recording.rate, len(recording.truth), size.width, size.height))
+    found = [recording.detection_boxes(k, camera) for k in range(len(recording.truth))]
+    frame = np.concatenate([np.full(len(confidence), k + 1) for k, (_, confidence) in enumerate(found)])
     boxes = np.concatenate([box for box, _ in found]) + np.array([FIRST, FIRST, 0, 0])
-    rows = Rows(frame, np.full(len(frame), -1), boxes, np.concatenate([sure for _, sure in found]), np.full((len(frame), 3), ABSENT))
+    rows = Mot15Rows(frame, np.full(len(frame), -1), boxes, np.concatenate([confidence for _, confidence in found]), np.full((len(frame), 3), ABSENT))
     write_mot15(root / "det" / "det.txt", rows)
     return root
 
 
-def _write_views(split: Path, footage: RecordedSequence) -> None:
-    for k in footage.frames():
-        for camera in footage.cameras:
-            (split / f"{footage.name}-{camera}" / "img1" / f"{k + 1:06d}.jpg").write_bytes(footage.image(k, camera))
+def _write_views(split: Path, recording: RecordedSequence) -> None:
+    for k in recording.frames():
+        for camera in recording.cameras:
+            (split / f"{recording.name}-{camera}" / "img1" / f"{k + 1:06d}.jpg").write_bytes(recording.image(k, camera))
 
 
 def _made(folder: Path) -> Path:

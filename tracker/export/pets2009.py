@@ -1,4 +1,4 @@
-"""Export to PETS 2009: the fixed cameras as views, truth in the image of the first. `tracker/datasets/pets2009.py` reads it back."""
+"""Export to PETS 2009: fixed cameras as views, annotations in the image of View_001. `tracker/datasets/pets2009.py` reads it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.export.recorded_sequence import FixedView, RecordedSequence, sized
-from tracker.formats.motchallenge import ABSENT, Rows, write_mot15
+from tracker.export.recorded_sequence import FixedView, RecordedSequence, ltwh_from_edges
+from tracker.formats.motchallenge import ABSENT, Mot15Rows, write_mot15
 from tracker.formats.pets2009 import TERRAIN, Annotations, Site, ground_truth, write_annotations, write_camera, write_site
 from tracker.geometry import Array, Ints
 from tracker.geometry.ground import Grid
 
-AGREES = 0.05
-"""m: a person whose feet the annotation gives back within this is in the cropped truth."""
+MAX_FEET_ERROR = 0.05
+"""m: the cropped annotation holds people whose feet, projected to the ground, are this close to the truth."""
 _PETS = re.compile(r"View_\d{3}")
 
 README = """
@@ -41,45 +41,45 @@ terrain.npz: heights [m] (rows, columns), row 0 at the lowest y, origin x, y [m]
 """
 
 
-def export_pets(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
-    """Write the sequences; the notes say which camera became which view. Raises ValueError where one has no fixed pinhole camera."""
+def export_pets(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write the sequences. The notes map views to cameras. Raises ValueError where a sequence has no fixed pinhole camera."""
     notes = []
-    for footage in footages:
-        names = view_names(list(footage.needs_fixed("pets")))
-        root = out / footage.name
+    for recording in recordings:
+        names = view_names(list(recording.require_fixed("pets")))
+        root = out / recording.name
         for folder in ("annotations", "detections", "calibration", *names.values()):
             (root / folder).mkdir(parents=True)
-        for camera, view in footage.fixed.items():
+        for camera, view in recording.fixed.items():
             write_camera(root / "calibration" / f"{names[camera]}.xml", names[camera], view.camera, view.T_world_camera)
-            _write_detections(root / "detections" / f"{names[camera]}.txt", footage, camera)
+            _write_detections(root / "detections" / f"{names[camera]}.txt", recording, camera)
         first = next(camera for camera, name in names.items() if name == "View_001")
-        whole = annotations_of(footage, first)
-        write_annotations(root / "annotations" / f"{footage.name}.xml", footage.name, whole)
-        write_annotations(root / "annotations" / f"{footage.name}-cropped.xml", footage.name, _cropped(footage, first, whole))
-        _write_site(root, footage)
-        for k in footage.frames():
+        annotations = annotations_of(recording, first)
+        write_annotations(root / "annotations" / f"{recording.name}.xml", recording.name, annotations)
+        write_annotations(root / "annotations" / f"{recording.name}-cropped.xml", recording.name, _cropped(recording, first, annotations))
+        _write_site(root, recording)
+        for k in recording.frames():
             for camera, name in names.items():
-                (root / name / f"frame_{k:04d}.jpg").write_bytes(footage.image(k, camera))
+                (root / name / f"frame_{k:04d}.jpg").write_bytes(recording.image(k, camera))
         renamed = [f"{name} is {camera}" for camera, name in names.items() if name != camera]
-        notes += [f"{footage.name}: {', '.join(renamed)}."] if renamed else []
+        notes += [f"{recording.name}: {', '.join(renamed)}."] if renamed else []
     return notes
 
 
 def view_names(cameras: list[str]) -> dict[str, str]:
-    """Camera → View_00N: its own name where all are of PETS 2009 and the first of them is there, else numbers from 1 in their order."""
+    """Camera → View_00N. Names of PETS 2009 are kept where View_001 is among them; otherwise views are numbered in order."""
     if "View_001" in cameras and all(_PETS.fullmatch(camera) for camera in cameras):
         return {camera: camera for camera in cameras}
     return {camera: f"View_{number:03d}" for number, camera in enumerate(cameras, 1)}
 
 
-def annotations_of(footage: RecordedSequence, camera: str) -> Annotations:
-    """Frame → ids (m,) and boxes (m, 4) left, top, width, height px, of which the middle of the lower edge is where the person stands."""
-    view = footage.fixed[camera]
+def annotations_of(recording: RecordedSequence, camera: str) -> Annotations:
+    """Frame → ids (m,) and boxes (m, 4) left, top, width, height px. The middle of the lower edge is the ground under the person."""
+    view = recording.fixed[camera]
     shift = 0.5 - view.camera.pixel_centre
     out: Annotations = {}
-    for truth in footage.truth:
-        shown = footage.views[truth.index, camera].boxes
-        body = sized(shown.full) - np.array([shift, shift, 0, 0])
+    for truth in recording.truth:
+        shown = recording.views[truth.index, camera].boxes
+        body = ltwh_from_edges(shown.full) - np.array([shift, shift, 0, 0])
         feet, _ = view.camera.pixels_from_bearings(view.T_world_camera.inverse().apply(_feet(truth.person_id, truth.feet, shown.person)))
         box = np.column_stack([feet[:, 0] - body[:, 2] / 2, body[:, 1], body[:, 2], feet[:, 1] - body[:, 1]])
         fits = np.isfinite(box).all(axis=1) & (box[:, 3] > 0)
@@ -92,38 +92,38 @@ def _feet(present: Ints, feet: Array, wanted: Ints) -> Array:
     return feet[order[np.searchsorted(present[order], wanted)]].reshape(-1, 3)
 
 
-def _cropped(footage: RecordedSequence, camera: str, whole: Annotations) -> Annotations:
-    """Those whose feet the reader of the annotation will find where they are."""
-    view = footage.fixed[camera]
+def _cropped(recording: RecordedSequence, camera: str, annotations: Annotations) -> Annotations:
+    """The annotations whose boxes project to the true feet."""
+    view = recording.fixed[camera]
     out: Annotations = {}
-    for truth in footage.truth:
-        ids, boxes = whole[truth.index]
+    for truth in recording.truth:
+        ids, boxes = annotations[truth.index]
         feet = _feet(truth.person_id, truth.feet, ids)
-        kept = np.array([_agrees(footage, view, box, place) for box, place in zip(boxes, feet, strict=True)], dtype=bool)
+        kept = np.array([_projects_to_feet(recording, view, box, position) for box, position in zip(boxes, feet, strict=True)], dtype=bool)
         out[truth.index] = ids[kept], boxes[kept]
     return out
 
 
-def _agrees(footage: RecordedSequence, view: FixedView, box: Array, feet: Array) -> bool:
+def _projects_to_feet(recording: RecordedSequence, view: FixedView, box: Array, feet: Array) -> bool:
     one = {0: (np.zeros(1, dtype=np.int64), box[None])}
     try:
-        cast = ground_truth(one, view.camera, view.T_world_camera, footage.setup.ground)[0][1][0]
+        cast = ground_truth(one, view.camera, view.T_world_camera, recording.setup.ground)[0][1][0]
     except ValueError:
         return False
-    return float(np.linalg.norm(cast - feet)) <= AGREES
+    return float(np.linalg.norm(cast - feet)) <= MAX_FEET_ERROR
 
 
-def _write_detections(path: Path, footage: RecordedSequence, camera: str) -> None:
-    found = [footage.detected(k, camera) for k in range(len(footage.truth))]
-    boxes = np.concatenate([box for box, _ in found]) - np.array([1, 1, 0, 0]) * (0.5 - footage.cameras[camera].pixel_centre)
-    frame = np.concatenate([np.full(len(sure), k + 1) for k, (_, sure) in enumerate(found)])
-    rows = Rows(frame, np.full(len(frame), -1), boxes, np.concatenate([sure for _, sure in found]), np.full((len(frame), 3), ABSENT))
+def _write_detections(path: Path, recording: RecordedSequence, camera: str) -> None:
+    found = [recording.detection_boxes(k, camera) for k in range(len(recording.truth))]
+    boxes = np.concatenate([box for box, _ in found]) - np.array([1, 1, 0, 0]) * (0.5 - recording.cameras[camera].pixel_centre)
+    frame = np.concatenate([np.full(len(confidence), k + 1) for k, (_, confidence) in enumerate(found)])
+    rows = Mot15Rows(frame, np.full(len(frame), -1), boxes, np.concatenate([confidence for _, confidence in found]), np.full((len(frame), 3), ABSENT))
     write_mot15(path, rows)
 
 
-def _write_site(root: Path, footage: RecordedSequence) -> None:
-    """The area is all of the terrain."""
-    ground = footage.setup.ground
+def _write_site(root: Path, recording: RecordedSequence) -> None:
+    """Write site.json, with the annotations terrain as area."""
+    ground = recording.setup.ground
     assert isinstance(ground, Grid)
     size = ground.spacing * (np.array(ground.heights.shape[::-1]) - 1)
-    write_site(root, Site(footage.rate, np.stack([ground.origin, ground.origin + size]), ground), footage.folder / TERRAIN)
+    write_site(root, Site(recording.rate, np.stack([ground.origin, ground.origin + size]), ground), recording.folder / TERRAIN)

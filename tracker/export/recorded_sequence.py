@@ -1,4 +1,4 @@
-"""A Sequence as exporters read it: images as coded bytes, instances, truth of every view, detections as pixel boxes. Images stay on disk."""
+"""A recorded sequence for export: encoded images, instances, ground truth of each view, and detections as pixel boxes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angl
 from tracker.geometry.cameras import Camera, Panorama, Tsai
 from tracker.io import image_files
 from tracker.io.csv_tables import read_table
-from tracker.io.image_files import decode
+from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.schema import DETECTIONS
@@ -24,15 +24,15 @@ from tracker.sequence.truth_tables import read_views
 from tracker.types import Detections, Sequence, Setup, Truth, ViewTruth
 
 Progress = Callable[[Iterable[int], str], Iterable[int]]
-"""Wraps the frames of a sequence of that name, to show how far it is."""
+"""Wraps the frames of a sequence, with its name, to show progress."""
 JPEG, PNG = ".jpg", ".png"
-STEPS = 60
-"""Iterations for the width of a detection; each leaves a few per cent of the error."""
+ITERATIONS = 60
+"""Fixed-point iterations for the width of a detection; each reduces the error to a few per cent."""
 
 
 @dataclass(frozen=True, eq=False)
 class FixedView:
-    """A pinhole camera that stands still."""
+    """A fixed pinhole camera."""
 
     camera: Tsai
     T_world_camera: Pose
@@ -40,7 +40,7 @@ class FixedView:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSequence:
-    """One Sequence in a folder. Raises ValueError, where something is read, that names the file which is missing or damaged."""
+    """A sequence in a folder; images are read on demand. Reading raises ValueError with the path of a missing or damaged file."""
 
     folder: Path
     sequence: Sequence
@@ -48,15 +48,15 @@ class RecordedSequence:
 
     @staticmethod
     def open(folder: Path, progress: Progress | None = None) -> RecordedSequence:
-        """Raises ValueError as read_sequence, and where the sequence has no truth."""
+        """Open a folder. Raises ValueError as read_sequence, and where the sequence has no ground truth."""
         sequence = read_sequence(folder)
         if sequence.truth is None:
-            raise ValueError(f"{folder}: has no truth, there is nothing to export")
+            raise ValueError(f"{folder}: has no truth, which an export needs")
         return RecordedSequence(folder, sequence, progress)
 
     @property
     def name(self) -> str:
-        """Of the folder, without what a path could trip over."""
+        """Name of the folder."""
         return self.folder.resolve().name
 
     @property
@@ -70,11 +70,11 @@ class RecordedSequence:
 
     @property
     def rate(self) -> float:
-        """Frames a second, without the noise of 1 / (1 / 6)."""
+        """Frames per second, rounded, since the reciprocal of the period is inexact."""
         return round(1 / self.setup.period, 9)
 
     def frames(self) -> Iterable[int]:
-        """Indices from 0, with progress."""
+        """Indices of the frames from 0, wrapped by `progress`."""
         numbers = range(len(self.truth))
         return self.progress(numbers, self.name) if self.progress else numbers
 
@@ -84,7 +84,7 @@ class RecordedSequence:
 
     @cached_property
     def fixed(self) -> dict[str, FixedView]:
-        """The pinhole cameras whose place is known and stays, in the order of the sequence."""
+        """The fixed pinhole cameras, in the order of the sequence."""
         out = {}
         for name, mount in self.setup.mounts.items():
             start = self.setup.starts[mount.robot]
@@ -92,23 +92,23 @@ class RecordedSequence:
                 out[name] = FixedView(mount.camera, start.T_world_robot @ mount.T_body_camera)
         return out
 
-    def needs_fixed(self, form: str) -> dict[str, FixedView]:
-        """As `fixed`; raises ValueError, with what to do, where there is none."""
+    def require_fixed(self, form: str) -> dict[str, FixedView]:
+        """As `fixed`. Raises ValueError with advice where there is no such camera."""
         if not self.fixed:
             raise ValueError(
-                f"{self.folder}: has no fixed pinhole camera, and {form} knows no other; generate the sequence with some (--views 4),"
+                f"{self.folder}: has no fixed pinhole camera, which {form} needs; generate the sequence with some (--views 4),"
                 " or export panoramas as mot17, coco or jrdb"
             )
         return self.fixed
 
     @cached_property
     def views(self) -> dict[tuple[int, str], ViewTruth]:
-        """(frame, camera) → all that is true of that view."""
+        """(frame, camera) → ground truth of the view."""
         return read_views(self.folder)
 
     @cached_property
     def detections(self) -> dict[tuple[int, str], Detections]:
-        """(frame, camera) → what the detector reported; views without a report are not there."""
+        """(frame, camera) → detections. Views without detections have no entry."""
         table = read_table(self.folder / "detections.csv", DETECTIONS)
         columns = np.column_stack([table[name] for name in list(DETECTIONS)[2:]]).reshape(-1, 9)
         found: dict[tuple[int, str], list[int]] = {}
@@ -122,44 +122,44 @@ class RecordedSequence:
             out[key] = Detections(bearing, c[:, 3:5], c[:, 5], covariance, np.zeros((len(c), 0)))
         return out
 
-    def detected(self, frame: int, camera: str) -> tuple[Array, Array]:
-        """Reported boxes (n, 4) left, top, width, height px from the image's corner, and confidence (n,)."""
+    def detection_boxes(self, frame: int, camera: str) -> tuple[Array, Array]:
+        """Detected boxes (n, 4) left, top, width, height px from the corner of the image, and confidence (n,)."""
         found = self.detections.get((frame, camera), Detections.none())
         return boxes_of_detections(self.cameras[camera], found), found.confidence
 
     @cached_property
-    def _sums(self) -> dict[str, str]:
+    def _checksums(self) -> dict[str, str]:
         return {name: entry["sha256"] for name, entry in read_json(self.folder / "manifest.json")["files"].items()}
 
     def _bytes(self, kind: str, camera: str, frame: int) -> tuple[bytes, str]:
         stem = f"{kind}/{camera}/{frame:06d}"
-        suffix = next((s for s in (JPEG, PNG) if stem + s in self._sums), None)
+        suffix = next((s for s in (JPEG, PNG) if stem + s in self._checksums), None)
         if suffix is None:
             raise ValueError(f"{self.folder / stem}: the manifest does not name it, neither {JPEG} nor {PNG}")
         data = (self.folder / (stem + suffix)).read_bytes()
-        if hashlib.sha256(data).hexdigest() != self._sums[stem + suffix]:
+        if hashlib.sha256(data).hexdigest() != self._checksums[stem + suffix]:
             raise ValueError(f"{self.folder / (stem + suffix)}: its SHA-256 is not the manifest's: truncated or changed")
         return data, suffix
 
     def image(self, frame: int, camera: str, suffix: str = JPEG) -> bytes:
-        """The image, coded as JPEG or PNG: the sequence's own bytes where they are of that kind, else coded anew (quality 95)."""
+        """The image as the bytes of a JPEG or PNG file: those of the sequence if its format matches, else encoded again (quality 95)."""
         data, own = self._bytes("images", camera, frame)
         if own == suffix:
             return data
-        done, coded = cv2.imencode(suffix, self._decoded(data, camera, cv2.IMREAD_COLOR), _OPTIONS[suffix])
-        assert done
-        return bytes(coded.tobytes())
+        success, encoded = cv2.imencode(suffix, self._decode(data, camera, cv2.IMREAD_COLOR), _OPTIONS[suffix])
+        assert success
+        return bytes(encoded.tobytes())
 
     def instances(self, frame: int, camera: str) -> NDArray[np.uint16]:
-        """(H, W): the person's id, 0 for nobody."""
-        image = self._decoded(self._bytes("instances", camera, frame)[0], camera, cv2.IMREAD_UNCHANGED)
+        """The instance image (H, W) of person ids, 0 for no person."""
+        image = self._decode(self._bytes("instances", camera, frame)[0], camera, cv2.IMREAD_UNCHANGED)
         if image.dtype != np.uint16 or image.ndim != 2:
             raise ValueError(f"{self.folder}: instances of {camera} in frame {frame} are {image.dtype} {image.shape}, need 16 bit, one channel")
         return image
 
-    def _decoded(self, data: bytes, camera: str, flag: int) -> NDArray[np.uint16]:
+    def _decode(self, data: bytes, camera: str, flag: int) -> NDArray[np.uint16]:
         try:
-            return decode(data, (self.cameras[camera].height, self.cameras[camera].width), flag)
+            return decode_image(data, (self.cameras[camera].height, self.cameras[camera].width), flag)
         except ValueError as error:
             raise ValueError(f"{self.folder}: an image of {camera}: {error}") from None
 
@@ -168,34 +168,34 @@ _OPTIONS = {JPEG: image_files.JPEG, PNG: image_files.PNG}
 
 
 def boxes_of_detections(camera: Camera, detections: Detections) -> Array:
-    """Detections → boxes (n, 4) left, top, width, height px from the image's corner: what boxes.detections_from_boxes takes, undone.
+    """Boxes (n, 4) left, top, width, height px from the corner of the image; the inverse of boxes.detections_from_boxes.
 
-    In a panorama left lies in [0, W) and left + width may pass W. In a pinhole the box has its azimuth in the middle of its columns, and its
-    width is the one that spans the reported azimuth in the middle of its height.
+    In a panorama left lies in [0, W), and left + width may exceed W. In a pinhole image the bearing gives the middle column of the box.
+    Its width is the one that spans the detected azimuth at the middle of its height.
     """
     if not len(detections):
         return np.zeros((0, 4))
     azimuth, elevation = angles_from_bearing(detections.bearing)
     span, rise = detections.extent.T
     if isinstance(camera, Panorama):
-        a_radian = camera.height / np.pi
-        left = np.mod((np.pi - azimuth - span / 2) * a_radian, camera.width)
-        return np.column_stack([left, (np.pi / 2 - elevation - rise / 2) * a_radian, span * a_radian, rise * a_radian])
+        per_radian = camera.height / np.pi
+        left = np.mod((np.pi - azimuth - span / 2) * per_radian, camera.width)
+        return np.column_stack([left, (np.pi / 2 - elevation - rise / 2) * per_radian, span * per_radian, rise * per_radian])
     pixels = [camera.pixels_from_bearings(bearing_from_angles(azimuth, elevation + side * rise / 2))[0] for side in (-1, 1)]
-    # Where a distortion has no way back, the upper edge is out of the image.
+    # Where the distortion has no inverse, the upper edge is outside the image.
     (u, bottom), top = pixels[0].T, np.nan_to_num(pixels[1][:, 1], nan=camera.pixel_centre - 0.5)
-    waist = (top + bottom) / 2
+    middle = (top + bottom) / 2
 
-    def spanned(width: Array) -> Array:
-        left, right = (angles_from_bearing(camera.bearings_from_pixels(np.column_stack([u + s * width / 2, waist])))[0] for s in (-1, 1))
+    def azimuth_span(width: Array) -> Array:
+        left, right = (angles_from_bearing(camera.bearings_from_pixels(np.column_stack([u + s * width / 2, middle])))[0] for s in (-1, 1))
         return np.asarray(left - right)
 
     width = bottom - top
-    for _ in range(STEPS):
-        width = width * span / spanned(width)
+    for _ in range(ITERATIONS):
+        width = width * span / azimuth_span(width)
     return np.column_stack([u - width / 2, top, width, bottom - top]) + np.array([0.5 - camera.pixel_centre] * 2 + [0.0, 0.0])
 
 
-def sized(edges: Array) -> Array:
-    """(n, 4) left, top, right, bottom → left, top, width, height."""
+def ltwh_from_edges(edges: Array) -> Array:
+    """Boxes (n, 4) left, top, right, bottom → left, top, width, height."""
     return np.column_stack([edges[:, :2], edges[:, 2:] - edges[:, :2]])

@@ -1,4 +1,4 @@
-"""Export of the robots' trajectories to TUM files, for evo and its like."""
+"""Export of robot trajectories to TUM files, which tools such as evo read."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ comment. `evo_ape tum SEQUENCE/robot_0.txt SEQUENCE/robot_0_odometry.txt` gives 
 """
 
 
-def export_tum(out: Path, footages: Iterable[RecordedSequence]) -> list[str]:
-    """Write trajectories of all robots that move. Raises ValueError where a sequence has none."""
-    for footage in footages:
-        moving = {m.robot for name, m in footage.setup.mounts.items() if name not in footage.fixed}
-        robots = [robot for robot in footage.setup.starts if robot in moving]
+def export_tum(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write trajectories of all moving robots. Raises ValueError where a sequence has none."""
+    for recording in recordings:
+        moving = {m.robot for name, m in recording.setup.mounts.items() if name not in recording.fixed}
+        robots = [robot for robot in recording.setup.starts if robot in moving]
         if not robots:
-            raise ValueError(f"{footage.folder}: has no robot that moves, tum knows nothing else")
-        folder = out / footage.name
+            raise ValueError(f"{recording.folder}: has no robot that moves, which tum needs")
+        folder = out / recording.name
         folder.mkdir(parents=True)
-        times = [k * footage.setup.period for k in footage.frames()]
-        carried = dead_reckoning(footage.sequence)
+        times = [k * recording.setup.period for k in recording.frames()]
+        odometry_poses = dead_reckoning(recording.sequence)
         for robot in robots:
-            write_tum(folder / f"{robot}.txt", times, [t.T_world_robot[robot] for t in footage.truth])
-            poses = [pose for pose in carried.get(robot, []) if pose is not None]
+            write_tum(folder / f"{robot}.txt", times, [t.T_world_robot[robot] for t in recording.truth])
+            poses = [pose for pose in odometry_poses.get(robot, []) if pose is not None]
             if len(poses) == len(times):
                 write_tum(folder / f"{robot}_odometry.txt", times, poses)
-        for camera, mount in footage.setup.mounts.items():
+        for camera, mount in recording.setup.mounts.items():
             if mount.robot in robots:
-                poses = [t.T_world_robot[mount.robot] @ mount.T_body_camera for t in footage.truth]
+                poses = [t.T_world_robot[mount.robot] @ mount.T_body_camera for t in recording.truth]
                 write_tum(folder / f"{camera.removesuffix('_camera')}_camera.txt", times, poses)
     return []

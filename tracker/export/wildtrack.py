@@ -1,4 +1,4 @@
-"""Export to WILDTRACK as MultiviewX and GMVD have it: the fixed cameras, and where everybody stands."""
+"""Export to WILDTRACK in the variant of MultiviewX and GMVD: fixed cameras, and ground positions of people."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.export.recorded_sequence import PNG, RecordedSequence
 from tracker.formats.pom import write_rectangles
-from tracker.formats.wildtrack import HIDDEN, Calibrated, Region, WildtrackPosition, write_calibration, write_config, write_positions
+from tracker.formats.wildtrack import HIDDEN, GroundGrid, OpenCvCamera, WildtrackPosition, write_calibration, write_config, write_positions
 
 README = """
     SEQUENCE/Image_subsets/C1/0000.png               images, RGB, frames from 0, cameras from 1
@@ -33,55 +33,54 @@ The tools for this format take the ground for the plane z = 0.
 """
 
 
-def export_wildtrack(out: Path, footages: Iterable[RecordedSequence], rectangles: bool = False) -> list[str]:
-    """Write the sequences; the notes say which camera is which, how far its calibration is off, and how level the ground is.
+def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangles: bool = False) -> list[str]:
+    """Write the sequences. The notes tell which camera is which, the errors of the calibrations, and the relief of the ground.
 
-    rectangles: rectangles.pom, too: a line for every camera and cell.
-
-    Raises ValueError where a sequence has no fixed pinhole camera, or has them in several sizes.
+    rectangles: also write rectangles.pom, with a line for each camera and cell.
+    Raises ValueError where a sequence has no fixed pinhole camera, or fixed cameras of different image sizes.
     """
     notes = []
-    for footage in footages:
-        fixed = footage.needs_fixed("wildtrack")
+    for recording in recordings:
+        fixed = recording.require_fixed("wildtrack")
         sizes = {(view.camera.height, view.camera.width) for view in fixed.values()}
         if len(sizes) > 1:
-            raise ValueError(f"{footage.folder}: fixed cameras have {len(sizes)} sizes of image, wildtrack needs one")
-        root, said = out / footage.name, []
+            raise ValueError(f"{recording.folder}: fixed cameras have {len(sizes)} sizes of image, wildtrack needs one")
+        root, camera_notes = out / recording.name, []
         cameras = []
         for number, (camera, view) in enumerate(fixed.items(), 1):
-            calibrated, error = Calibrated.of(view.camera, view.T_world_camera)
+            calibrated, error = OpenCvCamera.from_tsai(view.camera, view.T_world_camera)
             cameras.append(calibrated)
             write_calibration(root / "calibrations", f"Camera{number}", calibrated)
-            said.append(f"C{number} is {camera}" + (f" (its distortion is fitted to {error:.2g} px)" if view.camera.kappa1 else ""))
+            camera_notes.append(f"C{number} is {camera}" + (f" (its distortion is fitted to {error:.2g} px)" if view.camera.kappa1 else ""))
             (root / "Image_subsets" / f"C{number}").mkdir(parents=True)
-        feet = np.concatenate([t.feet for t in footage.truth]).reshape(-1, 3)
-        region = Region.around(feet[:, :2])
-        write_config(root / "config.json", region, len(fixed), len(footage.truth), next(iter(sizes)))
+        feet = np.concatenate([t.feet for t in recording.truth]).reshape(-1, 3)
+        grid = GroundGrid.around(feet[:, :2])
+        write_config(root / "config.json", grid, len(fixed), len(recording.truth), next(iter(sizes)))
         if rectangles:
-            write_rectangles(root / "rectangles.pom", region, cameras, next(iter(sizes)), footage.sequence.setup.ground.height_at)
+            write_rectangles(root / "rectangles.pom", grid, cameras, next(iter(sizes)), recording.sequence.setup.ground.height_at)
         (root / "annotations_positions").mkdir()
-        for k in footage.frames():
-            write_positions(root / "annotations_positions" / f"{k:05d}.json", placed_in(footage, k, region))
+        for k in recording.frames():
+            write_positions(root / "annotations_positions" / f"{k:05d}.json", positions_in_frame(recording, k, grid))
             for number, camera in enumerate(fixed, 1):
-                (root / "Image_subsets" / f"C{number}" / f"{k:04d}.png").write_bytes(footage.image(k, camera, PNG))
+                (root / "Image_subsets" / f"C{number}" / f"{k:04d}.png").write_bytes(recording.image(k, camera, PNG))
         height = float(np.abs(feet[:, 2]).max(initial=0.0))
-        notes.append(f"{footage.name}: {', '.join(said)}. People stand at most {height:.2f} m above or below z = 0.")
+        notes.append(f"{recording.name}: {', '.join(camera_notes)}. People stand at most {height:.2f} m above or below z = 0.")
     return notes
 
 
-def placed_in(footage: RecordedSequence, frame: int, region: Region) -> list[WildtrackPosition]:
-    """Everybody whom a fixed camera shows, occluded or not, in the order of the truth."""
-    truth = footage.truth[frame]
+def positions_in_frame(recording: RecordedSequence, frame: int, grid: GroundGrid) -> list[WildtrackPosition]:
+    """People in the image of a fixed camera, occluded or not, in the order of the truth."""
+    truth = recording.truth[frame]
     shown: dict[int, dict[int, tuple[int, ...]]] = {}
-    for number, camera in enumerate(footage.fixed):
-        boxes = footage.views[frame, camera].boxes
+    for number, camera in enumerate(recording.fixed):
+        boxes = recording.views[frame, camera].boxes
         for person, (left, top, right, bottom) in zip(boxes.person.tolist(), boxes.full.tolist(), strict=True):
             edges = np.floor([left, top]).tolist() + (np.ceil([right, bottom]) - 1).tolist()
             shown.setdefault(person, {})[number] = tuple(int(edge) for edge in edges)
-    position = region.positions(truth.feet)
-    out = []
+    position = grid.positions(truth.feet)
+    positions = []
     for k, person in enumerate(truth.person_id.tolist()):
         if person in shown:
-            edges_of_views = [shown[person].get(number, HIDDEN) for number in range(len(footage.fixed))]
-            out.append(WildtrackPosition(person, int(position[k]), np.array(edges_of_views, dtype=np.int64), truth.feet[k]))
-    return out
+            edges_of_views = [shown[person].get(number, HIDDEN) for number in range(len(recording.fixed))]
+            positions.append(WildtrackPosition(person, int(position[k]), np.array(edges_of_views, dtype=np.int64), truth.feet[k]))
+    return positions

@@ -71,7 +71,7 @@ def read_utias(path: Path) -> UtiasDataset:
     if all(s in landmarks and np.allclose(landmarks[s], place, atol=1e-6) for s, place in SWAPPED.items()):
         landmarks[11], landmarks[17] = landmarks[17], landmarks[11]
         repairs.append("landmarks 11 and 17 of set 1 exchanged")
-    present = [n for n in ROBOTS if any((path / f"UtiasRobot{n}_{kind}.dat").exists() for kind in ("Odometry", "Measurement", "Groundtruth"))]
+    present = [n for n in ROBOTS if any((path / f"Robot{n}_{kind}.dat").exists() for kind in ("Odometry", "Measurement", "Groundtruth"))]
     if not present:
         raise ValueError(f"{path}: no Robot1_Odometry.dat to Robot5_Odometry.dat, needs at least one robot")
     subjects = {*present, *landmarks}
@@ -79,16 +79,16 @@ def read_utias(path: Path) -> UtiasDataset:
 
 
 def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[int]) -> UtiasRobot:
-    odometry = _columns(path / f"UtiasRobot{number}_Odometry.dat", 3)
-    truth = _columns(path / f"UtiasRobot{number}_Groundtruth.dat", 4)
+    odometry = _columns(path / f"Robot{number}_Odometry.dat", 3)
+    truth = _columns(path / f"Robot{number}_Groundtruth.dat", 4)
     for name, times, least in (("Odometry", odometry[:, 0], 0.0), ("Groundtruth", truth[:, 0], 1e-9)):
         back = np.flatnonzero(np.diff(times) < least)
         if len(back):
             k = int(back[0])
-            raise ValueError(f"{path / f'UtiasRobot{number}_{name}.dat'}: time is {times[k + 1]:.3f} after {times[k]:.3f}, needs ascending times")
+            raise ValueError(f"{path / f'Robot{number}_{name}.dat'}: time is {times[k + 1]:.3f} after {times[k]:.3f}, needs ascending times")
         if not len(times):
-            raise ValueError(f"{path / f'UtiasRobot{number}_{name}.dat'}: no rows, needs at least one")
-    raw = _columns(path / f"UtiasRobot{number}_Measurement.dat", 4)
+            raise ValueError(f"{path / f'Robot{number}_{name}.dat'}: no rows, needs at least one")
+    raw = _columns(path / f"Robot{number}_Measurement.dat", 4)
     raw = raw[np.argsort(raw[:, 0], kind="stable")]
     subject = np.array([subject_of.get(int(code), -1) for code in raw[:, 1]], dtype=np.int64)
     reasons = np.full(len(raw), "", dtype="U24")

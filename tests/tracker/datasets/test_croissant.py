@@ -1,4 +1,4 @@
-"""Croissant and the card: mlcroissant validates and reads records, the front matter is YAML that the hub knows, and neither has a clock."""
+"""Croissant metadata validated by mlcroissant, and the front matter of the dataset card."""
 
 import json
 import shutil
@@ -11,7 +11,7 @@ from tests.tracker import sequences
 from tracker.datasets.croissant import describe, write_croissant
 from tracker.datasets.dataset_card import card_of, size_of, write_card
 from tracker.io.json_files import read_json
-from tracker.sequence.schema import BOXES, CAMERAS, COMPANIONS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOTS, people_columns
+from tracker.sequence.schema import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOT_DETECTIONS, ROBOTS, people_columns
 from tracker.sequence.truth_tables import read_boxes
 
 NAMES = ["pilsun-00000", "pilsun-00001"]
@@ -57,7 +57,7 @@ def test_mlcroissant_validates_and_reads_records(dataset: Path) -> None:
         assert list(found.records(name))
 
 
-def test_sums_are_those_of_the_manifests(dataset: Path) -> None:
+def test_checksums_equal_those_of_the_manifests(dataset: Path) -> None:
     write_croissant(dataset)
     content = json.loads((dataset / "croissant.json").read_text())
     assert content["conformsTo"] == "http://mlcommons.org/croissant/1.0"
@@ -68,7 +68,7 @@ def test_sums_are_those_of_the_manifests(dataset: Path) -> None:
         assert f"{name}/manifest.json" in objects
 
 
-def test_a_column_that_is_not_there_is_found(dataset: Path) -> None:
+def test_missing_column_is_found(dataset: Path) -> None:
     """That reading can fail: metadata of a column that no table has."""
     mlcroissant = pytest.importorskip("mlcroissant")
     write_croissant(dataset)
@@ -78,7 +78,7 @@ def test_a_column_that_is_not_there_is_found(dataset: Path) -> None:
         list(mlcroissant.Dataset(jsonld=str(dataset / "croissant.json")).records("boxes"))
 
 
-def test_the_same_dataset_gives_the_same_bytes(dataset: Path, tmp_path: Path) -> None:
+def test_same_dataset_gives_same_bytes(dataset: Path, tmp_path: Path) -> None:
     shutil.copytree(dataset, tmp_path / "again" / "set")
     for folder in (dataset, tmp_path / "again" / "set"):
         write_croissant(folder)
@@ -87,7 +87,7 @@ def test_the_same_dataset_gives_the_same_bytes(dataset: Path, tmp_path: Path) ->
         assert (dataset / name).read_bytes() == (tmp_path / "again" / "set" / name).read_bytes()
 
 
-def test_a_single_sequence_has_metadata_too(tmp_path: Path) -> None:
+def test_metadata_of_a_single_sequence(tmp_path: Path) -> None:
     sequences.write(tmp_path / "one")
     write_croissant(tmp_path / "one")
     mlcroissant = pytest.importorskip("mlcroissant")
@@ -97,12 +97,12 @@ def test_a_single_sequence_has_metadata_too(tmp_path: Path) -> None:
 
 
 def test_every_column_is_described() -> None:
-    for columns in (ODOMETRY, DETECTIONS, COMPANIONS, ROBOTS, BOXES, CAMERAS, KEYPOINTS, JOINTS, people_columns(["robot_0_camera", "view-1"])):
+    for columns in (ODOMETRY, DETECTIONS, ROBOT_DETECTIONS, ROBOTS, BOXES, CAMERAS, KEYPOINTS, JOINTS, people_columns(["robot_0_camera", "view-1"])):
         for column in columns:
             assert len(describe(column)) > 2, column
 
 
-def test_the_card_has_front_matter_for_the_hub(dataset: Path) -> None:
+def test_front_matter_of_the_card(dataset: Path) -> None:
     yaml = pytest.importorskip("yaml")
     write_card(dataset)
     text = (dataset / "README.md").read_text()
@@ -122,5 +122,5 @@ def test_the_card_has_front_matter_for_the_hub(dataset: Path) -> None:
 
 
 @pytest.mark.parametrize(("images", "name"), [(0, "n<1K"), (999, "n<1K"), (1000, "1K<n<10K"), (99_999, "10K<n<100K"), (10**9, "n>10M")])
-def test_sizes_are_the_hubs(images: int, name: str) -> None:
+def test_size_categories(images: int, name: str) -> None:
     assert size_of(images) == name

@@ -1,4 +1,4 @@
-"""Detections made worse: as much as was asked for, the same from the same seed, and false boxes that could be people."""
+"""Degraded detections: amount, reproducibility, and plausible false boxes."""
 
 import numpy as np
 import pytest
@@ -19,16 +19,16 @@ def boxes() -> Boxes:
 
 
 def worse(degradation: Degradation, seed: int = 1) -> Boxes:
-    return degradation.applied(boxes(), FRAMES, VIEW, AREA, np.random.default_rng(seed))
+    return degradation.apply(boxes(), FRAMES, VIEW, AREA, np.random.default_rng(seed))
 
 
-def test_nothing_asked_changes_nothing() -> None:
+def test_default_changes_nothing() -> None:
     for (a, c), (b, d) in zip(boxes().values(), worse(Degradation()).values(), strict=True):
         np.testing.assert_array_equal(a, b)
         np.testing.assert_array_equal(c, d)
 
 
-def test_a_share_is_lost_and_boxes_move() -> None:
+def test_boxes_are_dropped_and_moved() -> None:
     kept = sum(len(b) for b, _ in worse(Degradation(drop=0.3)).values())
     assert abs(kept / (5 * FRAMES) - 0.7) < 4 * np.sqrt(0.21 / (5 * FRAMES))
     moved = np.concatenate([b - a for (a, _), (b, _) in zip(boxes().values(), worse(Degradation(noise=3.0)).values(), strict=True)])
@@ -36,7 +36,7 @@ def test_a_share_is_lost_and_boxes_move() -> None:
     np.testing.assert_allclose(moved[:, :2].std(axis=0), 3.0, rtol=0.08)
 
 
-def test_false_boxes_stand_in_the_area() -> None:
+def test_false_boxes_have_feet_in_the_area() -> None:
     camera, pose = VIEW
     for box, confidence in worse(Degradation(drop=1.0, clutter=2)).values():
         assert len(box) == len(confidence) == 2
@@ -51,14 +51,14 @@ def test_false_boxes_stand_in_the_area() -> None:
         assert np.all(confidence >= 0.6)
 
 
-def test_the_seed_decides() -> None:
+def test_same_seed_gives_same_boxes() -> None:
     asked = Degradation(0.2, 1, 1.0)
     same = zip(worse(asked).values(), worse(asked).values(), strict=True)
     assert all(np.array_equal(a, b) for (a, _), (b, _) in same)
     assert not all(np.array_equal(a, b) for (a, _), (b, _) in zip(worse(asked).values(), worse(asked, 2).values(), strict=True))
 
 
-def test_what_is_written_is_read() -> None:
+def test_round_trip() -> None:
     assert Degradation.parse("drop=0.3, clutter=2") == Degradation(0.3, 2)
     assert Degradation.parse("") == Degradation()
     for text, message in (("drop=x", "needs a number"), ("clutter=1.5", "whole number"), ("fog=1", "needs drop=…"), ("drop=2", "drop is 2.0")):

@@ -1,4 +1,4 @@
-"""Opening PETS 2009, and what is said of folders that are none."""
+"""Opening PETS 2009 folders, and errors for other folders."""
 
 import shutil
 from collections.abc import Callable
@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
-from tracker.datasets.opening import open_source
-from tracker.datasets.pets2009 import Choice
+from tracker.datasets.opening import open_sequence
+from tracker.datasets.pets2009 import PetsOptions
 from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import angles_from_bearing
 
 
 def test_pets(data: Callable[..., Path]) -> None:
-    sequence = open_source(data("pets2009", "S2.L1"), [1, 5, 7])
+    sequence = open_sequence(data("pets2009", "S2.L1"), [1, 5, 7])
     assert list(sequence.setup.mounts) == ["View_001", "View_005", "View_007"]
     assert len(sequence.ticks) == 795
     assert sequence.truth is not None
@@ -24,12 +24,12 @@ def test_pets(data: Callable[..., Path]) -> None:
 
 
 def test_all_views_are_the_default(data: Callable[..., Path]) -> None:
-    assert len(open_source(data("pets2009", "S2.L1")).setup.mounts) == 7
+    assert len(open_sequence(data("pets2009", "S2.L1")).setup.mounts) == 7
 
 
-def test_a_detection_keeps_its_foot(data: Callable[..., Path]) -> None:
+def test_detection_keeps_its_foot_point(data: Callable[..., Path]) -> None:
     """The lower edge of the angular box goes through the middle of the lower edge of the pixel box, to the pixel."""
-    sequence = open_source(data("pets2009", "S2.L1"), [1])
+    sequence = open_sequence(data("pets2009", "S2.L1"), [1])
     camera = sequence.setup.mounts["View_001"].camera
     boxes = np.array([[640.0, 240.0, 43.0, 80.0], [100.0, 400.0, 60.0, 150.0]])
     found = detections_from_boxes(camera, boxes, np.ones(2))
@@ -43,9 +43,9 @@ def test_a_detection_keeps_its_foot(data: Callable[..., Path]) -> None:
 
 def test_a_generated_sequence(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
-    assert len(open_source(tmp_path / "s").ticks) == sequences.FRAMES
+    assert len(open_sequence(tmp_path / "s").ticks) == sequences.FRAMES
     with pytest.raises(ValueError, match="--views chooses PETS cameras"):
-        open_source(tmp_path / "s", [1])
+        open_sequence(tmp_path / "s", [1])
 
 
 def copy_of_pets(data: Callable[..., Path], folder: Path) -> Path:
@@ -65,60 +65,60 @@ def copy_of_pets(data: Callable[..., Path], folder: Path) -> Path:
         ("calibration/View_001.xml", '<Camera name="V"><Geometry width="9"/></Camera>', r"View_001.xml"),
     ],
 )
-def test_bad_files_are_named(data: Callable[..., Path], tmp_path: Path, name: str, text: str, message: str) -> None:
+def test_errors_name_the_file(data: Callable[..., Path], tmp_path: Path, name: str, text: str, message: str) -> None:
     folder = copy_of_pets(data, tmp_path)
     (folder / name).unlink()
     (folder / name).write_text(text)
     with pytest.raises(ValueError, match=message):
-        open_source(folder, [1])
+        open_sequence(folder, [1])
 
 
-def test_a_frame_twice(data: Callable[..., Path], tmp_path: Path) -> None:
+def test_repeated_frame_is_refused(data: Callable[..., Path], tmp_path: Path) -> None:
     folder = copy_of_pets(data, tmp_path)
     path = folder / "annotations" / "PETS2009-S2L1-cropped.xml"
     path.write_text(path.read_text().replace('<frame number="7">', '<frame number="6">'))
     with pytest.raises(ValueError, match=r"cropped.xml:line \d+: .*6"):
-        open_source(folder, [1])
+        open_sequence(folder, [1])
 
 
-def test_what_is_no_source(tmp_path: Path, data: Callable[..., Path]) -> None:
+def test_unknown_folders_are_refused(tmp_path: Path, data: Callable[..., Path]) -> None:
     with pytest.raises(ValueError, match="no such folder"):
-        open_source(tmp_path / "nowhere")
+        open_sequence(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="neither a sequence"):
-        open_source(tmp_path)
+        open_sequence(tmp_path)
     (tmp_path / "detections").mkdir()
     with pytest.raises(ValueError, match="no calibration/ in it or beside it"):
-        open_source(tmp_path)
+        open_sequence(tmp_path)
     with pytest.raises(ValueError, match=r"View_002.txt: no such file; there are views 1,3,4,5,6,7,8"):
-        open_source(data("pets2009", "S2.L1"), [2])
+        open_sequence(data("pets2009", "S2.L1"), [2])
     with pytest.raises(ValueError, match="names a view twice"):
-        open_source(data("pets2009", "S2.L1"), [1, 1])
+        open_sequence(data("pets2009", "S2.L1"), [1, 1])
 
 
-def test_other_detections_and_worse_ones(data: Callable[..., Path]) -> None:
+def test_other_and_degraded_detections(data: Callable[..., Path]) -> None:
     folder, other = data("pets2009", "S2.L1"), data("pets2009", "S2.L1", "mot15", "det.txt")
-    choice = Choice.parse([f"1={other}"], "drop=0.5,clutter=1", 3)
-    assert Choice.of_run(choice.to_run()).degradation == choice.degradation
-    worse, again = open_source(folder, [1, 5], choice), open_source(folder, [1, 5], Choice.of_run(choice.to_run()))
-    assert worse.provenance == again.provenance != open_source(folder, [1, 5]).provenance
+    choice = PetsOptions.parse([f"1={other}"], "drop=0.5,clutter=1", 3)
+    assert PetsOptions.of_run(choice.to_run()).degradation == choice.degradation
+    worse, again = open_sequence(folder, [1, 5], choice), open_sequence(folder, [1, 5], PetsOptions.of_run(choice.to_run()))
+    assert worse.provenance == again.provenance != open_sequence(folder, [1, 5]).provenance
     for a, b in zip(list(worse.ticks)[:20], list(again.ticks)[:20], strict=True):
         for v, w in zip(a.views, b.views, strict=True):
             np.testing.assert_array_equal(v.detections.bearing, w.detections.bearing)
     # A view draws from a stream of its own: one more view does not change what another loses.
-    alone = open_source(folder, [5], Choice.parse([], "drop=0.5,clutter=1", 3))
+    alone = open_sequence(folder, [5], PetsOptions.parse([], "drop=0.5,clutter=1", 3))
     np.testing.assert_array_equal(list(alone.ticks)[7].views[0].detections.bearing, list(worse.ticks)[7].views[1].detections.bearing)
 
 
-def test_a_wrong_choice_is_refused(data: Callable[..., Path], tmp_path: Path) -> None:
+def test_invalid_options_are_refused(data: Callable[..., Path], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="needs VIEW=FILE"):
-        Choice.parse(["one"], "", 0)
+        PetsOptions.parse(["one"], "", 0)
     with pytest.raises(ValueError, match="no such file"):
-        Choice.parse(["1=/nowhere/det.txt"], "", 0)
+        PetsOptions.parse(["1=/nowhere/det.txt"], "", 0)
     with pytest.raises(ValueError, match="--seed is -1"):
-        Choice.parse([], "", -1)
+        PetsOptions.parse([], "", -1)
     other = data("pets2009", "S2.L1", "mot15", "det.txt")
     with pytest.raises(ValueError, match="--detections names view 1, --views has 5"):
-        open_source(data("pets2009", "S2.L1"), [5], Choice.parse([f"1={other}"], "", 0))
+        open_sequence(data("pets2009", "S2.L1"), [5], PetsOptions.parse([f"1={other}"], "", 0))
     sequences.write(tmp_path / "s")
     with pytest.raises(ValueError, match="--detections and --degrade are for PETS folders"):
-        open_source(tmp_path / "s", [], Choice.parse([], "drop=0.5", 0))
+        open_sequence(tmp_path / "s", [], PetsOptions.parse([], "drop=0.5", 0))

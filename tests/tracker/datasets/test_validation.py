@@ -1,4 +1,4 @@
-"""What is wrong with a sequence is said with the file's name, and a sequence in order has no fault; hostile files cost little."""
+"""Validation: valid sequences have no faults, each fault is reported, and malicious files need little memory."""
 
 import hashlib
 import json
@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.tracker import painted
-from tracker.datasets.validation import inspect
+from tests.tracker import disc_sequence
+from tracker.datasets.validation import validate
 from tracker.sequence.dataset import Dataset
-from tracker.sequence.manifest import manifest_sum
+from tracker.sequence.manifest import manifest_checksum
 from tracker.sequence.writer import ImageForm
 
 ROOT = Path(__file__).parents[3]
@@ -25,12 +25,12 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    painted.write(tmp_path / "s")
+    disc_sequence.write(tmp_path / "s")
     return tmp_path / "s"
 
 
 def faults(folder: Path) -> list[str]:
-    return [f"{fault.file.relative_to(folder).as_posix()}: {fault.reason}" for fault in inspect(folder)]
+    return [f"{fault.file.relative_to(folder).as_posix()}: {fault.reason}" for fault in validate(folder)]
 
 
 def sealed(folder: Path) -> None:
@@ -39,7 +39,7 @@ def sealed(folder: Path) -> None:
     for name in manifest["files"]:
         data = (folder / name).read_bytes()
         manifest["files"][name] = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
-    manifest["sum"] = manifest_sum(manifest)
+    manifest["sum"] = manifest_checksum(manifest)
     (folder / "manifest.json").write_text(json.dumps(manifest))
 
 
@@ -50,13 +50,13 @@ def replaced(folder: Path, name: str, old: str, new: str) -> None:
 
 
 @pytest.mark.parametrize("form", [ImageForm(), ImageForm(png=True, range=True, classes=True, video=True)])
-def test_in_order(tmp_path: Path, form: ImageForm) -> None:
-    painted.write(tmp_path / "s", form)
+def test_valid_sequence_has_no_faults(tmp_path: Path, form: ImageForm) -> None:
+    disc_sequence.write(tmp_path / "s", form)
     assert faults(tmp_path / "s") == []
 
 
 @pytest.mark.parametrize("name", ["images/View_001/000001.jpg", "instances/robot_0_camera/000002.png", "truth/boxes.csv", "terrain.npz", "README.md"])
-def test_a_flipped_byte_a_cut_and_a_loss_are_named(folder: Path, name: str) -> None:
+def test_changed_truncated_and_missing_files_are_found(folder: Path, name: str) -> None:
     path = folder / name
     data = path.read_bytes()
     path.write_bytes(data[:-50] + bytes([data[-50] ^ 1]) + data[-49:])
@@ -67,7 +67,7 @@ def test_a_flipped_byte_a_cut_and_a_loss_are_named(folder: Path, name: str) -> N
     assert f"{name}: missing, though the manifest names it" in faults(folder)
 
 
-def test_every_fault_is_named(folder: Path) -> None:
+def test_all_faults_are_reported(folder: Path) -> None:
     (folder / "images/View_001/000001.jpg").unlink()
     (folder / "odometry.csv").write_text("")
     (folder / "notes.txt").write_text("mine")
@@ -79,9 +79,9 @@ def test_every_fault_is_named(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('"pilsim": "test"', '"pilsim": "best"', "manifest.json: its own sum is not that of what it says: edited by hand"),
+        ('"pilsim": "test"', '"pilsim": "best"', "manifest.json: its checksum does not match its content: edited by hand"),
         ('"schema": 3', '"schema": 4', "manifest.json: schema is 4, this version reads 2 and 3: a newer pilsim wrote it"),
-        ('"schema": 3', '"schema": 1', "manifest.json: schema is 1, this version reads 2 and 3: before 2 there were no key points"),
+        ('"schema": 3', '"schema": 1', "manifest.json: schema is 1, this version reads 2 and 3: version 1 has no key points"),
         ('"schema": 3', '"schema": true', "manifest.json: schema is True"),
         ('"odometry.csv"', '"../odometry.csv"', "manifest.json: entry '../odometry.csv' lies outside the folder"),
         ('"odometry.csv"', '"/etc/passwd"', "manifest.json: entry '/etc/passwd' lies outside the folder"),
@@ -89,7 +89,7 @@ def test_every_fault_is_named(folder: Path) -> None:
         ('"bytes": ', '"bytes": NaN, "was": ', "manifest.json: holds NaN, needs finite numbers"),
     ],
 )
-def test_a_manifest_edited_by_hand(folder: Path, old: str, new: str, said: str) -> None:
+def test_edited_manifest_is_found(folder: Path, old: str, new: str, said: str) -> None:
     replaced(folder, "manifest.json", old, new)
     assert any(line.startswith(said) for line in faults(folder)), faults(folder)
 
@@ -101,7 +101,7 @@ def test_an_older_schema_is_read(folder: Path) -> None:
     assert faults(folder) == []
 
 
-def test_a_link_out_of_the_folder(folder: Path, tmp_path: Path) -> None:
+def test_link_outside_the_folder_is_found(folder: Path, tmp_path: Path) -> None:
     path = folder / "odometry.csv"
     path.rename(tmp_path / "elsewhere.csv")
     path.symlink_to(tmp_path / "elsewhere.csv")
@@ -120,18 +120,18 @@ def test_a_link_out_of_the_folder(folder: Path, tmp_path: Path) -> None:
         ("companions.csv", "2,robot_0_camera,View_001,", "2,robot_0_camera,robot_0,", "companions.csv: frame 2 of robot_0_camera: "),
         ("odometry.csv", "1,robot_0,0.1,", "1,robot_0,inf,", "odometry.csv: line 2: x is inf, needs a finite number"),
         ("calibration.json", '"period": ', '"period": Infinity, "was": ', "calibration.json: holds Infinity, needs finite numbers"),
-        ("calibration/View_001.xml", 'focal="', 'focal="1', "View_001.xml: is another camera than calibration.json has"),
+        ("calibration/View_001.xml", 'focal="', 'focal="1', "View_001.xml: differs from the camera in calibration.json"),
         ("calibration/View_001.xml", "<Camera", '<!DOCTYPE a [<!ENTITY b "c">]><Camera', "View_001.xml: line 2: holds a document type or an entity"),
     ],
 )
-def test_what_no_sum_can_tell(folder: Path, name: str, old: str, new: str, said: str) -> None:
+def test_inconsistent_tables_are_found(folder: Path, name: str, old: str, new: str, said: str) -> None:
     replaced(folder, name, old, new)
     sealed(folder)
     found = faults(folder)
     assert any(said in line for line in found), found
 
 
-def test_a_box_that_is_a_pixel_off(folder: Path) -> None:
+def test_box_off_by_one_pixel_is_found(folder: Path) -> None:
     lines = (folder / "truth/boxes.csv").read_text().splitlines()
     cells = lines[1].split(",")
     cells[3] = str(int(cells[3]) + 1)
@@ -140,10 +140,10 @@ def test_a_box_that_is_a_pixel_off(folder: Path) -> None:
     assert [line for line in faults(folder) if "is not that of the instances" in line]
 
 
-def test_images_of_another_frame(folder: Path) -> None:
+def test_exchanged_images_are_found(folder: Path) -> None:
     """Boxes that lag the image by a frame."""
     for kind, ending in (("instances", "png"), ("images", "jpg")):
-        for k in range(painted.FRAMES - 1, 0, -1):
+        for k in range(disc_sequence.FRAMES - 1, 0, -1):
             (folder / kind / "View_001" / f"{k:06d}.{ending}").write_bytes((folder / kind / "View_001" / f"{k - 1:06d}.{ending}").read_bytes())
     sealed(folder)
     found = [line for line in faults(folder) if "View_001" in line]
@@ -177,14 +177,14 @@ HOSTILE: dict[str, tuple[str, Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_hostile_files_cost_little(folder: Path, kind: str) -> None:
+def test_malicious_files_need_little_memory(folder: Path, kind: str) -> None:
     """Refused within seconds, by a process that may have 1 GiB more than it has when it starts."""
     name, damage, said = HOSTILE[kind]
     damage(folder / name)
     sealed(folder)
     limit = 4 << 30
     program = (
-        f"import sys, pathlib; from tracker.datasets.validation import inspect\nfor fault in inspect(pathlib.Path({str(folder)!r})): print(fault)"
+        f"import sys, pathlib; from tracker.datasets.validation import validate\nfor fault in validate(pathlib.Path({str(folder)!r})): print(fault)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -200,19 +200,19 @@ def test_hostile_files_cost_little(folder: Path, kind: str) -> None:
     assert len(done.stdout) < 2000
 
 
-def test_a_dataset(tmp_path: Path) -> None:
-    made = Dataset("painted", {"world": "painted", "seed": 0, "frames": painted.FRAMES}, 1, {}, ("painted-00000", "painted-00001"))
+def test_faults_of_a_dataset(tmp_path: Path) -> None:
+    made = Dataset("painted", {"world": "painted", "seed": 0, "frames": disc_sequence.FRAMES}, 1, {}, ("painted-00000", "painted-00001"))
     (tmp_path / "dataset.json").write_text(made.to_json())
-    painted.write(tmp_path / "painted-00000")
+    disc_sequence.write(tmp_path / "painted-00000")
     (tmp_path / ".painted-00001.partial").mkdir()
     found = faults(tmp_path)
-    assert ".painted-00001.partial: left by a run that was cut off or still goes on; generate into this folder again" in found
-    assert "painted-00001: this sequence is not there; generate into this folder again" in found
+    assert ".painted-00001.partial: left by a run that is unfinished or was interrupted; generate into this folder again" in found
+    assert "painted-00001: this sequence is missing; generate into this folder again" in found
     assert "painted-00000/scenario.json: preset is None, dataset.json says painted" in found
     (tmp_path / "dataset.json").write_text(made.to_json().replace("painted-00001", "../elsewhere"))
     assert faults(tmp_path) == ["dataset.json: sequence is '../elsewhere', needs a name of letters, digits, - and _"]
 
 
-def test_neither(tmp_path: Path) -> None:
+def test_other_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="neither a sequence"):
-        list(inspect(tmp_path))
+        list(validate(tmp_path))

@@ -1,4 +1,4 @@
-"""One sequence and its exports, made once for all tests of this folder."""
+"""A sequence and its exports, made once for all tests of this folder."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""COCO: pycocotools loads an export, its masks are our instances, and full marks can be had and lost."""
+"""COCO export: pycocotools reads it, and its masks equal the instances."""
 
 import contextlib
 import io
@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES
-from tracker.formats.coco import read_coco, shown_of
+from tracker.formats.coco import person_annotation, read_coco
 from tracker.sequence.truth_tables import read_boxes, read_keypoints
 
 Exported = Callable[[str], Path]
@@ -30,7 +30,7 @@ def instances(sequence: Path, image: dict[str, Any]) -> np.ndarray:
     return cv2.imread(str(sequence / "instances" / camera / name.replace(".jpg", ".png")), cv2.IMREAD_UNCHANGED)
 
 
-def test_masks_are_our_instances(sequence: Path, exported: Exported, coco: Any) -> None:
+def test_masks_equal_instances(sequence: Path, exported: Exported, coco: Any) -> None:
     assert len(coco.imgs) == 4 * FRAMES
     for image in coco.imgs.values():
         assert (exported("coco") / "images" / image["file_name"]).is_file()
@@ -43,7 +43,7 @@ def test_masks_are_our_instances(sequence: Path, exported: Exported, coco: Any) 
         assert_array_equal(painted, instances(sequence, image))
 
 
-def test_boxes_hold_their_masks_around_the_seam(coco: Any) -> None:
+def test_boxes_bound_masks_across_the_seam(coco: Any) -> None:
     wrapped = 0
     for annotation in coco.anns.values():
         mask = coco.annToMask(annotation).astype(bool)
@@ -57,13 +57,13 @@ def test_boxes_hold_their_masks_around_the_seam(coco: Any) -> None:
     assert wrapped >= 1
 
 
-def test_boxes_and_key_points_are_those_of_the_tables(sequence: Path, exported: Exported) -> None:
+def test_boxes_and_key_points_equal_the_tables(sequence: Path, exported: Exported) -> None:
     boxes, keypoints = read_boxes(sequence), read_keypoints(sequence)
     content = read_coco(exported("coco") / "annotations" / "plaza.json")
     videos = {video["id"]: video["camera"] for video in content.videos}
     images = {image["id"]: (image["frame_id"], videos[image["video_id"]]) for image in content.images}
     for annotation in content.annotations:
-        key, shown = images[annotation["image_id"]], shown_of(annotation)
+        key, shown = images[annotation["image_id"]], person_annotation(annotation)
         k = boxes[key].person.tolist().index(shown.person)
         assert_array_equal(shown.box[:2] + shown.box[2:], boxes[key].seen[k, 2:])
         assert_array_equal(shown.full[:2] + shown.full[2:], boxes[key].full[k, 2:])
@@ -73,7 +73,7 @@ def test_boxes_and_key_points_are_those_of_the_tables(sequence: Path, exported: 
 
 
 @pytest.mark.parametrize("kind", ["bbox", "segm", "keypoints"])
-def test_the_truth_gets_full_marks(coco: Any, kind: str) -> None:
+def test_truth_gets_full_score(coco: Any, kind: str) -> None:
     evaluation = pytest.importorskip("pycocotools.cocoeval")
     field = "segmentation" if kind == "segm" else kind
     marks = []

@@ -1,4 +1,4 @@
-"""Every format says what it holds, appears whole or not at all, and takes datasets as well as sequences."""
+"""All exports: descriptions of columns, atomic writing, and datasets."""
 
 import json
 import shutil
@@ -8,7 +8,7 @@ import pytest
 
 from tests.tracker import sequences
 from tests.tracker.export import scene
-from tracker.export.exporting import FORMS, export
+from tracker.export.exporting import FORMATS, export
 
 SUM = "its SHA-256 is not the manifest's"
 
@@ -31,8 +31,8 @@ def dataset(plaza: Path, tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_a_dataset_is_exported_with_what_its_columns_mean(dataset: Path, tmp_path: Path, form: str) -> None:
+@pytest.mark.parametrize("form", FORMATS)
+def test_dataset_export_describes_its_columns(dataset: Path, tmp_path: Path, form: str) -> None:
     seen: list[tuple[str, int]] = []
 
     def progress(frames, name):  # type: ignore[no-untyped-def]
@@ -53,8 +53,8 @@ def test_a_dataset_is_exported_with_what_its_columns_mean(dataset: Path, tmp_pat
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_the_same_sequence_gives_the_same_bytes(plaza: Path, tmp_path: Path, form: str) -> None:
+@pytest.mark.parametrize("form", FORMATS)
+def test_same_sequence_gives_same_bytes(plaza: Path, tmp_path: Path, form: str) -> None:
     for name in ("a", "b"):
         export(plaza, form, tmp_path / name)
     files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
@@ -62,8 +62,8 @@ def test_the_same_sequence_gives_the_same_bytes(plaza: Path, tmp_path: Path, for
     assert all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files)
 
 
-@pytest.mark.parametrize("form", [form for form in FORMS if form != "tum"])
-def test_a_damaged_image_leaves_nothing_behind(plaza: Path, tmp_path: Path, form: str) -> None:
+@pytest.mark.parametrize("form", [form for form in FORMATS if form != "tum"])
+def test_damaged_image_leaves_no_export(plaza: Path, tmp_path: Path, form: str) -> None:
     folder = tmp_path / "in" / "plaza"
     shutil.copytree(plaza, folder)
     camera = "robot_0_camera" if form == "jrdb" else "view_0"
@@ -77,14 +77,14 @@ def test_a_damaged_image_leaves_nothing_behind(plaza: Path, tmp_path: Path, form
 
 
 @pytest.mark.parametrize("form", ["pets", "wildtrack"])
-def test_formats_of_fixed_cameras_say_what_to_do_without_one(tmp_path: Path, form: str) -> None:
+def test_missing_fixed_cameras_are_reported_with_advice(tmp_path: Path, form: str) -> None:
     sequences.write(tmp_path / "in")
-    with pytest.raises(ValueError, match=rf"in: has no fixed pinhole camera, and {form} knows no other; generate .* with some .--views 4."):
+    with pytest.raises(ValueError, match=rf"in: has no fixed pinhole camera, which {form} needs; generate .* with some .--views 4."):
         export(tmp_path / "in", form, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_what_cannot_be_is_refused(plaza: Path, tmp_path: Path) -> None:
+def test_invalid_exports_are_refused(plaza: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="format is 'kitti', needs one of pets, mot15"):
         export(plaza, "kitti", tmp_path / "out")
     with pytest.raises(ValueError, match="neither a sequence"):
@@ -97,7 +97,7 @@ def test_what_cannot_be_is_refused(plaza: Path, tmp_path: Path) -> None:
         export(plaza, "tum", tmp_path / "out")
 
 
-def test_what_a_killed_export_left_is_cleared(plaza: Path, tmp_path: Path) -> None:
+def test_remains_of_an_interrupted_export_are_removed(plaza: Path, tmp_path: Path) -> None:
     (tmp_path / ".out.partial").mkdir()
     (tmp_path / ".out.partial" / "half").write_text("")
     export(plaza, "tum", tmp_path / "out")

@@ -1,4 +1,4 @@
-"""JRDB: labels of panoramas, around the seam, and boxes in space that look at their people."""
+"""JRDB export: 2-D labels across the seam, and 3-D labels."""
 
 import json
 from collections.abc import Callable
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES, PEOPLE, positions
-from tracker.export.jrdb import solid_of
-from tracker.formats.jrdb import read_labels, read_solids
+from tracker.export.jrdb import label_3d
+from tracker.formats.jrdb import read_labels_2d, read_labels_3d
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes, read_views
 from tracker.types import KEYPOINT_NAMES
@@ -18,9 +18,9 @@ Exported = Callable[[str], Path]
 NAME = "plaza-robot_0_camera"
 
 
-def test_labels_are_the_boxes_of_the_sequence(sequence: Path, exported: Exported) -> None:
+def test_labels_2d_equal_boxes_of_the_sequence(sequence: Path, exported: Exported) -> None:
     path = exported("jrdb") / "labels" / "labels_2d_stitched" / f"{NAME}.json"
-    labels, boxes = read_labels(path), read_boxes(sequence)
+    labels, boxes = read_labels_2d(path), read_boxes(sequence)
     assert list(labels) == list(range(FRAMES))
     raw = json.loads(path.read_text())["labels"]
     wraps = 0
@@ -38,13 +38,13 @@ def test_labels_are_the_boxes_of_the_sequence(sequence: Path, exported: Exported
     assert wraps >= 1
 
 
-def test_boxes_in_space_are_where_people_are_and_head_where_they_go(sequence: Path, exported: Exported) -> None:
-    solids = read_solids(exported("jrdb") / "labels" / "labels_3d" / f"{NAME}.json")
+def test_labels_3d_have_true_positions_and_headings(sequence: Path, exported: Exported) -> None:
+    labels = read_labels_3d(exported("jrdb") / "labels" / "labels_3d" / f"{NAME}.json")
     source, views = read_sequence(sequence), read_views(sequence)
     step = np.diff(positions(), axis=1)[:, -1]
     for truth in source.truth or ():
         T = views[truth.index, "robot_0_camera"].T_world_camera
-        for one in solids[truth.index]:
+        for one in labels[truth.index]:
             k = truth.person_id.tolist().index(one.person)
             middle = T.apply(one.centre[None])[0]
             assert np.linalg.norm(middle[:2] - truth.feet[k, :2]) < 0.25
@@ -55,13 +55,13 @@ def test_boxes_in_space_are_where_people_are_and_head_where_they_go(sequence: Pa
             assert heading[:2] @ way / np.linalg.norm(way) > 0.8
 
 
-def test_a_box_is_put_around_key_points() -> None:
+def test_label_3d_bounds_the_key_points() -> None:
     """Somebody at (3, 1) who looks along +y: shoulders 0.4 m apart along x, left one at the lower x; nose at 1.65 m."""
     joints = np.tile([3.0, 1.0, 0.9], (17, 1))
     at = {name: k for k, name in enumerate(KEYPOINT_NAMES)}
     joints[at["left_shoulder"]], joints[at["right_shoulder"]] = [2.8, 1.0, 1.4], [3.2, 1.0, 1.4]
     joints[at["nose"]] = [3.0, 1.1, 1.65]
-    box = solid_of(7, joints, np.array([3.0, 1.0, 0.0]))
+    box = label_3d(7, joints, np.array([3.0, 1.0, 0.0]))
     assert box.heading == np.pi / 2
     assert_allclose(box.size, [0.1 + 0.2, 0.4 + 0.2, 1.65 / 0.921])
     assert_allclose(box.centre, [3.0, 1.05, 1.65 / 0.921 / 2])

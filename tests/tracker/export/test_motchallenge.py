@@ -1,4 +1,4 @@
-"""MOTChallenge: TrackEval reads and scores an export, and its numbers are the sequence's."""
+"""MOTChallenge export: TrackEval reads and scores it, and its values equal the sequence."""
 
 import contextlib
 import io
@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES, PEOPLE, RATE
 from tracker.detections.boxes import detections_from_boxes
-from tracker.formats.motchallenge import Rows, read_mot15, read_mot17, read_seqinfo, rows_from_tracks, write_mot15
+from tracker.formats.motchallenge import Mot15Rows, read_mot15, read_mot17, read_seqinfo, rows_from_tracks, write_mot15
 from tracker.metrics.evaluation import evaluate, evaluate_files
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results
@@ -35,20 +35,20 @@ def scored(root: Path, era: str, tracker: Path) -> dict[str, Any]:
     return results["MotChallenge2DBox"]["mine"]
 
 
-def submit(tracker: Path, era: str, name: str, rows: Rows) -> None:
+def submit(tracker: Path, era: str, name: str, rows: Mot15Rows) -> None:
     folder = tracker / f"{era}-train" / "mine" / "data"
     folder.mkdir(parents=True, exist_ok=True)
     write_mot15(folder / f"{name}.txt", rows)
 
 
 @pytest.mark.parametrize("era", ["MOT15", "MOT17"])
-def test_trackeval_gives_the_truth_full_marks(exported: Exported, tmp_path: Path, era: str) -> None:
+def test_trackeval_gives_the_truth_full_score(exported: Exported, tmp_path: Path, era: str) -> None:
     root = exported(era.lower())
     for view in VIEWS:
         path = root / f"{era}-train" / f"plaza-{view}" / "gt" / "gt.txt"
         truth = read_mot17(path) if era == "MOT17" else read_mot15(path)
         n = len(truth)
-        submit(tmp_path, era, f"plaza-{view}", Rows(truth.frame, truth.id, truth.box, np.ones(n), np.full((n, 3), -1.0)))
+        submit(tmp_path, era, f"plaza-{view}", Mot15Rows(truth.frame, truth.id, truth.box, np.ones(n), np.full((n, 3), -1.0)))
     found = scored(root, era, tmp_path)
     assert set(found) == {f"plaza-{view}" for view in VIEWS} | {"COMBINED_SEQ"}
     total = found["COMBINED_SEQ"]["pedestrian"]
@@ -67,18 +67,18 @@ def test_trackeval_and_score_agree_on_a_bad_tracker(exported: Exported, tmp_path
         box = truth.box[kept] + rng.normal(0, 0.5, (n, 4)) * [1, 1, 0, 0]
         # Somebody is called by another name in the second half.
         ids = truth.id[kept] + 1000 * ((truth.frame[kept] > FRAMES // 2) & (truth.id[kept] == PEOPLE[0]))
-        submit(tmp_path, "MOT17", f"plaza-{view}", Rows(truth.frame[kept], ids, box, np.ones(n), np.full((n, 3), -1.0)))
+        submit(tmp_path, "MOT17", f"plaza-{view}", Mot15Rows(truth.frame[kept], ids, box, np.ones(n), np.full((n, 3), -1.0)))
     found = scored(root, "MOT17", tmp_path)
     for view in VIEWS[1:]:
         gt = read_mot17(root / "MOT17-train" / f"plaza-{view}" / "gt" / "gt.txt")
         n = len(gt)
-        write_mot15(tmp_path / "gt.txt", Rows(gt.frame, gt.id, gt.box, np.ones(n), np.full((n, 3), -1.0)))
+        write_mot15(tmp_path / "gt.txt", Mot15Rows(gt.frame, gt.id, gt.box, np.ones(n), np.full((n, 3), -1.0)))
         ours = evaluate_files(tmp_path / "gt.txt", tmp_path / "MOT17-train" / "mine" / "data" / f"plaza-{view}.txt", 0.5)["targets"]
         theirs = found[f"plaza-{view}"]["pedestrian"]
         assert_allclose([ours["mota"], ours["idf1"]], [theirs["CLEAR"]["MOTA"], theirs["Identity"]["IDF1"]], atol=1e-12)
 
 
-def test_truth_is_that_of_the_sequence_counted_from_one(sequence: Path, exported: Exported) -> None:
+def test_truth_equals_the_sequence_counted_from_one(sequence: Path, exported: Exported) -> None:
     boxes = read_boxes(sequence)
     for view in VIEWS:
         info = read_seqinfo(exported("mot17") / "MOT17-train" / f"plaza-{view}" / "seqinfo.ini")
@@ -94,7 +94,7 @@ def test_truth_is_that_of_the_sequence_counted_from_one(sequence: Path, exported
             assert_allclose(new.visibility[rows], true.visible)
 
 
-def test_images_are_the_bytes_of_the_sequence(sequence: Path, exported: Exported) -> None:
+def test_images_are_copied_byte_for_byte(sequence: Path, exported: Exported) -> None:
     for view in VIEWS:
         for frame in range(FRAMES):
             old = sequence / "images" / view / f"{frame:06d}.jpg"
@@ -115,7 +115,7 @@ def test_detections_have_the_directions_of_the_sequence(sequence: Path, exported
             assert_array_equal(rows.id, -1)
 
 
-def test_places_score_as_the_sequence_does(sequence: Path, exported: Exported, tmp_path: Path) -> None:
+def test_ground_positions_score_as_the_sequence(sequence: Path, exported: Exported, tmp_path: Path) -> None:
     """`score --truth MOT15-3D/…/gt.txt` and `score SEQUENCE RESULTS` are the same numbers."""
     source, rng = read_sequence(sequence), np.random.default_rng(2)
     tracks = {}
@@ -134,11 +134,11 @@ def test_places_score_as_the_sequence_does(sequence: Path, exported: Exported, t
         assert_allclose(value, from_files[name], atol=1e-6)
 
 
-def test_a_missing_sequence_is_missed(exported: Exported, tmp_path: Path) -> None:
+def test_missing_sequence_lowers_the_score(exported: Exported, tmp_path: Path) -> None:
     """That full marks can be lost: without one view's results TrackEval refuses, with empty ones it counts misses."""
     root = tmp_path / "gt"
     shutil.copytree(exported("mot17"), root)
-    none = Rows(np.zeros(0), np.zeros(0), np.zeros((0, 4)), np.zeros(0), np.zeros((0, 3)))
+    none = Mot15Rows(np.zeros(0), np.zeros(0), np.zeros((0, 4)), np.zeros(0), np.zeros((0, 3)))
     for view in VIEWS:
         submit(tmp_path / "t", "MOT17", f"plaza-{view}", none)
     assert scored(root, "MOT17", tmp_path / "t")["COMBINED_SEQ"]["pedestrian"]["CLEAR"]["CLR_TP"] == 0

@@ -1,4 +1,4 @@
-"""PETS 2009: an export is read by the reader of PETS 2009 itself, and scores as the sequence does."""
+"""PETS 2009 export: the reader of PETS 2009 reads it, and it scores as the sequence."""
 
 import json
 from collections.abc import Callable
@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES, RATE
-from tracker.datasets.opening import open_source
+from tracker.datasets.opening import open_sequence
 from tracker.export.pets2009 import view_names
 from tracker.formats.pets2009 import read_annotations, read_camera
 from tracker.geometry import Array, Ints
@@ -27,8 +27,8 @@ def results(tracks: dict[int, tuple[Ints, Array]], robots: dict[str, list[object
     return Results(FRAMES, tracks, robots, {name: [np.eye(6)] * FRAMES for name in robots}, {})  # type: ignore[arg-type]
 
 
-def test_our_reader_finds_the_sequence(sequence: Path, exported: Exported) -> None:
-    source, again = read_sequence(sequence), open_source(exported("pets") / "plaza", [])
+def test_reader_recovers_the_sequence(sequence: Path, exported: Exported) -> None:
+    source, again = read_sequence(sequence), open_sequence(exported("pets") / "plaza", [])
     assert list(again.setup.mounts) == ["View_001", "View_002", "View_003"]
     assert again.setup.period == 1 / RATE
     assert isinstance(again.setup.ground, Grid)
@@ -54,9 +54,9 @@ def test_our_reader_finds_the_sequence(sequence: Path, exported: Exported) -> No
             assert_array_equal(new_view.detections.confidence, old_view.detections.confidence)
 
 
-def test_an_export_scores_as_the_sequence_does(sequence: Path, exported: Exported) -> None:
+def test_export_scores_as_the_sequence(sequence: Path, exported: Exported) -> None:
     """View_001 sees everybody here. A tracker that misses, drifts and swaps gets the same numbers from both."""
-    source, again, rng = read_sequence(sequence), open_source(exported("pets") / "plaza", []), np.random.default_rng(9)
+    source, again, rng = read_sequence(sequence), open_sequence(exported("pets") / "plaza", []), np.random.default_rng(9)
     tracks = {}
     for truth in source.truth or ():
         kept = rng.random(len(truth.person_id)) < 0.85
@@ -70,8 +70,8 @@ def test_an_export_scores_as_the_sequence_does(sequence: Path, exported: Exporte
         assert_allclose(theirs[name], value, atol=1e-9, err_msg=name)
 
 
-def test_the_tracker_runs_on_an_export(exported: Exported) -> None:
-    source = open_source(exported("pets") / "plaza", [])
+def test_tracker_runs_on_an_export(exported: Exported) -> None:
+    source = open_sequence(exported("pets") / "plaza", [])
     found = list(track(source.setup, source.ticks))
     assert len(found) == FRAMES
     assert len(found[-1].position)
@@ -80,7 +80,7 @@ def test_the_tracker_runs_on_an_export(exported: Exported) -> None:
     assert distance.min(axis=1).max() < 1.0
 
 
-def test_annotations_stand_on_the_feet_and_reach_the_head(sequence: Path, exported: Exported) -> None:
+def test_annotations_reach_from_feet_to_head(sequence: Path, exported: Exported) -> None:
     name, camera, T = read_camera(exported("pets") / "plaza" / "calibration" / "View_001.xml")
     assert name == "View_001"
     assert isinstance(camera, Tsai)
@@ -97,7 +97,7 @@ def test_annotations_stand_on_the_feet_and_reach_the_head(sequence: Path, export
         assert_allclose(boxes[:, 1], head[:, 1], atol=4)
 
 
-def test_views_have_numbers() -> None:
+def test_names_of_views() -> None:
     assert view_names(["b", "a"]) == {"b": "View_001", "a": "View_002"}
     assert view_names(["View_005", "View_001"]) == {"View_005": "View_005", "View_001": "View_001"}
     assert view_names(["View_005", "View_007"]) == {"View_005": "View_001", "View_007": "View_002"}
@@ -114,11 +114,11 @@ def test_views_have_numbers() -> None:
         ({"rate": None}, "needs rate, area and terrain"),
     ],
 )
-def test_a_wrong_site_is_named(exported: Exported, tmp_path: Path, change: dict[str, object], message: str) -> None:
+def test_invalid_site_is_refused(exported: Exported, tmp_path: Path, change: dict[str, object], message: str) -> None:
     root = exported("pets") / "plaza"
     for name in ("annotations", "detections", "calibration", "terrain.npz"):
         (tmp_path / name).symlink_to(root / name)
     content = json.loads((root / "site.json").read_text())
     (tmp_path / "site.json").write_text(json.dumps(content | change))
     with pytest.raises(ValueError, match=rf"site.json: {message}"):
-        open_source(tmp_path, [])
+        open_sequence(tmp_path, [])

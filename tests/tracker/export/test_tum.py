@@ -1,4 +1,4 @@
-"""TUM: evo reads the files and finds our errors."""
+"""TUM export: evo reads the files and computes the same errors."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +16,7 @@ from tracker.sequence.reader import read_sequence
 Exported = Callable[[str], Path]
 
 
-def test_evo_finds_our_errors(sequence: Path, exported: Exported) -> None:
+def test_evo_computes_the_same_errors(sequence: Path, exported: Exported) -> None:
     file_interface = pytest.importorskip("evo.tools.file_interface")
     from evo.core import metrics, sync
 
@@ -40,7 +40,7 @@ def test_evo_finds_our_errors(sequence: Path, exported: Exported) -> None:
     assert_allclose(ape.get_statistic(metrics.StatisticsType.rmse), ours.ate_aligned_m, rtol=1e-6)
 
 
-def test_poses_are_those_of_the_sequence(sequence: Path, exported: Exported) -> None:
+def test_poses_equal_the_sequence(sequence: Path, exported: Exported) -> None:
     source = read_sequence(sequence)
     mount = source.setup.mounts["robot_0_camera"]
     times, poses = read_tum(exported("tum") / "plaza" / "robot_0.txt")

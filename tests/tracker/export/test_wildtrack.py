@@ -1,4 +1,4 @@
-"""WILDTRACK: OpenCV reads the calibrations, and true feet re-project onto the boxes."""
+"""WILDTRACK export: OpenCV reads the calibrations, and true feet project onto the boxes."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,14 +11,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tests.tracker.export.scene import FRAMES
 from tracker.export.exporting import export
 from tracker.formats.pom import read_rectangles
-from tracker.formats.wildtrack import HIDDEN, read_calibration, read_positions, read_region
+from tracker.formats.wildtrack import HIDDEN, read_calibration, read_ground_grid, read_positions
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes
 
 Exported = Callable[[str], Path]
 
 
-def test_feet_re_project_onto_the_boxes_by_opencv_alone(sequence: Path, exported: Exported) -> None:
+def test_feet_project_onto_the_boxes_with_opencv(sequence: Path, exported: Exported) -> None:
     root = exported("wildtrack") / "plaza"
     checked = 0
     for view in range(3):
@@ -42,7 +42,7 @@ def test_feet_re_project_onto_the_boxes_by_opencv_alone(sequence: Path, exported
     assert checked > 50
 
 
-def test_the_calibration_is_the_camera(sequence: Path, exported: Exported) -> None:
+def test_calibration_equals_the_camera(sequence: Path, exported: Exported) -> None:
     setup = read_sequence(sequence).setup
     points = np.random.default_rng(0).uniform([-8, -7, 0], [-2, -1, 2], (200, 3))
     for view in range(3):
@@ -54,9 +54,9 @@ def test_the_calibration_is_the_camera(sequence: Path, exported: Exported) -> No
         assert_allclose(found.pixels(points), pixels, atol=1e-9)
 
 
-def test_places_and_boxes_are_those_of_the_sequence(sequence: Path, exported: Exported) -> None:
+def test_positions_and_boxes_equal_the_sequence(sequence: Path, exported: Exported) -> None:
     root = exported("wildtrack") / "plaza"
-    region, boxes = read_region(root / "config.json"), read_boxes(sequence)
+    region, boxes = read_ground_grid(root / "config.json"), read_boxes(sequence)
     for truth in read_sequence(sequence).truth or ():
         placed = read_positions(root / "annotations_positions" / f"{truth.index:05d}.json")
         assert [one.person for one in placed] == truth.person_id.tolist()
@@ -71,16 +71,16 @@ def test_places_and_boxes_are_those_of_the_sequence(sequence: Path, exported: Ex
                 assert_array_equal(one.boxes[view], expected)
 
 
-def test_images_are_png_of_the_same_pixels(sequence: Path, exported: Exported) -> None:
+def test_png_images_have_the_same_pixels(sequence: Path, exported: Exported) -> None:
     for frame in range(FRAMES):
         png = cv2.imread(str(exported("wildtrack") / "plaza" / "Image_subsets" / "C2" / f"{frame:04d}.png"))
         assert_array_equal(png, cv2.imread(str(sequence / "images" / "view_1" / f"{frame:06d}.jpg")))
 
 
-def test_rectangles_hold_the_boxes_of_who_stands_there(sequence: Path, tmp_path: Path) -> None:
+def test_rectangles_contain_the_boxes_of_people(sequence: Path, tmp_path: Path) -> None:
     export(sequence, "wildtrack", tmp_path / "out", rectangles=True)
     root = tmp_path / "out" / "plaza"
-    region, first = read_region(root / "config.json"), read_positions(root / "annotations_positions" / "00000.json")
+    region, first = read_ground_grid(root / "config.json"), read_positions(root / "annotations_positions" / "00000.json")
     found = read_rectangles(root / "rectangles.pom", 3, region.columns * region.rows)
     checked = 0
     for one in first:

@@ -1,4 +1,4 @@
-"""A small set in the format of UTIAS, drawn: two robots on circles among four landmarks."""
+"""A small MRCLAM data set: two robots on circles among four landmarks."""
 
 from __future__ import annotations
 

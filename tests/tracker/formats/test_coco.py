@@ -1,4 +1,4 @@
-"""COCO: run lengths are pycocotools' own, and what is written is what is read."""
+"""COCO: run lengths compared with pycocotools, and round trips."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ images = arrays(np.uint16, array_shapes(min_dims=2, max_dims=2, max_side=12), el
 
 @settings(max_examples=100, deadline=None)
 @given(images)
-def test_masks_are_those_of_the_image(image: np.ndarray) -> None:
+def test_masks_decode_to_the_image(image: np.ndarray) -> None:
     found = encode_masks(image)
     assert list(found) == np.unique(image[image > 0]).tolist()
     for person, rle in found.items():
@@ -30,7 +30,7 @@ def test_masks_are_those_of_the_image(image: np.ndarray) -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(images)
-def test_texts_are_pycocotools(image: np.ndarray) -> None:
+def test_compressed_counts_equal_those_of_pycocotools(image: np.ndarray) -> None:
     mask = pytest.importorskip("pycocotools.mask")
     for person, rle in encode_masks(image).items():
         theirs = mask.encode(np.asfortranarray((image == person).astype(np.uint8)))
@@ -39,7 +39,7 @@ def test_texts_are_pycocotools(image: np.ndarray) -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.integers(0, 2**31), max_size=8))
-def test_any_counts_come_back_from_text(counts: list[int]) -> None:
+def test_compressed_counts_round_trip(counts: list[int]) -> None:
     assert decode_counts(encode_counts(counts)) == tuple(counts)
 
 
@@ -55,7 +55,7 @@ people = st.builds(
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(people, max_size=4))
-def test_what_is_written_is_what_is_read(values: list[tuple[int, tuple[float, ...], float, list[tuple[float, float, int]]]]) -> None:
+def test_round_trip(values: list[tuple[int, tuple[float, ...], float, list[tuple[float, float, int]]]]) -> None:
     content, image = CocoFile(), np.zeros((6, 8), dtype=np.uint16)
     image[2:4, 3:7] = 1
     video = content.add_video("a-view", "view", "a")
@@ -78,7 +78,7 @@ def test_what_is_written_is_what_is_read(values: list[tuple[int, tuple[float, ..
         assert_allclose(back.pixels, one.pixels, atol=0.0051)
 
 
-def test_ids_that_would_be_bent_are_refused() -> None:
+def test_ids_above_the_float_limit_are_refused() -> None:
     content = CocoFile()
     content.add_image(content.add_video("v", "c", "s"), "f", (8, 6), 0)
     mask = Rle(6, 8, (48,))
@@ -96,14 +96,14 @@ def test_ids_that_would_be_bent_are_refused() -> None:
         ("{", "not JSON"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_errors_name_the_file(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "c.json").write_text(text)
     with pytest.raises(ValueError, match=message) as error:
         read_coco(tmp_path / "c.json")
     assert str(error.value).startswith(str(tmp_path / "c.json"))
 
 
-def test_wrong_run_lengths_are_refused() -> None:
+def test_invalid_run_lengths_are_refused() -> None:
     with pytest.raises(ValueError, match="need characters from"):
         decode_counts("é")
     with pytest.raises(ValueError, match="end within a number"):

@@ -1,4 +1,4 @@
-"""Weighted graphs in the DIMACS form: read what was written, refuse what is none."""
+"""Weighted graphs in the DIMACS format: round trips and errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tracker.formats.dimacs import read_graph, write_graph
 PATH = "c a path of three\np edge 3 2\nn 1 4\nn 3 0.5\ne 1 2\ne 2 3\n"
 
 
-def test_a_graph_by_hand(tmp_path: Path) -> None:
+def test_small_graph(tmp_path: Path) -> None:
     (tmp_path / "path.clq").write_text(PATH)
     graph = read_graph(tmp_path / "path.clq")
     assert graph.weight.tolist() == [4.0, 1.0, 0.5]
@@ -25,7 +25,7 @@ def test_a_graph_by_hand(tmp_path: Path) -> None:
     assert not graph.is_clique([0, 2])
 
 
-def test_written_is_read(tmp_path: Path) -> None:
+def test_round_trip(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     graph = Graph.from_conflicts(rng.uniform(0.1, 3, 20), np.argwhere(np.triu(rng.random((20, 20)) < 0.4, 1)))
     write_graph(tmp_path / "g.clq", graph)
@@ -51,7 +51,7 @@ def test_written_is_read(tmp_path: Path) -> None:
         ("c nothing\n", "has no line"),
     ],
 )
-def test_bad_files_name_the_line(tmp_path: Path, text: str, message: str) -> None:
+def test_errors_name_file_and_line(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.clq").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_graph(tmp_path / "bad.clq")

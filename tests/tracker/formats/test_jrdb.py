@@ -1,4 +1,4 @@
-"""JRDB labels: what is written is what is read, ids and frames kept."""
+"""JRDB labels: round trips and errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ labels_3d = st.builds(Label3d, person, three, three, st.floats(-3.1, 3.1))
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.integers(0, 999_999), st.lists(labels_2d, max_size=4), max_size=4))
-def test_labels_2d_read_back_equal(frames: dict[int, list[Label2d]]) -> None:
+def test_labels_2d_round_trip(frames: dict[int, list[Label2d]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_labels_2d(Path(folder) / "s.json", frames, 1024)
         again = read_labels_2d(Path(folder) / "s.json")
@@ -37,7 +37,7 @@ def test_labels_2d_read_back_equal(frames: dict[int, list[Label2d]]) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.integers(0, 999_999), st.lists(labels_3d, max_size=4), max_size=4))
-def test_labels_3d_read_back_equal(frames: dict[int, list[Label3d]]) -> None:
+def test_labels_3d_round_trip(frames: dict[int, list[Label3d]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_labels_3d(Path(folder) / "s.json", frames)
         again = read_labels_3d(Path(folder) / "s.json")
@@ -49,7 +49,7 @@ def test_labels_3d_read_back_equal(frames: dict[int, list[Label3d]]) -> None:
             assert_array_equal(a.size, b.size)
 
 
-def test_words_of_the_format(tmp_path: Path) -> None:
+def test_field_values_of_the_format(tmp_path: Path) -> None:
     visible = {
         1.0: "Fully_visible",
         0.95: "Fully_visible",
@@ -95,7 +95,7 @@ def test_jrdb_own_files_are_read(tmp_path: Path) -> None:
         ({"labels": {"1.jpg": [{"label_id": "pedestrian:9007199254740992", "box": [1, 2, 3, 4], "visibility": 1}]}}, "needs 0 to less than 2"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, content: object, message: str) -> None:
+def test_errors_name_the_file(tmp_path: Path, content: object, message: str) -> None:
     (tmp_path / "s.json").write_text(json.dumps(content))
     with pytest.raises(ValueError, match=message) as error:
         read_labels_2d(tmp_path / "s.json")

@@ -1,4 +1,4 @@
-"""MOT17 files: what is written is what is read, and what is wrong is named."""
+"""MOT17 files: round trips and errors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ row = st.tuples(whole, st.tuples(number, number, size, size), st.floats(0, 1), s
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(row, max_size=12, unique_by=lambda r: r[0][:2]), st.booleans())
-def test_what_is_written_is_what_is_read(values: list[tuple[tuple[float, ...], ...]], places: bool) -> None:
+def test_round_trip(values: list[tuple[tuple[float, ...], ...]], places: bool) -> None:
     values = sorted(values)
     frame, ids, consider, category = np.array([v[0] for v in values], dtype=np.int64).reshape(-1, 4).T
     box, position = np.array([v[1] for v in values]).reshape(-1, 4), np.array([v[3] for v in values]).reshape(-1, 3)
@@ -62,7 +62,7 @@ def test_rows_are_written_by_frame_then_id(tmp_path: Path) -> None:
         ("1,2,3,4,5,nan,1,1,1", "line 1: height is nan, needs a finite number"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_errors_name_the_file(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "gt.txt"
     path.write_text(text)
     with pytest.raises(ValueError, match=message) as error:
@@ -79,7 +79,7 @@ def test_seqinfo(rate: float, frames: int, width: int, suffix: str) -> None:
         assert read_seqinfo(Path(folder) / "seqinfo.ini") == info
 
 
-def test_a_wrong_seqinfo_is_named(tmp_path: Path) -> None:
+def test_invalid_seqinfo_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "seqinfo.ini"
     with pytest.raises(ValueError, match="no such file"):
         read_seqinfo(path)
@@ -94,6 +94,6 @@ def test_a_wrong_seqinfo_is_named(tmp_path: Path) -> None:
             read_seqinfo(path)
 
 
-def test_a_seqmap_begins_with_name(tmp_path: Path) -> None:
+def test_first_line_of_a_seqmap_is_name(tmp_path: Path) -> None:
     write_seqmap(tmp_path / "map.txt", ["b", "a"])
     assert (tmp_path / "map.txt").read_text() == "name\nb\na\n"

@@ -1,4 +1,4 @@
-"""MOT15 files: what is written is what is read, and what is wrong is named."""
+"""MOT15 files: round trips and errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ row = st.tuples(st.integers(1, 10**6), st.integers(0, 10**9), number, number, si
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(row, max_size=12, unique_by=lambda r: (r[0], r[1])))
-def test_what_is_written_is_what_is_read(values: list[tuple[float, ...]]) -> None:
+def test_round_trip(values: list[tuple[float, ...]]) -> None:
     t = np.array(sorted(values), dtype=np.float64).reshape(-1, 10)
     rows = Mot15Rows(t[:, 0].astype(int), t[:, 1].astype(int), t[:, 2:6], t[:, 6], t[:, 7:])
     with tempfile.TemporaryDirectory() as folder:
@@ -67,7 +67,7 @@ def test_an_empty_file_has_no_rows(tmp_path: Path) -> None:
     assert rows.by_frame() == {}
 
 
-def test_tools_write_whole_numbers_as_floats_and_windows_writes_marks(tmp_path: Path) -> None:
+def test_whole_numbers_as_floats_and_byte_order_marks_are_read(tmp_path: Path) -> None:
     (tmp_path / "t.txt").write_bytes(b"\xef\xbb\xbf1.0, -1, 1e1,20,30,40,1,-1,-1,-1\r\n1,-1,10,20,30,40,1,-1,-1,-1\r\n")
     rows = read_mot15(tmp_path / "t.txt")
     assert_array_equal(rows.id, [-1, -1])
@@ -91,7 +91,7 @@ def test_tools_write_whole_numbers_as_floats_and_windows_writes_marks(tmp_path: 
         ("1,3,3,4,5,6,7,8,9,10", "frame 1 holds id 3 twice"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(tmp_path: Path, line: str, text: str) -> None:
+def test_errors_name_file_and_line(tmp_path: Path, line: str, text: str) -> None:
     path = tmp_path / "t.txt"
     path.write_text(GOOD + "\n" + line + "\n" + GOOD.replace("1,3", "9,9"))
     with pytest.raises(ValueError, match=r"needs|twice") as error:
@@ -125,7 +125,7 @@ def test_rows_are_checked(change: dict[str, Any], text: str) -> None:
         Mot15Rows(**{**good, **change})
 
 
-def test_the_real_files_are_read(data: Any) -> None:
+def test_real_files_are_read(data: Any) -> None:
     folder = data("pets2009", "S2.L1", "mot15")
     lengths = {name: len(read_mot15(folder / name)) for name in ("gt.txt", "det.txt", "cem_result.txt")}
     assert lengths == {"gt.txt": 4650, "det.txt": 4359, "cem_result.txt": 4477}

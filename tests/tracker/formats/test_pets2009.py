@@ -1,4 +1,4 @@
-"""PETS 2009: cameras, truth and detections; golden numbers from the public files."""
+"""PETS 2009: cameras, annotations and detections, with reference numbers from the public files."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_camera_looks_forward_with_up_above(written: Callable[[str], Path]) ->
 
 
 @pytest.mark.parametrize("view", [1, 2, 3, 4, 5, 6, 7, 8])
-def test_every_real_camera_returns_its_pixels(data: Any, view: int) -> None:
+def test_real_cameras_map_pixels_to_bearings_and_back(data: Any, view: int) -> None:
     name, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
     assert name == f"View_00{view}"
     assert (camera.width, camera.height) == (768 if view <= 4 else 720, 576)
@@ -95,7 +95,7 @@ def test_every_real_camera_returns_its_pixels(data: Any, view: int) -> None:
 
 
 @pytest.mark.parametrize("view", [1, 2, 3, 4, 5, 6, 7, 8])
-def test_what_is_written_is_read(data: Any, tmp_path: Path, view: int) -> None:
+def test_round_trip(data: Any, tmp_path: Path, view: int) -> None:
     name, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
     write_camera(tmp_path / "c.xml", name, camera, T)
     again = read_camera(tmp_path / "c.xml")
@@ -105,7 +105,7 @@ def test_what_is_written_is_read(data: Any, tmp_path: Path, view: int) -> None:
 
 
 @pytest.mark.parametrize("azimuth", [0.0, np.pi / 2, np.pi, -np.pi / 2, 1e-9, 1e-7, np.pi - 1e-8, 0.3])
-def test_a_level_camera_is_written_whatever_way_it_looks(written: Callable[[str], Path], tmp_path: Path, azimuth: float) -> None:
+def test_level_cameras_round_trip_at_any_azimuth(written: Callable[[str], Path], tmp_path: Path, azimuth: float) -> None:
     # Along x and −x the middle one of the three angles is a right angle.
     _, camera, _ = read_camera(written(CAMERA))
     T = Pose.planar(3.0, -2.0, azimuth, 1.5)
@@ -116,7 +116,7 @@ def test_a_level_camera_is_written_whatever_way_it_looks(written: Callable[[str]
     assert_allclose(again.translation, T.translation, atol=1e-9)
 
 
-def test_a_distortion_without_inverse_in_the_image_is_refused(written: Callable[[str], Path]) -> None:
+def test_distortion_without_inverse_is_refused(written: Callable[[str], Path]) -> None:
     path = written(CAMERA.replace('kappa1="5.1113043639e-03"', 'kappa1="-0.2"'))
     with pytest.raises(ValueError, match="cannot be inverted") as error:
         read_camera(path)
@@ -147,7 +147,7 @@ def test_a_distortion_without_inverse_in_the_image_is_refused(written: Callable[
         ('encoding="UTF-8"', 'encoding="UTF-99"', "is not XML"),
     ],
 )
-def test_what_is_wrong_with_a_camera_is_named(written: Callable[[str], Path], old: str, new: str, text: str) -> None:
+def test_errors_of_camera_files_name_the_field(written: Callable[[str], Path], old: str, new: str, text: str) -> None:
     assert old in CAMERA
     path = written(CAMERA.replace(old, new))
     with pytest.raises(ValueError, match=r"field|is not XML") as error:
@@ -184,7 +184,7 @@ def test_annotations_are_boxes_by_their_corner(written: Callable[[str], Path]) -
     assert frames[2][1].shape == (0, 4)
 
 
-def test_the_older_spelling_says_the_same(written: Callable[[str], Path]) -> None:
+def test_older_spelling_of_centres_is_read(written: Callable[[str], Path]) -> None:
     new = read_annotations(written(ANNOTATION))
     old = read_annotations(written(ANNOTATION.replace("xc=", "x=").replace("yc=", "y=")))
     for k in new:
@@ -207,7 +207,7 @@ def test_the_older_spelling_says_the_same(written: Callable[[str], Path]) -> Non
         ("</dataset>", "", "is not XML"),
     ],
 )
-def test_what_is_wrong_with_an_annotation_is_named(written: Callable[[str], Path], old: str, new: str, text: str) -> None:
+def test_errors_of_annotations_name_the_field(written: Callable[[str], Path], old: str, new: str, text: str) -> None:
     assert old in ANNOTATION
     path = written(ANNOTATION.replace(old, new))
     with pytest.raises(ValueError, match=r"field|is not XML") as error:
@@ -216,7 +216,7 @@ def test_what_is_wrong_with_an_annotation_is_named(written: Callable[[str], Path
     assert text in str(error.value)
 
 
-def test_feet_on_slanted_sight_lines_by_hand(written: Callable[[str], Path]) -> None:
+def test_feet_projected_along_slanted_rays(written: Callable[[str], Path]) -> None:
     # The feet that a camera sees on the ground are cast back to where they were.
     _, camera, T = read_camera(written(CAMERA))
     feet = np.array([[0.0, 0, 0], [-8, -5, 0], [3, 1, 0]])
@@ -227,7 +227,7 @@ def test_feet_on_slanted_sight_lines_by_hand(written: Callable[[str], Path]) -> 
     assert_allclose(found[4][1], feet, atol=1e-6)
 
 
-def test_feet_in_the_sky_are_refused(written: Callable[[str], Path]) -> None:
+def test_feet_above_the_horizon_are_refused(written: Callable[[str], Path]) -> None:
     _, camera, T = read_camera(written(CAMERA))
     with pytest.raises(ValueError, match="frame 3: the feet of id 8"):
         ground_truth({3: (np.array([8]), np.array([[300.0, -900, 20, 10]]))}, camera, T, Flat())
@@ -240,7 +240,7 @@ def truth_in_the_area(data: Any) -> tuple[dict[int, Any], dict[int, Any], Any, P
     return whole, cropped, camera, T
 
 
-def test_the_crop_is_the_area_by_these_feet(data: Any) -> None:
+def test_cropped_annotation_equals_the_tracking_area(data: Any) -> None:
     # The annotators cropped by ground position: with the middle of the box's lower edge, cast by this model, every one of 4650 boxes falls on
     # the side where they have it. One pixel more or less gets a dozen wrong.
     whole, cropped, camera, T = truth_in_the_area(data)
@@ -255,7 +255,7 @@ def test_the_crop_is_the_area_by_these_feet(data: Any) -> None:
     assert kept == 3955
 
 
-def test_the_challenges_positions_are_these_feet_but_for_its_rounding(data: Any) -> None:
+def test_positions_of_the_challenge_equal_projected_feet_up_to_rounding(data: Any) -> None:
     # MOT15 has the same boxes rounded to whole pixels, and its x, y are those boxes' feet, rounded down and less 1 pixel.
     whole, _, camera, T = truth_in_the_area(data)
     rows = read_mot15(data("pets2009", "S2.L1", "mot15", "gt.txt"))
@@ -295,7 +295,7 @@ def test_detections_by_frame(tmp_path: Path) -> None:
         ("1,-1,-1,-1,-1,-1,0.5,1,2,0", "frame 1 has a detection without a box"),
     ],
 )
-def test_what_is_wrong_with_a_detection_is_named(tmp_path: Path, line: str, text: str) -> None:
+def test_errors_of_detections_name_the_line(tmp_path: Path, line: str, text: str) -> None:
     path = tmp_path / "View_001.txt"
     path.write_text("1,-1,5,6,7,8,0.9,-1,-1,-1\n" + line + "\n")
     with pytest.raises(ValueError, match="needs") as error:

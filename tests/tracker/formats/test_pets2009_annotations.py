@@ -1,4 +1,4 @@
-"""CVML: what is written is what is read."""
+"""CVML annotations: round trips and errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ frame = st.dictionaries(st.integers(0, 2**53 - 1), box, max_size=4)
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.integers(0, 10**6), frame, max_size=5), st.text(st.characters(codec="utf-8", categories=["L", "P"]), max_size=8))
-def test_what_is_written_is_what_is_read(frames: dict[int, dict[int, tuple[float, ...]]], name: str) -> None:
+def test_round_trip(frames: dict[int, dict[int, tuple[float, ...]]], name: str) -> None:
     given_ = {k: (np.array(list(f), dtype=np.int64), np.array(list(f.values())).reshape(-1, 4)) for k, f in frames.items()}
     with tempfile.TemporaryDirectory() as folder:
         write_annotations(Path(folder) / "a.xml", name, given_)
@@ -39,7 +39,7 @@ def test_frames_count_from_0_and_boxes_are_centred(tmp_path: Path) -> None:
     assert '<object id="3"><box h="6" w="4" xc="12" yc="23"/></object>' in text
 
 
-def test_a_box_without_size_is_refused(tmp_path: Path) -> None:
+def test_box_of_zero_size_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"frame 4: the box of id 3 is 0.0 x 6.0 px, needs more than 0"):
         write_annotations(tmp_path / "a.xml", "x", {4: (np.array([3]), np.array([[10.0, 20, 0, 6]]))})
     assert not list(tmp_path.iterdir())

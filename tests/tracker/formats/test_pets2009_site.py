@@ -1,4 +1,4 @@
-"""What site.json says of things that hide people: read back as written, and wrong ones are named."""
+"""site.json: round trips of pillars and errors."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tracker.geometry.ground import Flat
 SITE = Site(6.0, np.array([[-5.0, -4.0], [5.0, 4.0]]), Flat(), pillars=np.array([[1.0, 2.0, 0.1, 0.0, 2.5], [1.0, 2.0, 0.3, 2.5, 3.0]]))
 
 
-def test_pillars_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_pillars_round_trip(tmp_path: Path) -> None:
     write_site(tmp_path, SITE, None)
     site = read_site(tmp_path)
     np.testing.assert_array_equal(site.pillars, SITE.pillars)
     np.testing.assert_array_equal(site.area, SITE.area)
 
 
-def test_a_site_that_says_nothing_of_pillars_has_none_and_pets_has_its_own(tmp_path: Path) -> None:
+def test_default_pillars(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_site(tmp_path).pillars, PILLARS)
     (tmp_path / "site.json").write_text(json.dumps({"rate": 7, "area": [[0, 0], [1, 1]], "terrain": None}))
     assert read_site(tmp_path).pillars.shape == (0, 5)
@@ -31,7 +31,7 @@ WRONG = [[[1, 2, 0.1, 0]], [[1, 2, 0, 0, 2]], [[1, 2, 0.1, 2, 2]], [[1, 2, 0.1, 
 
 
 @pytest.mark.parametrize("rows", WRONG)
-def test_wrong_pillars_are_named(tmp_path: Path, rows: object) -> None:
+def test_invalid_pillars_are_refused(tmp_path: Path, rows: object) -> None:
     (tmp_path / "site.json").write_text(json.dumps({"rate": 7, "area": [[0, 0], [1, 1]], "terrain": None, "pillars": rows}))
     with pytest.raises(ValueError, match=r"site.json: pillars is .*, needs rows of x, y, radius, low and high in metres"):
         read_site(tmp_path)

@@ -1,4 +1,4 @@
-"""rectangles.pom: a cylinder before a camera whose picture can be told by hand, and files that are wrong."""
+"""rectangles.pom: a cylinder in front of a simple camera, and errors."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def camera() -> OpenCvCamera:
     return OpenCvCamera(matrix, np.zeros(5), rvec, -rotation @ np.array([0.0, 0.0, 1.0]))
 
 
-def test_a_person_ahead_covers_what_perspective_says() -> None:
+def test_box_of_a_person_ahead_follows_perspective() -> None:
     (left, top, right, bottom), behind, aside = rectangles(camera(), np.array([[10.0, 0, 0], [-10.0, 0, 0], [10.0, 9.0, 0]]), SIZE)
     near = 10.0 - RADIUS
     assert bottom == np.ceil(200 + 500 * 1.0 / near)
@@ -33,7 +33,7 @@ def test_a_person_ahead_covers_what_perspective_says() -> None:
     assert (aside == -1).all()
 
 
-def test_who_stands_at_the_border_is_cut_there() -> None:
+def test_boxes_are_clipped_to_the_image() -> None:
     edges = rectangles(camera(), np.array([[1.0, 0.0, 0.0], [10.0, 6.0, 0.0]]), SIZE)
     assert edges[0, 3] == SIZE[0] - 1
     assert edges[0, 1] == 0
@@ -41,7 +41,7 @@ def test_who_stands_at_the_border_is_cut_there() -> None:
     assert 0 <= edges[1, 2] < 20
 
 
-def test_rectangles_come_back(tmp_path: Path) -> None:
+def test_rectangles_round_trip(tmp_path: Path) -> None:
     region = GroundGrid(np.array([2.0, -2.0]), 40, 160, 0.1)
     turned = OpenCvCamera(camera().matrix, np.zeros(5), camera().rvec, camera().tvec + np.array([0.5, 0.0, 0.0]))
     write_rectangles(tmp_path / "rectangles.pom", region, [camera(), turned], SIZE, lambda points: 0.1 * points[:, 0])
@@ -64,7 +64,7 @@ def test_rectangles_come_back(tmp_path: Path) -> None:
         ("RECTANGLE 0 x notvisible\n", "line 1"),
     ],
 )
-def test_a_wrong_file_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_errors_name_the_file(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "rectangles.pom").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_rectangles(tmp_path / "rectangles.pom", 1, 2)

@@ -12,7 +12,7 @@ from tracker.formats.tum import read_tum, write_tum
 from tracker.geometry import Pose
 
 
-def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
+def test_round_trip(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     poses = [Pose.exp(rng.normal(0, 2, 6)) for _ in range(50)] + [Pose.identity(), Pose.exp([0, 0, 0, np.pi, 0, 0])]
     times = np.cumsum(rng.uniform(0.01, 1, len(poses)))
@@ -43,7 +43,7 @@ def test_the_quaternion_is_xyzw(tmp_path: Path) -> None:
         ("0 2 3 4 0 0 0 1", "timestamp is 0.0, needs more than 0.0"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(tmp_path: Path, line: str, text: str) -> None:
+def test_errors_name_file_and_line(tmp_path: Path, line: str, text: str) -> None:
     path = tmp_path / "t.tum"
     path.write_text("0 0 0 0 0 0 0 1\n\n" + line)
     with pytest.raises(ValueError, match=text) as error:

@@ -1,4 +1,4 @@
-"""Sets of UTIAS: what is read, what is counted, and which fault is named."""
+"""UTIAS data sets: reading, rejected measurements, and errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.tracker.formats.mrclam import BEGIN, LANDMARKS, write_set
 from tracker.formats.utias import is_utias, read_utias
 
 
-def test_a_drawn_set(tmp_path: Path) -> None:
+def test_small_data_set(tmp_path: Path) -> None:
     team = read_utias(write_set(tmp_path / "s"))
     assert is_utias(tmp_path / "s")
     assert not is_utias(tmp_path)
@@ -25,7 +25,7 @@ def test_a_drawn_set(tmp_path: Path) -> None:
     assert team.repairs == ()
 
 
-def test_real_sets_and_the_swapped_landmarks(data: Callable[..., Path]) -> None:
+def test_swapped_landmarks_of_real_data_are_repaired(data: Callable[..., Path]) -> None:
     """Where the truth says that robot 2 was, landmark 11 is seen where the exchanged table has it."""
     team = read_utias(data("utias", "MRCLAM_Dataset1"))
     assert team.repairs == ("landmarks 11 and 17 of set 1 exchanged",)
@@ -40,7 +40,7 @@ def test_real_sets_and_the_swapped_landmarks(data: Callable[..., Path]) -> None:
     assert sum(sum(r.rejected.values()) for r in other.robots.values()) == 6
 
 
-def test_sightings_of_no_use_are_counted_by_reason(tmp_path: Path) -> None:
+def test_rejected_measurements_are_counted_by_reason(tmp_path: Path) -> None:
     folder = write_set(tmp_path / "s")
     with (folder / "Robot1_Measurement.dat").open("a") as file:
         file.write(f"{BEGIN + 1} 99 1.0 0.0\n{BEGIN + 1} 5 1.0 0.0\n{BEGIN + 2} 72 0.0 0.0\n{BEGIN + 2} 72 -1.0 0.0\n")
@@ -61,7 +61,7 @@ def change(path: Path, line: int, text: str) -> None:
 @pytest.mark.parametrize(
     ("name", "line", "text", "message"),
     [
-        ("Robot1_Odometry.dat", 7, f"{BEGIN - 1} 0.1 0.1", r"Robot1_Odometry.dat: time is 999.000 after 1000.100, needs to go on"),
+        ("Robot1_Odometry.dat", 7, f"{BEGIN - 1} 0.1 0.1", r"Robot1_Odometry.dat: time is 999.000 after 1000.100, needs ascending times"),
         ("Robot1_Odometry.dat", 7, f"{BEGIN} nan 0.1", r"Robot1_Odometry.dat:line 7 is .*needs 3 finite numbers"),
         ("Robot2_Measurement.dat", 3, f"{BEGIN} 5 1.0", r"Robot2_Measurement.dat:line 3 is .*needs 4 finite numbers"),
         ("Robot2_Groundtruth.dat", 4, f"{BEGIN} 1 2 3", r"Robot2_Groundtruth.dat: time is 1000.000 after 1000.020"),
@@ -69,7 +69,7 @@ def change(path: Path, line: int, text: str) -> None:
         ("Barcodes.dat", 2, "1 14", r"Barcodes.dat: 6 subjects share 5 barcodes"),
     ],
 )
-def test_bad_files_are_named(tmp_path: Path, name: str, line: int, text: str, message: str) -> None:
+def test_errors_name_the_file(tmp_path: Path, name: str, line: int, text: str, message: str) -> None:
     folder = write_set(tmp_path / "s")
     change(folder / name, line, text)
     with pytest.raises(ValueError, match=message):
@@ -81,7 +81,7 @@ def test_missing_files(tmp_path: Path) -> None:
     (folder / "Robot2_Groundtruth.dat").unlink()
     with pytest.raises(ValueError, match=r"Robot2_Groundtruth.dat: no such file"):
         read_utias(folder)
-    for path in folder.glob("UtiasRobot*"):
+    for path in folder.glob("Robot*"):
         path.unlink()
     with pytest.raises(ValueError, match="needs at least one robot"):
         read_utias(folder)

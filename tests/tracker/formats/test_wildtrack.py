@@ -1,4 +1,4 @@
-"""WILDTRACK: cells, annotations and cameras come back; Tsai's distortion as OpenCV's, with its error stated."""
+"""WILDTRACK: round trips of grid, annotations and cameras, and the fit of Tsai's distortion."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ placed = st.builds(WildtrackPosition, st.one_of(st.integers(0, 9), st.integers(2
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(placed, max_size=4))
-def test_annotations_come_back(people: list[WildtrackPosition]) -> None:
+def test_annotations_round_trip(people: list[WildtrackPosition]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_positions(Path(folder) / "0.json", people)
         again = read_positions(Path(folder) / "0.json")
@@ -47,7 +47,7 @@ def test_annotations_come_back(people: list[WildtrackPosition]) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=1, max_size=8))
-def test_places_come_back_to_half_a_cell(points: list[tuple[float, float]]) -> None:
+def test_positions_round_trip_to_half_a_cell(points: list[tuple[float, float]]) -> None:
     given_ = np.array(points)
     region = GroundGrid.around(given_)
     positions = region.positions(given_)
@@ -62,7 +62,7 @@ def test_places_come_back_to_half_a_cell(points: list[tuple[float, float]]) -> N
     assert_array_equal(again.origin, region.origin)
 
 
-def test_cells_count_along_x_first_as_in_multiviewx() -> None:
+def test_position_ids_count_along_x_first() -> None:
     """25 × 16 m, 0.025 m, positionID = gx + 1000 gy (FORMATS of the dataset)."""
     region = GroundGrid(np.zeros(2), 1000, 640)
     assert_array_equal(region.positions(np.array([[0, 0], [0.025, 0], [0, 0.025], [24.975, 15.975]])), [0, 1, 1000, 639_999])
@@ -71,7 +71,7 @@ def test_cells_count_along_x_first_as_in_multiviewx() -> None:
         region.positions(np.array([[25.0, 0.0]]))
 
 
-def test_a_pinhole_is_opencv_s_exactly(tmp_path: Path) -> None:
+def test_pinhole_equals_opencv_camera(tmp_path: Path) -> None:
     camera, T = pinhole(320, 240, 1.1), Pose.planar(3, -2, 0.7, 2.5)
     calibrated, error = OpenCvCamera.from_tsai(camera, T)
     assert error < 1e-9
@@ -85,7 +85,7 @@ def test_a_pinhole_is_opencv_s_exactly(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (2, 1.5), (3, 0.05), (4, 1e-6), (5, 0.6), (6, 0.8), (8, 8.0)])
-def test_real_cameras_are_opencv_s_as_nearly_as_is_said(data: Any, view: int, bound: float) -> None:
+def test_real_cameras_are_approximated_within_the_stated_error(data: Any, view: int, bound: float) -> None:
     _, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
     calibrated, error = OpenCvCamera.from_tsai(camera, T)
     assert error < bound
@@ -106,14 +106,14 @@ def test_real_cameras_are_opencv_s_as_nearly_as_is_said(data: Any, view: int, bo
         ("{", "not JSON"),
     ],
 )
-def test_a_wrong_annotation_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_annotation_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "0.json").write_text(text)
     with pytest.raises(ValueError, match=message) as error:
         read_positions(tmp_path / "0.json")
     assert str(error.value).startswith(str(tmp_path / "0.json"))
 
 
-def test_wrong_files_and_ids_are_named(tmp_path: Path) -> None:
+def test_invalid_files_and_ids_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="personID is 9007199254740992"):
         write_positions(tmp_path / "0.json", [WildtrackPosition(2**53, 0, np.zeros((0, 4), dtype=np.int64))])
     with pytest.raises(ValueError, match=r"intr_Camera1\.xml: no such file"):

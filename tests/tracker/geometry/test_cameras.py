@@ -1,4 +1,4 @@
-"""One contract for every camera, and what each model says of itself."""
+"""Camera models: pixels to bearings and back, for all cameras and for each model."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_bearings_go_to_pixels_and_back(camera: Camera) -> None:
     assert (np.isnan(outside).any(axis=1) | (outside < 0).any(axis=1) | (outside > size).any(axis=1)).all()
 
 
-def test_up_is_up_and_left_is_left(camera: Camera) -> None:
+def test_axes_up_and_left_in_the_image(camera: Camera) -> None:
     # In an image u grows to the right, v downwards; in the camera's frame y is left and z up.
     middle = np.array([[camera.width / 2, camera.height / 2]])
     step = np.array([camera.width, camera.height]) / 100
@@ -90,7 +90,7 @@ def test_up_is_up_and_left_is_left(camera: Camera) -> None:
     assert below[2] < b[2]
 
 
-def test_no_points_give_no_points(camera: Camera) -> None:
+def test_empty_input_gives_empty_output(camera: Camera) -> None:
     assert camera.bearings_from_pixels(np.zeros((0, 2))).shape == (0, 3)
     pixels, inside = camera.pixels_from_bearings(np.zeros((0, 3)))
     assert pixels.shape == (0, 2)
@@ -100,7 +100,7 @@ def test_no_points_give_no_points(camera: Camera) -> None:
 # --- panorama ---------------------------------------------------------------------------------------------------------------------
 
 
-def test_the_panoramas_middle_is_ahead_and_its_seam_behind() -> None:
+def test_panorama_middle_is_forward_and_seam_is_behind() -> None:
     p = Panorama(400, 200)
     directions = np.array([[1.0, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [-1, 0, 0], [-1, -1e-12, 0]])
     pixels, inside = p.pixels_from_bearings(directions)
@@ -112,14 +112,14 @@ def test_the_panoramas_middle_is_ahead_and_its_seam_behind() -> None:
     assert ((pixels[:, 0] >= 0) & (pixels[:, 0] < 400)).all()
 
 
-def test_the_panoramas_formula() -> None:
+def test_panorama_formula() -> None:
     # azimuth = π − 2πu/W, elevation = π/2 − πv/H.
     azimuth, elevation = angles_from_bearing(Panorama(360, 180).bearings_from_pixels([[10.0, 30.0], [350.0, 170.0]]))
     assert_allclose(np.degrees(azimuth), [170, -170])
     assert_allclose(np.degrees(elevation), [60, -80])
 
 
-def test_pixels_beyond_the_seam_mean_the_other_side() -> None:
+def test_panorama_pixels_wrap_around_the_seam() -> None:
     p = Panorama(360, 180)
     assert_allclose(p.bearings_from_pixels([[-5.0, 40]]), p.bearings_from_pixels([[355.0, 40]]), atol=1e-12)
 
@@ -127,7 +127,7 @@ def test_pixels_beyond_the_seam_mean_the_other_side() -> None:
 # --- Tsai -------------------------------------------------------------------------------------------------------------------------
 
 
-def test_without_distortion_tsai_is_a_pinhole() -> None:
+def test_tsai_without_distortion_is_a_pinhole() -> None:
     # fx = focal sx / dpx = 800 px: a point 2 m ahead, 0.5 m left, 0.25 m up.
     pixels, inside = PINHOLE.pixels_from_bearings([[2.0, 0.5, 0.25], [-2.0, 0.5, 0.25], [0, 1, 0]])
     assert_allclose(pixels[0], [320 - 200, 240 - 100])
@@ -143,7 +143,7 @@ def test_undistorted_is_distorted_times_one_plus_kappa_r_squared() -> None:
 
 
 @pytest.mark.parametrize("camera", [VIEW_007, BARREL])
-def test_a_negative_kappa_leaves_directions_without_a_pixel(camera: Tsai) -> None:
+def test_negative_kappa_has_directions_without_a_pixel(camera: Tsai) -> None:
     largest = fold(camera) * (1 + camera.kappa1 * fold(camera) ** 2)
     slope = np.array([0.5, 0.99, 0.999999, 1.000001, 1.01, 2.0]) * largest / camera.focal
     pixels, inside = camera.pixels_from_bearings(np.column_stack([np.ones(6), slope, np.zeros(6)]))
@@ -154,7 +154,7 @@ def test_a_negative_kappa_leaves_directions_without_a_pixel(camera: Tsai) -> Non
     assert_allclose(solved * (1 + camera.kappa1 * solved**2), slope[:3] * camera.focal, atol=1e-6)
 
 
-def test_beyond_the_fold_a_pixel_still_has_the_models_direction() -> None:
+def test_pixel_beyond_the_fold_has_the_direction_of_the_model() -> None:
     # The left corners of View_007 lie beyond: each shares its direction with a pixel within.
     corner = np.array([[0.0, 0.0], [0.0, 576.0]])
     b = VIEW_007.bearings_from_pixels(corner)
@@ -164,7 +164,7 @@ def test_beyond_the_fold_a_pixel_still_has_the_models_direction() -> None:
     assert_allclose(VIEW_007.bearings_from_pixels(again), b, atol=1e-7)
 
 
-def test_far_beside_the_axis_nothing_breaks() -> None:
+def test_directions_far_off_axis_are_finite() -> None:
     # Up to a hair of the image plane, and behind it.
     d = bearing_from_angles(np.linspace(-np.pi, np.pi, 2001), np.zeros(2001))
     for camera in (VIEW_001, VIEW_007, PINHOLE, BARREL):
@@ -174,7 +174,7 @@ def test_far_beside_the_axis_nothing_breaks() -> None:
         assert np.isfinite(pixels[inside]).all()
 
 
-def test_the_frames_of_optics_and_bodies() -> None:
+def test_optical_frame_and_camera_frame() -> None:
     # Forward is +z of the optical frame, left −x, up −y; a rotation.
     assert_array_equal(OPTICAL_FROM_CAMERA @ np.eye(3), [[0, -1, 0], [0, 0, -1], [1, 0, 0]])
     assert np.linalg.det(OPTICAL_FROM_CAMERA) == 1

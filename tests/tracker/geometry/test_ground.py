@@ -1,4 +1,4 @@
-"""Ground: heights, and where lines of sight meet it, against brute force."""
+"""Ground: heights, and intersections of rays compared with brute force."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_no_rays_no_hits(ground: Ground) -> None:
 
 
 @pytest.mark.parametrize("ground", [Flat(0.0), Grid(np.zeros((3, 3)), [-1.0, -1], 1.0)])
-def test_from_the_feet_one_sees_the_sky_and_not_through_the_soil(ground: Ground) -> None:
+def test_ray_from_the_surface_leaves_upwards_and_hits_downwards(ground: Ground) -> None:
     o = np.array([[0.1, 0.2, 0.0], [0.1, 0.2, 1.0], [0.1, 0.2, 1.0], [0.1, 0.2, 1.0]])
     d = np.array([[0.6, 0, 0.8], [0, 0, -1.0], [0, 0, 1], [1, 0, 0]])
     points, hit = ground.intersect(o, d, 50.0)
@@ -84,7 +84,7 @@ def test_rays_against_brute_force(seed: int) -> None:
             assert not below.any()
 
 
-def test_a_ridge_thinner_than_a_cell_is_not_jumped() -> None:
+def test_ridge_thinner_than_a_cell_is_hit() -> None:
     # One line of the mesh stands 1 m high: its ridge is hit by every ray below its crest, wherever it begins.
     heights = np.zeros((21, 21))
     heights[:, 10] = 1.0
@@ -96,7 +96,7 @@ def test_a_ridge_thinner_than_a_cell_is_not_jumped() -> None:
     assert_allclose(points[:, 0], -0.005, atol=1e-9)
 
 
-def test_heights_of_the_two_triangles_by_hand() -> None:
+def test_heights_in_both_triangles_of_a_cell() -> None:
     # z00 = 0, z01 (x) = 1, z10 (y) = 2, z11 = 5; cell of 2 m at (10, 20).
     ground = Grid([[0.0, 1], [2, 5]], [10.0, 20], 2.0)
     # (u, v) = (¾, ¼): u ≥ v: 0 + ¾ · 1 + ¼ · (5 − 1) = 1.75. (¼, ¾): 0 + ¾ · 2 + ¼ · (5 − 2) = 2.25. Both meet on the diagonal: 2.5.

@@ -1,4 +1,4 @@
-"""Rigid motions, angles and directions: laws, far from and within 1e-7 of the singular places."""
+"""Rigid motions, angles and directions: laws at random points, near and at singularities."""
 
 from __future__ import annotations
 
@@ -90,14 +90,14 @@ def test_exp_and_log_are_inverse(angle: float) -> None:
         assert_allclose(log_so3(R), angle * axis, atol=1e-12)
 
 
-def test_log_at_a_half_turn_is_one_of_the_two() -> None:
+def test_log_at_pi_is_one_of_two_vectors() -> None:
     for axis in axes():
         v = log_so3(2 * np.outer(axis, axis) - np.eye(3))
         assert_allclose(np.linalg.norm(v), np.pi, atol=1e-7)
         assert_allclose(np.abs(v @ axis), np.pi, atol=1e-7)
 
 
-def test_log_past_a_half_turn_goes_the_other_way() -> None:
+def test_log_beyond_pi_has_opposite_direction() -> None:
     for axis in axes():
         assert_allclose(log_so3(exp_so3((np.pi + 0.2) * axis)), -(np.pi - 0.2) * axis, atol=1e-12)
 

@@ -1,4 +1,4 @@
-"""Whole or not at all."""
+"""Atomic writing of files and folders."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 from tracker.io.atomic import new_file, new_folder, write_text
 
 
-def test_a_folder_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
+def test_folder_appears_when_complete(tmp_path: Path) -> None:
     with new_folder(tmp_path / "a" / "out") as folder:
         (folder / "file").write_text("x")
         assert not (tmp_path / "a" / "out").exists()
@@ -16,7 +16,7 @@ def test_a_folder_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
-def test_a_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
+def test_failure_leaves_no_folder(tmp_path: Path, error: type[BaseException]) -> None:
     def fail() -> None:
         with new_folder(tmp_path / "out") as folder:
             (folder / "file").write_text("x")
@@ -27,7 +27,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) ->
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_there_is_kept(tmp_path: Path) -> None:
+def test_existing_content_is_kept(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "old").write_text("x")
     with pytest.raises(ValueError, match="out: is there already"), new_folder(tmp_path / "out"):
@@ -35,14 +35,14 @@ def test_what_is_there_is_kept(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "old").exists()
 
 
-def test_leftovers_of_a_killed_run_are_removed(tmp_path: Path) -> None:
+def test_remains_of_an_interrupted_run_are_removed(tmp_path: Path) -> None:
     (tmp_path / ".out.partial").mkdir()
     (tmp_path / ".out.partial" / "half").write_text("x")
     with new_folder(tmp_path / "out") as folder:
         assert not list(folder.iterdir())
 
 
-def test_text_replaces_text_or_leaves_it(tmp_path: Path) -> None:
+def test_text_replaces_a_file_or_leaves_it(tmp_path: Path) -> None:
     write_text(tmp_path / "a.txt", "é\n")
     write_text(tmp_path / "a.txt", "ü\n")
     assert (tmp_path / "a.txt").read_bytes() == "ü\n".encode()
@@ -52,7 +52,7 @@ def test_text_replaces_text_or_leaves_it(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_a_file_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
+def test_file_appears_when_complete(tmp_path: Path) -> None:
     file = tmp_path / "plot.png"
     file.write_text("old")
     with new_file(file) as part:
@@ -72,7 +72,7 @@ def test_a_file_has_its_name_only_when_it_is_whole(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["plot.png"]
 
 
-def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
+def test_empty_folder_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     with new_folder(tmp_path / "out") as folder:
         (folder / "file").write_text("x")

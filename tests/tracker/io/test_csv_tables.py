@@ -1,4 +1,4 @@
-"""Tables and arrays on disk: what is written is read, the same rows give the same bytes, and hostile files are refused before they are in memory."""
+"""Tables and arrays: round trips, reproducible bytes, and refusal of malicious files."""
 
 import csv
 import io
@@ -15,7 +15,7 @@ COLUMNS: dict[str, type] = {"frame": int, "name": str, "x": float}
 ROWS: list[list[object]] = [[0, "a", 0.1], [1, "b", -2.5e-9], [2, "c", 1 / 3]]
 
 
-def test_both_forms_say_the_same(tmp_path: Path) -> None:
+def test_csv_and_npz_hold_the_same_values(tmp_path: Path) -> None:
     write_table(tmp_path / "t.csv", list(COLUMNS), ROWS)
     for name in ("t.npz", "u.npz"):
         write_arrays(tmp_path / name, list(COLUMNS), ROWS)
@@ -27,7 +27,7 @@ def test_both_forms_say_the_same(tmp_path: Path) -> None:
     assert (arrays["frame"].dtype, arrays["x"].dtype, arrays["x"][2]) == (np.int64, np.float64, 1 / 3)
 
 
-def test_text_is_quoted_where_it_must_be(tmp_path: Path) -> None:
+def test_text_is_quoted_where_necessary(tmp_path: Path) -> None:
     """As Python's own writer of CSV does it, cell by cell."""
     names = ["plain", "a,b", 'say "no"', "two\nlines", "cr\rhere", ""]
     rows = [[k, name, value] for k, name in enumerate(names) for value in (0.1, -0.0, 1e-300, np.float64(2) / 3, float("nan"))]
@@ -37,7 +37,7 @@ def test_text_is_quoted_where_it_must_be(tmp_path: Path) -> None:
     assert (tmp_path / "t.csv").read_bytes() == (tmp_path / "u.csv").read_bytes()
 
 
-def test_a_line_without_end_is_refused_at_once(tmp_path: Path) -> None:
+def test_overlong_line_is_refused(tmp_path: Path) -> None:
     with (tmp_path / "t.csv").open("wb") as file:
         file.truncate(8 << 30)  # a hole: 8 GiB that take no place
     begun = time.monotonic()
@@ -47,7 +47,7 @@ def test_a_line_without_end_is_refused_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", [(1 << 40,), (1 << 31, 1 << 31)])
-def test_an_array_that_claims_more_than_there_is(tmp_path: Path, shape: tuple[int, ...]) -> None:
+def test_array_larger_than_its_data_is_refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": shape})
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
@@ -56,7 +56,7 @@ def test_an_array_that_claims_more_than_there_is(tmp_path: Path, shape: tuple[in
         read_arrays(tmp_path / "a.npz", ("heights",))
 
 
-def test_objects_are_never_unpacked(tmp_path: Path) -> None:
+def test_object_arrays_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", heights=np.array([{}, []], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle"):
         read_arrays(tmp_path / "a.npz", ("heights",))

@@ -1,4 +1,4 @@
-"""Images as files: what is coded is decoded, headers are believed before pixels, and a full disk is noticed."""
+"""Image and video files: round trips, checks of headers, and full disks."""
 
 import resource
 import subprocess
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.mark.parametrize("options", [PNG, PNG_RUN_LENGTH])
 @pytest.mark.parametrize("shape", [(1, 1), (7, 13), (64, 128)])
-def test_instances_come_back(tmp_path: Path, options: list[int], shape: tuple[int, int]) -> None:
+def test_instances_round_trip(tmp_path: Path, options: list[int], shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     columns = np.repeat(rng.integers(0, 300, (1, shape[1])), shape[0], axis=0)
     images = [np.zeros(shape, np.uint16), rng.integers(0, 65536, shape), columns]
@@ -33,7 +33,7 @@ def test_instances_come_back(tmp_path: Path, options: list[int], shape: tuple[in
         np.testing.assert_array_equal(decode_image(data, shape), image)
 
 
-def test_runs_are_smaller_than_what_they_replace() -> None:
+def test_run_length_options_give_smaller_files() -> None:
     image = np.zeros((512, 1024), np.uint16)
     for k in range(12):
         cv2.ellipse(image, (80 * k + 50, 250), (12 + k, 40 + 3 * k), 0, 0, 360, k + 1, -1)
@@ -41,7 +41,7 @@ def test_runs_are_smaller_than_what_they_replace() -> None:
     assert runs < plain
 
 
-def test_range_comes_back_to_half_a_unit() -> None:
+def test_range_round_trip_to_half_a_unit() -> None:
     metres = np.array([[0.01, 1.0, 3.14159, 255.9, 256.0, 1e6, np.inf]], np.float32)
     back = range_from_counts(range_counts(metres))
     np.testing.assert_allclose(back[0, :4], metres[0, :4], atol=0.5 / 256 + 1e-6)
@@ -49,7 +49,7 @@ def test_range_comes_back_to_half_a_unit() -> None:
 
 
 @pytest.mark.parametrize("ending", [".png", ".jpg"])
-def test_another_size_and_a_cut_are_refused(ending: str) -> None:
+def test_other_size_and_truncation_are_refused(ending: str) -> None:
     image = np.random.default_rng(0).integers(0, 255, (48, 80, 3), np.uint8)
     data = cv2.imencode(ending, image, JPEG if ending == ".jpg" else PNG)[1].tobytes()
     assert image_size(data) == (48, 80)
@@ -60,7 +60,7 @@ def test_another_size_and_a_cut_are_refused(ending: str) -> None:
             decode_image(data[:cut], (48, 80))
 
 
-def test_videos_have_all_frames_in_their_colours(tmp_path: Path) -> None:
+def test_videos_hold_all_frames_and_colors(tmp_path: Path) -> None:
     videos = VideoWriters(tmp_path / "videos", 7.0)
     for k in range(5):
         videos.put("a", np.full((48, 64, 3), (40 * k, 60, 200), np.uint8))
@@ -74,7 +74,7 @@ def test_videos_have_all_frames_in_their_colours(tmp_path: Path) -> None:
     assert not read.read()[0]
 
 
-def test_a_video_on_a_full_disk_is_an_error(tmp_path: Path) -> None:
+def test_video_on_a_full_disk_is_an_error(tmp_path: Path) -> None:
     """The encoder says nothing of a disk that is full."""
     program = """
 import sys, numpy as np

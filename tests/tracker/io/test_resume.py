@@ -1,4 +1,4 @@
-"""Folders that hold the same run, another one, or something else."""
+"""Resumption: folders with the same run, another run, or other content."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from tracker.io.resume import check_same, holds_run, json_value
 
 
-def test_a_folder_holds_its_statement_or_nothing(tmp_path: Path) -> None:
+def test_folder_holds_a_statement_or_is_empty(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     assert not holds_run(folder, "run.json")
     folder.mkdir()
@@ -26,7 +26,7 @@ def test_a_folder_holds_its_statement_or_nothing(tmp_path: Path) -> None:
         holds_run(folder / "run.json", "run.json")
 
 
-def test_results_and_the_order_of_keys_do_not_make_another_run(tmp_path: Path) -> None:
+def test_results_and_order_of_keys_are_not_compared(tmp_path: Path) -> None:
     check_same(tmp_path, {"b": {"y": [1, 2], "x": None}, "a": 1, "result": 3}, {"a": 1, "b": {"x": None, "y": (1, 2)}})
     check_same(tmp_path, {"a": {"old": 1}}, {"a": {"old": 1, "new": None}})
 

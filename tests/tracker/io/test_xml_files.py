@@ -1,4 +1,4 @@
-"""XML of unknown origin: elements with their lines, limits that hold to the element, and refusals with file and line."""
+"""XML of unknown origin: line numbers, limits, and refusals."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-def test_elements_know_their_lines_in_any_encoding(tmp_path: Path, encoding: str) -> None:
+def test_elements_have_line_numbers_in_any_encoding(tmp_path: Path, encoding: str) -> None:
     path = written(tmp_path, "<a>\n<!-- a\ncomment -->\n<b x='é'/><b\nx='2'/>\n</a>", encoding)
     top = parse(path, "a")
     assert [(child.tag, child.attributes, child.line) for child in top.children] == [("b", {"x": "é"}, 4), ("b", {"x": "2"}, 4)]
@@ -22,12 +22,12 @@ def test_elements_know_their_lines_in_any_encoding(tmp_path: Path, encoding: str
         top.find("b").number("x")
 
 
-def test_lines_are_counted_through_a_file_of_many_reads(tmp_path: Path) -> None:
+def test_line_numbers_in_a_large_file(tmp_path: Path) -> None:
     top = parse(written(tmp_path, "<a>\n" + "<b x='1'/>\n" * 50_000 + "</a>"), "a")
     assert [child.line for child in top.find_all("b")] == list(range(2, 50_002))
 
 
-def test_the_deepest_element(tmp_path: Path) -> None:
+def test_depth_limit(tmp_path: Path) -> None:
     for deep in (MAX_DEPTH, MAX_DEPTH + 1):
         path = written(tmp_path, "<a>\n" * deep + "</a>" * deep)
         if deep == MAX_DEPTH:

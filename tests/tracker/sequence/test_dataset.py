@@ -1,4 +1,4 @@
-"""A dataset is what its dataset.json says; only what is whole counts."""
+"""dataset.json and the sequences of a dataset."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from tracker.sequence.dataset import Dataset, read_dataset, sequences
 DATASET = Dataset("pilsun", {"seed": 3}, 4, {"png": False}, ("pilsun-00000", "pilsun-00001"))
 
 
-def test_written_and_read(tmp_path: Path) -> None:
+def test_round_trip(tmp_path: Path) -> None:
     (tmp_path / "dataset.json").write_text(DATASET.to_json())
     assert read_dataset(tmp_path) == DATASET
 
 
-def test_only_whole_sequences_count(tmp_path: Path) -> None:
+def test_only_complete_sequences_are_listed(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="neither a sequence"):
         sequences(tmp_path)
     (tmp_path / "dataset.json").write_text(DATASET.to_json())
@@ -38,7 +38,7 @@ def test_only_whole_sequences_count(tmp_path: Path) -> None:
         ("{", "[", "not JSON"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_errors_name_the_file(tmp_path: Path, old: str, new: str, message: str) -> None:
     (tmp_path / "dataset.json").write_text(DATASET.to_json().replace(old, new, 1))
     with pytest.raises(ValueError, match=f"dataset.json.*{message}"):
         read_dataset(tmp_path)

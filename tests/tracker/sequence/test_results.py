@@ -1,4 +1,4 @@
-"""Write∘read of what `track` leaves."""
+"""Results of tracking on disk: round trips and errors."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ def estimates() -> list[Estimate]:
     return out
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_round_trip(tmp_path: Path) -> None:
     results = Results.of(estimates(), {"source": "here"})
     write_results(tmp_path / "r", results)
     read = read_results(tmp_path / "r")
@@ -37,7 +37,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         np.testing.assert_allclose(P, 0.01 * np.eye(6) + 0.001)
 
 
-def test_the_map_is_written_and_read(tmp_path: Path) -> None:
+def test_landmark_history_round_trip(tmp_path: Path) -> None:
     # Landmark 7 is gone at the end and 9 has moved; robot_0 sees two, then none, then one.
     maps = [([7, 9], [[7.0, 0, 0], [9, 0, 0]]), ([9], [[9, 1, 0]]), ([9, 12], [[9, 2, 0], [12, 0, 0]])]
     seen = [{"robot_0": np.array([9, 7])}, {"robot_0": np.zeros(0, dtype=np.int64)}, {"robot_0": np.array([12])}]
@@ -55,7 +55,7 @@ def test_the_map_is_written_and_read(tmp_path: Path) -> None:
         read_results(tmp_path / "r")
 
 
-def test_there_is_one_run_a_folder(tmp_path: Path) -> None:
+def test_results_are_not_overwritten(tmp_path: Path) -> None:
     write_results(tmp_path / "r", Results.of(estimates(), {}))
     with pytest.raises(ValueError, match="is there already"):
         write_results(tmp_path / "r", Results.of(estimates(), {}))

@@ -1,4 +1,4 @@
-"""Values that are none are refused where they are made."""
+"""Checks of the values that the tracker takes: invalid ones are refused."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ def sightings(covariance: object, reach: float = np.nan) -> Sightings:
 @pytest.mark.parametrize(
     "covariance", [np.zeros((2, 2)), [[1e-4, 2e-4], [2e-4, 1e-4]], [[-1e-4, 0], [0, -1e-4]], [[1, 0.5], [0.2, 1]], [[np.inf, 0], [0, 1]]]
 )
-def test_a_sightings_covariance_is_positive(covariance: object) -> None:
+def test_covariance_of_sightings_must_be_positive(covariance: object) -> None:
     with pytest.raises(ValueError, match=r"covariance of sighting 0 is \[\[.*needs a symmetric positive matrix"):
         sightings(covariance)
 
 
 @pytest.mark.parametrize("reach", [0.0, -1.0])
-def test_nothing_is_seen_at_no_range(reach: float) -> None:
+def test_range_of_sightings_must_be_positive(reach: float) -> None:
     with pytest.raises(ValueError, match=f"sighting range is {reach:g} m, needs more than 0"):
         sightings(np.eye(2), reach)
     assert len(sightings(np.eye(2), 2.0)) == len(sightings(np.eye(2))) == 1
 
 
-def test_covariances_of_poses_are_not_negative() -> None:
+def test_covariance_of_poses_must_not_be_negative() -> None:
     bad = np.diag([1e-4, 1, 1, 1, 1, -1e-4])
     with pytest.raises(ValueError, match=r"covariance of odometry has an eigenvalue of -0.0001, needs at least 0"):
         Odometry(Pose.identity(), bad)
@@ -42,7 +42,7 @@ def test_covariances_of_poses_are_not_negative() -> None:
 
 
 @pytest.mark.parametrize(("up", "sigma"), [([0, 0, 0], 0.02), ([0, 0, 1], 0.0)])
-def test_up_is_a_direction(up: list[float], sigma: float) -> None:
+def test_gravity_must_be_a_direction(up: list[float], sigma: float) -> None:
     with pytest.raises(ValueError, match="needs a direction and more than 0"):
         Odometry(Pose.identity(), np.eye(6), np.array(up, dtype=np.float64), sigma)
 
@@ -67,7 +67,7 @@ def setup_of(starts: dict[str, Start | None], area: np.ndarray | None = None) ->
     return Setup({name: Mount(Panorama(64, 32), Pose.identity(), name) for name in starts}, Flat(), starts, 0.1, area=area)
 
 
-def test_the_edge_belongs_to_the_area() -> None:
+def test_area_includes_its_edge() -> None:
     setup = setup_of({"a": EXACT}, np.array([[-1.0, 2.0], [3.0, 4.0]]))
     points = np.array([[0.0, 3.0], [-1.0, 2.0], [3.0, 4.0], [3.5, 3.0], [0.0, 1.75], [-2.0, 6.5], [np.nan, 3.0]])
     inside = [True, True, True, False, False, False, False]
@@ -78,7 +78,7 @@ def test_the_edge_belongs_to_the_area() -> None:
     assert setup.contains(points[:0]).shape == setup.distance_beyond(points[:0]).shape == (0,)
 
 
-def test_without_an_area_everything_is_inside() -> None:
+def test_setup_without_area_contains_all_points() -> None:
     setup, far = setup_of({"a": EXACT}), np.array([[1e6, 0.0], [0.0, -1e6]])
     assert setup.contains(far).all()
     assert not setup.distance_beyond(far).any()

@@ -105,7 +105,7 @@ def write(folder: Path, form: ImageForm | None = None) -> None:
             truths = {name: view_truth(k, name, instances[name]) for name in CAMERAS}
             colours = {name: cv2.resize(rng.integers(0, 255, (9, 12, 3), np.uint8), image.shape[::-1]) for name, image in instances.items()}
             still = Odometry(Pose.planar(0.1, 0, 0), 1e-4 * np.eye(6)) if k else None
-            robot = View("robot_0_camera", Detections.none(), odometry=still, image=colours["robot_0_camera"], companions=companions(poses))
+            robot = View("robot_0_camera", Detections.none(), odometry=still, image=colours["robot_0_camera"], robot_detections=companions(poses))
             views = [robot, View("View_001", Detections.none(), image=colours["View_001"])]
             visible = np.array([[float(p in truths[n].boxes.person) for n in CAMERAS] for p in (1, 2)])
             truth = Truth(k, robots(k), np.array([1, 2]), joints(k)[:, 0] * [1, 1, 0], visible, joints(k))

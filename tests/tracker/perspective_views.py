@@ -17,7 +17,7 @@ from tracker.geometry.cameras import Panorama, Tsai, pinhole
 
 
 @dataclass(frozen=True)
-class Gaze:
+class ViewDirection:
     """Where a view looks: azimuth rad in the world, horizontal field of view rad, and its size width, height px."""
 
     azimuth: float
@@ -26,7 +26,7 @@ class Gaze:
 
 
 @dataclass(frozen=True, eq=False)
-class Rectified:
+class PerspectiveView:
     """A view: its camera (κ1 = 0, sx = 1), T_world_camera with the horizon level, and the panorama's pixels u, v (H, W) under its own."""
 
     camera: Tsai
@@ -54,7 +54,7 @@ class Rectified:
             raise ValueError(f"panorama is {image.shape[1]} x {image.shape[0]} px, needs the size that the view was made for")
 
 
-def rectify(panorama: Panorama, T_world_camera: Pose, gaze: Gaze) -> Rectified:
+def rectify(panorama: Panorama, T_world_camera: Pose, gaze: ViewDirection) -> PerspectiveView:
     """The view of a panorama at T_world_camera in the direction of the gaze. Raises ValueError for a field of view not within (0, π)."""
     width, height = gaze.size
     camera = pinhole(width, height, gaze.field)
@@ -65,4 +65,4 @@ def rectify(panorama: Panorama, T_world_camera: Pose, gaze: Gaze) -> Rectified:
     maps = [pixels[:, k].reshape(height, width).astype(np.float32) for k in (0, 1)]
     for array in maps:
         array.flags.writeable = False
-    return Rectified(camera, T_world_view, *maps)
+    return PerspectiveView(camera, T_world_view, *maps)
