@@ -1,6 +1,6 @@
-"""Scenario: everything that decides a run, as one value that can be written down.
+"""Scenario: all parameters of a run as one value, with conversion to and from JSON.
 
-The same scenario gives the same truth, odometry and detections anywhere.
+The same scenario gives the same truth, odometry and detections on every machine.
 """
 
 from __future__ import annotations
@@ -33,20 +33,21 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "bearing_noise": (0.0, math.radians(10.0)),
     "min_visible": (0.0, 1.0),
 }
-"""The lowest and highest value of every number, both included."""
+"""Lowest and highest value of every numeric field, both included."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is simulated and how it is seen.
+    """Parameters of a simulation and of its sensors.
 
-    world: a name of worlds.catalogue; difficulty in [0, 1]; seed of every random stream; rate frames/s; width px of the panorama,
-    whose height is half of it; camera_height m above the ground; children, the share of people who are children (from 1.1 m on, else 1.5 m);
-    at_once: how many of the people are there at once, coming and going through spawn areas; all of them throughout where it is 0;
-    timestep s of the physics, which takes the nearest to this that divides the steps of the crowd.
-    Pictures: exposure, stops (sigma of its slow drift, a view for itself); image_noise, counts of 255 (sigma in every pixel and channel).
-    Detector: misses, the share of visible people not detected; clutter, the mean number of false detections a view and frame;
-    bearing_noise rad (one sigma of a box's edge); min_visible, the fraction of a body below which it is never detected.
+    world: a name of worlds.catalogue. difficulty: in [0, 1]. seed: of all random streams. frames: number of frames. rate: frames/s.
+    people: number of people in the whole run. children: share of them who are children (1.1 to 1.5 m tall; adults 1.5 to 2 m).
+    at_once: how many people are present at once, entering and leaving through spawn areas; 0 means all of them throughout.
+    width: of the panorama, px; its height is half of it. camera_height: m above the ground.
+    timestep: of the physics, s; the nearest value that divides the crowd's step is used.
+    Images: exposure is the sigma of its slow drift in stops, image_noise the sigma of every pixel and channel in counts of 255.
+    Detector: misses is the share of visible people not detected, clutter the mean number of false detections a view and frame.
+    bearing_noise is one sigma of a box's edge, rad; a body with a smaller visible fraction than min_visible is never detected.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -85,20 +86,20 @@ class Scenario:
 
     @property
     def period(self) -> float:
-        """Seconds between frames."""
+        """s between frames."""
         return 1.0 / self.rate
 
     def stream(self, name: str) -> np.random.Generator:
-        """The random stream of that name: seeded by (seed, crc32(name)), so that streams do not move each other."""
+        """The random stream of that name, seeded by (seed, crc32(name)). Streams are independent of each other."""
         return np.random.default_rng([self.seed, zlib.crc32(name.encode())])
 
     def to_json(self) -> str:
-        """One JSON object, a field a key; floats as their shortest exact decimals."""
+        """One JSON object with a key for each field, and floats as their shortest exact decimals."""
         return json.dumps(dataclasses.asdict(self), indent=2, allow_nan=False) + "\n"
 
     @staticmethod
     def from_json(text: str) -> Scenario:
-        """The scenario that to_json wrote. Raises ValueError where text is no object or a field is unknown, missing or out of bounds."""
+        """Inverse of to_json. Raises ValueError if the text is no object, or a field is unknown, missing or out of bounds."""
         content = json.loads(text)
         if not isinstance(content, dict):
             raise ValueError(f"scenario is a JSON {type(content).__name__}, needs an object")
@@ -112,7 +113,7 @@ class Scenario:
 
 
 def _bounded(name: str, value: Any, whole: bool) -> float:
-    """`value` as an int or a float within BOUNDS[name]; ValueError otherwise."""
+    """`value` as an int or a float. Raises ValueError if it is not a number within BOUNDS[name]."""
     low, high = BOUNDS[name]
     kind = "a whole number" if whole else "a number"
     fits = isinstance(value, (int, np.integer)) if whole else isinstance(value, (int, float, np.integer, np.floating))

@@ -1,4 +1,4 @@
-"""What walkers decide as they go: arrivals, pauses, changes of mind, coming and leaving. Compiled, one thread, in a fixed order."""
+"""Behaviour of pedestrians: arrival, pauses, change of goals, entering and leaving. Compiled, single-threaded, in a fixed order."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from sim.crowd.social_force import GOAL, HEADWAY_SPEED, PAUSE, PRESENT, SPEED, S
 from tracker.geometry import Array
 
 ARRIVED = 0.7
-"""m from a goal at which it counts as reached; where others stand in the way, twice and a half of it does."""
+"""m: distance at which a goal counts as reached; 2.5 times as far for somebody who is blocked."""
 PATIENCE = 6.0
-"""s after which somebody who cannot get on wants to go elsewhere; time in a queue counts a quarter."""
+"""s without progress after which a person takes the next goal. Time in a queue counts a quarter."""
 GROUP_RANGE = 1.6
-"""m from the first of a group within which the others stop where that one does."""
+"""m: distance to the leader of a group within which the others pause with the leader."""
 
 
 class BehaviorState(NamedTuple):
-    """The arrays of itinerary.Plans."""
+    """The arrays of goals.GoalPlans, as compiled functions need them."""
 
     itinerary: Numbers
     group: Numbers
@@ -32,7 +32,7 @@ class BehaviorState(NamedTuple):
 
 
 class StepInput(NamedTuple):
-    """time and length of a step, s; how many people have entered so far, and how many may be present at once, all where 0."""
+    """Time and length of a step, s; how many people have entered so far, and how many may be present at once (0: all)."""
 
     time: float
     dt: float
@@ -42,9 +42,9 @@ class StepInput(NamedTuple):
 
 @njit(cache=True)
 def update_behavior(body: Array, inputs: tuple[Array, Array, Array], goals: Array, plans: BehaviorState, step_input: StepInput) -> int:
-    """Change what bodies (m, 10) want, after a step; how many have entered by then.
+    """Update goals, pauses and presence of bodies (m, 10) after a step, in place. Returns how many people have entered by then.
 
-    mind: wishes (m, 6), what others did (m, 5), obstacles (k, 7), as in social_force; goals (g, 2) m.
+    inputs: desired motion (m, 6), interactions (m, 5) and obstacles (k, 7), as in social_force. goals: (g, 2) m.
     """
     present = np.flatnonzero(body[:, PRESENT] > 0)
     for i in present:
@@ -55,7 +55,7 @@ def update_behavior(body: Array, inputs: tuple[Array, Array, Array], goals: Arra
 
 @njit(cache=True)
 def _update_goal(out: Array, i: Number, inputs: tuple[Array, Array], goals: Array, plans: BehaviorState) -> None:
-    """Arrivals, changes of mind and the next goal of body i; who follows does as the first of the group that is there."""
+    """Arrival, impatience and next goal of body i. Members of a group copy the first of them who is present."""
     desired, effect = inputs
     if math.hypot(out[i, VX], out[i, VY]) >= 0.25 * desired[SPEED] + 0.05:
         out[i, STUCK] = 0.0
@@ -84,7 +84,7 @@ def _update_goal(out: Array, i: Number, inputs: tuple[Array, Array], goals: Arra
 
 @njit(cache=True)
 def _exit_people(out: Array, present: Numbers, goals: Array, plans: BehaviorState, time: float) -> None:
-    """Who has to be gone by now walks to the exit, and is absent once there."""
+    """Send people whose time is over to their exits, and remove those who have reached them."""
     for i in present:
         if plans.leave[i] == np.inf:
             continue
@@ -99,7 +99,7 @@ def _exit_people(out: Array, present: Numbers, goals: Array, plans: BehaviorStat
 
 @njit(cache=True)
 def _enter_people(out: Array, obstacle: Array, plans: BehaviorState, step_input: StepInput) -> int:
-    """How many have entered: one more where there is a place to; whose own entry is taken comes by that of one of the next."""
+    """Let the next person enter if an entry is free: the own one, or that of one of the next seven. Returns how many have entered."""
     entered, at_once, m = step_input.entered, step_input.at_once, len(out)
     if at_once == 0 or entered >= m or (out[:, PRESENT] > 0).sum() >= at_once:
         return entered

@@ -1,6 +1,6 @@
-"""Where people go: through a place to their goals, alone or in company, around each other, walls and robots; waiting, arriving, leaving.
+"""Crowd simulation: people walk to their goals, alone or in groups, around each other, walls and robots.
 
-No MuJoCo in it. The forces are in social_force.py, steps in strides.py, plans in itinerary.py and what becomes of them in decisions.py.
+One step has three parts: interactions (social_force.py), motion (steering.py) and behaviour (behavior.py). Plans are drawn in goals.py.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ COLUMNS = GOAL + 1
 
 @dataclass(frozen=True, eq=False)
 class CrowdState:
-    """m people: body (m, 10) in the columns of social_force.py; time s; entered, how many of them have come so far, in their order."""
+    """State of m people: body (m, 10) with the columns of social_force.py; time s; entered: how many have entered so far, in order."""
 
     body: Array
     time: float
@@ -51,29 +51,31 @@ class CrowdState:
 
     @property
     def pause(self) -> Array:
-        """(m,) s still to stand."""
+        """(m,) s left of the pause at a goal."""
         return self.body[:, PAUSE]
 
     @property
     def stuck(self) -> Array:
-        """(m,) s without getting on."""
+        """(m,) s without progress."""
         return self.body[:, STUCK]
 
     @property
     def visit(self) -> NDArray[np.int64]:
-        """(m,): how many goals are behind them."""
+        """(m,): number of goals passed."""
         return self.body[:, VISIT].astype(np.int64)
 
     @property
     def present(self) -> NDArray[np.bool_]:
-        """(m,) bool: who is there now; the others have not come yet or have gone for good."""
+        """(m,) bool: who is present. The others have not entered yet or have left."""
         return self.body[:, PRESENT] > 0
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """What people walk around: position (k, 2) m, velocity (k, 2) m/s, radius (k,) m; asks (k, 2) m/s, how each would move if those before it
-    gave way, 0 where it does not ask them to, None where none of them asks."""
+    """Moving discs that people avoid: position (k, 2) m, velocity (k, 2) m/s, radius (k,) m.
+
+    requested_velocity (k, 2) m/s: how each would move if people gave way; 0 for no request. None: no requests at all.
+    """
 
     position: Array
     velocity: Array
@@ -86,20 +88,20 @@ class Obstacles:
 
     @cached_property
     def packed(self) -> Array:
-        """(k, 7): x, y, vx, vy, radius, and the velocity asked for."""
+        """(k, 7): x, y, vx, vy, radius, requested vx, vy."""
         requested_velocity = np.zeros_like(self.velocity) if self.requested_velocity is None else self.requested_velocity
         return np.column_stack([self.position, self.velocity, self.radius, requested_velocity]).astype(np.float64)
 
 
 class PedestrianModel(Protocol):
-    """People who move: a crowd that goes where it wants, or the replay of given paths."""
+    """A model of moving people: a Crowd with its own plans, or a Replay of given paths."""
 
     def step(self, state: CrowdState, obstacles: Obstacles, dt: float) -> CrowdState: ...
 
 
 @dataclass(frozen=True, eq=False)
 class Crowd:
-    """The people of one place. It holds what does not change; `step` gives the next state."""
+    """A crowd in one world. It holds the constants; `step` returns the next state."""
 
     free_space: FreeSpace
     ground: Terrain
@@ -107,7 +109,7 @@ class Crowd:
     _known: set[int] = field(default_factory=set, init=False, repr=False)
 
     def start(self, position: Array, heading: Array) -> CrowdState:
-        """Everybody at position (m, 2) m, about to go; of those who come and go, the first plans.at_once are there."""
+        """State of people at position (m, 2) m with heading (m,) rad. If people come and go, the first plans.at_once are present."""
         m = len(position)
         body = np.zeros((m, COLUMNS))
         entered = self.plans.at_once or m
@@ -119,7 +121,7 @@ class Crowd:
         return CrowdState(body, 0.0, entered)
 
     def goal(self, state: CrowdState) -> NDArray[np.int64]:
-        """(m,): the goal that each walks to or stands at."""
+        """(m,): index of the current goal of each person."""
         return state.body[:, GOAL].astype(np.int64)
 
     def step(self, state: CrowdState, obstacles: Obstacles, dt: float) -> CrowdState:
@@ -133,7 +135,9 @@ class Crowd:
             desired, unknown = desired_motion(state.body, grid, self._groups)
         effect, close_pairs = interactions(state.body, desired, packed)
         body = advance(state.body, desired, (effect, close_pairs), packed, grid, dt)
-        entered = update_behavior(body, (desired, effect, packed), grid.goals, self._behavior, StepInput(state.time, dt, state.entered, self.plans.at_once))
+        entered = update_behavior(
+            body, (desired, effect, packed), grid.goals, self._behavior, StepInput(state.time, dt, state.entered, self.plans.at_once)
+        )
         return CrowdState(body, state.time + dt, entered)
 
     def _compute_directions(self, goals: Array) -> None:
@@ -155,10 +159,12 @@ class Crowd:
         nodes, shape = self._nodes, self.free_space.free.shape
         maps = np.column_stack([self.free_space.clearance_at(nodes), self.free_space.away_at(nodes), self.ground.height_at(nodes)])
         count = len(self.plans.goals)
-        # Ways are filled in when they are needed; until then these are only addresses.
+        # Directions are filled in on demand. Until then the pages of this array take no memory.
         directions, known = np.zeros((count, *shape, 2), dtype=np.float32), np.zeros(count, dtype=np.bool_)
         frame = np.array([*self.free_space.origin, self.free_space.spacing])
-        return SteeringGrid(maps.reshape(*shape, 4).astype(np.float32), directions, known, np.ascontiguousarray(self.plans.goals, dtype=np.float64), frame)
+        return SteeringGrid(
+            maps.reshape(*shape, 4).astype(np.float32), directions, known, np.ascontiguousarray(self.plans.goals, dtype=np.float64), frame
+        )
 
     @cached_property
     def _behavior(self) -> BehaviorState:

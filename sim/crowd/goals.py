@@ -1,4 +1,4 @@
-"""What people want: goals, pauses, company, and when and where they come and go."""
+"""Plans of pedestrians: goals, pauses, groups, and times and areas of entry and exit."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from tracker.geometry import Array
 from worlds.terrain.free_space import FreeSpace
 
 PREFERRED_SPEED, SPEED_SPREAD = 1.2, 0.2
-"""m/s: mean and sigma of the speed that people walk at on level ground (1.3 in the open, less indoors)."""
+"""m/s: mean and standard deviation of the walking speed on level ground (1.3 in the open, less indoors)."""
 GROUP_CHANCE = 0.19
-"""The chance that somebody walks with the person before, in groups of at most LARGEST_GROUP: a third of all people then are in company."""
+"""Probability that a person joins the group of the previous one. A third of all people then are in groups."""
 LARGEST_GROUP = 3
 _GOALS = 32
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPlans:
-    """What m people want: speed (m,) m/s on the level, goals (g, 2) m, itinerary (m, k) of goals, gone through again and again, and pauses
-    (m, k) s at each of them; group (m,), the first person of one's group, who leads it, no greater than one's own number.
+    """Plans of m people.
 
-    Who comes and goes: entry (m, 2) m, exit (m,) the goal through which one leaves, leave (m,) s, when one is to be gone, inf for never;
-    at_once, how many are present at once, all where 0.
+    speed: (m,) m/s on level ground. goals: (g, 2) m. itinerary: (m, k) indices of goals, repeated cyclically. pauses: (m, k) s at these goals.
+    group: (m,) index of the first person of the group, who leads it; at most the person's own index.
+    entry: (m, 2) m. exit: (m,) index of the goal through which one leaves. leave: (m,) s, time of leaving, inf for never.
+    at_once: how many people are present at once; 0 for all.
     """
 
     speed: Array
@@ -40,7 +41,7 @@ class GoalPlans:
 
     @staticmethod
     def of(speed: Array, goals: Array, itinerary: NDArray[np.int64], pauses: Array) -> GoalPlans:
-        """Plans of people who walk alone and stay."""
+        """Plans of people without groups who stay throughout."""
         m = len(speed)
         nowhere = np.zeros((m, 2)), np.zeros(m, dtype=np.int64), np.full(m, np.inf)
         return GoalPlans(speed, goals, itinerary, pauses, np.arange(m), *nowhere)
@@ -48,8 +49,10 @@ class GoalPlans:
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """That at most at_once people are present at once, for duration s in all, who come and go through areas (k, 2, 2)
-    [[xmin, ymin], [xmax, ymax]] m; all of them stay throughout where at_once is 0."""
+    """Entering and leaving of people: at most `at_once` are present at once; 0 means that all stay throughout.
+
+    areas: (k, 2, 2) [[xmin, ymin], [xmax, ymax]] m, of entry and exit. duration: s of the whole run.
+    """
 
     areas: Array
     at_once: int
@@ -57,9 +60,9 @@ class Schedule:
 
 
 def make_plans(free_space: FreeSpace, rngs: list[np.random.Generator], goal_rng: np.random.Generator, schedule: Schedule | None = None) -> GoalPlans:
-    """Plans for as many people as there are streams: each draws speed, goals and pauses from the own one, the goals are shared.
+    """Plans for one person per stream of `rngs`, which draws speed, itinerary and pauses. `goal_rng` draws the shared goals.
 
-    Raises ValueError where free space is too small for goals.
+    Raises ValueError if free space is too small for the goals.
     """
     count = int(np.clip(free_space.area / 8.0, 4, 12))
     goals = free_space.sample(goal_rng, count, 0.15, 0.5 * math.sqrt(free_space.area / count))
@@ -70,7 +73,7 @@ def make_plans(free_space: FreeSpace, rngs: list[np.random.Generator], goal_rng:
         speed[i] = np.clip(rng.normal(PREFERRED_SPEED, SPEED_SPREAD), 0.7, 1.8)
         steps = np.cumsum(rng.integers(1, count, _GOALS))
         itinerary[i] = (rng.integers(count) + steps) % count
-        # Half of the goals are only passed; at the others people stay for some seconds.
+        # People only pass half of the goals, and pause for some seconds at the others.
         pauses[i] = np.where(rng.random(_GOALS) < 0.5, 0.1, rng.uniform(1.5, 6.0, _GOALS))
         if rng.random() < GROUP_CHANCE and i and i - group[i - 1] < LARGEST_GROUP:
             group[i] = group[i - 1]
@@ -82,14 +85,14 @@ def make_plans(free_space: FreeSpace, rngs: list[np.random.Generator], goal_rng:
         areas = np.array([rng.integers(len(schedule.areas), size=2) for rng in rngs])[group]
         entry = np.array([rng.uniform(*schedule.areas[a]) for rng, a in zip(rngs, areas[:, 0], strict=True)])
         exits = count + areas[:, 1]
-        # One leaves and one comes at even times, the last of all just before the end: everybody has come by then, and nearly as many stay.
+        # People leave at even intervals, and each is replaced. Everybody has entered before the end, and the number present hardly changes.
         leave = ((np.arange(m) + 1) * schedule.duration / (m - at_once + 1))[group]
         goals = np.concatenate([goals, schedule.areas.mean(axis=1)])
     return GoalPlans(speed, goals, plans.itinerary, plans.pauses, group, entry, exits, leave, at_once)
 
 
 def order_by_group(places: Array, group: NDArray[np.int64]) -> Array:
-    """places (m, 2) m in an order in which the people of a group (m,) get places near their first one."""
+    """places (m, 2) m, reordered so that the members of a group (m,) get places near their leader."""
     left = list(range(len(places)))
     chosen: list[int] = []
     for i, leader in enumerate(group.tolist()):

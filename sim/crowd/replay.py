@@ -1,8 +1,7 @@
-"""People who walk given paths, such as annotated ones, in place of a crowd that goes where it wants.
+"""Replay of given paths of people, such as annotated ones, with the interface of a crowd.
 
-Annotated places are off by centimetres from frame to frame, which would make feet shuffle and bodies shake: a path is smoothed by a Savitzky–Golay
-filter (Savitzky and Golay 1964; a parabola over WINDOW s at each frame), and a cubic spline through the smoothed places gives place and velocity
-at any time between frames.
+Annotated positions have errors of centimetres from frame to frame. A Savitzky–Golay filter smooths them
+(Savitzky and Golay 1964; a parabola over WINDOW s). A cubic spline then gives position and velocity at any time.
 """
 
 from __future__ import annotations
@@ -22,15 +21,17 @@ from tracker.geometry import Array, frozen, wrap
 from worlds.terrain.free_space import FEET, FreeSpace
 
 WINDOW = 1.2
-"""s: about a stride, and short beside a turn."""
+"""s: about one stride, and short compared with a turn."""
 TURNING_SPEED = 0.3
-"""m/s: who is slower keeps facing where he did."""
+"""m/s: the heading of slower people stays constant."""
 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """ids (m,) of people, times (frames,) s at even steps, position (m, frames, 2) m, NaN where one is absent; stature (m,) m, or None where it
-    is to be drawn. Raises ValueError for shapes that do not fit, ids below 1 or twice, uneven times, and people who are never there."""
+    """Paths of m people: ids (m,), times (frames,) s at even steps, position (m, frames, 2) m, NaN while absent; stature (m,) m or None.
+
+    Raises ValueError for inconsistent shapes, ids that are below 1 or repeated, uneven times, and people without any position.
+    """
 
     ids: NDArray[np.int64]
     times: Array
@@ -45,13 +46,13 @@ class Paths:
         if len(np.unique(ids)) < len(ids) or ids.min(initial=1) < 1:
             raise ValueError(f"ids are {ids.tolist()}, need to be different and at least 1")
         if np.isinf(position).any():
-            raise ValueError("position holds infinite places, needs finite ones and NaN where somebody is absent")
+            raise ValueError("position holds infinite values, needs finite ones, and NaN where a person is absent")
         steps = np.diff(times)
         if len(steps) and (steps.min() <= 0 or np.ptp(steps) > 1e-6):
             raise ValueError(f"times step by {steps.min():g} to {steps.max():g} s, need one step above 0")
         never = np.asarray(np.isnan(position).any(axis=2)).all(axis=1)
         if never.any():
-            raise ValueError(f"person {ids[np.argmax(never)]} has no place in any of {len(times)} frames, needs one")
+            raise ValueError(f"person {ids[np.argmax(never)]} has no position in any of {len(times)} frames, needs one")
         position.flags.writeable = ids.flags.writeable = False
         for name, value in (("ids", ids), ("times", times), ("position", position)):
             object.__setattr__(self, name, value)
@@ -61,7 +62,7 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """A stretch of a path without gaps: whose row it is, from which time to which, s, and the place as a spline, None where it is one frame."""
+    """A segment of a path without gaps: row of its person, first and last time s, spline of the position, None for a single frame."""
 
     row: int
     first: float
@@ -70,7 +71,7 @@ class _Walk:
     spline: CubicSpline | None
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Place (2,) m and velocity (2,) m/s."""
+        """Position (2,) m and velocity (2,) m/s."""
         if self.spline is None:
             return self.place[0], np.zeros(2)
         t = min(max(time, self.first), self.last)
@@ -79,9 +80,9 @@ class _Walk:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Paths in a place, with the interface of a crowd. Obstacles do not move people off their paths: who drives has to give way.
+    """Paths in a world, with the interface of a crowd. People keep to their paths, so that robots have to give way.
 
-    Raises ValueError naming person, frame, time and place where a path leads out of the world or into a wall or an obstacle.
+    Raises ValueError that names person, frame, time and position where a path leaves the world or enters a wall or an obstacle.
     """
 
     paths: Paths
@@ -92,9 +93,11 @@ class Replay:
         rows, frames = np.nonzero(~np.isnan(position).any(axis=2))
         places = position[rows, frames]
         size = np.array(self.free_space.free.shape[::-1]) - 1
-        beyond = np.maximum(self.free_space.origin - places, places - self.free_space.origin - self.free_space.spacing * size).max(axis=1, initial=-np.inf)
+        beyond = np.maximum(self.free_space.origin - places, places - self.free_space.origin - self.free_space.spacing * size).max(
+            axis=1, initial=-np.inf
+        )
         outside = beyond > 0
-        # Free space has the half width of a body taken off.
+        # Free space is eroded by the half width of a body.
         walled = self.free_space.clearance_at(places) < -FEET.half_width
         if (outside | walled).any():
             k = int(np.argmax(outside | walled))
@@ -104,7 +107,7 @@ class Replay:
             raise ValueError(f"person {who} at frame {frames[k]} ({time:.2f} s) {fault}: ({x:.2f}, {y:.2f}) m, needs free ground")
 
     def start(self) -> CrowdState:
-        """The people at the first of the times, facing where they will first go."""
+        """State at the first time, with people facing their first direction of motion."""
         body = np.zeros((len(self.paths.ids), COLUMNS))
         for walk in reversed(self._walks):
             body[walk.row, X : X + 2] = walk.at(walk.first)[0]
@@ -112,7 +115,7 @@ class Replay:
         return self._moved(body, float(self.paths.times[0]))
 
     def step(self, state: CrowdState, obstacles: Obstacles, dt: float) -> CrowdState:
-        """The state `dt` s later; obstacles are ignored."""
+        """The state `dt` s later. Obstacles have no effect."""
         time = state.time + dt
         moved = self._moved(state.body.copy(), time).body.copy()
         speed = np.hypot(moved[:, VX], moved[:, VX + 1])
@@ -122,7 +125,7 @@ class Replay:
         return CrowdState(moved, time, state.entered)
 
     def _moved(self, body: Array, time: float) -> CrowdState:
-        """Everybody at his place at `time` s; who has just come faces where he goes."""
+        """Everybody at the position for `time` s. New people face their first direction of motion."""
         present = body[:, PRESENT] > 0
         body[:, PRESENT] = body[:, VX] = body[:, VX + 1] = body[:, GOAL] = 0.0
         for walk in self._walks:
@@ -135,7 +138,7 @@ class Replay:
 
     @cached_property
     def _walks(self) -> list[_Walk]:
-        """The paths without their gaps, person by person, early ones first."""
+        """All segments of the paths, by person and time."""
         times, walks = self.paths.times, []
         for row, path in enumerate(self.paths.position):
             seen = np.flatnonzero(np.isfinite(path).all(axis=1))
@@ -147,7 +150,7 @@ class Replay:
 
 
 def _smoothed(place: Array, times: Array) -> Array:
-    """place (n, 2) m at even steps of `times`, smoothed; a path shorter than WINDOW by one parabola, as far as it has frames for one."""
+    """Smoothed positions (n, 2) m. One parabola fits a path that is shorter than WINDOW; four frames or fewer stay as they are."""
     n = len(place)
     step = times[1] - times[0] if len(times) > 1 else 1.0
     window = min(2 * round(WINDOW / step / 2) + 1, n - 1 + n % 2)
@@ -157,7 +160,7 @@ def _smoothed(place: Array, times: Array) -> Array:
 
 
 def _facing(walk: _Walk) -> float:
-    """rad: where a walk first leads at more than TURNING_SPEED; 0 where it never does."""
+    """rad: first direction of motion faster than TURNING_SPEED; 0 if there is none."""
     for time in np.linspace(walk.first, walk.last, 32):
         vx, vy = walk.at(float(time))[1]
         if np.hypot(vx, vy) > TURNING_SPEED:

@@ -1,8 +1,8 @@
-"""What people in each other's way do: forces, headway, and bodies that do not run through each other. Compiled, one thread, in a fixed order.
+"""Interactions of pedestrians: social force, headway and right of way. Compiled, single-threaded, in a fixed order.
 
-Steering is the social force of Moussaïd et al. (2009), Experimental study of the behavioural mechanisms underlying self-organization in human
-crowds, Proc. R. Soc. B 276, with their constants. How fast somebody follows another is the headway law of Tordeux, Chraibi and Seyfried (2016),
-Collision-free speed model for pedestrian dynamics, eq. 2: speed = (distance − length) / time gap.
+The social force and its constants are those of Moussaïd et al. (2009), Experimental study of the behavioural mechanisms underlying
+self-organization in human crowds, Proc. R. Soc. B 276. The speed behind another person follows the headway law of Tordeux, Chraibi and
+Seyfried (2016), Collision-free speed model for pedestrian dynamics, eq. 2: speed = (distance − length) / time gap.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 from tracker.geometry import Array
 
 BODY_RADIUS = 0.23
-"""m: bodies closer than twice this overlap; packed, they are 5.5 to the m², Weidmann's densest crowd."""
+"""m: bodies overlap below twice this distance. Packed bodies are 5.5 a m², Weidmann's highest density."""
 INTERACTION_RANGE = 3.0
-"""m beyond which people do not mind each other."""
+"""m: range of interactions between people."""
 TIME_GAP, LENGTH, HALF_LANE = 0.5, 0.4, 0.3
-"""s, m, m: the distance to whom one follows, beyond LENGTH, over the speed; and half the width of the lane in which one follows. Fitted to the
-fundamental diagram of Weidmann (1993) in a ring corridor of 8 m radius, 2.5 m wide, at 0.5 to 3 people a m²; tested in another one."""
+"""s, m, m: time gap and length of the headway law, half the width of the lane in which a person follows another.
+They are fitted to the fundamental diagram of Weidmann (1993), in a ring corridor of 8 m radius and 2.5 m width at 0.5 to 3 people a m²."""
 CONTACT_RANGE = 0.14
-"""m before bodies touch at which they begin to push."""
+"""m: gap between bodies below which they repel each other stiffly."""
 X, Y, VX, VY, HEADING, PAUSE, STUCK, VISIT, PRESENT, GOAL = range(10)
-"""Columns of a body: place m, velocity m/s, heading rad, s still to stand, s without getting on, goals passed, 1 where present, the goal's number."""
+"""Columns of a body: position m, velocity m/s, heading rad, remaining pause s, s without progress, goals passed, 1 if present, index of the goal."""
 DIRECTION_X, DIRECTION_Y, SPEED, IN_BOTTLENECK, BEFORE_BOTTLENECK, CLEARANCE = range(6)
-"""Columns of a wish: unit direction, m/s, 1 where one is in a passage too narrow for two, 1 where one is about to enter it, m off walls."""
+"""Columns of the desired motion: unit direction, speed m/s, 1 inside a bottleneck, 1 just before one, clearance from walls m."""
 FORCE_X, FORCE_Y, HEADWAY_SPEED, YIELDS, ASKED_TO_YIELD = range(5)
-"""Columns of what others do to somebody: m/s², m/s that they leave free, 1 where somebody is let through first, 1 where a robot asks for way."""
+"""Columns of interactions: force m/s², speed limit by headway m/s, 1 to yield at a bottleneck, 1 to yield to a robot's request."""
 YIELD_LANE, YIELD_ACCELERATION = 0.75, 2.5
-"""m to both sides of the way that a robot asks for in which people make room, and m/s² with which they do."""
+"""m: half width of the lane that people clear for a robot; m/s²: acceleration with which they do."""
 
 Numbers = NDArray[np.int64]
 Pairs = NDArray[np.int32]
@@ -41,8 +41,10 @@ Number = int | np.signedinteger[Any]
 
 @njit(cache=True)
 def interactions(body: Array, desired: Array, obstacle: Array) -> tuple[Array, Pairs]:
-    """(m, 5): what all others and obstacles (k, 7) x, y, vx, vy, radius, asked vx, vy do to everybody, who wants to walk as `wish` (m, 6);
-    and (p, 2): all pairs of people within a metre of each other."""
+    """Interactions (m, 5) of bodies (m, 10) with desired motion (m, 6), and all pairs (p, 2) of people within one metre.
+
+    obstacle (k, 7): x, y, vx, vy, radius, requested vx, vy.
+    """
     present = np.flatnonzero(body[:, PRESENT] > 0)
     pairs = _neighbours(body, present, INTERACTION_RANGE)
     effect = _pedestrian_interactions(body, desired, pairs)
@@ -59,7 +61,7 @@ def interactions(body: Array, desired: Array, obstacle: Array) -> tuple[Array, P
 
 @njit(cache=True)
 def _neighbours(body: Array, present: Numbers, reach: float) -> Pairs:
-    """(p, 2): all pairs of the people `here` (n,) that are nearer than `reach` m, by a list of cells of that size, with an empty frame of cells."""
+    """All pairs (p, 2) of the people `present` (n,) within `reach` m, by a cell list with an empty frame of cells."""
     n = len(present)
     if n < 2:
         return np.empty((0, 2), np.int32)
@@ -75,7 +77,7 @@ def _neighbours(body: Array, present: Numbers, reach: float) -> Pairs:
     first = np.cumsum(first)
     order = np.empty(n, np.int64)
     for a in range(n):
-        # Each cell's start moves on to its end, so that afterwards `first` counts from the cell itself.
+        # The start of each cell advances to its end: afterwards first[c] is the start of cell c.
         order[first[cell[a] + 1]] = present[a]
         first[cell[a] + 1] += 1
     return _pairs(body, order, first, (width, reach))
@@ -83,10 +85,10 @@ def _neighbours(body: Array, present: Numbers, reach: float) -> Pairs:
 
 @njit(cache=True)
 def _pairs(body: Array, order: Numbers, first: Numbers, grid: tuple[int, float]) -> Pairs:
-    """The pairs of `_neighbours`: people in the order of their cells, cell c being order[first[c] : first[c + 1]]; grid: cells a row, reach m."""
+    """Pairs of `_neighbours`. Cell c holds the people order[first[c] : first[c + 1]]; grid: cells in a row, reach m."""
     width, reach = grid
-    # One row of neighbouring cells is one run of `order`: the rest of this cell with the one to the east, and the three to the north.
-    # Four bytes each: what a step takes from the system anew grows with the crowd faster than the crowd.
+    # Neighbouring cells in a row are one run of `order`: the rest of this cell with the next one, and the three cells of the next row.
+    # Indices of 4 bytes keep the memory small that each step allocates.
     out, count = np.empty((max(16 * len(order), 64), 2), np.int32), 0
     for c in range(width, len(first) - 2 - width):
         for a in range(first[c], first[c + 1]):
@@ -107,10 +109,10 @@ def _pairs(body: Array, order: Numbers, first: Numbers, grid: tuple[int, float])
 
 @njit(cache=True)
 def _pair_force(away_x: float, away_y: float, slip_x: float, slip_y: float, touch: float) -> tuple[float, float]:
-    """m/s² on a walker from another body at (away_x, away_y) m, walking with (slip_x, slip_y) m/s relative to it; they touch at `touch` m.
+    """Force, m/s², on a person from a body at (away_x, away_y) m. (slip_x, slip_y) m/s: velocity relative to it. They touch at `touch` m.
 
-    Moussaïd et al. 2009, eq. 3 to 5 with A = 4.5, γ = 0.35, n = 2, n' = 3, λ = 2, and a stiff push where bodies would touch (Helbing, Farkas,
-    Vicsek 2000). The other feels the opposite.
+    Moussaïd et al. 2009, eq. 3 to 5 with A = 4.5, γ = 0.35, n = 2, n' = 3, λ = 2, plus a stiff repulsion near contact (Helbing, Farkas,
+    Vicsek 2000). The force on the other body is the opposite.
     """
     distance = max(math.sqrt(away_x * away_x + away_y * away_y), 1e-6)
     ex, ey = away_x / distance, away_y / distance
@@ -121,7 +123,7 @@ def _pair_force(away_x: float, away_y: float, slip_x: float, slip_y: float, touc
     near = max(distance - touch + 0.4, 0.0)
     tx, ty = dx / max(length, 1e-9), dy / max(length, 1e-9)
     ahead = tx * ex + ty * ey
-    # What is left out is below 0.1 m/s²: too far off, or further aside than 1.5 / B rad (1 − cos x < x² / 2).
+    # Forces below 0.1 m/s² are left out: at long range, or beyond 1.5 / B rad aside (1 − cos x < x² / 2).
     if near < 4.0 * B and (1.0 - ahead) * B * B < 1.2:
         theta = math.atan2(tx * ey - ty * ex, ahead)
         gap = 4.5 * math.exp(-near / B)
@@ -134,7 +136,7 @@ def _pair_force(away_x: float, away_y: float, slip_x: float, slip_y: float, touc
 
 @njit(cache=True)
 def _pedestrian_interactions(body: Array, desired: Array, pairs: Pairs) -> Array:
-    """(m, 5): what all others do to everybody, who wants to walk as `wish` (m, 6)."""
+    """Interactions (m, 5) between people with desired motion (m, 6)."""
     out = np.zeros((len(body), 5))
     out[:, HEADWAY_SPEED] = np.inf
     for p in range(len(pairs)):
@@ -156,7 +158,7 @@ def _pedestrian_interactions(body: Array, desired: Array, pairs: Pairs) -> Array
 
 @njit(cache=True)
 def _headway_speed(ax: float, ay: float, ex: float, ey: float) -> float:
-    """m/s at which one walks along (ex, ey) behind somebody at (ax, ay) m who goes the same way."""
+    """Speed limit, m/s, along (ex, ey) behind a person at (ax, ay) m who walks the same way; inf outside of the lane."""
     if ax * ex + ay * ey <= 0.0 or abs(ax * ey - ay * ex) > HALF_LANE:
         return np.inf
     return max(math.sqrt(ax * ax + ay * ay) - LENGTH, 0.0) / TIME_GAP
@@ -164,9 +166,11 @@ def _headway_speed(ax: float, ay: float, ex: float, ey: float) -> float:
 
 @njit(cache=True)
 def _yield_at_bottleneck(body: Array, desired: Array, pair: tuple[int, int], out: Array) -> None:
-    """Before a narrow place: who is inside comes first, of two outside who has waited longer, else the first in the list."""
+    """Right of way at a bottleneck: people inside go first, then those who have waited longer, then the lower index."""
     i, j = pair
-    if desired[i, BEFORE_BOTTLENECK] > 0 and (desired[j, IN_BOTTLENECK] > 0 or (desired[j, BEFORE_BOTTLENECK] > 0 and body[j, STUCK] > body[i, STUCK])):
+    if desired[i, BEFORE_BOTTLENECK] > 0 and (
+        desired[j, IN_BOTTLENECK] > 0 or (desired[j, BEFORE_BOTTLENECK] > 0 and body[j, STUCK] > body[i, STUCK])
+    ):
         out[i, YIELDS] = 1.0
     elif desired[j, BEFORE_BOTTLENECK] > 0 and (desired[i, IN_BOTTLENECK] > 0 or desired[i, BEFORE_BOTTLENECK] > 0):
         out[j, YIELDS] = 1.0
@@ -174,7 +178,7 @@ def _yield_at_bottleneck(body: Array, desired: Array, pair: tuple[int, int], out
 
 @njit(cache=True)
 def _obstacle_interactions(body: Array, present: Numbers, obstacle: Array, effect: Array) -> None:
-    """Add to `met` what obstacles do."""
+    """Add the interactions with obstacles to `effect`."""
     for i in present:
         for o in range(len(obstacle)):
             ax, ay = obstacle[o, 0] - body[i, X], obstacle[o, 1] - body[i, Y]
@@ -187,7 +191,7 @@ def _obstacle_interactions(body: Array, present: Numbers, obstacle: Array, effec
 
 @njit(cache=True)
 def _yield_to_robot(robot: Array, away: tuple[float, float], effect: Array) -> None:
-    """Somebody who is `away` m from a robot that has waited for those before it steps out of its way, to the nearer side and on."""
+    """A person at `away` m from a robot with a request steps out of its lane, to the nearer side and ahead."""
     pace = math.sqrt(robot[5] ** 2 + robot[6] ** 2)
     if pace <= 0.0:
         return

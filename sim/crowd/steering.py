@@ -1,6 +1,6 @@
-"""How people walk: where each would go next without the others, and where all come to with them. Compiled, one thread, in a fixed order.
+"""Steering of pedestrians: desired motion on the grid of free space, and one step of motion. Compiled, single-threaded, in a fixed order.
 
-numba keeps what it has compiled by file: no compiled function calls one of another file, so that a change is never missed.
+numba caches compiled code by file. Hence compiled functions here call none of another file, so that no change is missed.
 """
 
 from __future__ import annotations
@@ -42,21 +42,24 @@ from sim.crowd.social_force import (  # fmt: skip
 from tracker.geometry import Array
 
 RELAXATION = 0.54
-"""s in which a walker takes up the speed that he wants (Moussaïd et al.)."""
+"""s: relaxation time towards the desired velocity (Moussaïd et al. 2009)."""
 TURN_RATE = 2.5
-"""rad/s: how fast a body turns to where it goes."""
+"""rad/s: speed at which a body turns into its direction of motion."""
 BOTTLENECK_AHEAD, BOTTLENECK_HALF_WIDTH = 0.7, 0.4
-"""m ahead at which a narrow place is seen; a place is narrow where this far to both sides is not free."""
+"""m: distance at which a bottleneck is recognized; half width below which a passage is a bottleneck."""
 GROUP_DISTANCE = 0.8
-"""m from the middle of the others of a group beyond which one waits for them or hurries."""
+"""m: distance to the centre of the rest of the group beyond which a person waits or hurries."""
 _WALL_PUSH, _WALL_RANGE = 3.0, 0.1
 _CLEAR = 0.02
 _FASTEST = 2.5
 
 
 class SteeringGrid(NamedTuple):
-    """Where one walks, on the grid of free space: maps (rows, columns, 4) clearance m, unit direction away from walls, height m; ways (g, rows,
-    columns, 2) to each goal, as far as they are known (g,); goals (g, 2) m; frame: origin x, y and spacing m."""
+    """Maps on the grid of free space.
+
+    maps (rows, columns, 4): clearance m, unit direction away from walls, height m. directions (g, rows, columns, 2): unit vectors to each goal.
+    known (g,): whether the directions to a goal are computed. goals: (g, 2) m. frame: origin x, y and spacing, m.
+    """
 
     maps: NDArray[np.float32]
     directions: NDArray[np.float32]
@@ -67,7 +70,7 @@ class SteeringGrid(NamedTuple):
 
 @njit(cache=True)
 def advance(body: Array, desired: Array, effect: tuple[Array, Pairs], obstacle: Array, grid: SteeringGrid, dt: float) -> Array:
-    """Bodies (m, 10) `dt` s later, with their wishes (m, 6) and what they met: the others' effect (m, 5) and close pairs (p, 2)."""
+    """Bodies (m, 10) `dt` s later. desired: (m, 6). effect: interactions (m, 5) and close pairs (p, 2). obstacle: (k, 7)."""
     out = body.copy()
     present = np.flatnonzero(body[:, PRESENT] > 0)
     for i in present:
@@ -75,7 +78,7 @@ def advance(body: Array, desired: Array, effect: tuple[Array, Pairs], obstacle: 
     for _ in range(4):
         _separate_bodies(out, effect[1], obstacle)
         for i in present:
-            # Nobody moves half a metre in a step.
+            # Nobody moves half a metre in a step, hence people farther from walls cannot leave free space.
             if desired[i, CLEARANCE] < 0.5 + _CLEAR:
                 _stay_in_free_space(out, i, body, grid)
     for i in present:
@@ -85,7 +88,7 @@ def advance(body: Array, desired: Array, effect: tuple[Array, Pairs], obstacle: 
 
 @njit(cache=True)
 def _cell(grid: SteeringGrid, x: float, y: float) -> tuple[int, int, float, float]:
-    """Row and column of the cell at (x, y) m, and how far into it, in [0, 1]; the nearest inside outside."""
+    """Row and column of the cell at (x, y) m, and the position in it, in [0, 1]. Points outside are clamped to the grid."""
     rows, columns = grid.maps.shape[0], grid.maps.shape[1]
     u = min(max((x - grid.frame[0]) / grid.frame[2], 0.0), columns - 1.0)
     v = min(max((y - grid.frame[1]) / grid.frame[2], 0.0), rows - 1.0)
@@ -95,7 +98,7 @@ def _cell(grid: SteeringGrid, x: float, y: float) -> tuple[int, int, float, floa
 
 @njit(cache=True)
 def _map_value(grid: SteeringGrid, x: float, y: float, k: int) -> float:
-    """The k-th of place.maps at (x, y) m."""
+    """Map k at (x, y) m, bilinear."""
     i, j, u, v = _cell(grid, x, y)
     m = grid.maps
     return (1 - v) * ((1 - u) * m[i, j, k] + u * m[i, j + 1, k]) + v * ((1 - u) * m[i + 1, j, k] + u * m[i + 1, j + 1, k])
@@ -103,7 +106,7 @@ def _map_value(grid: SteeringGrid, x: float, y: float, k: int) -> float:
 
 @njit(cache=True)
 def _goal_direction(grid: SteeringGrid, goal: int, x: float, y: float) -> tuple[float, float]:
-    """The unit direction at (x, y) m to that goal; straight for the last half metre."""
+    """Unit direction at (x, y) m to a goal; straight for the last half metre."""
     ex, ey = grid.goals[goal, 0] - x, grid.goals[goal, 1] - y
     if ex * ex + ey * ey > 0.25:
         i, j, u, v = _cell(grid, x, y)
@@ -116,9 +119,9 @@ def _goal_direction(grid: SteeringGrid, goal: int, x: float, y: float) -> tuple[
 
 @njit(cache=True)
 def desired_motion(body: Array, grid: SteeringGrid, groups: tuple[Numbers, Array]) -> tuple[Array, bool]:
-    """(m, 6): how everybody would walk without the others, and whether somebody's way is not known; company: group (m,), speed (m,) m/s.
+    """Desired motion (m, 6) of all people, and whether the directions to some goal are unknown. groups: group (m,), speed (m,) m/s.
 
-    Who stands wants no direction.
+    The desired motion is 0 during a pause.
     """
     group, speed = groups
     desired = np.zeros((len(body), 6))
@@ -131,7 +134,7 @@ def desired_motion(body: Array, grid: SteeringGrid, groups: tuple[Numbers, Array
             continue
         ex, ey = _goal_direction(grid, int(body[i, GOAL]), x, y)
         ex, ey, pace = _group_cohesion(body, i, group, (ex, ey))
-        # Tobler (1993): walking speed goes with exp(−3.5 |slope + 0.05|), here of the slope of the next stride, and one on the level.
+        # Tobler (1993): the speed is proportional to exp(−3.5 |slope + 0.05|); here with the slope of the next stride, and 1 on the level.
         rise = _map_value(grid, x + 0.5 * ex, y + 0.5 * ey, 3) - _map_value(grid, x - 0.2 * ex, y - 0.2 * ey, 3)
         slope = max(math.exp(-3.5 * (abs(rise / 0.7 + 0.05) - 0.05)), 0.3)
         desired[i, DIRECTION_X], desired[i, DIRECTION_Y], desired[i, SPEED] = ex, ey, speed[i] * slope * pace
@@ -146,14 +149,14 @@ def desired_motion(body: Array, grid: SteeringGrid, groups: tuple[Numbers, Array
 
 @njit(cache=True)
 def _is_bottleneck(grid: SteeringGrid, x: float, y: float, direction: tuple[float, float]) -> bool:
-    """Whether two cannot pass each other at (x, y) m on their way."""
+    """Whether (x, y) m is too narrow for two people across `direction`."""
     aside_x, aside_y = -BOTTLENECK_HALF_WIDTH * direction[1], BOTTLENECK_HALF_WIDTH * direction[0]
     return _map_value(grid, x + aside_x, y + aside_y, 0) <= 0 and _map_value(grid, x - aside_x, y - aside_y, 0) <= 0
 
 
 @njit(cache=True)
 def _group_cohesion(body: Array, i: Number, group: Numbers, direction: tuple[float, float]) -> tuple[float, float, float]:
-    """The direction and the share of the speed at which i stays with the group: nearer to its middle, slower ahead of it, faster behind it."""
+    """Direction and factor of the speed that keep i in the group: towards its centre, slower ahead of it, faster behind it."""
     ex, ey = direction
     x = y = 0.0
     others = 0
@@ -167,7 +170,7 @@ def _group_cohesion(body: Array, i: Number, group: Numbers, direction: tuple[flo
         return ex, ey, 1.0
     dx, dy = x / others - body[i, X], y / others - body[i, Y]
     distance = math.hypot(dx, dy)
-    # Who has lost the others walks alone to where they will be.
+    # A person far from the group walks alone to the common goal.
     if distance < GROUP_DISTANCE or distance > 8.0:
         return ex, ey, 1.0
     ahead = dx * ex + dy * ey
@@ -183,17 +186,17 @@ def _group_cohesion(body: Array, i: Number, group: Numbers, direction: tuple[flo
 
 @njit(cache=True)
 def _accelerate(out: Array, i: Number, inputs: tuple[Array, Array], grid: SteeringGrid, dt: float) -> None:
-    """Body i on, with its wish and what others do to it."""
+    """Move body i by the social force. inputs: its desired motion and interactions."""
     desired, effect = inputs
     ex, ey, speed = desired[DIRECTION_X], desired[DIRECTION_Y], min(desired[SPEED], effect[HEADWAY_SPEED])
     if effect[YIELDS] > 0:
-        # One steps to the right to let others through.
+        # Step to the right to let others through.
         ex, ey, speed = ey, -ex, 0.4 * (_map_value(grid, out[i, X] + 0.3 * ey, out[i, Y] - 0.3 * ex, 0) > 0.1)
     if effect[ASKED_TO_YIELD] > 0:
         speed = 0.0
     ax = (ex * speed - out[i, VX]) / RELAXATION + effect[FORCE_X]
     ay = (ey * speed - out[i, VY]) / RELAXATION + effect[FORCE_Y]
-    # Ten ranges off, nothing is left of a wall's push.
+    # The repulsion of a wall is negligible beyond ten times its range.
     if desired[CLEARANCE] < 10 * _WALL_RANGE:
         wall = _WALL_PUSH * math.exp(-max(desired[CLEARANCE], 0.0) / _WALL_RANGE)
         ax += wall * _map_value(grid, out[i, X], out[i, Y], 1)
@@ -201,11 +204,11 @@ def _accelerate(out: Array, i: Number, inputs: tuple[Array, Array], grid: Steeri
     vx, vy = out[i, VX] + ax * dt, out[i, VY] + ay * dt
     pace = math.hypot(vx, vy)
     along = (vx * math.cos(out[i, HEADING]) + vy * math.sin(out[i, HEADING])) / max(pace, 1e-9)
-    # People turn first: sideways and backwards is slow. In a queue nobody is pushed faster than it goes.
+    # Sideways and backward motion is slow: people turn first. In a queue nobody is pushed beyond its speed.
     top = 1.3 * max(min(desired[SPEED], effect[HEADWAY_SPEED]), 0.3) * min(max(0.3 + 0.7 * along, 0.3), 1.0)
     if out[i, PAUSE] > 0:
         top = 0.5
-        # Who stands is not pushed about by people that only pass.
+        # People who pass do not push a standing person away.
         if pace < 0.12 and effect[ASKED_TO_YIELD] <= 0:
             top = 0.0
     share = min(1.0, top / max(pace, 1e-9))
@@ -215,7 +218,7 @@ def _accelerate(out: Array, i: Number, inputs: tuple[Array, Array], grid: Steeri
 
 @njit(cache=True)
 def _stay_in_free_space(out: Array, i: Number, body: Array, grid: SteeringGrid) -> None:
-    """Body i brought back to free space where it has left it; to where it was where that fails."""
+    """Move body i back into free space if it has left it; to its previous position if that fails."""
     short = _CLEAR - _map_value(grid, out[i, X], out[i, Y], 0)
     tries = 0
     while short > 0 and tries < 3:
@@ -230,7 +233,7 @@ def _stay_in_free_space(out: Array, i: Number, body: Array, grid: SteeringGrid) 
 
 @njit(cache=True)
 def _update_motion(out: Array, i: Number, body: Array, dt: float) -> None:
-    """Velocity, heading and pause of body i after it has moved."""
+    """Update velocity, heading and pause of body i after its move."""
     vx, vy = (out[i, X] - body[i, X]) / dt, (out[i, Y] - body[i, Y]) / dt
     pace = math.hypot(vx, vy)
     share = min(1.0, _FASTEST / max(pace, 1e-9))
@@ -251,7 +254,7 @@ def _update_motion(out: Array, i: Number, body: Array, dt: float) -> None:
 
 @njit(cache=True)
 def _separate_bodies(body: Array, pairs: Pairs, obstacle: Array) -> None:
-    """Move bodies that overlap apart, half of the way each; from an obstacle (k, 7) x, y, vx, vy, radius, …, all of it. `pairs`: who may touch."""
+    """Separate overlapping bodies of `pairs` (p, 2), half of the overlap each, and move bodies out of obstacles (k, 7)."""
     for p in range(len(pairs)):
         i, j = pairs[p]
         dx, dy = body[j, X] - body[i, X], body[j, Y] - body[i, Y]

@@ -1,3 +1,3 @@
-"""A scenario run frame by frame, rendered or by rays, and written as a sequence.
+"""Recording: a scenario is run frame by frame, rendered or by ray casting, and written as a sequence.
 
 Read `record.py` first."""

@@ -1,25 +1,22 @@
-"""A scenario run without rendering: cameras see by rays."""
+"""A scenario run without rendering: the views of all cameras by ray casting."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
-from sim.recording.record import robot_poses, visible_fractions
+from sim.recording.frame_loop import simulated_frames, truth_of
 from sim.scenario import Scenario
-from sim.sensors.person_detector import Detector, People
+from sim.sensors.person_detector import Detector
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.sensors.robot_detector import RobotDetector, is_rover_panorama
 from sim.simulation.simulation import Simulation
-from tracker.geometry import Pose
 from tracker.types import Setup, Tick, Truth, View, ViewTruth
 
 
 @dataclass(frozen=True, eq=False)
 class RaycastFrame:
-    """One frame, as record.Moment has it, without pictures: the tick that the tracker gets, the truth, and by camera what is true of the view."""
+    """One frame without images: the tick for the tracker, the truth, and the truth of the view by camera."""
 
     tick: Tick
     truth: Truth
@@ -27,29 +24,17 @@ class RaycastFrame:
 
 
 def run_raycast(scenario: Scenario, simulation: Simulation, setup: Setup, raycast_camera: RaycastCamera | None = None) -> Iterator[RaycastFrame]:
-    """As record.run, of rays instead of pictures: detections, sightings of landmarks for rovers, companions, odometry, truth; no images, no
-    instances.
-    """
+    """The frames of a scenario, by ray casting: detections of people and robots, sightings of landmarks for rovers, odometry and truth."""
     raycast_camera = raycast_camera or RaycastCamera(simulation)
     robot_detector = RobotDetector(scenario, setup, simulation, raycast_camera.raycaster)
     detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
     landmark_streams = {name: scenario.stream(f"sightings/{name}") for name in setup.mounts}
-    for index in range(scenario.frames):
-        if index:
-            simulation.step()
-        odometry = simulation.odometry() if index else {}
-        robots = robot_poses(simulation, setup)
-        people = People(np.asarray(simulation.persons, dtype=np.int64), simulation.joints())
+    for state in simulated_frames(scenario, simulation, setup):
         views, true = [], {}
         for name, mount in setup.mounts.items():
-            pose = robots[mount.robot] @ mount.T_body_camera
-            true[name] = raycast_camera.view(mount.camera, pose, people)
+            pose = state.robots[mount.robot] @ mount.T_body_camera
+            true[name] = raycast_camera.view(mount.camera, pose, state.people)
             found = detector.detect(mount.camera, true[name], streams[name])
             seen = raycast_camera.sightings(pose, landmark_streams[name]) if is_rover_panorama(simulation, mount) else None
-            views.append(View(name, found, seen, odometry.get(mount.robot), robot_detections=robot_detector.detect(name)))
-        yield RaycastFrame(Tick(index, index * scenario.period, tuple(views)), _truth(simulation, index, robots, people, true), true)
-
-
-def _truth(simulation: Simulation, index: int, robots: dict[str, Pose], people: People, true: Mapping[str, ViewTruth]) -> Truth:
-    tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
-    return Truth(index, robots, people.person, simulation.feet(), visible_fractions(people.person, true), people.joints, tipped)
+            views.append(View(name, found, seen, state.odometry.get(mount.robot), robot_detections=robot_detector.detect(name)))
+        yield RaycastFrame(Tick(state.index, state.index * scenario.period, tuple(views)), truth_of(state, simulation, true), true)

@@ -1,6 +1,6 @@
-"""How a rover drives by itself: from goal to goal on shortest ways, giving way to people and to other robots.
+"""Driver of a rover: shortest routes from goal to goal, path tracking, and avoidance of people and other robots.
 
-Following a way: pure pursuit (Coulter 1992, Implementation of the Pure Pursuit Path Tracking Algorithm).
+Path tracking is pure pursuit (Coulter 1992, Implementation of the Pure Pursuit Path Tracking Algorithm).
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ from worlds.terrain.free_space import FreeSpace
 TOP_SPEED, TOP_YAW_RATE = 0.7, 0.8
 """m/s and rad/s."""
 ACCELERATION, YAW_ACCELERATION = 0.6, 1.6
-"""m/s² and rad/s²: gentle enough for the mast."""
+"""m/s² and rad/s²: small enough for the mast."""
 LOOKAHEAD = 0.6
-"""m along the way to the point that is aimed at."""
+"""m: distance along the route to the point that is pursued."""
 ARRIVED = 0.5
 STOPPING_GAP = 0.1
-"""m that it leaves to others, beside what its footprint leaves already."""
+"""m: gap to others at which a rover has stopped, beyond its footprint."""
 _CLEAR_LANE = 0.5
-"""m that a lane must be clear ahead for a rover to take it."""
+"""m: free length that a lane must have."""
 TURNING_ROOM = 0.2
-"""m between the half width for which wheels are free and the circle that a rover turns in."""
+"""m: difference between the half width of free space for wheels and the radius of the circle in which a rover turns."""
 HALF_LANE = 0.37
-"""m: half the width of what the rover sweeps ahead, with some room."""
+"""m: half width of the lane that a rover needs, with a margin."""
 PATIENCE, RETREAT = 1.2, 1.4
-"""s without getting on before it backs up, s of backing up."""
+"""s without progress before a rover replans or reverses; s of reversing."""
 REQUEST_DELAY = 0.5
-"""s without getting on after which it asks those before it to give way."""
+"""s without progress after which a rover requests way from people."""
 REPLANNING_RANGE = 4.0
-"""m within which it plans its way round others."""
+"""m: range of the others that a new route avoids."""
 TURN_IN_PLACE_RATE = 0.7
-"""rad/s of a rover that looks too far off its way to drive."""
+"""rad/s: yaw rate of a rover that turns in place."""
 _DETOURS = np.array([0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5, -1.5])
-"""rad off the wanted heading, in the order in which they are tried."""
+"""rad: deviations from the wanted heading, in the order in which they are tried."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How a rover moves now: position (2,) m, yaw rad, speed m/s ahead, yaw_rate rad/s."""
+    """Motion of a rover: position (2,) m, yaw rad, forward speed m/s, yaw_rate rad/s."""
 
     position: Array
     yaw: float
@@ -56,7 +56,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Traffic:
-    """Who else is about: position (k, 2) m, radius (k,) m."""
+    """Other robots and people: position (k, 2) m, radius (k,) m."""
 
     position: Array
     radius: Array
@@ -64,24 +64,28 @@ class Traffic:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A way: points (k, 2) m and marks (k,) m, how far along it each lies."""
+    """A polyline: points (k, 2) m, and marks (k,) m, their distance along it."""
 
     points: Array
     marks: Array
 
     @staticmethod
     def through(points: Array) -> Route:
-        """The way from point to point (k, 2) m."""
+        """The route through points (k, 2) m."""
         marks = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         return Route(frozen(points, (None, 2), "route"), frozen(marks, (len(points),), "marks"))
 
 
 @dataclass(frozen=True, eq=False)
 class DriveState:
-    """The plan of one rover: route, passed m of it; visit, how many goals are behind it; the command speed m/s and yaw_rate rad/s that it follows;
-    stuck s, retreat s still to back up, swing the way round that it turns then (1 to the left, −1). course: whether it drives forwards, 1, or
-    backwards, −1, as it can both; asks (2,) m/s: how it would go if those before it gave way, 0 as long as it has not waited for them;
-    tries, how often it has been stuck since it last got on."""
+    """State of the driver of one rover.
+
+    route, passed: current route, and m of it already driven. visit: number of goals passed. speed m/s, yaw_rate rad/s: current command.
+    stuck: s without progress. retreat: s left to reverse. turn_side: turn while reversing, 1 to the left, −1 to the right.
+    direction: 1 for driving forwards, −1 backwards.
+    requested_velocity (2,) m/s: how it would move if people gave way; 0 for no request.
+    attempts: how often it has been stuck since it last drove freely.
+    """
 
     route: Route
     passed: float
@@ -97,20 +101,20 @@ class DriveState:
 
 
 class Pilot(Protocol):
-    """Whoever drives a rover: a Driver on its tour, or somebody who is told where to go."""
+    """What drives a rover: a Driver with goals of its own, or another source of commands."""
 
     def start(self, position: Array) -> DriveState:
-        """The plan of a rover at rest at position (2,) m."""
+        """State for a rover at rest at position (2,) m."""
         ...
 
     def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
-        """The plan dt s later."""
+        """The state `dt` s later."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Driver:
-    """Where one rover may go, wheels, and wants to, goals (g, 2) m, one after the other and again."""
+    """A driver in the free space `wheels` with goals (g, 2) m, which are repeated cyclically."""
 
     wheels: FreeSpace
     goals: Array
@@ -119,7 +123,7 @@ class Driver:
         return DriveState(self._route(position, 0), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
 
     def step(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
-        """The plan `dt` s later; its speed and yaw_rate are what the wheels are to do now."""
+        """The state `dt` s later; its speed and yaw_rate are the command for the wheels."""
         if math.dist(drive.route.points[-1], motion.position) < ARRIVED:
             drive = self._to_next_goal(drive, motion)
         if drive.retreat > 0:
@@ -134,7 +138,7 @@ class Driver:
         error = float(wrap(wanted - motion.yaw + (math.pi if direction < 0 else 0.0)))
         speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
         free = min(speed, _free_speed(motion, traffic, direction))
-        # Who cannot drive on as it stands turns to where it can.
+        # A rover that cannot drive on at its heading turns in place.
         turns = not speed or (free < 0.1 and abs(error) > 0.15)
         turn = math.copysign(TURN_IN_PLACE_RATE, error) if turns else 2 * free * math.sin(error) / distance
         drive = _accelerated(replace(drive, direction=direction), direction * free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
@@ -146,14 +150,14 @@ class Driver:
         drive = replace(drive, requested_velocity=(TOP_SPEED * math.cos(straight), TOP_SPEED * math.sin(straight)) if requesting else (0.0, 0.0))
         if drive.stuck <= PATIENCE:
             return replace(drive, attempts=0) if abs(motion.speed) > 0.5 * TOP_SPEED else drive
-        # By turns: two who both only look for a way round each other, or only back off, would stay in each other's way.
+        # Alternate: two rovers that only replan, or only reverse, would block each other for ever.
         around = self._replan(drive, motion, traffic) if blocked and drive.attempts % 2 == 0 else None
         if around is not None:
             return around
         return replace(drive, stuck=0.0, attempts=drive.attempts + 1, retreat=RETREAT, turn_side=self._wider_side(motion))
 
     def _detour_heading(self, motion: Motion, wanted: float, traffic: Traffic) -> float:
-        """The heading nearest to the wanted one that is clear of others for a while and stays in the room; the wanted one where none is."""
+        """The free heading nearest to the wanted one: clear of others, within free space for 1 m. The wanted one if there is none."""
         if _free_distance(motion.position, np.array([wanted]), traffic.position, traffic.radius)[0] > _CLEAR_LANE:
             return wanted
         headings = wanted + _DETOURS
@@ -164,8 +168,10 @@ class Driver:
         return float(headings[int(np.argmax(clear))]) if clear.any() else wanted
 
     def _replan(self, drive: DriveState, motion: Motion, traffic: Traffic) -> DriveState | None:
-        """On to the goal, or else to the first of the next ones, that can be reached past all who are near, as if they stayed where they are;
-        None where none can."""
+        """A route to the current goal, or the next reachable one, around all who are near, as if they stood still.
+
+        None if no goal is reachable.
+        """
         i, j = np.indices(self.wheels.free.shape)
         nodes = self.wheels.origin + self.wheels.spacing * np.stack([j, i], axis=-1)
         free = self.wheels.free.copy()
@@ -185,13 +191,13 @@ class Driver:
         return None
 
     def _wider_side(self, motion: Motion) -> float:
-        """1 where there is more room to the left of the rover than to the right, else −1."""
+        """1 if there is more clearance to the left of the rover than to the right, else −1."""
         left = np.array([-math.sin(motion.yaw), math.cos(motion.yaw)])
         room = self.wheels.clearance_at(motion.position + np.array([[0.5], [-0.5]]) * left)
         return 1.0 if room[0] > room[1] else -1.0
 
     def _retreat(self, drive: DriveState, motion: Motion, traffic: Traffic, dt: float) -> DriveState:
-        """Back up with a turn, as far as there is room, then go elsewhere."""
+        """Reverse with a turn as far as there is space, then go to the next goal."""
         behind = motion.position - 0.4 * drive.direction * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
         room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
         speed = -drive.direction * min(0.3, _free_speed(motion, traffic, -drive.direction)) if room else 0.0
@@ -206,7 +212,7 @@ class Driver:
         return Route.through(self.wheels.route(self._nearest_free(position), self.goals[visit % len(self.goals)]))
 
     def _nearest_free(self, position: Array) -> Array:
-        """position (2,) m, or the nearest free place."""
+        """position (2,) m, or the nearest free grid point."""
         if self.wheels.free_at(position[None])[0]:
             return position
         i, j = np.nonzero(self.wheels.free)
@@ -215,14 +221,14 @@ class Driver:
 
 
 def make_driver(room: FreeSpace, rng: np.random.Generator) -> Driver:
-    """A driver with eight goals of its own in this room. Raises ValueError where nothing is free."""
+    """A driver with eight random goals in this free space. Raises ValueError if nothing is free."""
     return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]))
 
 
 def turning_space(wheels: FreeSpace) -> FreeSpace:
-    """The part of free space, in one piece, in which a rover can turn on the spot: up to TURNING_ROOM m off its border.
+    """The largest connected part of free space in which a rover can turn in place: TURNING_ROOM m off its border.
 
-    Where that would cost more than half of the area, as in a world of narrow passages, the room is taken less wide.
+    The margin is halved, then dropped, where less than half of the area would be left, as in a world of narrow passages.
     """
     for margin in (TURNING_ROOM, 0.5 * TURNING_ROOM):
         labels, count = ndimage.label(wheels.clearance > margin)

@@ -1,6 +1,6 @@
-"""Dead reckoning of a low-cost rover: wheel encoders, gyroscope and accelerometer, their errors, and what they say about the last frame.
+"""Odometry of a low-cost rover: wheel encoders, gyroscope and accelerometer with systematic and random errors.
 
-Errors that stay the same for a whole run (Wear) make the reckoning drift; those drawn anew each frame are small beside them.
+Systematic errors are constant for a whole run and cause drift. Random errors are drawn in each frame and are small beside them.
 """
 
 from __future__ import annotations
@@ -18,30 +18,33 @@ from tracker.types import Odometry
 GYRO_NOISE = math.radians(0.005)
 """rad/s/√Hz: rate noise density of an InvenSense MPU-6050 (product specification rev. 3.4, 6.1: 0.005 °/s/√Hz)."""
 GYRO_BIAS = math.radians(0.2)
-"""rad/s, one sigma an axis: what is left of the MPU-6050's zero-rate output of ±20 °/s after it was averaged at a standstill and then warmed up."""
+"""rad/s, one sigma an axis: residual bias of the MPU-6050 (zero-rate output ±20 °/s) after calibration at standstill and warming up."""
 GYRO_SCALE = 0.01
-"""One sigma of the scale factor: the specified ±3 % taken as three sigmas."""
+"""One sigma of the scale factor: a third of the specified ±3 %."""
 RADIUS_ERROR = 0.015
-"""One sigma of a side's effective wheel radius over the nominal one: tyre pressure, load, wear."""
+"""One sigma of the relative error of a side's effective wheel radius, by tyre pressure, load and wear."""
 ENCODER_COUNTS = 1024
 """Encoder counts a turn of the wheel."""
 ACCELEROMETER_NOISE = 400e-6 * 9.81
 """m/s²/√Hz: noise density of the MPU-6050's accelerometer (6.2: 400 µg/√Hz)."""
 ACCELEROMETER_BIAS = 0.009 * 9.81
-"""m/s², one sigma an axis: a quarter of the ±35 mg by which the MPU-6050's zero changes from 0 to 70 °C, after it was calibrated at a standstill."""
+"""m/s², one sigma an axis: a quarter of the MPU-6050's offset change of ±35 mg from 0 to 70 °C, after calibration at standstill."""
 ACCELEROMETER_SCALE = 0.01
-"""One sigma of its scale factor, as that of the gyroscope (±3 %)."""
+"""One sigma of the accelerometer's scale factor, a third of ±3 %."""
 RESIDUAL_ACCELERATION = 0.15
-"""The share of the real acceleration that a complementary filter leaves in what it takes for up."""
+"""Share of the true acceleration that a complementary filter leaves in its estimate of the vertical."""
 _TYPICAL_ACCELERATION = 0.5
-"""m/s²: what a rover usually accelerates by, one sigma."""
+"""m/s²: typical acceleration of a rover, one sigma."""
 _GRAVITY = 9.81
 
 
 @dataclass(frozen=True, eq=False)
 class SystematicErrors:
-    """What is wrong with one rover for good: radius (2,), what it takes for the left and right wheels' radius over the true one;
-    gyro_bias (3,) rad/s; gyro_scale (3,); accelerometer_bias (3,) m/s²; accelerometer_scale (3,)."""
+    """Errors of one rover's sensors that are constant for a run.
+
+    radius (2,): assumed over true radius of the left and the right wheels. gyro_bias (3,) rad/s, gyro_scale (3,).
+    accelerometer_bias (3,) m/s², accelerometer_scale (3,).
+    """
 
     radius: Array
     gyro_bias: Array
@@ -62,8 +65,11 @@ class SystematicErrors:
 
 @dataclass(frozen=True, eq=False)
 class FrameMotion:
-    """What truly happened in one frame: rates (n, 3) rad/s of the body about its own axes at n even moments dt s apart; wheels (2, 4) rad,
-    the angles of the wheels before and now; acceleration (3,) m/s² of the body in its own frame; up (3,) unit in its own frame now."""
+    """True motion of a rover during one frame, body frame.
+
+    rates (n, 3): angular velocity, rad/s, at n times dt s apart. wheels (2, 4): wheel angles at the start and at the end, rad.
+    acceleration: (3,) m/s². up: (3,) unit vector, at the end.
+    """
 
     rates: Array
     dt: float
@@ -77,7 +83,7 @@ class FrameMotion:
 
 
 def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Generator) -> Odometry:
-    """The odometry of one frame: turned by the gyroscope, moved ahead by the mean of the wheels at half of the turn."""
+    """Odometry of one frame: rotation from the gyroscope, translation from the mean of the wheels along the heading at half the rotation."""
     noise = rng.normal(0.0, GYRO_NOISE / math.sqrt(motion.dt), motion.rates.shape)
     R = _integrate_rotation((motion.rates * systematic.gyro_scale + systematic.gyro_bias + noise) * motion.dt)
     turn = Pose(R, np.zeros(3)).log()[3:]
@@ -87,7 +93,7 @@ def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Ge
     distance = float((WHEEL_RADIUS * systematic.radius * left_right).mean())
     move = exp_so3(turn / 2) @ np.array([distance, 0.0, 0.0])
     period = motion.dt * len(motion.rates)
-    # The mean over a frame has a bandwidth of 1 / (2 period).
+    # The mean over a frame has the noise bandwidth 1 / (2 period).
     accelerometer_sigma = ACCELEROMETER_NOISE / math.sqrt(2 * period)
     force = (motion.up * _GRAVITY + RESIDUAL_ACCELERATION * motion.acceleration) * systematic.accelerometer_scale + systematic.accelerometer_bias
     up = force + rng.normal(0.0, accelerometer_sigma, 3)
@@ -97,7 +103,7 @@ def measure(motion: FrameMotion, systematic: SystematicErrors, rng: np.random.Ge
 
 @njit(cache=True)
 def _integrate_rotation(steps: Array) -> Array:
-    """(3, 3): the product of the rotations by the vectors steps (n, 3) rad, by Rodrigues' formula."""
+    """Product (3, 3) of the rotations by the vectors steps (n, 3) rad, by Rodrigues' formula."""
     R = np.eye(3)
     for step in steps:
         angle = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
@@ -109,9 +115,9 @@ def _integrate_rotation(steps: Array) -> Array:
 
 
 def covariance(distance: float, turn: Array, period: float) -> Array:
-    """(6, 6) of the right tangent of one frame's odometry: `distance` m ahead, turned by the rotation vector `turn` (3,) rad in `period` s.
+    """Covariance (6, 6) of one frame's odometry in the right tangent: `distance` m ahead, rotation vector `turn` (3,) rad in `period` s.
 
-    It holds the errors that stay the same as well, so successive frames are not independent.
+    It includes the systematic errors, hence errors of successive frames are not independent.
     """
     turned = float(np.linalg.norm(turn))
     along = [0.001, 0.001, 0.0005] + np.array([0.02, 0.01, 0.005]) * abs(distance) + np.array([0.015, 0.02, 0.005]) * turned

@@ -1,6 +1,6 @@
-"""The wheeled robot: a low chassis on four driven wheels, steered by skidding, a thin mast with the panorama head.
+"""The rover as MuJoCo bodies: a low chassis on four driven wheels with skid steering, and a thin mast with the panoramic camera.
 
-The body's frame lies in the middle of the wheel base at the height of the axles: x forward, y left, z up.
+The origin of the body frame is the centre of the wheel base at the height of the axles: x forward, y left, z up.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from tracker.geometry import Array, Pose
 
 WHEEL_RADIUS = 0.12
-"""m; the wheels touch the ground as spheres and are drawn as cylinders."""
+"""m: wheels collide as spheres and are drawn as cylinders."""
 BASE = 0.50
 """m between front and rear axles."""
 TRACK = 0.56
@@ -21,15 +21,15 @@ TRACK = 0.56
 FOOTPRINT_RADIUS = 0.50
 """m: the circle about the body's origin that no part of the rover leaves."""
 HALF_WIDTH = 0.45
-"""m: what others keep clear on both sides of a rover's middle; between half its width and the circle that it turns in."""
+"""m: radius that other rovers avoid; between half the width and the radius of the turning circle."""
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-"""The order of wheel arrays everywhere: even is left, odd is right."""
+"""Order of all wheel arrays: even is left, odd is right."""
 SPRUNG_MASS = 17.5
 """kg: hull, trim and mast."""
 SAG, TRAVEL = 0.015, 0.03
-"""m: the springs yield SAG under the rover's weight, and TRAVEL up and down from there."""
+"""m: deflection of the springs under the weight of the rover, and travel up and down from there."""
 HEAD_GAP = 0.08
-"""m between the panorama's centre and the top of the head below it: nothing encloses the camera."""
+"""m: distance from the top of the head up to the panorama's centre, so that nothing encloses the camera."""
 
 _GROUP = 3
 _METAL, _RUBBER, _LENS = (0.62, 0.64, 0.66, 1.0), (0.08, 0.08, 0.09, 1.0), (0.05, 0.06, 0.09, 1.0)
@@ -37,13 +37,13 @@ _PAINTS = ((0.93, 0.45, 0.10, 1.0), (0.12, 0.42, 0.75, 1.0), (0.20, 0.55, 0.25, 
 
 
 def wheel_positions() -> Array:
-    """Wheel centres in the body's frame (4, 3) m, in the order of WHEELS."""
+    """Wheel centres (4, 3) m in the body frame, in the order of WHEELS."""
     x, y = BASE / 2, TRACK / 2
     return np.array([[x, y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [-x, -y, 0.0]])
 
 
 def camera_mount(camera_height: float) -> Pose:
-    """T_body_camera: the panorama's centre `camera_height` m above level ground, x forward."""
+    """T_body_camera of the panorama, whose centre is `camera_height` m above level ground; x forward."""
     return Pose(np.eye(3), np.array([0.0, 0.0, camera_height - WHEEL_RADIUS]))
 
 
@@ -64,7 +64,7 @@ def add_rover(spec: mujoco.MjSpec, name: str, index: int, camera_height: float) 
 
 
 def _add_trim(chassis: mujoco.MjsBody, name: str, paint: tuple[float, ...]) -> None:
-    """What only makes the chassis look like a rover: deck, bumpers, lamps."""
+    """Visual parts of the chassis: deck, bumpers, lamps."""
     parts = {
         "deck": ((0.24, 0.15, 0.03), (-0.03, 0, 0.12), _METAL),
         "battery": ((0.09, 0.12, 0.035), (-0.16, 0, 0.185), paint),
@@ -88,14 +88,14 @@ def _add_trim(chassis: mujoco.MjsBody, name: str, paint: tuple[float, ...]) -> N
 
 
 def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
-    """The mast and the head whose top lies HEAD_GAP below the panorama's centre at z = `centre` in the body's frame."""
+    """The mast and the head, whose top is HEAD_GAP below the panorama's centre at z = `centre`, body frame."""
     top = centre - HEAD_GAP
     attributes = {"contype": 0, "conaffinity": 0, "group": _GROUP}
     capsule, cylinder = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
     chassis.add_geom(name=f"{name}/mast", type=capsule, size=(0.014, 0, 0), fromto=(0, 0, 0.1, 0, 0, top - 0.06), rgba=_METAL, mass=0.5, **attributes)
     chassis.add_geom(name=f"{name}/head", type=cylinder, size=(0.018, 0.02, 0), pos=(0, 0, top - 0.06), rgba=_METAL, mass=0.15, **attributes)
     chassis.add_geom(name=f"{name}/lens", type=cylinder, size=(0.009, 0.02, 0), pos=(0, 0, top - 0.02), rgba=_LENS, mass=0.05, **attributes)
-    # People and rovers must not walk through the mast; it is thin, so that it collides as a thicker rod that is not drawn.
+    # The mast is thin. An invisible thicker rod collides in its place.
     chassis.add_geom(
         name=f"{name}/mast_guard",
         type=capsule,
@@ -110,7 +110,7 @@ def _add_mast(chassis: mujoco.MjsBody, name: str, centre: float) -> None:
 
 
 def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position: Array) -> None:
-    """A driven wheel on a vertical spring that carries a quarter of the rover at mid-travel: all four wheels press on uneven ground."""
+    """A driven wheel on a vertical spring, which carries a quarter of the weight at mid-travel. All wheels thus touch uneven ground."""
     wheel = chassis.add_body(name=name, pos=position)
     load = 9.81 * SPRUNG_MASS / 4
     wheel.add_joint(
@@ -148,10 +148,10 @@ def _add_wheel(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, name: str, position
 
 
 def wheel_speeds(speed: float, yaw_rate: float, measured_yaw_rate: float) -> Array:
-    """Commands (4,) rad/s in the order of WHEELS for `speed` m/s and `yaw_rate` rad/s.
+    """Wheel commands (4,) rad/s in the order of WHEELS for `speed` m/s and `yaw_rate` rad/s.
 
-    Wheels that skid turn the body less than rolling ones would (Mandow et al. 2007: the track seems wider); the rest of the error
-    is made good from the yaw rate that the gyroscope feels.
+    Skidding reduces the rotation of the body, as if the track were wider (Mandow et al. 2007).
+    Feedback of `measured_yaw_rate` rad/s from the gyroscope corrects the rest.
     """
     turn = 0.5 * TRACK * (2.0 * yaw_rate + 2.0 * (yaw_rate - measured_yaw_rate))
     left, right = (speed - turn) / WHEEL_RADIUS, (speed + turn) / WHEEL_RADIUS

@@ -1,3 +1,3 @@
-"""From truth to measurements: boxes of people, other robots, key points and exposure, by rendered instances or by rays.
+"""Sensor models: detections of people and robots, key points, landmarks and exposure, from rendered images or by ray casting.
 
 Read `person_detector.py` first."""

@@ -1,4 +1,4 @@
-"""What a camera's electronics do to a picture: exposure that is off and drifts, and noise. Seeded; neither changes what is true of the view."""
+"""Camera model of exposure drift and pixel noise. Both are seeded and leave the truth of a view unchanged."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 TIME_CONSTANT = 3.0
-"""s after which the drift has forgotten 1 − 1/e of where it was."""
+"""s: time constant of the drift."""
 
 
 class Exposure:
-    """The exposure and noise of one view, frame by frame.
+    """Exposure and noise of one view, frame by frame.
 
-    stops: sigma of a slow drift of the exposure, a stationary Ornstein-Uhlenbeck process (Uhlenbeck & Ornstein 1930), in stops: one doubles the
-    light. noise: sigma of white noise in every pixel and channel, in counts of 255. period: s between frames. With both 0 pictures pass
-    unchanged and nothing is drawn from rng. Raises ValueError for a sigma below 0 or not finite.
+    stops: sigma of the exposure drift in stops (factors of two), a stationary Ornstein-Uhlenbeck process (Uhlenbeck & Ornstein 1930).
+    noise: sigma of white noise in every pixel and channel, in counts of 255. period: s between frames.
+    If both are 0, images pass unchanged and nothing is drawn from rng. Raises ValueError for a sigma below 0 or not finite.
     """
 
     def __init__(self, stops: float, noise: float, period: float, rng: np.random.Generator) -> None:
@@ -28,7 +28,7 @@ class Exposure:
         self._stops_now = rng.normal(0.0, stops) if stops else 0.0
 
     def apply(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The next frame's picture (H, W, 3) as the camera hands it over."""
+        """The image (H, W, 3) of the next frame, with exposure and noise applied."""
         if not self._stops and not self._noise:
             return picture
         light = picture.astype(np.float32)

@@ -1,7 +1,7 @@
-"""Where the joints of people are in an image, and whether they can be seen there.
+"""True key points of people in an image, and their visibility.
 
-A joint is visible where nothing is before it but the surface of its own limb: joints lie inside the body, so that this surface is nearer by up
-to the thickness of the limb, and a limb on the far side of the trunk is farther behind what is seen than that.
+Joints lie inside the body. A joint is visible if the surface in front of it is nearer by no more than the thickness of its limb.
+A joint behind the trunk is farther behind the visible surface than that.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from tracker.geometry.cameras import Camera, Panorama
 from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Keypoints
 
 DEPTH_IN_BODY = {"nose": 0.05, "eye": 0.06, "ear": 0.07, "shoulder": 0.12, "elbow": 0.08, "wrist": 0.07, "hip": 0.17, "knee": 0.10, "ankle": 0.10}
-"""m: how far behind the body's surface a joint that faces the camera may lie, clothes included."""
+"""m: largest depth of a joint behind the surface of the body, clothes included."""
 DEPTH_MARGIN = 0.05
-"""m: how far behind a joint the surface may be that a pixel beside it shows."""
+"""m: largest distance of the surface in a neighbouring pixel behind a joint."""
 _DEPTHS = np.array([DEPTH_IN_BODY[name.split("_")[-1]] for name in KEYPOINT_NAMES])
 
 
 @dataclass(frozen=True, eq=False)
 class InstanceImage:
-    """What one camera shows at one moment: instances (H, W), 0 for nobody, and range (H, W) m along the ray, from T_world_camera."""
+    """Instances (H, W), 0 for nobody, and range (H, W) m along the ray, of a camera at T_world_camera."""
 
     camera: Camera
     T_world_camera: Pose
@@ -33,7 +33,7 @@ class InstanceImage:
 
 
 def image_points(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array, Mask]:
-    """Points (n, 3) m, world → (n, 2) pixels from the image's corner, and whether each is in the image. Out of it they may be NaN."""
+    """Project points (n, 3) m, world, to pixels (n, 2) from the image's corner, and tell which are in the image. Others may be NaN."""
     pixels, _ = camera.pixels_from_bearings(T_world_camera.inverse().apply(points))
     pixels = pixels + (0.5 - camera.pixel_centre)
     with np.errstate(invalid="ignore"):
@@ -42,7 +42,7 @@ def image_points(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[A
 
 
 def true_keypoints(image: InstanceImage, persons: Ints, joints: Array) -> Keypoints:
-    """Key points of people (m,) with joints (m, 17, 3) m, world."""
+    """Key points of people with ids persons (m,) and joints (m, 17, 3) m, world."""
     m, k = joints.shape[:2]
     points = joints.reshape(-1, 3)
     pixels, inside = image_points(image.camera, image.T_world_camera, points)
@@ -55,7 +55,7 @@ def true_keypoints(image: InstanceImage, persons: Ints, joints: Array) -> Keypoi
 
 
 def _unoccluded(image: InstanceImage, pixels: Array, owner: Ints, distance: Array, depth: Array) -> Mask:
-    """(n,) whether nothing is before each joint, and its owner is there at its distance or, where the joint lies on the silhouette, beside it."""
+    """Mask (n,) of joints without an occluder that lie on their owner's surface, in the pixel itself or a neighbouring one."""
     height, width = image.instances.shape
     column, row = np.floor(pixels).astype(np.int64).T
     beside = np.zeros(len(pixels), dtype=bool)

@@ -1,7 +1,7 @@
-"""From truth and instances to what sensors report: boxes of people with noise, misses and clutter. Pure, seeded.
+"""Simulated detector of people: true boxes from instance images, then noise, misses and clutter. Pure functions, seeded.
 
-The detector of the simulator sees the box of the visible part of a body, as a detector on images does: where the feet are hidden, the
-box ends above them. What it reports carries no identity and comes in no telling order.
+The detector reports the box of the visible part of a body, as a detector on images does: above hidden feet, the box ends.
+Its detections carry no identity and are in random order.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from tracker.geometry.cameras import Camera, Panorama
 from tracker.types import KEYPOINT_NAMES, Boxes, Detections, Keypoints, ViewTruth
 from worlds.world import World
 
-# A false box is what a person of this height would leave at this distance, metres.
+# A false box is that of a person of this height at this distance, metres.
 CLUTTER_HEIGHT = (1.5, 2.0)
 CLUTTER_DISTANCE = (2.0, 8.0)
-# In other images than panoramas it stands where its lowest pixel meets the ground, at most this far away, metres, and is so wide for its height.
+# In images that are no panoramas, its lower edge shows the ground within this range, metres, and this is its aspect ratio.
 CLUTTER_REACH = 60.0
 CLUTTER_WIDTH = 0.35
-_HIPS = [KEYPOINT_NAMES.index(f"{side}_hip") for side in ("left", "right")]
+HIPS = [KEYPOINT_NAMES.index(f"{side}_hip") for side in ("left", "right")]
+"""Indices of the hips among the key points."""
 
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """Who is there: person (m,) ids and joints (m, 17, 3) m, world, in the order of layout.KEYPOINT_NAMES."""
+    """The people who are present: person (m,) ids; joints (m, 17, 3) m, world, in the order of KEYPOINT_NAMES."""
 
     person: Ints
     joints: Array
 
 
 def true_view(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent], world: World) -> ViewTruth:
-    """All that is true of a view; alone (m,): what each of the people would cover by itself."""
+    """Truth of a view. unoccluded (m,): extent of each person without occlusion."""
     boxes = true_boxes(image, people, unoccluded)
     shown = np.flatnonzero([body.pixels > 0 for body in unoccluded])
     keypoints = true_keypoints(image, people.person[shown], people.joints[shown]) if len(shown) else Keypoints.none()
@@ -49,10 +50,10 @@ def true_view(image: InstanceImage, people: People, unoccluded: Sequence[Unocclu
 
 
 def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent]) -> Boxes:
-    """Boxes of all people that a camera shows or would show without occlusion.
+    """True boxes of all people who are in the image or would be without occlusion.
 
-    alone (m,): what each would cover by itself. In a panorama a box over the seam has left in [0, W) and right beyond W.
-    visible = pixels seen / pixels alone; people with no pixel alone are left out.
+    unoccluded (m,): extent of each person without occlusion. In a panorama a box across the seam has left in [0, W) and right > W.
+    visible: visible pixels over unoccluded pixels. People without an unoccluded pixel are left out.
     """
     seam = image.instances.shape[1] if isinstance(image.camera, Panorama) else None
     rows, columns = np.nonzero(image.instances)
@@ -69,19 +70,19 @@ def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[Unoccl
         visible.append((last - first) / body.pixels)
     if not kept:
         return Boxes.none()
-    middle = people.joints[kept][:, _HIPS].mean(axis=1)
+    middle = people.joints[kept][:, HIPS].mean(axis=1)
     distance = np.linalg.norm(middle - image.T_world_camera.translation, axis=1)
     return Boxes(people.person[kept], np.array(seen), np.array([unoccluded[k].box for k in kept]), np.array(visible), distance)
 
 
 def _box(rows: NDArray[np.int64], columns: NDArray[np.int64], seam: int | None) -> Array:
-    """Edges left, top, right, bottom of some pixels; around the seam (the width) where the body lies over it; zeros where there is no pixel."""
+    """Edges left, top, right, bottom (4,) of pixels; zeros for none. seam: width of a panorama, whose boxes may cross it, else None."""
     if not len(rows):
         return np.zeros(4)
     if seam is None:
         return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], dtype=np.float64)
     used = np.unique(columns)
-    # The widest gap between columns, around the seam too, is what lies beside the body.
+    # The widest cyclic gap between used columns is outside of the body.
     gaps = np.diff(used, append=used[0] + seam)
     gap = int(np.argmax(gaps))
     left = int(used[(gap + 1) % len(used)])
@@ -91,7 +92,7 @@ def _box(rows: NDArray[np.int64], columns: NDArray[np.int64], seam: int | None) 
 
 @dataclass(frozen=True)
 class Detector:
-    """The simulator's detector: misses (share), clutter (mean a view), noise rad an edge, min_visible (fraction of the body)."""
+    """Detector model: misses (share), clutter (mean number a view), noise (rad, sigma of an edge), min_visible (fraction of the body)."""
 
     misses: float
     clutter: float
@@ -103,10 +104,7 @@ class Detector:
         return Detector(scenario.misses, scenario.clutter, scenario.bearing_noise, scenario.min_visible)
 
     def detect(self, camera: Camera, view: ViewTruth, rng: np.random.Generator) -> Detections:
-        """What is reported of the people in one view.
-
-        In a frame the draws of one person do not depend on whether another was missed.
-        """
+        """Detections in one view. The random draws for one person do not depend on whether another one was missed."""
         boxes = view.boxes
         n = len(boxes.person)
         found = (rng.random(n) >= self.misses) & (boxes.visible >= self.min_visible) & (boxes.seen[:, 2] > boxes.seen[:, 0])
@@ -129,7 +127,7 @@ class Detector:
         return np.stack([azimuth + half, top, azimuth - half, bottom], axis=1).reshape(count, 4)
 
     def _pixel_clutter(self, rng: np.random.Generator, camera: Camera, view: ViewTruth) -> Array:
-        """Boxes (n, 4) px whose lower edges are anywhere in the image where it shows level ground within CLUTTER_REACH."""
+        """False boxes (n, 4) px whose lower edges are uniform over the pixels that show level ground within CLUTTER_REACH."""
         count, T = int(rng.poisson(self.clutter)), view.T_world_camera
         places = rng.uniform(0.0, [camera.width, camera.height], (64 * count, 2))
         bearings = camera.bearings_from_pixels(places) @ T.rotation.T
@@ -150,7 +148,7 @@ class Detector:
         extent = np.maximum(np.stack([left - right, top - bottom], axis=1), 1e-4)
         pixel = np.pi / camera.height
         edge = self.noise**2 + pixel**2 / 12
-        # The middle between two edges has half their variance, along the smaller circle of its elevation.
+        # The centre of two edges has half their variance; azimuth is scaled to the circle of the elevation.
         azimuth = edge / 2 * np.cos((top + bottom) / 2) ** 2
         covariance = np.zeros((len(edges), 2, 2))
         covariance[:, 0, 0], covariance[:, 1, 1] = np.maximum(azimuth, 1e-8), edge
@@ -164,20 +162,20 @@ class Detector:
         found = detections_from_boxes(camera, np.column_stack([corner[:, :2], size]), confidence)
         edge = self.noise**2 + _pixel_angle(camera, boxes)[:, 0] ** 2 / 12
         covariance = np.zeros((len(boxes), 2, 2))
-        # As in a panorama: the middle between two edges has half their variance.
+        # As in a panorama, the centre of two edges has half their variance.
         covariance[:, 0, 0], covariance[:, 1, 1] = np.maximum(edge / 2, 1e-8), edge
         return Detections(found.bearing, found.extent, found.confidence, covariance, found.appearance)
 
 
 def _pixel_angle(camera: Camera, boxes: Array) -> Array:
-    """(n, 1) the angle of a pixel, rad, in the middle of each box (n, 4) px."""
+    """Angle (n, 1) of a pixel, rad, at the centre of each box (n, 4) px."""
     middle = (boxes[:, :2] + boxes[:, 2:]) / 2
     above, below = (camera.bearings_from_pixels(middle + np.array([0.0, dv])) for dv in (-0.5, 0.5))
     return np.asarray(np.linalg.norm(above - below, axis=1)[:, None])
 
 
 def _shifted(camera: Camera, boxes: Array, noise: Array) -> Array:
-    """Boxes (n, 4) px with their edges moved by noise (n, 4) rad."""
+    """Boxes (n, 4) px with their edges shifted by noise (n, 4) rad."""
     return boxes + noise / _pixel_angle(camera, boxes)
 
 

@@ -1,8 +1,8 @@
-"""What cameras see without being rendered: people and landmarks by exact rays through the scene.
+"""Camera by ray casting: truth of views and sightings of landmarks without rendering.
 
-A person's box is that of the limbs' own meshes; how much of the person shows is the share of points on the skin that nothing is before. So the
-same ViewTruth comes out as from a rendered view, and the same Detector makes the same kind of boxes of it. Landmarks are points on what stands
-still, seen where no ray is stopped before them, with a bearing's noise and a look of their own, as features of an image have.
+The box of a person encloses the meshes of the limbs. The visible fraction is the share of unoccluded sample points on the surface.
+The result is a ViewTruth as from a rendered view, for the same Detector.
+Landmarks are points on static geometry. A landmark is visible if a ray reaches it; its sighting has a noisy bearing and descriptor.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from sim.pedestrian.skeleton import LIMBS
-from sim.sensors.person_detector import People
+from sim.sensors.person_detector import HIPS, People
 from sim.sensors.raycasting import Raycaster
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Mask, Pose, perturbed_bearings
@@ -21,14 +21,13 @@ from tracker.geometry.cameras import Camera, Panorama
 from tracker.types import Boxes, Keypoints, Sightings, ViewTruth
 
 STATIC_GROUPS = np.array([1, 1, 0, 0, 0, 0], np.uint8)
-"""Geom groups of what stands still: ground and props."""
+"""Geom groups of static geometry: ground and props."""
 
 SKIN_POINTS = 48
-"""Points on a person's skin that are looked for, uniform over its area."""
+"""Sample points on a person's surface, uniform over its area."""
 
 FARTHEST_LANDMARK = 200.0
-
-HIPS = (11, 12)
+"""m: largest distance of a landmark from the point whose ray finds it."""
 
 _DIRECTIONS = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 3)
 
@@ -39,9 +38,11 @@ _ALONG_AXES = np.abs(_DIRECTIONS).sum(axis=1) == 1
 
 @dataclass(frozen=True)
 class LandmarkSensor:
-    """Landmarks of a world and how they are seen. count of them; noise rad an axis of a bearing; missed: the share of visible ones that are not
-    found in a frame; wrong: the share found up to `stray` rad off; reach m; look: length of a descriptor, blur: how far (of its length) it
-    strays; named: sightings tell which landmark it is.
+    """Sensor model of landmarks.
+
+    count: number of landmarks in the world. noise: sigma of a bearing, rad an axis. miss_rate: share of visible landmarks not found in a frame.
+    outlier_rate: share found with sigma outlier_noise, rad. reach: range, m. descriptor_size: length of a descriptor.
+    descriptor_noise: norm of its error over its own norm. identified: whether sightings hold the index of the landmark.
     """
 
     count: int = 300
@@ -56,9 +57,9 @@ class LandmarkSensor:
 
 
 class RaycastCamera:
-    """Rays through the scene of a simulation, at whatever moment it is.
+    """Ray-casting camera in the current state of a simulation.
 
-    landmarks: (n, 3) m, world, on the ground and on what stands on it; fixed by the scenario's stream "landmarks".
+    landmarks: (n, 3) m, world, on the ground and on props; drawn from the scenario's stream "landmarks".
     """
 
     def __init__(self, simulation: Simulation, landmark_sensor: LandmarkSensor | None = None) -> None:
@@ -71,7 +72,7 @@ class RaycastCamera:
         self._surfaces = {int(person): _PersonSurface.of(simulation.model, f"person_{person}") for person in simulation.all_persons}
 
     def view(self, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
-        """As sensing.true_view; boxes are not rounded to pixels, and key points are left out."""
+        """Truth of a view, as person_detector.true_view. Boxes are not rounded to pixels, and there are no key points."""
         eye = T_world_camera.translation
         surfaces = [self._surfaces[int(person)].placed(self.simulation.data) for person in people.person]
         clear = self._unoccluded(eye, [points for points, _ in surfaces], people.person)
@@ -102,11 +103,14 @@ class RaycastCamera:
         return ViewTruth(T_world_camera, ground, normal, boxes, Keypoints.none())
 
     def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
-        """The landmarks that a panorama at T_world_camera shows now, in no telling order; draws of one do not depend on the others."""
+        """Landmarks visible from a panorama at T_world_camera, in random order. The draws of one do not depend on the others."""
         rule, n = self.landmark_sensor, len(self.landmarks)
         found, order = rng.random(n) >= rule.miss_rate, rng.permutation(n)
         sigma = np.where(rng.random(n) < rule.outlier_rate, rule.outlier_noise, rule.noise)[:, None]
-        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self._descriptors.shape) * rule.descriptor_noise / np.sqrt(rule.descriptor_size)
+        error, blur = (
+            rng.normal(size=(n, 2)) * sigma,
+            rng.normal(size=self._descriptors.shape) * rule.descriptor_noise / np.sqrt(rule.descriptor_size),
+        )
         away = self.landmarks - T_world_camera.translation
         distance = np.linalg.norm(away, axis=1)
         found &= (distance < rule.reach) & (distance > 0.3)
@@ -119,7 +123,7 @@ class RaycastCamera:
         return Sightings(bearing, np.full(len(rows), np.nan), subject, look, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))
 
     def _unoccluded(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
-        """Of each person's points (n, 3) m: whether nothing but the person is before them."""
+        """For each person, a mask (n,) of the points (n, 3) m that nothing but the person itself occludes."""
         if not points:
             return []
         ends = np.cumsum([len(p) for p in points])[:-1]
@@ -131,8 +135,10 @@ class RaycastCamera:
 
 @dataclass(frozen=True, eq=False)
 class _PersonSurface:
-    """A person's meshes: points, places spread over the skin, and corners, the vertices that stick out; (n, 3) m, each in the frame of the geom
-    on_point, on_corner (n,). rim (n,): the corners that bound a limb along its own axes.
+    """Sample points of a person's limb meshes: points spread over the surface, corners at extreme vertices.
+
+    points, corners: (n, 3) m, in the frames of the geoms on_point, on_corner (n,).
+    rim (n,): whether a corner is extreme along an axis of its limb.
     """
 
     points: Array
@@ -159,14 +165,14 @@ class _PersonSurface:
             on_corner.append(np.full(len(extreme), geom))
         shape, on = np.concatenate(triangles), np.concatenate(owner)
         area = np.linalg.norm(np.cross(shape[:, 1] - shape[:, 0], shape[:, 2] - shape[:, 0]), axis=1)
-        # Evenly along the cumulated area, so that every limb has its share.
+        # Stratified along the cumulated area, so that every limb has its share.
         chosen = np.searchsorted(np.cumsum(area), (np.arange(SKIN_POINTS) + 0.5) / SKIN_POINTS * area.sum())
         weight = rng.dirichlet(np.ones(3), SKIN_POINTS)
         points = np.einsum("nk,nki->ni", weight, shape[chosen])
         return _PersonSurface(points, on[chosen], np.concatenate(corners), np.concatenate(on_corner), np.concatenate(rim))
 
     def placed(self, data: mujoco.MjData) -> tuple[Array, Array]:
-        """Points and corners in the world, m."""
+        """Points and corners (n, 3) m, world."""
         return _placed(data, self.points, self.on_point), _placed(data, self.corners, self.on_corner)
 
 
@@ -176,7 +182,7 @@ def _placed(data: mujoco.MjData, points: Array, geom: Ints) -> Array:
 
 
 def _landmark_points(simulation: Simulation, count: int, rng: np.random.Generator) -> Array:
-    """(count, 3) m: where rays from places that rovers can reach, at their cameras' height, meet what stands still; at most FARTHEST m away."""
+    """Points (count, 3) m where random rays hit static geometry. Rays start at camera height over free space for rovers."""
     world, data = simulation.world, simulation.data
     free = np.argwhere(world.wheels.free)
     out: list[Array] = []
@@ -195,15 +201,16 @@ def _landmark_points(simulation: Simulation, count: int, rng: np.random.Generato
 
 
 def _pixels(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array, Mask]:
-    """(n, 2) px from the image's corner, and whether they are in the image."""
+    """Project points (n, 3) m to pixels (n, 2) from the image's corner, and tell which are in the image."""
     bearings = T_world_camera.inverse().apply(points)
     pixels, inside = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
     return pixels + (0.5 - camera.pixel_centre), inside
 
 
 def _bounding_box(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[Array | None, Mask]:
-    """Left, top, right, bottom px about the points that are in the image, None where none is; in a panorama left in [0, W), right beyond W over
-    the seam.
+    """Bounding box (4,) left, top, right, bottom px of the points in the image, None for none; and which points are in the image.
+
+    In a panorama left is in [0, W), and right > W for a box across the seam.
     """
     if not len(points):
         return None, np.zeros(0, dtype=bool)

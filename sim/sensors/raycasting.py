@@ -1,4 +1,4 @@
-"""What stops a ray through the scene of a simulation, exactly."""
+"""Exact ray casting through the scene of a simulation."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from tracker.geometry import Array, Mask
 from tracker.geometry.ground import Grid
 
 DRAWN_GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
-"""Geom groups that stop a ray: those that are drawn."""
+"""Geom groups that rays hit: those that are drawn."""
 TARGET_MARGIN = 0.02
-"""m: what a ray meets less than this before its goal is the goal."""
+"""m: a hit less than this before the target counts as the target."""
 
 
 class Raycaster:
-    """Rays through the scene of a simulation, at whatever moment it is."""
+    """Casts rays through the current state of a simulation."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._height_fields = _height_fields(simulation.model, simulation.data)
 
     def first_hit(self, eye: Array, targets: Array) -> tuple[NDArray[np.int32], Mask]:
-        """The first geom (n,) on the ways from eye to goals (n, 3) m, −1 for none, and whether it lies no nearer than the goal."""
+        """First geom (n,) on the rays from eye (3,) m to targets (n, 3) m, −1 for none, and whether each ray reaches its target."""
         model, away = self._simulation.model, targets - eye
         length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
         geom, distance = np.full((len(targets), 1), -1, np.int32), np.full((len(targets), 1), -1.0)
         if not len(targets):
             return geom[:, 0], np.zeros(0, dtype=bool)
         directions, start = np.ascontiguousarray(away / length[:, None]), np.array(eye, dtype=np.float64)
-        # MuJoCo looks at every cell under a ray; ours goes from line to line of the same triangles, ten times as fast.
+        # MuJoCo tests every cell under a ray. Grid.intersect traverses the same triangles ten times as fast.
         groups = model.geom_group.copy()
         model.geom_group[list(self._height_fields)] = ABSENT
         try:
@@ -49,7 +49,7 @@ class Raycaster:
 
 
 def _height_fields(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Grid]:
-    """Geom → its heights, of every height field that is drawn, level and square."""
+    """Geom → heights, for every drawn height field that is level and has square cells."""
     out = {}
     for k in np.flatnonzero((model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD)) & (model.geom_group <= GROUPS[-1])).tolist():
         field = int(model.geom_dataid[k])

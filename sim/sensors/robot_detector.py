@@ -1,7 +1,7 @@
-"""Rovers in the panoramas of other rovers: the simulator's detector of robots, which knows them apart.
+"""Simulated detector of rovers in the panoramas of other rovers. It identifies them.
 
-As the detector of people it misses some of those that are to be seen (Scenario.misses) and errs by Scenario.bearing_noise, anew in every frame.
-A rover is to be seen where nothing is on the straight line between the two cameras.
+Like the detector of people, it misses a share Scenario.misses, and its bearings have the noise Scenario.bearing_noise.
+A rover is visible if nothing is on the line between the two cameras.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from tracker.geometry.cameras import Panorama
 from tracker.types import Mount, RobotDetections, Setup
 
 LEAST_VARIANCE = 1e-8
-"""rad², of a detector without errors: a covariance is positive."""
+"""rad²: smallest variance, because the covariance of a detector without noise must be positive."""
 
 
 def is_rover_panorama(simulation: Simulation, mount: Mount) -> bool:
-    """Whether a camera is the panorama of a robot that drives."""
+    """Whether a camera is a panorama on a simulated rover."""
     return mount.robot in simulation.robots and isinstance(mount.camera, Panorama)
 
 
 class RobotDetector:
-    """Finds rovers in the views of a simulation at whatever moment it is; draws of a camera come from its stream "companions/CAMERA"."""
+    """Detects rovers in the current state of a simulation. The draws of a camera come from its stream "companions/CAMERA"."""
 
     def __init__(self, scenario: Scenario, setup: Setup, simulation: Simulation, raycaster: Raycaster | None = None) -> None:
         self._misses, self._noise = scenario.misses, scenario.bearing_noise
@@ -34,7 +34,7 @@ class RobotDetector:
         self._streams = {name: scenario.stream(f"companions/{name}") for name in self._mounts}
 
     def detect(self, camera: str) -> RobotDetections | None:
-        """The other rovers that a camera shows now; None for a camera that is none of a rover. Draws of one do not depend on the others."""
+        """The rovers visible from a camera; None for a camera that is not on a rover. The draws of one do not depend on the others."""
         if camera not in self._mounts:
             return None
         mount, rng, simulation = self._mounts[camera], self._streams[camera], self._simulation

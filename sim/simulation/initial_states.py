@@ -1,4 +1,4 @@
-"""Where the robots and the people of a scenario are at first, and who moves them from there."""
+"""Initial states of a scenario: poses of robots, states of people, and the models that move them."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from worlds.terrain.walk_surface import Terrain
 from worlds.world import World
 
 ROVER_DISTANCE = 1.5
-"""m between the starts of rovers."""
+"""m: smallest distance between rovers at the start."""
 PERSON_ROVER_DISTANCE = 1.0
-"""m that people keep from rovers at first."""
+"""m: smallest distance of people from rovers at the start."""
 
 
 @dataclass(frozen=True, eq=False)
 class InitialStates:
-    """robots (r, 3) x, y m and yaw rad, with a driver each; people: their state, and walkers, who move them."""
+    """robots: (r, 3) x, y m and yaw rad, with one driver each. people: their state. pedestrians: the model that moves them."""
 
     robots: Array
     drivers: tuple[Pilot, ...]
@@ -32,7 +32,7 @@ class InitialStates:
     pedestrians: PedestrianModel
 
     def check(self, scenario: Scenario) -> None:
-        """Raises ValueError where this is the start of more or fewer robots, drivers or people than the scenario has."""
+        """Raises ValueError if the numbers of robots, drivers or people are not those of the scenario."""
         wanted, people = (scenario.robots, 3), len(self.people.position)
         if self.robots.shape != wanted or len(self.drivers) != scenario.robots:
             raise ValueError(f"start has robots of shape {self.robots.shape} and {len(self.drivers)} drivers, needs {wanted} and {scenario.robots}")
@@ -41,9 +41,9 @@ class InitialStates:
 
 
 def draw_robots(scenario: Scenario, free_space: FreeSpace) -> Array:
-    """(robots, 3) x, y m and yaw rad: apart from each other where there is room to turn, heading anywhere.
+    """Random x, y m and yaw rad (robots, 3), at least ROVER_DISTANCE apart.
 
-    Raises ValueError where they do not fit in.
+    Raises ValueError if they do not fit in.
     """
     rng = scenario.stream("robots/start")
     try:
@@ -54,9 +54,9 @@ def draw_robots(scenario: Scenario, free_space: FreeSpace) -> Array:
 
 
 def draw_places(scenario: Scenario, free_space: FreeSpace) -> Array:
-    """(k, 2) m apart from each other, for the people who are there at first and some more: about three may be too near to each rover.
+    """Random positions (k, 2) m for the people who are present at first, and three spare ones for each rover.
 
-    Raises ValueError where they do not fit in.
+    Spare positions replace those that are too near to rovers. Raises ValueError if they do not fit in.
     """
     wanted = min(scenario.at_once or scenario.people, scenario.people)
     try:
@@ -67,9 +67,9 @@ def draw_places(scenario: Scenario, free_space: FreeSpace) -> Array:
 
 
 def make_crowd(scenario: Scenario, world: World, people: list[np.random.Generator], free: Array) -> tuple[Crowd, CrowdState]:
-    """People on their own plans, at the first of the places `free` (k, 2) m; people: the stream of each.
+    """A crowd with random plans, and its state at the first of the positions `free` (k, 2) m. people: the random stream of each.
 
-    Raises ValueError where there are too few places.
+    Raises ValueError if there are too few positions.
     """
     rng, free_space = scenario.stream("people/start"), world.feet
     schedule = Schedule(world.spawn, scenario.at_once, scenario.frames * scenario.period)
@@ -84,12 +84,12 @@ def make_crowd(scenario: Scenario, world: World, people: list[np.random.Generato
 
 
 def clear_of_robots(robots: Array, places: Array) -> Array:
-    """Of places (k, 2) m those that are not beside robots (r, 2) m."""
+    """Those of places (k, 2) m that are more than PERSON_ROVER_DISTANCE from all robots (r, 2) m."""
     return places[np.linalg.norm(places[:, None] - robots, axis=2).min(axis=1, initial=np.inf) > PERSON_ROVER_DISTANCE]
 
 
 def resting_pose(terrain: Terrain, place: Array, yaw: float) -> Array:
-    """(7,) position and quaternion of a rover with its wheels a little above the ground, as it slopes, at place (2,) m."""
+    """Position m and quaternion wxyz (7,) of a rover at place (2,) m, parallel to the ground, with its wheels just above it."""
     wheels = rover.wheel_positions()[:, :2] @ rotation_z(yaw)[:2, :2].T
     height = terrain.height_at(place + wheels)
     A = np.column_stack([wheels, np.ones(4)])

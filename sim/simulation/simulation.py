@@ -1,4 +1,4 @@
-"""Simulation: a world, its rovers and its people, moved on together. The only mj_step in the project."""
+"""Simulation of a world with its rovers and people. It makes the only calls of mj_step in the project."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from worlds import catalogue
 from worlds.world import World
 
 CROWD_STEP = 0.05
-"""s: people and commands move on at the step nearest to this that divides a frame."""
+"""s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
 SETTLING_TIME = 1.0
-"""s that the rovers are given to come to rest before frame 0."""
+"""s of simulation before frame 0 in which the rovers come to rest."""
 TIPPED = math.cos(math.pi / 4)
-"""The least z of a rover's up axis."""
+"""Smallest z of the up axis of a rover that has not tipped over."""
 
 ABSENT, PARKING_DEPTH = 5, 100.0
 """The group of the geoms of people who are not there, which is never drawn; and m below the ground where they are kept."""
@@ -36,8 +36,11 @@ ABSENT, PARKING_DEPTH = 5, 100.0
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A moment of a simulation: frame; the data of the scene and of what moves in it; people: crowd, footing, gaze, joints; robots: drives,
-    commands, odometry; and the states of the random streams of their sensors."""
+    """State of a simulation.
+
+    frame; data: the whole scene. moving: the physics model. people: crowd, footing, gaze, joints. robots: drivers, commands, odometry.
+    streams: states of the random streams of the odometry.
+    """
 
     frame: int
     data: mujoco.MjData
@@ -48,15 +51,14 @@ class Snapshot:
 
 
 class Simulation:
-    """The state of a scenario, frame by frame. model and data are at any time exactly the moment of the frame.
+    """The state of a scenario, advanced frame by frame. `model` and `data` always represent the current frame.
 
-    Limbs are posed when somebody asks for data or joints: who only wants to know how things move does not pay for looks.
-    They collide with nothing: between frames the rovers move in a model without them, which starts from data and ends in it.
+    Limbs are posed only when data or joints are read, which keeps steps cheap. They collide with nothing.
+    Between frames the rovers move in a second model without limbs, which starts from `data` and is copied back.
 
-    paths: what the people walk in place of their own plans; their ids are then those of the people. start: where all are at first and who moves
-    them, in place of what the scenario draws.
-    Raises ValueError for an unknown world, where robots and people do not fit in, for paths out of the world or into a wall, and for a start of
-    other robots or people.
+    paths: given paths of the people, with their ids, instead of random plans. start: given initial states instead of random ones.
+    Raises ValueError for an unknown world, for robots or people that do not fit in, for paths that leave the world or enter a wall.
+    It is also raised for a start with other numbers of robots or people.
     """
 
     def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None, start: InitialStates | None = None) -> None:
@@ -76,7 +78,7 @@ class Simulation:
         people = [scenario.stream(f"person_{i}") for i in self.all_persons]
         drawn = np.array([skeleton.statures(rng, 1, scenario.children)[0] for rng in people])
         self.stature = drawn if paths is None or paths.stature is None else paths.stature
-        # Before anything is built: who does not fit in shall hear of it at once.
+        # Before the costly compilation, so that an error comes at once.
         self._places = draw_places(scenario, self.world.feet) if paths is None and start is None else np.zeros((0, 2))
         self.model = self._compile(people)
         self._data, self._posed = mujoco.MjData(self.model), False
@@ -89,7 +91,7 @@ class Simulation:
 
     @property
     def data(self) -> mujoco.MjData:
-        """Everything as it is at this frame."""
+        """The whole scene at the current frame, up to date."""
         self._pose_people()
         return self._data
 
@@ -115,21 +117,21 @@ class Simulation:
 
     @property
     def drives(self) -> tuple[DriveState, ...]:
-        """Where each rover's driver is in its plan."""
+        """State of each rover's driver."""
         return tuple(self._drives)
 
     def set_drivers(self, drivers: Sequence[Pilot], drives: Sequence[DriveState]) -> None:
-        """From now on these drivers drive the rovers, one each, from these points of their plans on."""
+        """Replace the drivers of the rovers, one each, with these states."""
         self._drivers, self._drives = list(drivers), list(drives)
 
     def motions(self) -> Array:
-        """(r, 5): x, y m, yaw rad, m/s ahead and rad/s about the vertical of the rovers, now."""
+        """Current motion (r, 5) of the rovers: x, y m, yaw rad, forward speed m/s, yaw rate rad/s."""
         heading, rates = self._heading(), self._physics_data.qvel[self._velocities[:, 5]]
         return np.column_stack([self._physics_data.qpos[self._poses[:, :2]], np.arctan2(heading[:, 1], heading[:, 0]), heading[:, 2], rates])
 
     @property
     def crowd_state(self) -> CrowdState:
-        """Of everybody, those who are absent included."""
+        """State of the crowd, absent people included."""
         return self._crowd_state
 
     def T_world_robot(self, name: str) -> Pose:
@@ -141,20 +143,20 @@ class Simulation:
 
     @property
     def persons(self) -> Ints:
-        """(m,): the ids of the people who are present now; no id is used again once its person has gone."""
+        """Ids (m,) of the people who are present. The id of a person who has left is not reused."""
         return self.all_persons[self._crowd_state.present]
 
     def feet(self) -> Array:
-        """(m, 3) m: the ground under the middle of each body, in the order of `persons`."""
+        """Ground points (m, 3) m under the centres of the bodies, in the order of `persons`."""
         return self._ground_positions()[self._crowd_state.present]
 
     def joints(self) -> Array:
-        """(m, 17, 3) m: key points in the order of pedestrian.COCO, world frame, in the order of `persons`."""
+        """Key points (m, 17, 3) m in the order of KEYPOINT_NAMES, world frame, in the order of `persons`."""
         self._pose_people()
         return self._joints[self._crowd_state.present]
 
     def odometry(self) -> dict[str, Odometry]:
-        """Each rover's motion since the frame before; empty at frame 0."""
+        """Odometry of each rover since the previous frame; empty at frame 0."""
         return dict(self._odometry)
 
     def tipped(self) -> dict[str, bool]:
@@ -162,7 +164,7 @@ class Simulation:
         return {name: bool(self.T_world_robot(name).rotation[2, 2] < TIPPED) for name in self.robots}
 
     def save(self) -> Snapshot:
-        """All that changes from frame to frame, to be restored to this simulation or to another one of the same scenario, world and paths."""
+        """All changing state. It can be restored to any simulation of the same scenario, world and paths."""
         data = copy.copy(self.data)
         streams = tuple(rng.bit_generator.state for rng in self._noise)
         people = (self._crowd_state, self._footing, self._gaze, self._joints)
@@ -170,7 +172,7 @@ class Simulation:
         return Snapshot(self.frame, data, copy.copy(self._physics_data), people, robots, streams)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a state that `save` gave; what follows is the same, bit by bit. Raises ValueError where it is of another model."""
+        """Restore a state from `save`; what follows is identical, bit by bit. Raises ValueError for a state of another model."""
         if (snapshot.data.qpos.shape, snapshot.data.mocap_pos.shape) != (self._data.qpos.shape, self._data.mocap_pos.shape):
             raise ValueError(f"snapshot has {len(snapshot.data.mocap_pos)} moved bodies, needs {len(self._data.mocap_pos)}, as this simulation has")
         self.frame = snapshot.frame
@@ -185,7 +187,7 @@ class Simulation:
         self._show_present()
 
     def _compile(self, people: list[np.random.Generator]) -> mujoco.MjModel:
-        """The whole scene."""
+        """The model of the whole scene, with the limbs of people."""
         spec = self._rovers_and_colliders()
         clothing_textures.add_clothing_textures(spec, self.scenario.stream("fabrics"))
         for person, stature, rng in zip(self.all_persons, self.stature, people, strict=True):
@@ -193,7 +195,7 @@ class Simulation:
         return spec.compile()
 
     def _rovers_and_colliders(self) -> mujoco.MjSpec:
-        """The world with rovers and with what they can run into of people."""
+        """The world with rovers and with the colliders of people."""
         spec = self.world.spec.copy()
         for i, name in enumerate(self.robots):
             rover.add_rover(spec, name, i, self.scenario.camera_height)
@@ -203,15 +205,15 @@ class Simulation:
         self._dt = self.scenario.period / self._crowd_steps
         self._substeps = max(1, round(self._dt / self.scenario.timestep))
         spec.option.timestep = self._dt / self._substeps
-        # A round friction cone: wheels that skid are held back along their skid, not along the axes of a pyramid.
+        # An elliptic friction cone: friction of skidding wheels is opposite to their slip, not along the axes of a pyramid.
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        # Wheels on rough ground need no more; a twentieth of a step's time.
+        # Enough for wheels on rough ground; it saves a twentieth of the time of a step.
         spec.option.tolerance = 1e-6
         return spec
 
     def _index(self) -> None:
-        """Where rovers and people are in the arrays of MuJoCo."""
+        """Addresses of rovers and people in MuJoCo's arrays."""
         m = self.model
         joint = [[m.joint(name).id for name in (robot, *(f"{robot}/{wheel}" for wheel in rover.WHEELS))] for robot in self.robots]
         joints = np.array(joint)
@@ -231,7 +233,7 @@ class Simulation:
         self._groups = m.geom_group.copy()
 
     def _place_rovers(self) -> None:
-        """On the ground, as it slopes, each with a driver."""
+        """Place the rovers on the ground, and give each a driver and its sensor errors."""
         if self._start is None:
             room = driving.turning_space(self.world.wheels)
             robots = draw_robots(self.scenario, room)
@@ -247,14 +249,14 @@ class Simulation:
         self._odometry = {}
 
     def _place_people(self, people: list[np.random.Generator]) -> None:
-        """They and their colliders."""
+        """Place the people and their colliders."""
         self._crowd, self._crowd_state = self._pedestrian_model(people)
         state = self._crowd_state
         self._footing, self._gaze = gait.stand(state.position, state.heading, self.stature), np.zeros(len(people))
         self._physics_data.mocap_pos[self._moving_colliders] = self._parked(self._ground_positions())
 
     def _pedestrian_model(self, people: list[np.random.Generator]) -> tuple[PedestrianModel, CrowdState]:
-        """Who moves the people, and their first state."""
+        """The model that moves the people, and their initial state."""
         if self._start is not None:
             return self._start.pedestrians, self._start.people
         if self._paths is not None:
@@ -272,19 +274,19 @@ class Simulation:
 
     @staticmethod
     def _copy_state(source: mujoco.MjData, target: mujoco.MjData) -> None:
-        """What a step of the rovers starts from. The solver's warm start stays: whether data was looked at must not matter."""
+        """Copy the state from which the rovers step. The solver's warm start is not copied: reading `data` must have no effect."""
         target.time = source.time
         for name in ("qpos", "qvel", "ctrl"):
             getattr(target, name)[:] = getattr(source, name)
 
     def _heading(self) -> Array:
-        """(robots, 2) unit directions of the rovers' x axes in the plane, and m/s along them in the third column."""
+        """(robots, 3): x and y of the rovers' forward axes, and forward speed m/s."""
         poses, velocity = self._physics_data.qpos[self._poses], self._physics_data.qvel[self._velocities]
         x = np.array([rotation_from_quaternion(q)[:, 0] for q in poses[:, 3:]])
         return np.column_stack([x[:, :2], np.einsum("ri,ri->r", x, velocity[:, :3])])
 
     def _move_people(self) -> None:
-        """The crowd and its colliders one crowd step on."""
+        """Advance the crowd and its colliders by one crowd step."""
         if not len(self.all_persons):
             return
         position, velocity = self._physics_data.qpos[self._poses[:, :2]], self._physics_data.qvel[self._velocities[:, :2]]
@@ -300,14 +302,14 @@ class Simulation:
         self._physics_data.mocap_pos[self._moving_colliders] = self._parked(self._ground_positions())
 
     def _turn_heads(self) -> None:
-        """Heads turned as far as they get in a frame."""
+        """Turn the heads by one frame."""
         state = self._crowd_state
         bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
         points = np.concatenate([state.position[state.present], self._physics_data.qpos[self._poses[:, :2]]])
         self._gaze = gaze.head_yaw(self._gaze, bodies, points, self.scenario.period)
 
     def _drive(self) -> Array:
-        """The rovers one crowd step on; (substeps, robots, 3) rad/s of their bodies."""
+        """Advance the rovers by one crowd step. Returns their angular velocities (substeps, robots, 3) rad/s, body frame."""
         position, heading = self._physics_data.qpos[self._poses[:, :2]], self._heading()
         yaw_rate = self._physics_data.qvel[self._velocities[:, 5]]
         people = self._crowd_state.position[self._crowd_state.present]
@@ -330,7 +332,7 @@ class Simulation:
         return velocities[:, self._velocities[:, 3:]]
 
     def _pose_people(self) -> None:
-        """All limbs where they are now, if they are not yet."""
+        """Pose all limbs for the current frame, if that is not done yet."""
         if self._posed:
             return
         state = self._crowd_state
@@ -347,18 +349,18 @@ class Simulation:
         self.model.geom_group[:] = np.where(absent, ABSENT, self._groups)
 
     def _ground_positions(self) -> Array:
-        """(everybody, 3) m, those who are absent included."""
+        """Ground points (people, 3) m under all bodies, absent people included."""
         position = self._crowd_state.position
         return np.column_stack([position, self.world.terrain.height_at(position)])
 
     def _parked(self, position: Array) -> Array:
-        """position (everybody, ..., 3) m with those who are absent far below the ground, where nothing meets them."""
+        """position (people, ..., 3) m, with absent people moved far below the ground, out of contact."""
         out = position.copy()
         out[~self._crowd_state.present, ..., 2] -= PARKING_DEPTH
         return out
 
     def _measure_odometry(self, rates: Array, wheels: Array, velocity: Array) -> None:
-        """The odometry of the frame that has just ended."""
+        """Measure the odometry of the frame that has just ended."""
         acceleration = (self._data.qvel[self._velocities[:, :3]] - velocity[:, :3]) / self.scenario.period
         for i, name in enumerate(self.robots):
             R = self.T_world_robot(name).rotation

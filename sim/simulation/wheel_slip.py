@@ -1,6 +1,6 @@
-"""How bad wheel odometry is on a world: what the encoders say against where the rover went, apart from all sensor errors.
+"""Wheel slip on a world: error of ideal wheel odometry, without sensor errors.
 
-The wheels' mean turning, with the true radius, is laid along the true heading, so that only slip, bumps and scrubbing wheels are left.
+The mean wheel rotation times the true radius is laid along the true heading. The remaining error is due to slip, bumps and scrubbing wheels.
 """
 
 from __future__ import annotations
@@ -14,13 +14,17 @@ from sim.simulation.simulation import Simulation
 from tracker.geometry import Array
 
 SEGMENT = 5.0
-"""m of driving over which an error is taken."""
+"""m: length of the driven segments whose errors are averaged."""
 
 
 @dataclass(frozen=True)
 class Slip:
-    """error: m of odometry error a metre driven, the mean over stretches of about STRETCH m (as Geiger et al. 2012, KITTI, take it over longer
-    ones), NaN where no rover got as far; driven m; tipped: frames in which a rover lay tipped over, added over the rovers."""
+    """Result of a measurement.
+
+    error: m of odometry error a metre driven, the mean over segments of about SEGMENT m; NaN without such a segment.
+    Geiger et al. (2012, KITTI) define it for longer segments. driven: m, of all rovers.
+    tipped: number of frames in which a rover was tipped over, summed over the rovers.
+    """
 
     error: float
     driven: float
@@ -28,7 +32,7 @@ class Slip:
 
 
 def measure(simulation: Simulation, seconds: float) -> Slip:
-    """Drive all rovers for `seconds` from where they are. Raises ValueError where seconds is not above 0."""
+    """Drive all rovers for `seconds` s from the current state. Raises ValueError unless seconds is above 0."""
     if not seconds > 0:
         raise ValueError(f"seconds is {seconds}, needs more than 0")
     wheels = np.array([[simulation.model.joint(f"{robot}/{wheel}").qposadr[0] for wheel in WHEELS] for robot in simulation.robots])
@@ -51,13 +55,13 @@ def measure(simulation: Simulation, seconds: float) -> Slip:
 
 
 def _poses(simulation: Simulation) -> Array:
-    """(robots, 3, 4): rotation and translation m of the rovers."""
+    """Rotation and translation m (robots, 3, 4) of the rovers."""
     poses = [simulation.T_world_robot(name) for name in simulation.robots]
     return np.array([np.column_stack([pose.rotation, pose.translation]) for pose in poses])
 
 
 def _segment_errors(steps: Array) -> list[float]:
-    """The errors a metre of one rover's stretches, from steps (n, 4): error (3) and way m of every frame."""
+    """Errors a metre of one rover's segments. steps (n, 4): error (3) m and distance m of every frame."""
     out: list[float] = []
     error, way = np.zeros(3), 0.0
     for step in steps:

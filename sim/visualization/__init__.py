@@ -1,3 +1,3 @@
-"""Pictures for people: boxes on panoramas, plans, videos, overviews of worlds, and Rerun.
+"""Visualization: overlays on images, plans, videos, previews of worlds, and Rerun.
 
 Read `overlays.py` first."""

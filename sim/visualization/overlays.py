@@ -1,4 +1,4 @@
-"""Boxes and ids drawn on images, contact sheets, and PNG files."""
+"""Overlays of boxes and ids on images, contact sheets, and PNG files."""
 
 from __future__ import annotations
 
@@ -16,20 +16,24 @@ from tracker.io.atomic import new_file
 from tracker.sequence.results import Results
 from tracker.types import Mount, Sequence, Tick
 
-BODY = (0.55, 1.75)  # m, width and height of the box that is drawn for a person
-
-STANDING = 0.25  # m over the terrain from which a thing is drawn as standing on it
+BODY = (0.55, 1.75)
+"""m: width and height of the box that stands for a person."""
+STANDING = 0.25
+"""m: height above the terrain from which something is drawn as an object."""
 
 
 def colour_of(identity: int) -> tuple[int, int, int]:
-    """An RGB colour of its own for each id, the same everywhere; neighbours in number are far apart in hue."""
+    """RGB colour of an id. Consecutive ids have very different hues."""
     hue = (identity * 0.61803398875) % 1.0
     rgb = matplotlib.colors.hsv_to_rgb((hue, 0.75, 1.0))
     return int(255 * rgb[0]), int(255 * rgb[1]), int(255 * rgb[2])
 
 
 def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterable[int], places: Array) -> Image:
-    """Copy of a panorama with a box, as a person standing there would fill it, and the id of every estimate; boxes may cross the seam."""
+    """Draw the id of every estimate and the box of a person at its place (n, 3) m, world. Boxes may cross the seam.
+
+    A contiguous image is drawn on in place.
+    """
     out = np.ascontiguousarray(image)
     width, thick = camera.width, max(1, camera.width // 512)
     for identity, place in zip(ids, places, strict=True):
@@ -49,14 +53,14 @@ def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterab
 
 
 def draw_text(image: Any, text: str, at: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
-    # The weight of OpenCV's letters changes their width: the dark edge is the same weight, moved by a pixel.
+    # A thicker font would be wider. Hence the dark outline is the same text, shifted by a pixel.
     for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         cv2.putText(image, text, (at[0] + dx, at[1] + dy), cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), 1, cv2.LINE_AA)
     cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
 
 
 def annotated(sequence: Sequence, results: Results, tick: Tick) -> dict[str, Image]:
-    """Camera → its panorama at this tick with the estimates drawn, as the estimated poses of the robots put them there."""
+    """Camera → panorama of this tick with the estimates, projected by the estimated poses of the robots."""
     out = {}
     ids, places = results.tracks.get(tick.index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
     for view in tick.views:
@@ -68,7 +72,7 @@ def annotated(sequence: Sequence, results: Results, tick: Tick) -> dict[str, Ima
 
 
 def contact_sheet(images: dict[str, Image], caption: str) -> Image:
-    """Panoramas two by two under their names, as one image."""
+    """One image with all panoramas in two columns, their names, and a caption."""
     tiles = []
     for name, image in images.items():
         tile = cv2.copyMakeBorder(image, 34, 6, 4, 4, cv2.BORDER_CONSTANT, value=(24, 24, 28))
@@ -83,7 +87,7 @@ def contact_sheet(images: dict[str, Image], caption: str) -> Image:
 
 
 def save_png(path: Path, image: Image) -> None:
-    """Write an RGB image; under a temporary name first."""
+    """Write an RGB image atomically. Raises ValueError if it cannot be encoded."""
     ok, data = cv2.imencode(".png", image[:, :, ::-1])
     if not ok:
         raise ValueError(f"{path}: this image cannot be written as PNG")

@@ -1,4 +1,4 @@
-"""Pictures of a tracked sequence: panoramas with estimated boxes, the plan of true and estimated paths, and both as a video."""
+"""Plan view of true and estimated paths, and video of panoramas with the plan, for a tracked sequence."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ from tracker.types import Sequence, Tick
 
 matplotlib.use("Agg")
 
-BAND = (28.0, -51.0)  # degrees of elevation that the video shows of a panorama
-
-STRIP = (820, 180)  # px of a panorama in the video
-
-SIDE = (460, 720)  # px of the plan beside them
+BAND = (28.0, -51.0)
+"""Highest and lowest elevation of panoramas in the video, degrees."""
+STRIP = (820, 180)
+"""Width and height of a panorama in the video, px."""
+SIDE = (460, 720)
+"""Width and height of the panel with the plan in the video, px."""
 
 
 @dataclass(frozen=True, eq=False)
 class TerrainImage:
-    """The terrain from above as a picture: image (h, w, 3) RGB with north up; pixel of a place by `pixels`."""
+    """Image of the terrain from above: image (h, w, 3) RGB with north up; origin (2,) m of its lower left corner; scale px a metre."""
 
     image: Image
     origin: Array
@@ -40,7 +41,7 @@ class TerrainImage:
 
     @staticmethod
     def of(sequence: Sequence, size: tuple[int, int]) -> TerrainImage:
-        """The relief that fits into size (width, height) px: heights as colour, slopes as shade, what stands on it dark."""
+        """The image that fits into size (width, height) px: heights as colour, slopes as shade, objects dark."""
         ground, tops = sequence.setup.ground, sequence.setup.occluders
         assert isinstance(ground, Grid)
         extent = (np.array(ground.heights.shape[::-1]) - 1) * ground.spacing
@@ -59,13 +60,13 @@ class TerrainImage:
         return TerrainImage(image.astype(np.uint8), ground.origin, scale)
 
     def pixels(self, places: Array) -> NDArray[np.int64]:
-        """(n, 2 or 3) m → (n, 2) px."""
+        """Pixels (n, 2) of places (n, 2 or 3) m."""
         p = (np.atleast_2d(places)[:, :2] - self.origin) * self.scale
         return np.column_stack([p[:, 0], self.image.shape[0] - p[:, 1]]).round().astype(np.int64)
 
 
 def _paths(results: Results, first: int, last: int) -> dict[int, Array]:
-    """Id → (n, 4) frame, x, y, z of its estimates from a frame to another."""
+    """Id → frame, x, y, z (n, 4) of its estimates in the frames `first` to `last`."""
     rows: dict[int, list[Array]] = {}
     for frame in range(max(first, 0), last + 1):
         ids, places = results.tracks.get(frame, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
@@ -75,7 +76,7 @@ def _paths(results: Results, first: int, last: int) -> dict[int, Array]:
 
 
 def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
-    """The plan view as a PNG: terrain, true paths as thin black lines, estimates in the colours of their ids, robots thick."""
+    """Write the plan view as a PNG: terrain, true paths of people in black, estimates in the colours of their ids, paths of robots."""
     import matplotlib.pyplot as plt
 
     terrain_image = TerrainImage.of(sequence, (1600, 1600))
@@ -111,7 +112,7 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
 
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
-    """Frames (720, 1280, 3) RGB: up to four panoramas with boxes beside the plan so far and how far the robots are off."""
+    """Video frames (720, 1280, 3) RGB: up to four panoramas with boxes, the plan so far, and a chart of the robots' errors."""
     terrain_image = TerrainImage.of(sequence, (SIDE[0] - 20, SIDE[1] - 370))
     errors = {"by SLAM": _robot_errors(sequence, results.poses), "dead reckoning": _robot_errors(sequence, dead_reckoning(sequence))}
     for tick in ticks:
@@ -124,7 +125,7 @@ def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) ->
 
 
 def _robot_errors(sequence: Sequence, poses: dict[str, list[Pose | None]]) -> Array:
-    """(frames,) m: mean over the robots of the distance to where they are."""
+    """Mean position error (frames,) m over the robots; NaN without an estimate."""
     out = []
     for k, frame in enumerate(sequence.truth or ()):
         errors = [np.linalg.norm(p.translation - frame.T_world_robot[r].translation) for r, ps in poses.items() if (p := ps[k]) is not None]
@@ -133,7 +134,7 @@ def _robot_errors(sequence: Sequence, poses: dict[str, list[Pose | None]]) -> Ar
 
 
 def _draw_error_chart(side: Image, lines: dict[str, Array], last_frame: int, frames: int) -> None:
-    """Draw the lines until a frame into the lower part of the side panel, one colour each, on a common scale."""
+    """Draw lines (frames,) up to `last_frame` into the lower part of the side panel, on a common scale."""
     if not all(len(values) for values in lines.values()):
         return
     left, right, top, bottom = 62, SIDE[0] - 16, SIDE[1] - 190, SIDE[1] - 36
@@ -197,7 +198,7 @@ def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
                 if count == 1:
                     size = (frame.shape[1], frame.shape[0])
                     _open_vp9(writer, part, path, size, rate)
-                if frame.shape != (size[1], size[0], 3):  # The writer would leave it out and not say so.
+                if frame.shape != (size[1], size[0], 3):  # The writer would drop it without an error.
                     raise ValueError(f"{path}: frame {count - 1} has the shape {frame.shape}, needs {(size[1], size[0], 3)}")
                 writer.write(frame[:, :, ::-1])
         finally:
@@ -208,8 +209,8 @@ def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
 
 
 def _open_vp9(writer: Any, part: Path, path: Path, size: tuple[int, int], rate: float) -> None:
-    """Begin the file `part`, named `path` in messages. size: (width, height) px."""
-    if size[0] % 2 or size[1] % 2:  # The encoder would cut off the last column or row: it halves the resolution of the colours.
+    """Open the file `part` for writing; messages name `path`. size: (width, height) px."""
+    if size[0] % 2 or size[1] % 2:  # The encoder halves the resolution of colours, and would crop an odd column or row.
         raise ValueError(f"{path}: frames are {size[0]} x {size[1]} pixels, needs an even width and height")
     if not writer.open(str(part), cv2.VideoWriter.fourcc(*"vp09"), rate, size):
         raise ValueError(f"{path}: this OpenCV cannot write VP9 video at {rate} frames/s here; opencv-python-headless from PyPI has an encoder")

@@ -1,4 +1,4 @@
-"""What of a sequence is logged to Rerun, and where in its tree: `world` in metres, one `panoramas/CAMERA` each, `off` for the robots' errors."""
+"""Logging of a sequence to Rerun. Entities: `world` in metres, `panoramas/CAMERA` for images, `off` for the robots' errors."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from tracker.geometry.ground import Flat, Grid
 from tracker.types import Estimate, Sequence, Tick, Truth
 
 SIGMAS = 2.0
-"""Standard deviations that an ellipsoid holds along each of its axes."""
+"""Half sizes of an ellipsoid, standard deviations."""
 TRAIL = 18
-"""Frames that a person's trail is long."""
+"""Length of a person's trail, frames."""
 BODY = (1.3, 0.22)
 """m: length (between the centres of its ends) and radius of the capsule that stands for a person."""
 CHASSIS = (0.35, 0.25, 0.15)
 """m: half sizes of the box that stands for a robot."""
 CUT_HEIGHT = 0.7
-"""m over the ground to which things that stand on it are drawn at most."""
+"""m above the ground at which objects are cut off, so that walls do not hide people."""
 LARGEST_MESH = 240
-"""Points along a side of the terrain's mesh at most."""
+"""Largest number of points along a side of the terrain mesh."""
 JPEG_QUALITY = 80
 LIGHT_DIRECTION = np.array([-0.6, 0.5, 0.62])
-"""Where the shade of the terrain has its light, a unit direction within a hundredth."""
+"""Direction to the light that shades the terrain, of unit length within 1 %."""
 GREY, ROYAL = (120, 120, 120), (65, 105, 225)
 
 
 @dataclass(frozen=True, eq=False)
 class SceneFrame:
-    """A tick and what a tracker says of it, or None."""
+    """A tick, and the estimate of a tracker or None."""
 
     tick: Tick
     estimate: Estimate | None
 
 
 class RerunScene:
-    """Logs a sequence to a recording stream of Rerun, frame by frame; keeps the trails."""
+    """Logs a sequence to a recording stream of Rerun, frame by frame. It holds the trails of people and robots."""
 
     def __init__(self, module: Any, stream: Any, sequence: Sequence) -> None:
         self.rerun, self.stream, self.sequence = module, stream, sequence
@@ -51,7 +51,7 @@ class RerunScene:
         self._robot_trails: dict[tuple[str, str], list[Array]] = defaultdict(list)
 
     def blueprint(self) -> Any:
-        """The world beside the panoramas, and the robots' errors below."""
+        """Layout of the viewer: the world on the left, panoramas and the robots' errors on the right."""
         views = self.rerun.blueprint
         panoramas = [views.Spatial2DView(origin=f"panoramas/{name}", name=name) for name in self.sequence.setup.mounts]
         right = [*panoramas[:4], views.TimeSeriesView(origin="off", name="robots' error [m]")]
@@ -61,7 +61,7 @@ class RerunScene:
         return views.Blueprint(views.Horizontal(world, views.Vertical(*right), column_shares=[3, 2]), collapse_panels=True)
 
     def _initial_view(self) -> tuple[Array, Array]:
-        """What is looked at first, and from where, m: all robots and people of the first frame, from above."""
+        """Target and eye (3,) m of the initial view: all robots and people of the first frame, from above."""
         truth = self.sequence.truth[0] if self.sequence.truth else None
         poses = [start.T_world_robot for start in self.sequence.setup.starts.values() if start]
         places = [pose.translation for pose in (truth.T_world_robot.values() if truth else poses)]
@@ -73,7 +73,7 @@ class RerunScene:
         return target, target + away * np.array([-0.35, -0.75, 1.0])
 
     def log_static(self) -> None:
-        """What does not move: the frame of reference, the terrain and what stands on it."""
+        """Log static entities: the world frame, the terrain and the objects on it."""
         self._log("world", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         ground, tops = self.sequence.setup.ground, self.sequence.setup.occluders
         if isinstance(ground, Grid):
@@ -86,14 +86,13 @@ class RerunScene:
                 stands = heights - ground.height_at(over) > STANDING
                 kept = triangles[stands[triangles].any(axis=1)]
                 if len(kept):
-                    # Cut low: one shall see over walls.
                     over[:, 2] = np.minimum(heights, ground.height_at(over) + CUT_HEIGHT)
                     self._mesh("world/standing", over, kept, np.full((len(over), 3), 130, np.uint8))
         elif isinstance(ground, Flat):
             self._log("world/ground", self.rerun.Boxes3D(centers=[[0, 0, ground.level]], half_sizes=[[20, 20, 0]], colors=[GREY]), static=True)
 
     def log_frame(self, scene_frame: SceneFrame) -> None:
-        """One frame: truth where it is known, estimates where there are some."""
+        """Log one frame: truth and estimates, if there are any."""
         tick, truth = scene_frame.tick, self.sequence.truth[scene_frame.tick.index] if self.sequence.truth else None
         self.stream.set_time("frame", sequence=tick.index)
         self.stream.set_time("time", duration=tick.time)
@@ -106,14 +105,14 @@ class RerunScene:
 
     def _estimates(self, estimate: Estimate, truth: Truth | None) -> None:
         self._people("world/tracks", estimate.target_id, estimate.position, None)
-        # Tracks that were read from files have no covariance: it is zero.
+        # Tracks from files have covariance 0, because the files do not hold it.
         known = [k for k, P in enumerate(estimate.covariance) if P.any()]
         spread = [(estimate.position[k], estimate.covariance[k]) for k in known]
         self._ellipsoids("world/tracks/covariance", spread, [colour_of(int(estimate.target_id[k])) for k in known])
         self._robots("world/robots", estimate.T_world_robot, (220, 20, 60))
         turned = []
         for robot, pose in estimate.T_world_robot.items():
-            # The tangent's translation is along the body's axes.
+            # The translation of the right tangent is along the axes of the body.
             turned.append((pose.translation, pose.rotation @ estimate.robot_covariance[robot][:3, :3] @ pose.rotation.T))
             if truth is not None and robot in truth.T_world_robot:
                 error = float(np.linalg.norm(pose.translation - truth.T_world_robot[robot].translation))
@@ -125,7 +124,7 @@ class RerunScene:
         for identity, place in zip(ids.tolist(), feet, strict=True):
             self._trails[path, identity].append(place)
         length, radius = BODY
-        # Truth as wires: the track of a person who is found stands inside them.
+        # Truth is drawn as wires, so that the estimate of the same person is visible inside.
         fill = self.rerun.components.FillMode.MajorWireframe if colour else self.rerun.components.FillMode.Solid
         size = {"lengths": [length] * len(ids), "radii": [radius] * len(ids)}
         bodies = self.rerun.Capsules3D(
@@ -168,7 +167,7 @@ class RerunScene:
 
     def _mesh(self, path: str, points: Array, triangles: Ints, colours: Any) -> None:
         facing = normals(points, triangles)
-        # The shade is in the colours: a viewer's own light may leave slopes flat.
+        # Shading is part of the colours, because the viewer's own light may leave slopes flat.
         shaded = (colours * (0.6 + 0.4 * np.clip(facing @ LIGHT_DIRECTION, 0, 1))[:, None]).astype(np.uint8)
         body = self.rerun.Mesh3D(vertex_positions=points, triangle_indices=triangles, vertex_normals=facing, vertex_colors=shaded)
         self._log(path, body, static=True)
@@ -178,7 +177,7 @@ class RerunScene:
 
 
 def mesh(grid: Grid) -> tuple[Array, Ints, Array]:
-    """A grid as points (n, 3) m, triangles (m, 3) and heights (n,) m, every so many rows and columns that no side has more than FINEST."""
+    """Mesh of a grid: points (n, 3) m, triangles (m, 3), heights (n,) m. It is subsampled to about LARGEST_MESH points a side."""
     step = -(-max(grid.heights.shape) // LARGEST_MESH)
     z = grid.heights[::step, ::step]
     rows, columns = z.shape
@@ -191,7 +190,7 @@ def mesh(grid: Grid) -> tuple[Array, Ints, Array]:
 
 
 def normals(points: Array, triangles: Ints) -> Array:
-    """Unit normals (n, 3) of the points (n, 3) of a mesh: of the triangles around each, by their areas; up where there is none."""
+    """Unit normals (n, 3) at the points (n, 3) of a mesh: area-weighted means over adjacent triangles; upwards if there are none."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
     total = np.zeros_like(points)
@@ -202,7 +201,7 @@ def normals(points: Array, triangles: Ints) -> Array:
 
 
 def ellipsoid(covariance: Array) -> tuple[Array, Array]:
-    """Half sizes (3,) m of SIGMAS standard deviations along the main axes of a covariance (3, 3) m², and their rotation as a quaternion xyzw."""
+    """Ellipsoid of a covariance (3, 3) m²: half sizes (3,) m of SIGMAS standard deviations, and the rotation as a quaternion xyzw."""
     variances, axes = np.linalg.eigh(covariance)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1

@@ -1,6 +1,6 @@
-"""A sequence to look at in Rerun: terrain, robots and their panoramas, true people, tracks and how sure they are, on a time line.
+"""The command `view`: a sequence with tracks in the Rerun viewer, or as a Rerun recording.
 
-Rerun is an extra: it is imported when somebody looks, and one line says what to install where it is not there.
+Rerun is an optional dependency. It is imported on demand; without it, one line says what to install.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from tracker.types import Estimate, Sequence, Tick
 
 
 def rerun() -> Any:
-    """The module. Raises ValueError that says what to install where there is none."""
+    """The module `rerun`. Raises ValueError, which says what to install, if it is missing."""
     try:
         return importlib.import_module("rerun")
     except ImportError:
@@ -36,10 +36,10 @@ def rerun() -> Any:
 
 
 def show(folder: Path, results: Path | None = None, tracked: bool = False, save: Path | None = None) -> None:
-    """Open the viewer on a sequence, or write a recording to the file `save`, under a temporary name first.
+    """Open the viewer on a sequence, or write a recording to the file `save` atomically.
 
-    folder: a sequence, or a folder with `sequence` and `track` in it. results: a folder of tracks, or None; tracked: track now instead.
-    Raises ValueError where Rerun or a screen is missing, for a name that does not end in .rrd, and as the readers do.
+    folder: a sequence, or a folder with `sequence` and `track` in it. results: a folder of tracks, or None. tracked: run the tracker instead.
+    Raises ValueError without Rerun or a screen, for a file name that does not end in .rrd, and for files that cannot be read.
     """
     module = rerun()
     if save is not None and save.suffix != ".rrd":
@@ -73,7 +73,7 @@ def _write(scene: RerunScene, sequence: Sequence, save: Path, what: tuple[Result
 
 
 def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path | None]:
-    """The sequence and the tracks that a folder means."""
+    """Folders of the sequence and of the tracks that `folder` refers to."""
     if (folder / "sequence").is_dir():
         beside = folder / "track"
         return folder / "sequence", results or (beside if beside.is_dir() else None)
@@ -88,7 +88,7 @@ def _play(scene: RerunScene, sequence: Sequence, read: Results | None, tracked: 
 
 
 def read_frame(results: Results, k: int) -> Estimate:
-    """What the files of a run say of frame k, as an Estimate; targets have no covariance there."""
+    """The estimate of frame k from the files of a run. Covariances of targets are 0, because the files do not hold them."""
     ids, places = results.tracks.get(k, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
     poses = {robot: pose for robot, of_robot in results.poses.items() if (pose := of_robot[k]) is not None}
     spread = {robot: P for robot, of_robot in results.covariances.items() if (P := of_robot[k]) is not None}
@@ -97,7 +97,7 @@ def read_frame(results: Results, k: int) -> Estimate:
 
 @dataclass
 class _TickBuffer:
-    """Ticks on their way through the tracker."""
+    """Ticks that the tracker has read but not yet estimated."""
 
     ticks: deque[Tick] = field(default_factory=deque)
 
@@ -108,7 +108,7 @@ class _TickBuffer:
 
 
 def _estimated(sequence: Sequence) -> Iterator[SceneFrame]:
-    """Ticks with what the tracker says of them, tracking as it goes."""
+    """Run the tracker, and yield each tick with its estimate."""
     buffer = _TickBuffer()
     for estimate in track(sequence.setup, buffer.recording_ticks(iter(sequence.ticks))):
         yield SceneFrame(buffer.ticks.popleft(), estimate)

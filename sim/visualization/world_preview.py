@@ -1,4 +1,4 @@
-"""What a world looks like, on one page: as a rover sees it with people about, from above, and as a plan with its measures."""
+"""Preview of a world on one page: a rover's panorama with people, a view from above, and a plan with difficulty measures."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from worlds.world import World
 
 PANORAMA = Panorama(2048, 1024)
 BAND = (35.0, -50.0)
-"""Degrees of elevation that are shown of the panorama."""
+"""Highest and lowest elevation of the panorama on the page, degrees."""
 OVERHEAD_CAMERA = pinhole(1200, 800, np.deg2rad(50))
 HEIGHT_COLOURS = matplotlib.colors.ListedColormap(matplotlib.colormaps["YlGn"](np.linspace(0.02, 0.5, 256)))
-"""Colours of heights, pale: what is drawn over them counts."""
+"""Pale colours of heights, as a background for the plan."""
 STANDING = 0.25
-"""m over the ground from which a thing is drawn on the plan."""
+"""m: height above the ground from which something is drawn as an object on the plan."""
 
 
 def preview(scenario: Scenario, world: World, path: Path) -> Measures:
-    """Draw the world that was built for a scenario as a PNG, with the scenario's people and robots in it; its measures.
+    """Write the preview of a scenario's world as a PNG, with people and robots. Returns the measures of the world.
 
-    Raises ValueError for a scenario that its world cannot hold, GLUnavailable where there is no OpenGL.
+    Raises ValueError if robots or people do not fit in, GLUnavailable without OpenGL.
     """
     simulation = Simulation(scenario, world)
     for _ in range(12):
         simulation.step()
     eyes = [simulation.T_world_robot(robot) @ simulation.T_body_camera for robot in simulation.robots]
-    # The robot that sees most people stands for them all; the last one's view is shown where a roof hides the place from above.
+    # The panorama is that of the robot that sees most people. Under a roof, the view of another robot replaces the view from above.
     with PanoramaRenderer(simulation.model, [PANORAMA, OVERHEAD_CAMERA], simulation.person_of_geom.astype(np.uint16)) as renderer:
         shots = renderer.render(simulation.data, eyes)
         best = int(np.argmax([(shot.instances > 0).sum() for shot in shots]))
@@ -55,7 +55,7 @@ def preview(scenario: Scenario, world: World, path: Path) -> Measures:
 
 
 def _roofed(simulation: Simulation) -> bool:
-    """Whether most places that can be walked have something over them."""
+    """Whether most of the walkable area is covered."""
     places = simulation.world.feet.sample(np.random.default_rng(0), 20, 0.0, 0.0)
     heights = simulation.world.terrain.height_at(places)
     up, geom = np.array([0.0, 0.0, 1.0]), np.zeros(1, np.int32)
@@ -65,7 +65,7 @@ def _roofed(simulation: Simulation) -> bool:
 
 
 def _facing_farthest(eye: Pose, shot: RenderedImage) -> Pose:
-    """The eye turned to where it sees farthest, over a twelfth of the panorama."""
+    """The pose, rotated to the azimuth with the longest mean range over a twelfth of the panorama."""
     band = np.minimum(shot.range[PANORAMA.height * 4 // 9 : PANORAMA.height * 5 // 9], 30.0).mean(axis=0)
     wide = PANORAMA.width // 12
     smooth = np.convolve(np.concatenate([band, band[:wide]]), np.ones(wide), "valid")[: len(band)]
@@ -74,7 +74,7 @@ def _facing_farthest(eye: Pose, shot: RenderedImage) -> Pose:
 
 
 def _overhead_pose(world: World) -> Pose:
-    """A camera over a corner of the walkable part that looks down on it."""
+    """A camera above a corner of the walkable area that looks down on it."""
     i, j = np.nonzero(world.feet.free)
     places = world.feet.origin + world.feet.spacing * np.column_stack([j, i])
     low, high = places.min(axis=0), places.max(axis=0)
@@ -104,7 +104,7 @@ def _page(world: World, measures: Measures, images: tuple[Image, Image], subtitl
 
 
 def _plan(axes: Any, world: World, measures: Measures) -> None:
-    """Heights as shade and colour, what stands on them, where wheels and feet may go, where people enter."""
+    """Plan of heights, objects, free space of wheels and feet, and spawn areas."""
     ground = world.ground
     low, high = ground.extent
     box = (low[0], high[0], low[1], high[1])
@@ -120,7 +120,7 @@ def _plan(axes: Any, world: World, measures: Measures) -> None:
     for corner, opposite in world.spawn:
         axes.add_patch(matplotlib.patches.Rectangle(corner, *(opposite - corner), facecolor="gold", edgecolor="black"))
     axes.set_title(_measures_text(measures), fontsize=10)
-    axes.set_xlabel("x (m); red: feet may go, blue: wheels, yellow: people enter")
+    axes.set_xlabel("x (m); red: free for feet, blue: free for wheels, yellow: people enter")
     axes.set_ylabel("y (m)")
 
 

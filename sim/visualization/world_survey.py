@@ -1,4 +1,4 @@
-"""All worlds side by side: their measures, their pictures, and one of them given away."""
+"""Survey of worlds: a table of their difficulty measures, previews, and the export of one world."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from worlds.difficulty import measure
 from worlds.export import export
 
 PEOPLE, ROBOTS = 10, 3
-"""Who is about in a picture: a place without anybody has no size."""
+"""People and robots in a preview, which show the scale."""
 DRIVEN = 4
-"""Rovers whose slip is measured."""
+"""Rovers that measure slip."""
 LONGEST = 3600
-"""s for which they drive, at most."""
+"""s: longest drive for the slip measurement."""
 HEADINGS = {
     "extent_x": "x m",
     "extent_y": "y m",
@@ -39,7 +39,7 @@ HEADINGS = {
 
 @dataclass(frozen=True)
 class SurveyOptions:
-    """Beside the measures: pictures, a folder to draw into; file, to export the one world to; seconds that rovers drive to measure slip."""
+    """Optional outputs. pictures: folder of previews. file: export of the one world. seconds: duration of the slip measurement, 0 for none."""
 
     pictures: Path | None = None
     file: Path | None = None
@@ -47,10 +47,10 @@ class SurveyOptions:
 
 
 def survey(name: str | None, difficulty: float, seed: int, options: SurveyOptions | None = None) -> list[dict[str, Any]]:
-    """A row of measures (worlds.difficulty) for the world of that name, or for all.
+    """Rows of measures (worlds.difficulty) for the world `name`, or for all worlds if it is None.
 
-    Raises ValueError for an unknown name, a difficulty out of bounds, a file without a name, a file for a
-    folder of pictures, or seconds out of bounds.
+    Raises ValueError for an unknown name, a difficulty or seconds out of bounds, and an export without a name.
+    It is also raised if the folder of pictures is a file.
     """
     options = options or SurveyOptions()
     if options.file is not None and name is None:
@@ -74,7 +74,7 @@ def survey(name: str | None, difficulty: float, seed: int, options: SurveyOption
 
 
 def describe(rows: list[dict[str, Any]]) -> str:
-    """The rows as a table with a line that explains it."""
+    """The rows as a table, with lines that explain the columns."""
     headings = {key: title for key, title in HEADINGS.items() if key in rows[0]}
     lines = [f"{'world':10}" + "".join(f"{title:>11}" for title in headings.values())]
     for row in rows:

@@ -17,7 +17,7 @@ def bits_of(masks: list[np.ndarray]) -> np.ndarray:
 def test_pixels_and_boxes_are_those_of_the_masks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     masks = [rng.random((8, 16)) < rng.uniform(0, 0.1) for _ in range(BITS)]
-    for mask, body in zip(masks, covered(bits_of(masks), NEAREST, BITS, around=False), strict=True):
+    for mask, body in zip(masks, covered(bits_of(masks), NEAREST, BITS, wraps=False), strict=True):
         assert body.pixels == mask.sum()
         if not mask.any():
             assert np.isnan(body.box).all()
@@ -29,19 +29,19 @@ def test_pixels_and_boxes_are_those_of_the_masks(seed: int) -> None:
 def test_texels_are_looked_up_where_pixels_lie() -> None:
     mask = np.zeros((8, 16), bool)
     mask[2, 3] = True
-    (body,) = covered(bits_of([mask]), np.full((4, 4), 2 * 16 + 3, np.int32), 1, around=False)
+    (body,) = covered(bits_of([mask]), np.full((4, 4), 2 * 16 + 3, np.int32), 1, wraps=False)
     assert body.pixels == 16
 
 
 def test_a_box_over_the_seam_starts_left_of_it() -> None:
     mask = np.zeros((8, 16), bool)
     mask[3:5, [14, 15, 0, 1, 2]] = True
-    (body,) = covered(bits_of([mask]), NEAREST, 1, around=True)
+    (body,) = covered(bits_of([mask]), NEAREST, 1, wraps=True)
     assert body.box.tolist() == [14, 3, 19, 5]
-    (flat,) = covered(bits_of([mask]), NEAREST, 1, around=False)
+    (flat,) = covered(bits_of([mask]), NEAREST, 1, wraps=False)
     assert flat.box.tolist() == [0, 3, 16, 5]
 
 
 def test_what_goes_all_around_is_one_picture_wide() -> None:
-    (body,) = covered(bits_of([np.ones((8, 16), bool)]), NEAREST, 1, around=True)
+    (body,) = covered(bits_of([np.ones((8, 16), bool)]), NEAREST, 1, wraps=True)
     assert body.box[2] - body.box[0] == 16

@@ -76,5 +76,5 @@ def test_more_lights_than_can_be_drawn_are_refused() -> None:
     spec = mujoco.MjSpec()
     for _ in range(MOST_LIGHTS):
         spec.worldbody.add_light()
-    with pytest.raises(ValueError, match=f"{MOST + 1} lights, needs at most {MOST}"):
+    with pytest.raises(ValueError, match=f"{MOST_LIGHTS + 1} lights, needs at most {MOST_LIGHTS}"):
         Lights.of(spec.compile())
