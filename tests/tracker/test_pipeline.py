@@ -11,7 +11,7 @@ from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
 from tracker.pipeline import Parameters, Tracker, track
-from tracker.types import Detections, Estimate, Setup, Tick, View
+from tracker.types import Detections, Estimate, Setup, Tick
 
 
 def scored(setup: Setup, walked: Array, ticks: list[Tick]) -> TargetScore:
@@ -115,47 +115,6 @@ def test_clutter_alone_makes_no_tracks() -> None:
     setup = synthetic_crowd.setup()
     ticks = synthetic_crowd.ticks(setup, np.zeros((80, 0, 2)), rng, clutter=0.3)
     assert sum(len(e.target_id) for e in track(setup, ticks)) <= 3
-
-
-@pytest.mark.parametrize("boxes", [0, 500])
-def test_empty_and_crowded_frames_pass(boxes: int) -> None:
-    rng = np.random.default_rng(8)
-    setup = synthetic_crowd.setup()
-    found = Detections.none()
-    if boxes:
-        middle, extent = synthetic_crowd.boxes(
-            setup.starts["robot_0"].T_world_robot, np.column_stack([rng.uniform(-4, 4, (boxes, 2)), np.zeros(boxes)])
-        )  # type: ignore[union-attr]
-        found = Detections(middle, extent, np.ones(boxes), np.tile(1e-5 * np.eye(2), (boxes, 1, 1)), np.zeros((boxes, 0)))
-    for estimate in track(setup, [Tick(k, k / 6, tuple(View(name, found) for name in setup.mounts)) for k in range(3)]):
-        assert np.isfinite(estimate.position).all()
-
-
-def test_equal_detections_make_few_tracks() -> None:
-    setup = synthetic_crowd.setup(views=1)
-    pose = setup.starts["robot_0"].T_world_robot  # type: ignore[union-attr]
-    middle, extent = synthetic_crowd.boxes(pose, np.zeros((6, 3)))
-    found = Detections(middle, extent, np.ones(6), np.tile(1e-5 * np.eye(2), (6, 1, 1)), np.zeros((6, 0)))
-    last = list(track(setup, [Tick(k, k / 6, (View("camera_0", found),)) for k in range(8)]))[-1]
-    assert 1 <= len(last.target_id) <= 6
-
-
-def test_a_view_that_is_missing_for_50_ticks_does_no_harm() -> None:
-    rng = np.random.default_rng(9)
-    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
-    ticks = synthetic_crowd.ticks(setup, walked, rng)
-    thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in ticks]
-    assert scored(setup, walked, thinned).mota > 0.85
-
-
-def test_wrong_ticks_are_refused() -> None:
-    setup = synthetic_crowd.setup()
-    tracker = Tracker(setup, Parameters())
-    tracker.step(Tick(3, 0.5, ()))
-    with pytest.raises(ValueError, match="tick 3 comes after tick 3"):
-        tracker.step(Tick(3, 0.5, ()))
-    with pytest.raises(ValueError, match="camera 'nose'"):
-        tracker.step(Tick(4, 0.6, (View("nose", Detections.none()),)))
 
 
 @pytest.mark.slow

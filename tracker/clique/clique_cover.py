@@ -131,8 +131,7 @@ def violated_classes(start: Ints, conflict: Ints, free: Mask, primal: Array) -> 
     """Classes (first, member) over which the primal estimate (n,) sums to more than 1, each grown greedily from one vertex."""
     n = len(start) - 1
     first, member = [0], [np.int64(0) for _ in range(0)]
-    mark, stamp, done = np.zeros(n, np.int64), 0, np.zeros(n, np.bool_)
-    candidates = np.empty(n, np.int64)
+    candidates, mark, stamp, done = np.empty(n, np.int64), np.zeros(n, np.int64), 0, np.zeros(n, np.bool_)
     value = primal + 1e-9 * np.diff(start)
     for a in np.argsort(-primal, kind="mergesort"):
         if not free[a] or primal[a] < 0.01:

@@ -367,11 +367,9 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ban
 
     gated (V, MAX_GATED): boxes within its gate, −1 after the last; banned (D,): boxes that it must not take.
     """
-    B = len(beam.increment)
-    predicted = np.empty(16)
+    size, predicted = len(beam.increment) * (MAX_GATED + 1), np.empty(16)
     beam.state[0], beam.covariance[0], beam.increment[0], count = parents.state[i], parents.covariance[i], 0.0, 1
     beam.box[:], beam.residual[:], beam.missed[:] = -1, np.nan, 0.0
-    size = B * (MAX_GATED + 1)
     score, source, taken = np.empty(size), np.empty(size, np.int64), np.empty(size, np.int64)
     for v in view_order(i, parents, boxes):
         missed = parents.missed[i, v]
@@ -386,27 +384,23 @@ def _beam_search(i: int, parents: Any, boxes: Any, limits: Any, gated: Ints, ban
             predict_measurement(beam.state[b], parents.z[i], parents.slope[i], boxes.origin[v], predicted)
             S0 = innovation_covariance(predicted, beam.covariance[b], limits.foot_spread)
             for d in gated[v]:
-                if d < 0:
-                    break
-                if banned[d]:
+                if d < 0 or banned[d]:
                     continue
                 ratio = log_likelihood(predicted, S0, v, d, boxes, limits.gate) + parents.appearance[i, d]
                 if ratio > max(missed - limits.margin, limits.min_ratio):
                     score[extended], source[extended], taken[extended] = beam.increment[b] + ratio, b, d
                     extended += 1
-        chosen = np.argsort(-score[:extended], kind="mergesort")[:B]
+        chosen = np.argsort(-score[:extended], kind="mergesort")[: len(beam.increment)]
         state, covariance, box = beam.state.copy(), beam.covariance.copy(), beam.box.copy()
         residuals, Hs, Ss, absent = beam.residual.copy(), beam.H.copy(), beam.S.copy(), beam.missed.copy()
-        for q in range(len(chosen)):
+        count = len(chosen)
+        for q in range(count):
             b, d = source[chosen[q]], taken[chosen[q]]
             beam.state[q], beam.covariance[q], beam.box[q], beam.increment[q] = state[b], covariance[b], box[b], score[chosen[q]]
             beam.residual[q], beam.H[q], beam.S[q] = residuals[b], Hs[b], Ss[b]
-            beam.missed[q] = absent[b]
-            if d < 0:
-                beam.missed[q] += missed
-                continue
-            update_child(q, i, v, d, parents, boxes, limits, beam)
-        count = len(chosen)
+            beam.missed[q] = absent[b] + missed if d < 0 else absent[b]
+            if d >= 0:
+                update_child(q, i, v, d, parents, boxes, limits, beam)
     return count
 
 

@@ -131,14 +131,6 @@ def test_clutter_alone_makes_no_tracks() -> None:
     assert sum(len(e.target_id) for e in track(setup, ticks, MHT)) <= 3
 
 
-def test_a_view_that_is_missing_for_50_ticks_does_no_harm() -> None:
-    rng = np.random.default_rng(9)
-    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
-    ticks = synthetic_crowd.ticks(setup, walked, rng)
-    thinned = [replace(t, views=t.views[1:]) if 15 <= t.index < 65 else t for t in ticks]
-    assert scored(setup, walked, thinned).mota > 0.85
-
-
 def test_the_detection_rate_is_learned() -> None:
     rng = np.random.default_rng(12)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(5, 100, rng)
