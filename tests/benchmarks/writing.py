@@ -11,8 +11,7 @@ from pathlib import Path
 from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.generation import Plan, generate
 from sim.datasets.presets import PRESETS
-from sim.recording import record
-from sim.recording.record import Recording, open_renderer, run
+from sim.recording.record import Recording, open_renderer, run, versions
 from sim.recording.tracker_setup import make_setup
 from sim.simulation.simulation import Simulation
 from tracker.geometry.ground import Grid
@@ -40,7 +39,7 @@ def writing(folder: Path) -> None:
                     with SequenceWriter(folder / "s", setup, setup.occluders, recording.form) as writer:
                         for m in frames:
                             writer.add(m.tick, m.truth, Layers(m.instances, m.range, m.classes), m.views)
-                        writer.finish({}, record.versions())
+                        writer.finish({}, versions())
                     shutil.rmtree(folder / "s")
                 else:
                     for _ in frames:

@@ -52,7 +52,7 @@ def crossing(world: World, starts: np.ndarray, goals: np.ndarray) -> tuple[Crowd
 
 
 @pytest.mark.parametrize("place", ["yard", "pilsun"])
-def test_ten_people_keep_to_free_space_and_apart_and_get_about(place):
+def test_ten_people_stay_in_free_space_keep_apart_and_reach_goals(place):
     world = yard() if place == "yard" else catalogue.build("pilsun", Scenario().stream("world"), 0.5)
     crowd, state = crowd_of(world, 0, 10)
     states = history(crowd, state, 40.0)
@@ -118,7 +118,7 @@ def test_two_who_meet_head_on_pass():
     assert states[-1].position[1, 0] < -5.0
 
 
-def test_a_robot_in_the_way_is_walked_around():
+def test_people_walk_around_a_robot():
     robot = Obstacles(np.array([[0.0, 0.05]]), np.zeros((1, 2)), np.array([0.5]))
     crowd, state = crossing(field(), np.array([[-6.0, 0.0]]), np.array([[6.0, 0.0]]))
     states = history(crowd, state, 16.0, robot)
@@ -127,7 +127,7 @@ def test_a_robot_in_the_way_is_walked_around():
     assert states[-1].position[0, 0] > 5.0
 
 
-def test_people_make_way_for_a_robot_that_asks_for_it_even_if_they_stand():
+def test_standing_people_yield_to_a_robot_that_requests_way():
     for requested_velocity, leaves in ((0.0, False), (0.7, True)):
         crowd, state = crossing(field(), np.array([[1.2, 0.05]]), np.array([[1.2, 0.05]]))
         robot = Obstacles(np.zeros((1, 2)), np.zeros((1, 2)), np.array([0.5]), np.array([[requested_velocity, 0.0]]))
@@ -135,7 +135,7 @@ def test_people_make_way_for_a_robot_that_asks_for_it_even_if_they_stand():
         assert (abs(last.position[0, 1]) > 0.6) == leaves
 
 
-def test_slopes_slow_people_down_as_tobler_has_it():
+def test_speed_on_slopes_follows_tobler():
     for slope in (0.2, -0.2):
         crowd, state = crossing(field(slope), np.array([[-8.0, 0.0]]), np.array([[8.0, 0.0]]))
         speed = np.array([np.linalg.norm(s.velocity) for s in history(crowd, state, 8.0)])[60:].mean()
@@ -149,14 +149,14 @@ def test_heading_turns_no_faster_than_a_body_can():
     assert abs(abs(heading[-1]) - np.pi) < 0.2
 
 
-def test_who_was_put_into_a_wall_comes_out():
+def test_a_person_inside_a_wall_gets_out():
     world = yard()
     crowd, state = crossing(world, np.array([[0.0, 0.62]]), np.array([[4.0, 4.0]]))
     assert world.feet.clearance_at(state.position)[0] < 0
     assert world.feet.clearance_at(history(crowd, state, 3.0)[-1].position)[0] > 0
 
 
-def test_nobody_is_a_crowd_too():
+def test_an_empty_crowd():
     crowd, state = crowd_of(yard(), 0, 0)
     assert history(crowd, state, 1.0)[-1].position.shape == (0, 2)
 

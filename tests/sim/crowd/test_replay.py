@@ -28,7 +28,7 @@ def walked(paths: Paths, dt: float = STEP / 3) -> list:
     return states
 
 
-def test_people_are_where_and_when_the_paths_say():
+def test_people_follow_their_paths():
     paths, true = noisy_circle(0.0)
     states = walked(paths)[::3]
     assert len(states) == 60

@@ -101,7 +101,7 @@ def test_all_levels_of_a_limb_lie_in_one_frame_and_have_one_silhouette(seed):
     assert faces[2] < 350
 
 
-def test_meshes_look_outwards_and_their_normals_too():
+def test_faces_and_normals_point_outwards():
     model, _ = dressed(2)
     for limb in LIMBS:
         for level in range(LEVELS):
@@ -121,7 +121,7 @@ def test_meshes_look_outwards_and_their_normals_too():
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.6, 1.2])
-def test_knees_do_not_gape(bend):
+def test_bent_knees_have_no_gap(bend):
     """From the axis of the shin, every ray across the knee meets thigh or shin: both reach around the joint."""
     model, data = dressed(4)
     knee = model.body("person_1/left_shin").mocapid[0]

@@ -33,7 +33,7 @@ def test_on_a_slope_the_whole_sole_touches(yaw):
 
 
 @pytest.mark.parametrize("edge", [-0.05, 0.02, 0.06, 0.12])
-def test_over_the_edge_of_a_step_nothing_sticks_in_and_something_touches(edge):
+def test_at_the_edge_of_a_step_the_sole_touches_without_penetration(edge):
     """The step is a ramp of 5 cm between nodes, so that the edge is sharp."""
     field = ground(lambda x, y: np.where(x < 0, 0.15, 0.0))
     gaps, _ = under(field, np.array([-edge, 0.0]), 0.0)
@@ -49,7 +49,7 @@ def test_on_rubble_soles_stay_within_two_centimetres_of_the_ground():
     assert lowest.max() < 0.02
 
 
-def test_a_foot_rolls_over_what_carries_it_until_it_hits_the_ground():
+def test_a_foot_rolls_over_its_support_until_it_touches_the_ground():
     _, state = under(ground(lambda x, y: 0.1 - 0.5 * np.abs(x)), np.array([-0.0275 * SIZE[0], 0.0]), 0.0)
     back, front, up, down = state[3:]
     assert back == front == pytest.approx(0.0275)
@@ -58,7 +58,7 @@ def test_a_foot_rolls_over_what_carries_it_until_it_hits_the_ground():
     assert down == pytest.approx(0.5, rel=0.1)
 
 
-def test_turns_are_rotations_about_the_turned_axes():
+def test_rotations_are_about_the_rotated_axes():
     R = foot_contact.rotation_matrices(np.array(0.3), np.array(0.2), np.array(-0.1))
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) == pytest.approx(1.0)

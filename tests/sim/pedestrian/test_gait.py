@@ -61,7 +61,7 @@ def test_steps_grow_with_speed_and_keep_the_walk_ratio():
     np.testing.assert_allclose(length / (2 * strides) / (STATURE / 1.75), gait.WALK_RATIO, rtol=0.05)
 
 
-def test_who_stops_brings_the_feet_together_and_rests():
+def test_a_person_who_stops_brings_the_feet_together():
     *_, (footing, bodies) = walked(np.array([0.8, 1.2, 1.6]), 4.0)
     still = Bodies(bodies.position, np.zeros((3, 2)), bodies.heading, STATURE)
     for _ in range(60):
@@ -76,7 +76,7 @@ def test_who_stops_brings_the_feet_together_and_rests():
     assert (np.einsum("mi,mi->m", place[:, 0] - place[:, 1], left) > 0.03).all()
 
 
-def test_who_turns_on_the_spot_steps_round():
+def test_a_person_who_turns_in_place_takes_steps():
     position = np.zeros((1, 2))
     footing = gait.stand(position, np.zeros(1), np.array([1.7]))
     for _ in range(60):
@@ -85,7 +85,7 @@ def test_who_turns_on_the_spot_steps_round():
     assert np.abs(footing.planted_yaw - 1.5).max() < 0.41
 
 
-def test_nobody_walks_too():
+def test_an_empty_crowd_walks():
     footing = gait.stand(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     after = gait.walk(footing, Bodies(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0)), DT)
     assert gait.foot_positions(after)[0].shape == (0, 2, 2)

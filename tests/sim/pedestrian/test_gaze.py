@@ -14,7 +14,7 @@ def bodies(speed: float) -> Bodies:
     return Bodies(np.array([[0.0, 0.0], [0.5, 2.0]]), np.full((2, 2), [speed, 0.0]), np.zeros(2), STATURE)
 
 
-def test_who_stands_looks_at_who_is_near_and_who_walks_looks_ahead():
+def test_standing_people_look_at_the_nearest_and_walking_people_look_ahead():
     here = bodies(0.0)
     yaw = np.zeros(2)
     for _ in range(40):
@@ -48,7 +48,7 @@ def test_the_face_turns_with_the_head_and_the_rest_does_not():
     np.testing.assert_allclose(*length)
 
 
-def test_nobody_looks_at_nothing():
+def test_gaze_of_no_people_and_without_points():
     none = np.zeros(0)
     nobody = Bodies(np.zeros((0, 2)), np.zeros((0, 2)), none, none)
     assert gaze.head_yaw(none, nobody, np.zeros((0, 2)), 0.05).shape == (0,)

@@ -93,13 +93,13 @@ def test_joints_are_at_plausible_heights():
             assert height[:, k].max() < high, name
 
 
-def test_a_walker_bobs_as_people_do():
+def test_hips_rise_and_fall_as_in_human_gait():
     z = np.array([poses.position[:, 0, 2] for poses, *_ in walk(rough(0.0))])[60:140]
     assert (np.ptp(z, axis=0) < 0.07).all()
     assert (np.ptp(z, axis=0) > 0.005).all()
 
 
-def test_who_stands_hangs_the_arms():
+def test_arms_hang_down_while_standing():
     heading = np.array([0.0, 1.0, 2.0])
     position = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     poses = skeleton.limb_poses(STATURE, gait.stand(position, heading, STATURE), position, heading, rough(0.0))
@@ -164,7 +164,7 @@ def test_children_are_small_and_have_large_heads():
     np.testing.assert_allclose(skeleton.SHOULDER_HEIGHT * skeleton.trunk_size(sizes) + above, sizes)
 
 
-def test_nobody_has_no_limbs():
+def test_poses_of_no_people():
     none = np.zeros(0)
     poses = skeleton.limb_poses(none, gait.stand(np.zeros((0, 2)), none, none), np.zeros((0, 2)), none, rough(0.0))
     assert poses.position.shape == (0, len(LIMBS), 3)

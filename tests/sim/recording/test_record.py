@@ -96,7 +96,7 @@ def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> Non
     assert (tmp_path / "again" / "manifest.json").read_bytes() == (folder / "manifest.json").read_bytes()
 
 
-def test_beams_hide_nobody_and_walls_do() -> None:
+def test_walls_occlude_people_and_beams_do_not() -> None:
     simulation = Simulation(Scenario(seed=3))
     setup = make_setup(Scenario(seed=3), simulation)
     assert isinstance(setup.occluders, Grid)
@@ -110,6 +110,6 @@ def test_beams_hide_nobody_and_walls_do() -> None:
     assert (setup.occluders.height_at(free) - setup.ground.height_at(free) < 0.05).mean() > 0.99
 
 
-def test_a_folder_that_is_there_is_refused(folder: Path) -> None:
+def test_an_existing_folder_is_refused(folder: Path) -> None:
     with pytest.raises(ValueError, match="is there already"):
         record(SCENARIO, folder)

@@ -14,7 +14,7 @@ def bits_of(masks: list[np.ndarray]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_pixels_and_boxes_are_those_of_the_masks(seed: int) -> None:
+def test_extents_match_the_masks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     masks = [rng.random((8, 16)) < rng.uniform(0, 0.1) for _ in range(BITS)]
     for mask, body in zip(masks, covered(bits_of(masks), NEAREST, BITS, wraps=False), strict=True):
@@ -42,6 +42,6 @@ def test_a_box_over_the_seam_starts_left_of_it() -> None:
     assert flat.box.tolist() == [0, 3, 16, 5]
 
 
-def test_what_goes_all_around_is_one_picture_wide() -> None:
+def test_a_box_around_the_whole_panorama_is_one_image_wide() -> None:
     (body,) = covered(bits_of([np.ones((8, 16), bool)]), NEAREST, 1, wraps=True)
     assert body.box[2] - body.box[0] == 16

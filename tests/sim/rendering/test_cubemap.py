@@ -139,6 +139,6 @@ def test_past_the_fold_of_a_lens_pixels_are_blind() -> None:
     assert np.abs(at - wanted)[~blind].max() < 1e-5
 
 
-def test_a_lens_that_folds_before_most_of_the_image_is_refused() -> None:
+def test_a_lens_that_leaves_most_pixels_blind_is_refused() -> None:
     with pytest.raises(ValueError, match=r"% of the pixels of Tsai.* lie past the fold of its lens, needs 50% at most"):
         FaceTable.make(Tsai(720, 576, 3.69, -0.5, 436.1, 257.9, 1.0, 4.65e-3, 4.65e-3))

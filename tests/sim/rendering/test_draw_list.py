@@ -28,7 +28,7 @@ def drawn(draw_commands: DrawCommands) -> list[int]:
     return [int(record) for record in draw_commands.commands["record"]]
 
 
-def test_a_face_shows_the_balls_before_it_and_no_other() -> None:
+def test_a_face_draws_only_the_balls_in_its_frustum() -> None:
     rng = np.random.default_rng(3)
     places = rng.normal(size=(300, 3)) * 3
     model, data = balls(places, np.full((300, 4), 0.6))
@@ -44,7 +44,7 @@ def test_a_face_shows_the_balls_before_it_and_no_other() -> None:
         assert drawn <= set(np.flatnonzero(depth > -0.1 * np.sqrt(3) - 0.01).tolist())
 
 
-def test_near_things_come_first_and_what_is_seen_through_last_from_afar() -> None:
+def test_opaque_records_go_from_near_to_far_then_blended_ones_from_far_to_near() -> None:
     places = np.array([[k, 0.0, 0.0] for k in (5, 3, 8, 2, 6, 4)])
     colours = np.array([[1, 1, 1, 1.0]] * 3 + [[1, 1, 1, 0.5]] * 3)
     model, data = balls(places, colours)
@@ -55,7 +55,7 @@ def test_near_things_come_first_and_what_is_seen_through_last_from_afar() -> Non
     assert [(batch.blended, batch.first, batch.last) for batch in ahead.batches] == [(False, 0, 3), (True, 3, 6)]
 
 
-def test_round_things_are_as_round_as_they_are_large() -> None:
+def test_level_of_detail_grows_with_the_size_in_pixels() -> None:
     model, data = balls(np.array([[1.0, 0, 0]]), np.ones((1, 4)))
     listed = DrawList(model)
     listed.update(data)

@@ -47,7 +47,7 @@ def pyramid_model() -> mujoco.MjModel:
     return spec.compile()
 
 
-def test_a_mesh_keeps_its_volume_and_knows_its_forms() -> None:
+def test_a_mesh_keeps_its_volume_and_has_its_levels_of_detail() -> None:
     model = pyramid_model()
     shape = mesh(model, 0)
     # Base area 2, height 1.5.

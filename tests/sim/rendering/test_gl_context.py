@@ -19,12 +19,12 @@ def python(program: str, **environment: str) -> subprocess.CompletedProcess[str]
     return subprocess.run([sys.executable, "-c", program], env=kept | environment, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
-def test_what_is_set_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_given_backend_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     assert choose_gl() == "osmesa"
 
 
-def test_a_choice_is_left_to_processes_that_follow() -> None:
+def test_the_chosen_backend_is_inherited_by_child_processes() -> None:
     done = python("import os, sim.rendering.gl_context; print(sim.rendering.gl_context.choose_gl(), os.environ['MUJOCO_GL'])")
     first, second = done.stdout.split()
     assert first == second in BACKENDS
@@ -63,7 +63,7 @@ def test_without_any_opengl_one_line_says_what_to_install() -> None:
     assert "libosmesa.so is not there" in said
 
 
-def test_a_driver_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_driver_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr("sim.rendering.gl_context.PROBE", "import time; time.sleep(60)")
     monkeypatch.setattr("sim.rendering.gl_context.PROBE_SECONDS", 0.1)

@@ -34,14 +34,14 @@ def run(program: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("program", [STALLED, ENDLESS], ids=["library", "driver"])
-def test_a_call_that_does_not_come_back_ends_the_process_with_one_line(program: str) -> None:
+def test_a_hanging_call_ends_the_process_with_one_line(program: str) -> None:
     done = run(program)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
     assert done.stderr.strip() == "error: the OpenGL driver hangs: drawing took more than 1 s"
 
 
-def test_what_comes_back_in_time_goes_on() -> None:
+def test_a_call_within_the_time_limit_returns() -> None:
     done = run("import time; time.sleep(0.2)")
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "came back", "")
 

@@ -172,7 +172,7 @@ def test_a_quarter_turn_rolls_the_panorama(scene: Scene, renderer: PanoramaRende
     assert np.abs(back[0].astype(int) - shots[0].colour).mean() < 0.1
 
 
-def test_no_line_shows_where_faces_meet_nor_at_the_seam(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage]) -> None:
+def test_images_are_continuous_across_faces_and_the_seam(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage]) -> None:
     # Turned by an eighth, other pixels lie at the borders: there the two may differ no more than elsewhere.
     eighth = Pose.planar(0.0, 0.0, np.pi / 4)
     (turned,) = renderer.render(scene.data, [scene.poses[0] @ eighth])
@@ -230,7 +230,7 @@ def test_the_light_is_mujocos(shots: list[RenderedImage]) -> None:
         assert (difference > 40).mean() < 0.04, k
 
 
-def test_what_is_visible_is_part_of_what_is_covered_alone(shots: list[RenderedImage], unoccluded: list[list[UnoccludedExtent]]) -> None:
+def test_visible_pixels_are_within_the_unoccluded_extent(shots: list[RenderedImage], unoccluded: list[list[UnoccludedExtent]]) -> None:
     for shot, bodies in zip(shots, unoccluded, strict=True):
         visible = np.bincount(shot.instances.ravel(), minlength=6)
         assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
@@ -239,7 +239,7 @@ def test_what_is_visible_is_part_of_what_is_covered_alone(shots: list[RenderedIm
     assert np.count_nonzero(shots[0].instances == 5) == unoccluded[0][4].pixels > 500
 
 
-def test_alone_is_what_an_empty_world_shows(scene: Scene, unoccluded: list[list[UnoccludedExtent]]) -> None:
+def test_the_unoccluded_extent_is_that_in_an_empty_world(scene: Scene, unoccluded: list[list[UnoccludedExtent]]) -> None:
     for k, bodies in list(enumerate(zip(*unoccluded, strict=True), start=1))[2:4]:
         model = court().model
         model.geom_matid[:] = -1
@@ -260,7 +260,7 @@ def test_boxes_go_over_the_seam(unoccluded: list[list[UnoccludedExtent]]) -> Non
     assert 0 < u0 < CAMERA.width < u1 < u0 + 200
 
 
-def test_nothing_to_see_is_said_so(scene: Scene, renderer: PanoramaRenderer) -> None:
+def test_an_instance_out_of_view_has_no_extent(scene: Scene, renderer: PanoramaRenderer) -> None:
     (((nobody),),) = renderer.unoccluded(scene.data, scene.poses[:1], [99])
     assert nobody.pixels == 0
     assert np.isnan(nobody.box).all()
@@ -299,7 +299,7 @@ def test_closing(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("backend", ["egl", "osmesa"])
-def test_each_backend_draws_and_ends_in_silence(backend: str) -> None:
+def test_each_backend_renders_and_exits_without_messages(backend: str) -> None:
     # Where a backend is not there mujoco cannot even be imported: we say so before it is.
     program = (
         "from sim.rendering.gl_context import open_context; open_context().free(); from tests.sim.rendering.test_panorama import *; scene = court();"
@@ -315,7 +315,7 @@ def test_each_backend_draws_and_ends_in_silence(backend: str) -> None:
     assert not done.stderr
 
 
-def test_the_model_is_left_as_it_was(scene: Scene) -> None:
+def test_the_model_is_not_changed(scene: Scene) -> None:
     quality, size = scene.model.vis.quality, scene.model.vis.global_
     before = quality.shadowsize, quality.offsamples, quality.numslices, size.offwidth, size.offheight
     PanoramaRenderer(scene.model, SMALL, scene.instances).close()
@@ -339,7 +339,7 @@ def test_what_does_not_fit_is_refused(scene: Scene) -> None:
         Panorama(257, 128)
 
 
-def test_instances_to_draw_alone_are_checked(scene: Scene, renderer: PanoramaRenderer) -> None:
+def test_instances_for_unoccluded_extents_are_checked(scene: Scene, renderer: PanoramaRenderer) -> None:
     for wrong in (0, -1, 1 << 16):
         with pytest.raises(ValueError, match=f"instance is {wrong}, needs 1 to 65535"):
             renderer.unoccluded(scene.data, scene.poses, [wrong])

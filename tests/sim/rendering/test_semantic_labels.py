@@ -10,7 +10,7 @@ from sim.simulation.simulation import Simulation
 from worlds.semantics import CLASSES
 
 
-def test_people_are_people_robots_robots_and_the_rest_is_the_worlds() -> None:
+def test_geoms_have_the_classes_of_people_robots_and_worlds() -> None:
     simulation = Simulation(Scenario(people=2, robots=1))
     found = classes(simulation.model)
     drawn = np.isin(simulation.model.geom_group, (0, 1, 2, 3)) & (simulation.model.geom_rgba[:, 3] > 0)

@@ -38,7 +38,7 @@ def test_a_parallel_shadow_holds_every_point_and_grows_away_from_the_light(direc
     assert (step[:, 2] > 0).all()
 
 
-def test_a_spots_shadow_is_seen_from_the_spot() -> None:
+def test_the_shadow_map_of_a_spot_is_its_view() -> None:
     place, direction, points = np.array([1.0, 2, 5]), np.array([0, 0.6, -0.8]), np.array([[1.0, 5, 1], [2, 2, 0]])
     matrix = shadow_view(np.concatenate([place, direction]), np.radians(45.0), points)
     axis = clip(matrix, place + np.array([[1.0], [3.0]]) * direction)
@@ -49,7 +49,7 @@ def test_a_spots_shadow_is_seen_from_the_spot() -> None:
     assert np.linalg.norm(edge[0, :2]) == pytest.approx(1)
 
 
-def test_lights_that_throw_shadows_come_first_and_the_headlight_last() -> None:
+def test_lights_with_shadows_come_first_and_the_headlight_last() -> None:
     spec = mujoco.MjSpec()
     for name, shadow, active in (("fill", False, True), ("off", True, False), ("sun", True, True)):
         spec.worldbody.add_light(name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=shadow, active=active, dir=[0, 0, -1])
@@ -64,7 +64,7 @@ def test_lights_that_throw_shadows_come_first_and_the_headlight_last() -> None:
     assert parameters_at[:2, 1, :3].tolist() == [[0, 0, -1]] * 2
 
 
-def test_without_lights_there_is_gloom() -> None:
+def test_without_lights_there_is_ambient_light() -> None:
     spec = mujoco.MjSpec()
     spec.visual.headlight.active = 0
     lights = Lights.of(spec.compile())

@@ -47,7 +47,7 @@ def test_commands_are_bounded_and_smooth():
     assert np.abs(np.diff(speed)).max() <= 2 * ACCELERATION * DT + 1e-9
 
 
-def test_it_goes_round_somebody_who_stands_in_its_way():
+def test_it_drives_around_a_standing_person():
     driver = Driver(turning_space(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     person = Traffic(np.array([[0.0, 3.0]]), np.array([0.22]))
     poses, plans = drive(driver, (-4.0, 3.0, 0.0), 20.0, person)
@@ -56,7 +56,7 @@ def test_it_goes_round_somebody_who_stands_in_its_way():
     assert plans[-1].visit > 0
 
 
-def test_it_asks_for_way_where_there_is_none_round_them_and_then_goes_elsewhere():
+def test_it_requests_way_when_blocked_and_then_takes_another_goal():
     driver = Driver(turning_space(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     # A ring of people who do not move.
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
@@ -74,21 +74,21 @@ def test_people_beside_the_lane_do_not_stop_it():
     assert drive(driver, (-4.0, 3.0, 0.0), 9.0, beside)[0][-1, 0] > 1.0
 
 
-def test_wheels_that_get_nowhere_make_it_back_up():
+def test_a_stuck_rover_reverses():
     driver = Driver(turning_space(yard().wheels), np.array([[4.0, 3.0], [-4.0, -3.0]]))
     _, plans = drive(driver, (-4.0, 3.0, 0.0), 6.0, stuck_wheels=True)
     assert min(p.speed for p in plans) < -0.1
     assert plans[-1].visit >= 1
 
 
-def test_a_start_beside_the_room_is_no_trouble():
+def test_a_start_outside_of_free_space_is_handled():
     driver = Driver(turning_space(yard().wheels), np.array([[4.0, 4.0]]))
     assert not driver.wheels.free_at(np.array([[-5.7, 0.0]]))[0]
     poses, _ = drive(driver, (-5.7, 0.0, 1.0), 6.0)
     assert driver.wheels.free_at(poses[-1:, :2])[0]
 
 
-def test_room_to_turn_is_inside_of_free_space():
+def test_turning_space_is_within_free_space():
     wheels = yard().wheels
     room = turning_space(wheels)
     assert not (room.free & ~wheels.free).any()

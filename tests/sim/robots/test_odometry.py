@@ -30,7 +30,7 @@ def arc(speed: float, yaw_rate: float, seconds: float) -> Pose:
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 0.0), (0.7, 0.0), (0.5, 0.8), (-0.3, -0.5), (0.0, 0.8)])
-def test_a_perfect_rover_reckons_the_arc(speed, yaw_rate):
+def test_a_perfect_rover_measures_the_arc(speed, yaw_rate):
     odo = measure(ride(speed, yaw_rate), PERFECT, np.random.default_rng(0))
     error = (odo.T_before_now.inverse() @ arc(speed, yaw_rate, N * DT)).log()
     # Half a count of each of two encoders, the noise of the gyroscope, and the chord for the arc.
@@ -38,14 +38,14 @@ def test_a_perfect_rover_reckons_the_arc(speed, yaw_rate):
     assert np.abs(error[3:]).max() < 5 * GYRO_NOISE * math.sqrt(N * DT)
 
 
-def test_wear_makes_drift_of_its_own_size():
+def test_systematic_errors_cause_drift_of_their_size():
     wear = SystematicErrors(np.array([1.02, 1.02]), np.array([0.0, 0.0, 0.01]), np.ones(3))
     odo = measure(ride(0.6, 0.0, 6.0), wear, np.random.default_rng(0))
     assert odo.T_before_now.yaw == pytest.approx(0.01, abs=1e-3)
     assert np.linalg.norm(odo.T_before_now.translation) == pytest.approx(1.02 * 0.6, abs=2e-3)
 
 
-def test_wear_has_the_stated_spread():
+def test_systematic_errors_have_the_stated_spread():
     wears = [SystematicErrors.draw(np.random.default_rng(k)) for k in range(600)]
     assert np.std([w.radius for w in wears]) == pytest.approx(RADIUS_ERROR, rel=0.1)
     assert np.std([w.gyro_bias for w in wears]) == pytest.approx(GYRO_BIAS, rel=0.1)
@@ -62,7 +62,7 @@ def test_covariance_is_sound_and_grows_with_way_and_turn():
     assert (covariance(-1.0, np.zeros(3), 0.1) == covariance(1.0, np.zeros(3), 0.1)).all()
 
 
-def test_errors_of_rides_without_slip_fit_the_covariance():
+def test_errors_without_slip_fit_the_covariance():
     nees = []
     for k in range(400):
         rng = np.random.default_rng(k)

@@ -59,7 +59,7 @@ def test_it_stands_still_and_level(lot):
     assert np.linalg.norm(states[-1, 4:6]) < 1e-3
 
 
-def test_it_goes_straight_at_the_speed_it_is_told(lot):
+def test_it_drives_straight_at_the_commanded_speed(lot):
     states = lot.drive(0.6, 0.0, 3.0)
     np.testing.assert_allclose(states[-200:, 7], 0.6, rtol=0.03)
     assert abs(lot.data.qpos[1]) < 0.02

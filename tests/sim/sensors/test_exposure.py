@@ -8,7 +8,7 @@ from sim.sensors.exposure import TIME_CONSTANT, Exposure
 GREY = np.full((32, 64, 3), 100, np.uint8)
 
 
-def test_without_both_a_picture_passes_and_nothing_is_drawn() -> None:
+def test_without_drift_and_noise_images_pass_unchanged() -> None:
     rng = np.random.default_rng(1)
     assert Exposure(0.0, 0.0, 0.2, rng).apply(GREY) is GREY
     assert rng.random() == np.random.default_rng(1).random()
@@ -29,7 +29,7 @@ def test_exposure_drifts_slowly_and_by_its_sigma() -> None:
     assert later == pytest.approx(np.exp(-step / TIME_CONSTANT), abs=0.02)
 
 
-def test_what_is_too_bright_is_white() -> None:
+def test_overexposed_pixels_saturate() -> None:
     bright = Exposure(0.0, 50.0, 0.2, np.random.default_rng(4)).apply(np.full((8, 8, 3), 250, np.uint8))
     assert bright.max() == 255
     assert bright.min() > 20
@@ -42,6 +42,6 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 
 
 @pytest.mark.parametrize(("stops", "noise", "name"), [(-0.1, 0, "exposure"), (0, -1, "image_noise"), (float("nan"), 0, "exposure")])
-def test_what_is_no_sigma_is_refused(stops: float, noise: float, name: str) -> None:
+def test_an_invalid_sigma_is_refused(stops: float, noise: float, name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} is"):
         Exposure(stops, noise, 0.2, np.random.default_rng(0))

@@ -95,12 +95,12 @@ def test_edges_have_the_noise_that_is_asked_for() -> None:
     assert np.mean(lows) == pytest.approx(math.radians(-30), abs=1e-4)
 
 
-def test_below_the_least_fraction_nobody_is_seen() -> None:
+def test_people_below_the_visible_fraction_are_not_detected() -> None:
     boxes = boxes_of(*scene())
     assert len(Detector(0.0, 0.0, 0.0, 0.6).detect(CAMERA, view(boxes), np.random.default_rng(0))) == 2
 
 
-def test_a_miss_does_not_move_the_noise_of_the_others() -> None:
+def test_a_miss_does_not_change_the_noise_of_the_others() -> None:
     boxes = boxes_of(*scene())
     fewer = Boxes(boxes.person, boxes.seen, boxes.full, np.array([0.0, 1.0, 1.0, 0.0]), boxes.range)
     all_of_them, some = (Detector(0.0, 0.0, 0.01, 0.2).detect(CAMERA, view(b), np.random.default_rng(3)) for b in (boxes, fewer))

@@ -12,7 +12,7 @@ from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.sensors.person_detector import People
 from sim.sensors.raycast_camera import LandmarkSensor, RaycastCamera
-from sim.sensors.raycasting import BEFORE
+from sim.sensors.raycasting import TARGET_MARGIN
 from sim.simulation.simulation import Simulation
 from tests.sim.yard import yard
 from tracker.geometry import Array, Pose
@@ -38,7 +38,7 @@ def apart(a: Array, b: Array) -> Array:
     return np.abs(out)
 
 
-def test_boxes_and_visible_shares_are_those_of_the_pictures(both: tuple[list[RenderedFrame], list[RaycastFrame]]) -> None:
+def test_boxes_and_visible_fractions_match_rendered_ones(both: tuple[list[RenderedFrame], list[RaycastFrame]]) -> None:
     seen, full, visible = [], [], []
     for moment, glimpse in zip(*both, strict=True):
         np.testing.assert_array_equal(moment.truth.feet, glimpse.truth.feet)
@@ -78,7 +78,7 @@ def test_the_same_seed_gives_the_same_sightings() -> None:
         assert x.tick.views[0].detections.bearing.tobytes() == y.tick.views[0].detections.bearing.tobytes()
 
 
-def test_sightings_point_at_landmarks_that_nothing_hides() -> None:
+def test_sightings_point_at_unoccluded_landmarks() -> None:
     simulation = Simulation(replace(SCENARIO, people=4), world=yard())
     lines = RaycastCamera(simulation, LandmarkSensor(identified=True, outlier_rate=0.0, miss_rate=0.0))
     assert len(lines.landmarks) == 300
@@ -101,10 +101,10 @@ def test_sightings_point_at_landmarks_that_nothing_hides() -> None:
             if length >= lines.landmark_sensor.reach:
                 continue
             hit = mujoco.mj_ray(simulation.model, simulation.data, pose.translation.copy(), way / length, groups, 1, -1, geom, None)
-            assert (hit > length - BEFORE) == clear
+            assert (hit > length - TARGET_MARGIN) == clear
 
 
-def test_the_ground_hides_a_person() -> None:
+def test_the_ground_occludes_a_person() -> None:
     """From within the earth nobody is seen; from above the head all of the body is there, for nothing but itself is before it."""
     simulation = Simulation(replace(SCENARIO, robots=1, people=1), world=yard())
     lines, feet = RaycastCamera(simulation), simulation.feet()[0]

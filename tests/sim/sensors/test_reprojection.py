@@ -11,7 +11,7 @@ import pytest
 from sim.recording.record import Recording, RenderedFrame, open_renderer, run, write_recording
 from sim.recording.tracker_setup import FixedCamera, make_setup
 from sim.scenario import Scenario
-from sim.sensors.keypoints import DEPTH, image_points
+from sim.sensors.keypoints import DEPTH_IN_BODY, image_points
 from sim.simulation.simulation import Simulation
 from tests.sim.rays import silhouettes
 from tests.sim.yard import yard
@@ -29,7 +29,9 @@ FIXED = {
         Tsai(768, 576, 5.5549183034, 5.1113043639e-3, 324.22149053, 282.56650051, 1.0937855397, 5.1273271277e-3, 4.65e-3),
         Pose.planar(-5.6, -5.6, 0.8, 2.6) @ Pose.exp([0, 0, 0, 0.02, 0.25, 0]),
     ),
-    "barrel": FixedCamera(Tsai(640, 480, 3.0, -0.012, 300.0, 250.0, 1.05, 5e-3, 5e-3), Pose.planar(5.6, 0.5, 3.1, 1.8) @ Pose.exp([0, 0, 0, 0, 0.1, 0])),
+    "barrel": FixedCamera(
+        Tsai(640, 480, 3.0, -0.012, 300.0, 250.0, 1.05, 5e-3, 5e-3), Pose.planar(5.6, 0.5, 3.1, 1.8) @ Pose.exp([0, 0, 0, 0, 0.1, 0])
+    ),
 }
 LEGS = [k for k, name in enumerate(KEYPOINT_NAMES) if name.split("_")[-1] in ("hip", "knee", "ankle")]
 
@@ -162,7 +164,7 @@ def rays_to_joints(simulation: Simulation, moment: RenderedFrame, cameras: dict[
 
 def test_visibility_agrees_with_exact_rays(moments: list[tuple[RenderedFrame, Setup, Array]]) -> None:
     """But for what lies just as deep as is allowed, and, more often, for joints within a pixel or two of a silhouette."""
-    depth = np.array([DEPTH[name.split("_")[-1]] for name in KEYPOINT_NAMES])
+    depth = np.array([DEPTH_IN_BODY[name.split("_")[-1]] for name in KEYPOINT_NAMES])
     agreed, clear, hidden = [], [], []
     for moment, _, rays in moments:
         for c, view in enumerate(moment.views.values()):

@@ -29,7 +29,7 @@ def glimpses() -> list[RaycastFrame]:
     return list(run_raycast(SCENARIO, simulation, make_setup(SCENARIO, simulation)))
 
 
-def test_a_rover_is_seen_where_nothing_is_between() -> None:
+def test_a_rover_is_detected_if_nothing_occludes_it() -> None:
     """Held against MuJoCo's own rays, that look at every cell of the ground."""
     scenario = replace(SCENARIO, misses=0.0, bearing_noise=0.0, camera_height=0.8)
     simulation = Simulation(scenario, world=yard())
@@ -98,7 +98,7 @@ def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
     assert all(view.robot_detections is not None for tick in carried for view in tick.views[1:]), "others see it where it is carried"
 
 
-def test_pictures_show_the_same_rovers(tmp_path: Path) -> None:
+def test_rendered_runs_detect_the_same_rovers(tmp_path: Path) -> None:
     """What is recorded with pictures is what is seen without, it comes back from the folder, and all of it is consistent."""
     scenario = Scenario(seed=31, robots=3, people=4, frames=3, width=256)
     record(scenario, tmp_path / "s")

@@ -47,7 +47,7 @@ def begun(*speeds: float) -> Simulation:
     return Simulation(SCENARIO, world, start=InitialStates(TOLD, tuple(Ahead(s) for s in speeds), state, crowd))
 
 
-def test_everybody_begins_where_it_is_told_and_robots_go_as_their_drivers_say() -> None:
+def test_given_initial_states_and_drivers_are_used() -> None:
     simulation = begun(0.0, 0.5)
     np.testing.assert_allclose(simulation.motions(), np.column_stack([TOLD, np.zeros((2, 2))]), atol=0.03)
     people = simulation.crowd_state.position
@@ -87,7 +87,7 @@ def test_rovers_are_drawn_apart_and_rest_on_the_ground() -> None:
     assert 0.0 < pose[2] - world.terrain.height_at(np.array([[x, y]]))[0] < 0.5
 
 
-def test_a_start_of_others_is_refused() -> None:
+def test_initial_states_for_other_numbers_are_refused() -> None:
     world, people = yard(), [np.random.default_rng(k) for k in range(3)]
     crowd, state = make_crowd(SCENARIO, world, people, draw_places(SCENARIO, world.feet))
     with pytest.raises(ValueError, match="start has 3 people, needs 4"):
@@ -96,7 +96,7 @@ def test_a_start_of_others_is_refused() -> None:
         Simulation(SCENARIO, world, start=InitialStates(TOLD, (Ahead(0.0),), state, crowd))
 
 
-def test_too_few_places_are_told() -> None:
+def test_too_few_places_are_refused() -> None:
     people = [np.random.default_rng(k) for k in range(3)]
     with pytest.raises(ValueError, match="people is 3, needs at most 2: more do not fit beside 2 robots"):
         make_crowd(SCENARIO, yard(), people, np.array([[0.0, 0.0], [2.0, 0.0]]))

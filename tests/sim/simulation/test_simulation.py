@@ -40,7 +40,7 @@ def small() -> Simulation:
     return Simulation(SMALL, yard())
 
 
-def test_rovers_get_about_and_stay_upright(run):
+def test_rovers_drive_and_stay_upright(run):
     way = [np.linalg.norm(np.diff([p.translation for p in poses], axis=0), axis=1).sum() for poses in run.poses.values()]
     # One may have to wait long for people in a narrow place.
     assert np.median(way) > 3.0
@@ -102,7 +102,7 @@ def test_the_same_scenario_gives_the_same_states():
     np.testing.assert_array_equal(*states)
 
 
-def test_model_and_data_are_the_moment_of_the_frame(small):
+def test_model_and_data_represent_the_current_frame(small):
     small.step()
     xpos, geoms = small.data.xpos.copy(), small.data.geom_xpos.copy()
     mujoco.mj_kinematics(small.model, small.data)
@@ -116,7 +116,7 @@ def test_model_and_data_are_the_moment_of_the_frame(small):
     assert small.data.time == pytest.approx(1 / 6)
 
 
-def test_people_stand_on_the_ground_where_they_are_said_to(small):
+def test_people_stand_on_the_ground_at_their_true_positions(small):
     for _ in range(4):
         small.step()
     feet, joints = small.feet(), small.joints()
@@ -154,7 +154,7 @@ def test_frame_0_is_at_rest_and_has_no_odometry(small):
     assert set(small.odometry()) == set(small.robots)
 
 
-def test_another_person_does_not_change_the_rovers_luck():
+def test_another_person_does_not_change_the_rovers_random_draws():
     first, second = (Simulation(Scenario(robots=2, people=people), yard()) for people in (0, 4))
     for name in first.robots:
         np.testing.assert_allclose(first.T_world_robot(name).log(), second.T_world_robot(name).log(), atol=1e-9)
@@ -197,7 +197,7 @@ def test_a_rover_on_its_side_is_reported(small):
 
 @pytest.mark.parametrize("difficulty", [0.0, 1.0])
 @pytest.mark.parametrize("world", [pytest.param(w, marks=() if w in ("pilsun", "quarry") else pytest.mark.slow) for w in sorted(catalogue.WORLDS)])
-def test_feet_neither_slide_nor_float_nor_sink_and_nobody_walks_on_folded_knees(world, difficulty):
+def test_feet_do_not_slide_float_or_sink_and_knees_stay_open(world, difficulty):
     footfalls = Footfalls(Simulation(Scenario(world=world, difficulty=difficulty, seed=3, robots=1, people=12, rate=12.0)), 40)
     assert len(footfalls.gap) > 400
     footfalls.are_human()
@@ -225,7 +225,7 @@ def test_a_restored_state_goes_on_the_same():
         assert moment() == first[k]
 
 
-def test_who_is_absent_is_neither_true_nor_drawn_nor_in_the_way():
+def test_absent_people_are_not_in_the_truth_or_images_and_block_nobody():
     simulation = Simulation(Scenario(robots=1, people=8, at_once=3, frames=120), yard())
     seen = set()
     for _ in range(119):

@@ -7,7 +7,7 @@ from sim.simulation.simulation import Simulation
 from tests.sim.yard import yard
 
 
-def test_wheels_on_the_level_tell_the_way_to_two_per_cent():
+def test_slip_on_level_ground_is_below_two_per_cent():
     """The campus at difficulty 0 is flat; it is wide, so that rovers turn on the spot as often as they would in life and no more."""
     simulation = Simulation(Scenario(world="campus", difficulty=0.0, robots=4, people=0))
     found = wheel_slip.measure(simulation, 30.0)
@@ -16,11 +16,11 @@ def test_wheels_on_the_level_tell_the_way_to_two_per_cent():
     assert found.tipped == 0
 
 
-def test_a_stretch_is_the_sum_of_its_errors_over_its_way():
+def test_the_error_of_a_segment_is_its_summed_error_over_its_length():
     steps = np.array([[0.1, 0.0, 0.0, 4.0], [0.05, 0.2, 0.0, 1.0], [1.0, 1.0, 1.0, 0.9]])
     np.testing.assert_allclose(wheel_slip._segment_errors(steps), [np.hypot(0.15, 0.2) / 5])
 
 
-def test_no_time_is_refused():
+def test_a_duration_of_zero_is_refused():
     with pytest.raises(ValueError, match="seconds is 0"):
         wheel_slip.measure(Simulation(Scenario(robots=1, people=0), yard()), 0)

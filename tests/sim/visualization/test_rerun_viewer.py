@@ -82,7 +82,7 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["s"]
 
 
-def test_without_the_extra_one_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_rerun_one_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ValueError, match=r'not installed: pip install "pilsim\[view\]"'):
         show(tmp_path)
@@ -97,7 +97,7 @@ def test_an_ellipsoid_is_the_covariance() -> None:
     assert np.linalg.det(axes) == pytest.approx(1.0)
 
 
-def test_a_mesh_lies_on_the_grid_and_looks_up() -> None:
+def test_a_mesh_lies_on_the_grid_and_its_normals_point_up() -> None:
     heights = np.random.default_rng(1).normal(size=(7, 5))
     points, triangles, z = mesh(Grid(heights, np.array([-1.0, 2.0]), 0.5))
     np.testing.assert_allclose(points[:, 2], z)

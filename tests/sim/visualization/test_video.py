@@ -36,7 +36,7 @@ def frames(count: int, width: int = 320, height: int = 180) -> Iterator[NDArray[
         yield np.full((height, width, 3), (60 + 10 * k, 120, 200), np.uint8)
 
 
-def test_all_frames_come_back_in_their_colours(tmp_path: Path) -> None:
+def test_all_frames_are_read_back_in_their_colours(tmp_path: Path) -> None:
     write_video(tmp_path / "out.mp4", frames(12), RATE)
     read = cv2.VideoCapture(str(tmp_path / "out.mp4"))
     assert read.get(cv2.CAP_PROP_FPS) == RATE
