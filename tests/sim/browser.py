@@ -1,4 +1,4 @@
-"""Headless Chromium, told what to do over a pipe (the DevTools protocol), for tests of pages."""
+"""Headless Chromium, controlled over a pipe (DevTools protocol), for tests of pages."""
 
 import base64
 import json
@@ -26,7 +26,7 @@ FLAGS = (
 
 
 class Browser:
-    """A page in a Chromium of its own, `width` px wide as a phone or a desk has it.
+    """A page in a new Chromium, `width` px wide.
 
     complaints: all that the console said, and what failed to load.
     """

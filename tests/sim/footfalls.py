@@ -1,4 +1,4 @@
-"""How people walk in a simulation: what their soles do on the ground, and what their legs do over it."""
+"""Measurements of walking people in a simulation: gaps and slides of soles, motion of legs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ _HIPS, _KNEES, _ANKLES = slice(11, 13), slice(13, 15), slice(15, 17)
 
 
 class Footfalls:
-    """`frames` frames of a simulation. Of feet that stand: gap m between sole and terrain where it is least, slide m of what moves least of a
-    sole between two frames. Of all legs: flexion, degrees, of knees; hips, the height of the pelvis over the ground below it as a share of the
-    stature of an adult of such legs; sinking, its vertical speed m/s."""
+    """Measurements over `frames` frames of a simulation.
+
+    gap: smallest distance between a standing sole and the terrain, m. slide: smallest motion of a sole's points between two frames, m.
+    flexion: of the knees, degrees. hips: height of the pelvis above the ground, a share of the stature of an adult with such legs.
+    sinking: vertical speed of the pelvis, m/s.
+    """
 
     def __init__(self, simulation: Simulation, frames: int) -> None:
         self._simulation = simulation
@@ -61,7 +64,7 @@ class Footfalls:
 
 
 def _flexion(joints: Array) -> Array:
-    """(m, 2) degrees by which knees are bent."""
+    """Bend (m, 2) of the knees, degrees."""
     thigh, shin = joints[:, _HIPS] - joints[:, _KNEES], joints[:, _ANKLES] - joints[:, _KNEES]
     cosine = (thigh * shin).sum(axis=2) / (np.linalg.norm(thigh, axis=2) * np.linalg.norm(shin, axis=2))
     return 180.0 - np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))

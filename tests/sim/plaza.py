@@ -1,4 +1,4 @@
-"""Wide level ground with nothing on it, at the place of PETS 2009: a world for tests of its cameras that must not depend on the ready ones."""
+"""A wide, level, empty world that contains the area of PETS 2009, for tests of its cameras."""
 
 from functools import lru_cache
 
@@ -16,7 +16,7 @@ LOW, HIGH = (-32.0, -32.0), (24.0, 24.0)
 
 @lru_cache(maxsize=1)
 def plaza() -> World:
-    """56 m square at z = 0."""
+    """A square of 56 m at z = 0."""
     ground = Heightfield.flat([LOW, HIGH], 0.5)
     spec = mujoco.MjSpec()
     paint = Canvas(*(np.array(HIGH) - LOW), 8, (128, 130, 124))

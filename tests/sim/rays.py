@@ -1,4 +1,4 @@
-"""Pictures by exact rays, and how a rendered one compares: the oracle for what a renderer shows."""
+"""Images by exact ray casting, and their comparison with rendered images: the oracle of the renderer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How a picture agrees with exact rays.
+    """Agreement of a rendered image with exact rays.
 
     everywhere: share of pixels whose instance is the rays'; inside: that of the pixels more than 1.5 px from any silhouette, and how
     many those are of all, `share`; median, percentile: of the relative error of range there.
@@ -32,14 +32,14 @@ class Agreement:
 
 
 def bearings(camera: Camera) -> NDArray[np.float64]:
-    """(H W, 3) directions of all pixel centres."""
+    """Directions (H W, 3) of all pixel centres."""
     half = 0.0 if isinstance(camera, Tsai) else 0.5
     u, v = np.meshgrid(np.arange(camera.width) + half, np.arange(camera.height) + half)
     return camera.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1))
 
 
 def cast(model: mujoco.MjModel, data: mujoco.MjData, camera: Camera, pose: Pose) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """The geom (H, W), −1 for none, and range (H, W) m, inf for none, through every pixel centre."""
+    """Geom (H, W), −1 for none, and range (H, W) m, inf for none, of the ray through every pixel centre."""
     directions = np.ascontiguousarray(bearings(camera) @ pose.rotation.T)
     geom, distance = np.zeros((len(directions), 1), np.int32), np.zeros((len(directions), 1))
     mujoco.mj_multiRay(model, data, pose.translation.copy(), directions.ravel(), GROUPS, 1, -1, geom, distance, None, len(directions), 1e6)
@@ -48,7 +48,7 @@ def cast(model: mujoco.MjModel, data: mujoco.MjData, camera: Camera, pose: Pose)
 
 
 def silhouettes(label: NDArray[np.int32], distance: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Pixels within 1.5 px of where the label changes or the range jumps; around the seam too."""
+    """Pixels within 1.5 px of a change of the label or a jump of the range, across the seam too."""
     edge, nearness = np.zeros(label.shape, bool), 1 / distance
     for axis in (0, 1):
         other, there = np.roll(label, 1, axis), np.roll(nearness, 1, axis)
@@ -58,7 +58,7 @@ def silhouettes(label: NDArray[np.int32], distance: NDArray[np.floating]) -> NDA
 
 
 def compare(shot: RenderedImage, instances: NDArray[np.uint16], geom: NDArray[np.int32], distance: NDArray[np.float64]) -> Agreement:
-    """A picture against the rays of `cast`; instances (ngeom,)."""
+    """Compare a rendered image with the rays of `cast`. instances: (ngeom,)."""
     truth = np.where(geom < 0, 0, instances[geom])
     right = truth == shot.instances
     away = ~silhouettes(geom, distance)

@@ -1,4 +1,4 @@
-"""Small scenes to draw: uneven ground, walls, boxes with texture, bodies of capsules; and the exact rays through their pixels."""
+"""Small scenes for rendering: uneven ground, walls, textured boxes, bodies of capsules."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EYE = 1.4
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A compiled scene, brought up to date, the instance of every geom, and two places to look from."""
+    """A compiled scene with up-to-date data, the instance of every geom, and two camera poses."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
@@ -76,7 +76,7 @@ def compiled(spec: mujoco.MjSpec, poses: list[Pose]) -> Scene:
 
 
 def court() -> Scene:
-    """Five people in a walled court; person 3 stands behind a board, 4 straight behind the first camera, across its seam."""
+    """Five people in a walled court. Person 3 is behind a board, person 4 behind the first camera, across its seam."""
     rng = np.random.default_rng(7)
     spec = spec_with_sky()
     ground, wall = add_material(spec, "earth", rng), add_material(spec, "wall", rng)
@@ -96,5 +96,5 @@ def court() -> Scene:
 
 
 def quarter(pose: Pose) -> Pose:
-    """The pose turned by 90° to the left."""
+    """The pose rotated by 90° to the left."""
     return pose @ Pose(np.round(rotation_z(np.pi / 2)), np.zeros(3))

@@ -1,4 +1,4 @@
-"""A small fenced yard of rolling ground: a world for tests that must not depend on the ready ones."""
+"""A small walled yard on rolling ground, as a world for tests."""
 
 from functools import lru_cache
 
@@ -14,7 +14,7 @@ HALF = 6.0
 
 @lru_cache(maxsize=4)
 def yard(relief: float = 0.05) -> World:
-    """12 m square, hills of `relief` m, walls 1 m high, one block in the middle."""
+    """A square of 12 m with hills of `relief` m, walls 1 m high, and one block in the middle."""
     ground = Heightfield.flat([[-HALF, -HALF], [HALF, HALF]], 0.1)
     x, y = ground.nodes[..., 0], ground.nodes[..., 1]
     ground = ground.with_heights(relief * np.sin(1.1 * x + 0.5) * np.cos(0.9 * y))

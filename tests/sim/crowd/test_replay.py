@@ -11,7 +11,7 @@ STEP = 1 / 7
 
 
 def noisy_circle(noise: float) -> tuple[Paths, np.ndarray]:
-    """Two people on a circle of 3 m radius at 1.2 m/s, the second from frame 10 to 39 only, and where they truly are."""
+    """Paths and true positions of two people on a circle of 3 m radius at 1.2 m/s. The second one is present in frames 10 to 39."""
     times = STEP * np.arange(60)
     angle = np.array([0.0, 2.0])[:, None] + 0.4 * times
     true = 3.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -1,4 +1,4 @@
-"""How dense crowds move, against what was measured of real ones."""
+"""Motion of dense crowds against measurements of real ones."""
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ from worlds.terrain.free_space import FEET, FreeSpace, Limits, free_space
 from worlds.terrain.heightfield import Heightfield
 
 RADIUS, WIDTH = 10.5, 1.8
-"""m: longer and narrower than the ring, 8 m and 2.5 m, in which the constants were fitted, and with other people."""
+"""m: a longer and narrower ring than that of the fit of the constants (8 m and 2.5 m)."""
 
 
 class Ring(FreeSpace):
-    """A corridor without end, in which everybody walks anticlockwise."""
+    """A ring corridor in which everybody walks anticlockwise."""
 
     def distance_to(self, goal):
         return np.zeros(self.free.shape)
@@ -39,7 +39,7 @@ def ring(density: float) -> tuple[Crowd, CrowdState]:
 
 @pytest.mark.parametrize("density", [0.3, 0.7, 1.0, 1.5, 2.0, 2.5, 3.0])
 def test_speed_against_density_is_weidmanns(density):
-    """Weidmann (1993), Transporttechnik der Fussgänger, eq. 1; the studies that he draws on lie within some 25 % of it, or 0.15 m/s."""
+    """Weidmann (1993), Transporttechnik der Fussgänger, eq. 1. The studies it summarizes lie within 25 % or 0.15 m/s of it."""
     crowd, state = ring(density)
     speed = []
     for k in range(400):
@@ -53,7 +53,7 @@ def test_speed_against_density_is_weidmanns(density):
 
 
 def room_with_door(width: float, starts: np.ndarray) -> tuple[Crowd, CrowdState]:
-    """Two rooms and a door of `width` m between them, at x = 0; everybody wants to the far end of the other room."""
+    """Two rooms with a door of `width` m at x = 0. Everybody walks to the far end of the other room."""
     ground = Heightfield.flat([[-9, -5], [9, 5]], 0.1)
     wall = (np.abs(ground.nodes[..., 0]) < 0.15) & (np.abs(ground.nodes[..., 1]) > width / 2 - 1e-9)
     goal, m = (starts[:, 0] > 0).astype(np.int64), len(starts)
@@ -64,7 +64,7 @@ def room_with_door(width: float, starts: np.ndarray) -> tuple[Crowd, CrowdState]
 
 
 def through_the_door(crowd: Crowd, state: CrowdState, seconds: float) -> np.ndarray:
-    """(m,) s at which each has come through, NaN for who has not."""
+    """Times (m,) s at which people have passed the door, NaN for the others."""
     side, when = np.sign(state.position[:, 0]), np.full(len(state.position), np.nan)
     for k in range(round(seconds / DT)):
         state = crowd.step(state, Obstacles.none(), DT)
@@ -73,7 +73,7 @@ def through_the_door(crowd: Crowd, state: CrowdState, seconds: float) -> np.ndar
 
 
 def rows(x: np.ndarray, count: int) -> np.ndarray:
-    """`count` places 0.6 m apart in rows across, x m from the wall."""
+    """`count` positions 0.6 m apart in rows, x m from the wall."""
     return np.array([[a, b] for a in x for b in np.arange(-3.3, 3.4, 0.6)])[:count]
 
 

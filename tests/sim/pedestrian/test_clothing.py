@@ -14,7 +14,7 @@ STATURE = 1.8
 
 
 def dressed(seed: int, stature: float = STATURE) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A person who stands at the origin and looks along x."""
+    """A person at the origin, facing along x."""
     spec = mujoco.MjSpec()
     add_clothing_textures(spec, np.random.default_rng(0))
     add_collider(spec, "person_1", stature)
@@ -40,7 +40,7 @@ def mesh(model: mujoco.MjModel, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def drawn(model: mujoco.MjModel, data: mujoco.MjData, limb: str, level: int = 0) -> np.ndarray:
-    """Vertices (n, 3) m of a limb in the world, as a renderer draws them that only changes the number of the mesh."""
+    """Vertices (n, 3) m of a limb in the world, as drawn by a renderer that only changes the index of the mesh."""
     geom = model.geom(f"person_1/{limb}").id
     vertices, _ = mesh(model, f"person_1/{limb}" + (f"@{level}" if level else ""))
     return vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
@@ -122,7 +122,7 @@ def test_faces_and_normals_point_outwards():
 
 @pytest.mark.parametrize("bend", [0.0, 0.6, 1.2])
 def test_bent_knees_have_no_gap(bend):
-    """From the axis of the shin, every ray across the knee meets thigh or shin: both reach around the joint."""
+    """Every ray from the axis of the shin across the knee hits thigh or shin, since both enclose the joint."""
     model, data = dressed(4)
     knee = model.body("person_1/left_shin").mocapid[0]
     turned = Rotation.from_quat(data.mocap_quat[knee], scalar_first=True) * Rotation.from_euler("y", bend)

@@ -14,7 +14,7 @@ def ground(heights) -> Heightfield:
 
 
 def under(field: Heightfield, place: np.ndarray, yaw: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gaps (n,) m between the resting sole and the ground on a fine grid of the sole, and what `rest` says."""
+    """Gaps (n,) m between the resting sole and the ground on a fine grid of the sole, and the result of `sole_contact`."""
     state = sole_contact(np.tile(place, (1, 2, 1)), np.full((1, 2), yaw), SIZE, field)[0, 0]
     along, aside = np.meshgrid(np.linspace(-HEEL, PIVOT, 25), np.linspace(-HALF_SOLE, HALF_SOLE, 5), indexing="ij")
     forward, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])

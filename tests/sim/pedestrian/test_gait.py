@@ -9,7 +9,7 @@ STATURE = np.array([1.55, 1.72, 1.95])
 
 
 def walked(speed: np.ndarray, seconds: float, turn: float = 0.0):
-    """Footings and bodies of three people who walk at speed (3,) m/s, one after each DT."""
+    """Footings and bodies of three people who walk at speed (3,) m/s, after each step of DT."""
     position, heading = np.zeros((3, 2)), np.zeros(3)
     footing = gait.stand(position, heading, STATURE)
     for k in range(round(seconds / DT)):

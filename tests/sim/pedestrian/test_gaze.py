@@ -10,7 +10,7 @@ STATURE = np.array([1.7, 1.8])
 
 
 def bodies(speed: float) -> Bodies:
-    """Two people two metres apart who look along x, the second on the left of the first."""
+    """Two people two metres apart, facing along x, the second one to the left of the first."""
     return Bodies(np.array([[0.0, 0.0], [0.5, 2.0]]), np.full((2, 2), [speed, 0.0]), np.zeros(2), STATURE)
 
 

@@ -22,7 +22,7 @@ def rough(relief: float) -> Heightfield:
 
 
 def walk(ground: Heightfield, seconds: float = 10.0):
-    """Poses, footings and places of three people who walk across the ground and stop at the end."""
+    """Poses, footings and positions of three people who walk and stop at the end."""
     position, heading = np.column_stack([np.full(3, -8.0), [-3.0, 0.0, 3.0]]), np.zeros(3)
     footing = gait.stand(position, heading, STATURE)
     for k in range(round(seconds / DT)):

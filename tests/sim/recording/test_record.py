@@ -1,4 +1,4 @@
-"""A real recording: truth, panoramas and instances of one moment belong together, and the same seed gives the same bytes."""
+"""A recording: truth, panoramas and instances of a frame agree, and the same seed gives the same bytes."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def instances(folder: Path, camera: str, frame: int) -> np.ndarray:
 
 
 def test_truth_projects_onto_the_instances(folder: Path) -> None:
-    """A point in the middle of every body that is seen whole lies on its instance, in every frame: nothing lags, nothing is offset."""
+    """The centre of every unoccluded body lies on its instance in every frame, so that there is no lag and no offset."""
     sequence = read_sequence(folder)
     assert sequence.truth is not None
     boxes = read_boxes(folder)

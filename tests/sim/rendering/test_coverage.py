@@ -1,4 +1,4 @@
-"""Coverage against counting by hand, and boxes that go over the seam."""
+"""Unoccluded extents against counts by hand, and boxes across the seam."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Faces and their tables: every pixel's texel is where the camera says, whatever the camera; range is exact on planes."""
+"""Lookup tables of faces: every pixel maps to the texel of its bearing, for every camera model; range is exact on planes."""
 
 import itertools
 
@@ -15,7 +15,7 @@ CAMERAS = {"panorama": Panorama(256, 128), "tsai": TSAI}
 
 
 def texel_bearings(table: FaceTable) -> np.ndarray:
-    """(H, W, 3) directions of the places in the atlas that pixels are sampled from."""
+    """Directions (H, W, 3) of the texels that the pixels are sampled from."""
     x, y = np.moveaxis(table.texel_positions(), -1, 0)
     out = np.full((*x.shape, 3), np.nan)
     for face in table.faces:
@@ -83,7 +83,7 @@ def test_planes_hold_what_a_face_shows() -> None:
 
 
 def geometry(table: FaceTable, codes: np.ndarray, depth: np.ndarray, limits: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """The codes and the range that are sampled."""
+    """Sampled codes and ranges."""
     sampled = table.sample(Atlas(np.zeros((*codes.shape, 4), np.uint8), codes, depth), limits, [np.arange(codes.max() + 1, dtype=np.uint32)])
     return sampled.values[0], sampled.range
 

@@ -1,4 +1,4 @@
-"""What is drawn: nothing that a face may see is left out, the near before the far, what is seen through last, round things round enough."""
+"""Draw list: culling keeps all visible shapes, opaque shapes come first from near to far, round shapes have enough triangles."""
 
 import mujoco
 import numpy as np

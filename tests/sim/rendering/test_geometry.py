@@ -1,4 +1,4 @@
-"""Shapes: closed, turned outwards, as large as they should be; forms of meshes by their names."""
+"""Shapes are closed, face outwards and have the right size; levels of detail of meshes follow from their names."""
 
 import mujoco
 import numpy as np
@@ -8,7 +8,7 @@ from sim.rendering.geometry import SLICES, Shape, ShapeBuffers, box, capsule, cy
 
 
 def volume(shape: Shape, scale: tuple[float, float, float] = (1, 1, 1), apart: float = 0.0) -> float:
-    """By the divergence theorem: right only where the surface is closed and turned outwards."""
+    """Volume by the divergence theorem, which holds only for a closed surface that faces outwards."""
     corners = (shape.vertices[:, :3] * scale + shape.vertices[:, 3:4] * [0, 0, apart])[shape.triangles].astype(float)
     return float(np.einsum("ni,ni->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
 

@@ -1,4 +1,4 @@
-"""The door to OpenGL: what is chosen, what is said where there is none, and any order of imports."""
+"""OpenGL contexts: choice of the backend, messages without OpenGL, and any order of imports."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ INFORM = "context = sim.rendering.gl_context.open_context(); print(sim.rendering
 
 
 def python(program: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a program of its own with none of our GL settings but those given."""
+    """Run a program in a new process with only the given GL settings."""
     kept = {key: value for key, value in os.environ.items() if key not in ("MUJOCO_GL", "PYOPENGL_PLATFORM", "WAYLAND_DISPLAY")}
     return subprocess.run([sys.executable, "-c", program], env=kept | environment, cwd=ROOT, capture_output=True, text=True, check=False)
 

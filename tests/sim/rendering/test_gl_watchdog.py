@@ -1,4 +1,4 @@
-"""The watchdog, on calls that really stall: in the C library, and in an OpenGL driver that was given an endless loop."""
+"""The watchdog on calls that really hang: in the C library, and in an OpenGL driver with an endless shader loop."""
 
 import subprocess
 import sys

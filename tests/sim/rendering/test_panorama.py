@@ -1,4 +1,4 @@
-"""Panoramas against exact rays and against themselves: turned, repeated, from another process, without culling."""
+"""Panoramas against exact rays, and against panoramas that are rotated, repeated, from another process or without culling."""
 
 import gc
 import multiprocessing
@@ -195,8 +195,10 @@ def test_culling_changes_nothing(scene: Scene, renderer: PanoramaRenderer, shots
 
 
 def mujocos_faces(side: int) -> list[np.ndarray]:
-    """The faces of a cube at the court's first pose, by MuJoCo's own renderer. To be called in a process that was started after the GL backend
-    had been chosen: `import mujoco` looks at it."""
+    """The faces of a cube at the court's first pose, by MuJoCo's renderer.
+
+    The process must have started after the choice of the GL backend, because `import mujoco` reads it.
+    """
     scene, pictures = court(), []
     scene.model.vis.global_.offwidth = scene.model.vis.global_.offheight = side
     option = mujoco.MjvOption()
@@ -215,7 +217,7 @@ def mujocos_faces(side: int) -> list[np.ndarray]:
 
 
 def test_the_light_is_mujocos(shots: list[RenderedImage]) -> None:
-    """They differ at the edges of things and of shadows only."""
+    """They differ only at the edges of shapes and shadows."""
     side, components = 512, bearings(CAMERA)
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         theirs = pool.apply(mujocos_faces, (side,))

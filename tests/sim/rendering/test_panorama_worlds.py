@@ -1,4 +1,4 @@
-"""Panoramas of every world against exact rays; people in all their forms against exact rays."""
+"""Panoramas of every world, and of people at all levels of detail, against exact rays."""
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ CAMERA = Panorama(1024, 512)
 
 
 def peopled(name: str, difficulty: float, seed: int) -> Scene:
-    """A world with four people of capsules, and a place to look from."""
+    """A world with four people of capsules, and a camera pose."""
     rng = np.random.default_rng(seed)
     world = catalogue.build(name, rng, difficulty)
     spec = world.spec.copy()

@@ -1,4 +1,4 @@
-"""Views cut out of panoramas: directions stay, the horizon becomes level, and the file of the view says the same as the picture."""
+"""Perspective views from panoramas keep directions, have a level horizon, and agree with their camera file."""
 
 from pathlib import Path
 

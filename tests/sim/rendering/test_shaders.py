@@ -1,4 +1,4 @@
-"""Projections of points by hand, and lights as the model has them."""
+"""Projections of points by hand, and lights against the model."""
 
 import mujoco
 import numpy as np

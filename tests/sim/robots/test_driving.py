@@ -13,7 +13,7 @@ NOBODY = Traffic(np.zeros((0, 2)), np.zeros(0))
 def drive(
     driver: Driver, start: tuple[float, float, float], seconds: float, traffic: Traffic = NOBODY, stuck_wheels: bool = False
 ) -> tuple[np.ndarray, list[DriveState]]:
-    """Poses (n, 3) x, y, yaw of an ideal rover that does what it is told, and the plans."""
+    """Poses (n, 3) x, y, yaw of an ideal rover that follows its commands, and the states of its driver."""
     x, y, yaw = start
     plan = driver.start(np.array([x, y]))
     poses, plans = [], []

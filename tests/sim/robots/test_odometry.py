@@ -14,7 +14,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def ride(speed: float, yaw_rate: float, frames: float = 1.0, acceleration: float = 0.0) -> FrameMotion:
-    """A level ride of some frames of 1/6 s without slip."""
+    """Level motion without slip over some frames of 1/6 s."""
     n = round(N * frames)
     before = np.array([0.3, 1.0, 2.0, -5.0])
     turned = speed * n * DT / WHEEL_RADIUS

@@ -26,7 +26,7 @@ class Lot:
         self.drive(0.0, 0.0, 1.0)
 
     def drive(self, speed: float, yaw_rate: float, seconds: float) -> np.ndarray:
-        """(n, 13) qpos and qvel of the body after each step."""
+        """State (n, 13) of the body, qpos and qvel, after each step."""
         states = []
         for k in range(round(seconds / 0.005)):
             ramp = min(1.0, k * 0.005 / 0.8)

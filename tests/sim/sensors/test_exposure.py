@@ -1,4 +1,4 @@
-"""Exposure and noise have the spread that they are told, and the same seed gives the same bytes."""
+"""Exposure and noise have the given sigma, and the same seed gives the same bytes."""
 
 import numpy as np
 import pytest

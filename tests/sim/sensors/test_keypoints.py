@@ -14,7 +14,7 @@ KNEE = KEYPOINT_NAMES.index("left_knee")
 
 
 def body(place: Array) -> Array:
-    """(1, 17, 3) m in the world: all joints at one place (3,) in the camera's frame."""
+    """Joints (1, 17, 3) m, world, all at one point (3,) m of the camera frame."""
     return np.broadcast_to(EYE.apply(place), (1, 17, 3)).copy()
 
 

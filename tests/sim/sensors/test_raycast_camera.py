@@ -1,4 +1,4 @@
-"""What is seen by rays, beside what is rendered."""
+"""Views by ray casting against rendered views."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def both() -> tuple[list[RenderedFrame], list[RaycastFrame]]:
 
 
 def apart(a: Array, b: Array) -> Array:
-    """px between edges of boxes, around the seam."""
+    """Differences between edges of boxes, px, modulo the seam."""
     out = a - b
     out[[0, 2]] = np.mod(out[[0, 2]] + WIDTH / 2, WIDTH) - WIDTH / 2
     return np.abs(out)
@@ -105,7 +105,7 @@ def test_sightings_point_at_unoccluded_landmarks() -> None:
 
 
 def test_the_ground_occludes_a_person() -> None:
-    """From within the earth nobody is seen; from above the head all of the body is there, for nothing but itself is before it."""
+    """From below the ground nobody is visible. From above the head the whole body is, since it occludes only itself."""
     simulation = Simulation(replace(SCENARIO, robots=1, people=1), world=yard())
     lines, feet = RaycastCamera(simulation), simulation.feet()[0]
 

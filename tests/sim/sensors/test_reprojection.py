@@ -1,4 +1,4 @@
-"""The truth projected onto the pictures of a sequence, frame by frame, in panoramas and in Tsai cameras: nothing lags, nothing is offset."""
+"""Truth projected onto the images of a sequence, in panoramas and Tsai cameras: there is no lag and no offset."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +79,7 @@ def on_own(written: Written, shift: tuple[float, float] = (0.0, 0.0), lag: int =
 
 
 def faithful(rows: Array) -> bool:
-    """What is asked of rows (n, 17) of on_own: joints of the legs lie well inside, those of the face and the shoulders near the silhouette."""
+    """Requirements on rows (n, 17) of on_own. Leg joints lie well inside the silhouette, face and shoulders near its edge."""
     return bool(rows[:, LEGS].mean() > 0.97 and rows.mean() > 0.86)
 
 
@@ -134,7 +134,7 @@ def test_ranges_and_the_ground_below(written: Written) -> None:
 
 @pytest.fixture(scope="module")
 def moments() -> list[tuple[RenderedFrame, Setup, Array]]:
-    """Two frames in memory, and how far along the ray to every joint of every view the first thing is that is not its own person's limb there."""
+    """Two frames in memory, and the first hit of the ray to every joint of every view that is not the limb of that joint."""
     one = stage()
     setup = make_setup(one.scenario, one.simulation, one.fixed)
     out = []
@@ -145,8 +145,10 @@ def moments() -> list[tuple[RenderedFrame, Setup, Array]]:
 
 
 def rays_to_joints(simulation: Simulation, moment: RenderedFrame, cameras: dict[str, Camera]) -> Array:
-    """(cameras, m, 17, 3): the owner of what the ray to a joint meets first, how far before the joint it meets it, m, and whether the joint is
-    within 1.5 px of a silhouette, where a pixel does not tell what is beside it."""
+    """Hits (cameras, m, 17, 3) of the rays to joints: owner, distance before the joint m, and whether a silhouette is within 1.5 px.
+
+    Near a silhouette, a pixel does not tell what is beside it.
+    """
     joints, groups, geom = moment.truth.joints, np.array([1, 1, 1, 1, 0, 0], np.uint8), np.zeros(1, np.int32)
     assert joints is not None
     out = np.zeros((len(moment.views), *joints.shape[:2], 3))
@@ -163,7 +165,7 @@ def rays_to_joints(simulation: Simulation, moment: RenderedFrame, cameras: dict[
 
 
 def test_visibility_agrees_with_exact_rays(moments: list[tuple[RenderedFrame, Setup, Array]]) -> None:
-    """But for what lies just as deep as is allowed, and, more often, for joints within a pixel or two of a silhouette."""
+    """Exceptions are joints exactly at the allowed depth and, more often, joints within two pixels of a silhouette."""
     depth = np.array([DEPTH_IN_BODY[name.split("_")[-1]] for name in KEYPOINT_NAMES])
     agreed, clear, hidden = [], [], []
     for moment, _, rays in moments:

@@ -1,4 +1,4 @@
-"""Rovers in the views of rovers: seen where nothing is between, alike with pictures and without, and drawn from streams of their own."""
+"""Detection of rovers: by line of sight, equal in rendered and ray-cast runs, with random streams of its own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def glimpses() -> list[RaycastFrame]:
 
 
 def test_a_rover_is_detected_if_nothing_occludes_it() -> None:
-    """Held against MuJoCo's own rays, that look at every cell of the ground."""
+    """Against MuJoCo's rays, which test every cell of the ground."""
     scenario = replace(SCENARIO, misses=0.0, bearing_noise=0.0, camera_height=0.8)
     simulation = Simulation(scenario, world=yard())
     robot_detector = RobotDetector(scenario, make_setup(scenario, simulation), simulation)
@@ -72,7 +72,7 @@ def test_errors_are_as_the_covariance_says(glimpses: list[RaycastFrame]) -> None
 
 
 def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
-    """Who is found is found at the same place whoever else is missed; detections and sightings do not change by a bit without companions."""
+    """Misses do not move other detections. Detections of people and sightings are identical without detection of robots."""
     simulation = Simulation(SCENARIO, world=yard())
     setup = make_setup(SCENARIO, simulation)
     unoccluded = replace(setup, mounts=dict(list(setup.mounts.items())[:1]))
@@ -99,7 +99,7 @@ def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
 
 
 def test_rendered_runs_detect_the_same_rovers(tmp_path: Path) -> None:
-    """What is recorded with pictures is what is seen without, it comes back from the folder, and all of it is consistent."""
+    """A rendered recording has the detections of a ray-cast run, is read back, and is consistent."""
     scenario = Scenario(seed=31, robots=3, people=4, frames=3, width=256)
     record(scenario, tmp_path / "s")
     simulation = Simulation(scenario)

@@ -1,4 +1,4 @@
-"""Where robots and people are at first: as drawn, or as told; and who drives the robots."""
+"""Initial states of robots and people, random or given, and the drivers of the robots."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TOLD = np.array([[-3.0, -2.0, 0.5], [2.0, 3.0, -2.0]])
 
 
 class Ahead:
-    """A driver that goes straight on at the same speed, m/s."""
+    """A driver that goes straight ahead at constant speed, m/s."""
 
     def __init__(self, speed: float) -> None:
         self.speed = speed

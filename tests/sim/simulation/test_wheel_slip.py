@@ -8,7 +8,7 @@ from tests.sim.yard import yard
 
 
 def test_slip_on_level_ground_is_below_two_per_cent():
-    """The campus at difficulty 0 is flat; it is wide, so that rovers turn on the spot as often as they would in life and no more."""
+    """The campus at difficulty 0 is flat and wide, so that rovers seldom turn in place."""
     simulation = Simulation(Scenario(world="campus", difficulty=0.0, robots=4, people=0))
     found = wheel_slip.measure(simulation, 30.0)
     assert found.driven > 50

@@ -1,4 +1,4 @@
-"""Recordings for Rerun: written whole, read back, and what is in them is what the sequence says."""
+"""Rerun recordings: complete, readable, and equal to the sequence."""
 
 import sys
 from pathlib import Path
@@ -27,7 +27,7 @@ def chunks(path: Path) -> dict[str, list[Any]]:
 
 
 def column(batches: list[Any], name: str) -> list[Any]:
-    """All rows of the column whose name ends so."""
+    """All rows of the column with this suffix."""
     return [row for batch in batches for field in batch.schema.names if field.endswith(name) for row in batch.column(field).to_pylist()]
 
 

@@ -1,4 +1,4 @@
-"""Videos: all frames are in the file in their colours, a browser plays it, and what cannot be written is refused."""
+"""Videos hold all frames in their colours, play in a browser, and errors leave no file."""
 
 import resource
 import subprocess
@@ -31,7 +31,7 @@ PLAYED = """new Promise((done) => {
 
 
 def frames(count: int, width: int = 320, height: int = 180) -> Iterator[NDArray[np.uint8]]:
-    """RGB frames of one colour, redder from one to the next."""
+    """RGB frames of one colour each, redder from frame to frame."""
     for k in range(count):
         yield np.full((height, width, 3), (60 + 10 * k, 120, 200), np.uint8)
 
@@ -84,7 +84,7 @@ def test_what_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_an_error(tmp_path: Path) -> None:
-    """The encoder itself does not say that the disk is full."""
+    """The encoder does not report a full disk."""
     program = """
 import sys, numpy as np
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The command `pilsim worlds`: what it says, draws and gives away."""
+"""The command `pilsim worlds`: table, previews and export."""
 
 from __future__ import annotations
 
