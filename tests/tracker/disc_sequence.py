@@ -1,4 +1,4 @@
-"""A small sequence whose truth is that of its images: two people as discs before a panorama on a robot and before a fixed camera."""
+"""A small sequence with consistent images and truth: two people as discs in a panorama on a robot and in a fixed camera."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ FRAMES = 3
 CAMERAS: dict[str, Camera] = {"robot_0_camera": Panorama(128, 64), "View_001": pinhole(96, 72, 1.3)}
 FIXED = Pose.planar(-4.0, 0.0, 0.0, 1.4)
 MIDDLE, RADIUS = 1.0, 0.4
-"""m: of a disc that stands for a person, over the feet."""
+"""m: height of the centre above the feet, and radius, of the disc that models a person."""
 
 
 def setup() -> Setup:
@@ -48,14 +48,14 @@ def robots(k: int) -> dict[str, Pose]:
 
 
 def joints(k: int) -> Array:
-    """(2, 17, 3) m: person 1 before the fixed camera, person 2 behind the robot, over the seam of its panorama."""
+    """Joints (2, 17, 3) m: person 1 is in front of the fixed camera, person 2 behind the robot, across the seam of its panorama."""
     feet = np.array([[1.0, 1.5 + 0.2 * k, 0.0], [-2.5, -0.7, 0.0]])
     spread = np.linspace(-0.25, 0.25, len(KEYPOINT_NAMES))
     return (feet[:, None] + np.stack([0 * spread, 0 * spread, MIDDLE + spread], axis=1)).round(4)
 
 
-def painted(camera: Camera, T: Pose, points: Array) -> NDArray[np.uint16]:
-    """Instances: every pixel whose ray passes a person's middle within RADIUS, the nearer one first."""
+def instance_image(camera: Camera, T: Pose, points: Array) -> NDArray[np.uint16]:
+    """The instance image: pixels whose ray passes the centre of a person within RADIUS; the nearer person occludes the other."""
     v, u = np.indices((camera.height, camera.width)).reshape(2, -1) + camera.pixel_centre
     rays = camera.bearings_from_pixels(np.column_stack([u, v])) @ T.rotation.T
     image = np.zeros(camera.height * camera.width, np.uint16)
@@ -87,8 +87,8 @@ def view_truth(k: int, name: str, image: NDArray[np.uint16]) -> ViewTruth:
     return ViewTruth(T, 0.0, np.array([0.0, 0.0, 1.0]), Boxes(ids, edges, edges, np.ones(len(shown)), far), Keypoints(ids, pixels, visibility))
 
 
-def companions(poses: dict[str, Pose]) -> RobotDetections:
-    """The robot sees the fixed camera; poses of cameras."""
+def robot_detections(poses: dict[str, Pose]) -> RobotDetections:
+    """The robot detects the fixed camera. poses: camera → T_world_camera."""
     sight = poses["robot_0_camera"].inverse().apply(poses["View_001"].translation)
     return RobotDetections(sight[None] / np.linalg.norm(sight), ("View_001",), 1e-5 * np.eye(2)[None])
 
@@ -101,11 +101,13 @@ def write(folder: Path, form: ImageForm | None = None) -> None:
     with SequenceWriter(folder, setup(), tops, form) as writer:
         for k in range(FRAMES):
             poses = {name: robots(k)[mount.robot] @ mount.T_body_camera for name, mount in setup().mounts.items()}
-            instances = {name: painted(camera, poses[name], joints(k)) for name, camera in CAMERAS.items()}
+            instances = {name: instance_image(camera, poses[name], joints(k)) for name, camera in CAMERAS.items()}
             truths = {name: view_truth(k, name, instances[name]) for name in CAMERAS}
             colours = {name: cv2.resize(rng.integers(0, 255, (9, 12, 3), np.uint8), image.shape[::-1]) for name, image in instances.items()}
             still = Odometry(Pose.planar(0.1, 0, 0), 1e-4 * np.eye(6)) if k else None
-            robot = View("robot_0_camera", Detections.none(), odometry=still, image=colours["robot_0_camera"], robot_detections=companions(poses))
+            robot = View(
+                "robot_0_camera", Detections.none(), odometry=still, image=colours["robot_0_camera"], robot_detections=robot_detections(poses)
+            )
             views = [robot, View("View_001", Detections.none(), image=colours["View_001"])]
             visible = np.array([[float(p in truths[n].boxes.person) for n in CAMERAS] for p in (1, 2)])
             truth = Truth(k, robots(k), np.array([1, 2]), joints(k)[:, 0] * [1, 1, 0], visible, joints(k))

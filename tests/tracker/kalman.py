@@ -1,4 +1,4 @@
-"""The plain Kalman update, which the updates of the filters are held against."""
+"""The standard Kalman update, a reference for the updates of the filters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tracker.geometry import Array
 
 
 def condition(P: ArrayLike, H: ArrayLike, residual: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-    """One plain Kalman update, for small dense states: the change of the mean (n,) and the covariance after it (n, n)."""
+    """One Kalman update of a small dense state: the change of the mean (n,) and the updated covariance (n, n)."""
     P, H = np.array(P, dtype=np.float64), np.asarray(H, dtype=np.float64)
     HP = H @ P
     S = HP @ H.T + np.asarray(R, dtype=np.float64)

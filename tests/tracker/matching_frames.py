@@ -1,4 +1,4 @@
-"""Sequences to be scored: drawn as tables, or at random."""
+"""Sequences for the metrics of tracking: written as tables of letters, or random."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from tracker.metrics.matching import MatchingFrame
 
 
 def table(truth: dict[str, str], estimates: dict[str, str], counts: dict[str, str] | None = None) -> list[MatchingFrame]:
-    """A drawn sequence: a row a person or an estimate, a letter a frame, places 10 m apart; `.` is absent, `0` in counts is ignored.
+    """A sequence from text: a row per person or estimate, a letter per frame. `.` is absent, and `0` in counts is ignored.
 
-    A capital letter is a place (A at x = 0 m, B at 10 m, …), a small one lies 0.4 m beside it.
+    A capital letter is a position (A at x = 0 m, B at 10 m, …). The small letter lies 0.4 m beside it.
     """
 
     def place(letter: str) -> list[float]:

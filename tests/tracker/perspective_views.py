@@ -1,6 +1,6 @@
-"""Levelled perspective views cut out of panoramas: what a pinhole camera at the same place would show, its horizon level.
+"""Perspective views resampled from panoramas: the image of a level pinhole camera at the same position.
 
-A robot on a slope carries a panorama that leans; the view does not. Both have one centre, so nothing but directions changes.
+The panorama of a robot on a slope is tilted, and the view is not. Both have the same centre, so only directions change.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tracker.geometry.cameras import Panorama, Tsai, pinhole
 
 @dataclass(frozen=True)
 class ViewDirection:
-    """Where a view looks: azimuth rad in the world, horizontal field of view rad, and its size width, height px."""
+    """The direction of a view: azimuth rad in the world, horizontal field of view rad, and its size width, height px."""
 
     azimuth: float
     field: float
@@ -54,11 +54,11 @@ class PerspectiveView:
             raise ValueError(f"panorama is {image.shape[1]} x {image.shape[0]} px, needs the size that the view was made for")
 
 
-def rectify(panorama: Panorama, T_world_camera: Pose, gaze: ViewDirection) -> PerspectiveView:
-    """The view of a panorama at T_world_camera in the direction of the gaze. Raises ValueError for a field of view not within (0, π)."""
-    width, height = gaze.size
-    camera = pinhole(width, height, gaze.field)
-    T_world_view = Pose(rotation_z(gaze.azimuth), T_world_camera.translation)
+def rectify(panorama: Panorama, T_world_camera: Pose, direction: ViewDirection) -> PerspectiveView:
+    """The view of a panorama at T_world_camera in the direction of the direction. Raises ValueError for a field of view not within (0, π)."""
+    width, height = direction.size
+    camera = pinhole(width, height, direction.field)
+    T_world_view = Pose(rotation_z(direction.azimuth), T_world_camera.translation)
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     bearings = camera.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1))
     pixels, _ = panorama.pixels_from_bearings(bearings @ T_world_view.rotation.T @ T_world_camera.rotation)

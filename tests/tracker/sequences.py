@@ -1,4 +1,4 @@
-"""Small sequences for tests, made by hand: two robots with tiny panoramas on a slope, two people who walk."""
+"""A small sequence for tests: two robots with small panoramas on a slope, and two people who walk."""
 
 from pathlib import Path
 
@@ -21,8 +21,8 @@ def setup() -> Setup:
     return Setup(mounts, Grid(heights, np.array([-5.0, -5.0]), 0.5), starts, 1 / 6)
 
 
-def companions(k: int, camera: str) -> RobotDetections:
-    """Each sees the other where it is, but for the first frame of the second."""
+def robot_detections(k: int, camera: str) -> RobotDetections:
+    """Each robot detects the other at its true position, except the second robot in the first frame."""
     if camera == "robot_1_camera" and k == 0:
         return RobotDetections.none()
     poses, mount = truth(k).T_world_robot, setup().mounts[camera]
@@ -41,7 +41,7 @@ def tick(k: int, rng: np.random.Generator) -> Tick:
         found = Detections(bearing, rng.uniform(0.1, 0.5, (n, 2)), rng.uniform(0.5, 1, n), covariance, np.zeros((n, 0)))
         odometry = Odometry(Pose.exp(rng.normal(0, 0.1, 6)), 0.001 * np.eye(6), np.array([0.0, 0.0, 1.0]), 0.01) if k else None
         image = rng.integers(0, 255, (32, 64, 3), dtype=np.uint8)
-        views.append(View(name, found, odometry=odometry, image=image, robot_detections=companions(k, name)))
+        views.append(View(name, found, odometry=odometry, image=image, robot_detections=robot_detections(k, name)))
     return Tick(k, k / 6, tuple(views))
 
 

@@ -1,4 +1,4 @@
-"""A street that is painted: people of two colours walk before a camera that stands still, and a post may hide them."""
+"""A synthetic street: people in two colours walk in front of a fixed camera, and a post may occlude them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tracker.types import Detections, Mount, Setup, Start, Tick, View
 
 CAMERA, EYE = pinhole(768, 576, 0.8), Pose.planar(-22.0, 0.0, 0.0, 4.0)
 POST = (-12.0, 0.0, 0.06, 0.0, 4.0)
-"""Where it is, as Setup.pillars have it."""
+"""A row of Setup.pillars."""
 PERIOD, TALL, NAME = 1 / 7, 1.75, "View_001"
 CLOTHES = (((200, 40, 40), (40, 40, 60)), ((40, 60, 190), (180, 170, 120)), ((230, 220, 90), (30, 90, 40)), ((20, 20, 25), (150, 60, 140)))
 
 
 @dataclass
 class Street:
-    """post: whether it stands there, known: whether that is known."""
+    """post: whether the post exists. known: whether the setup holds it."""
 
     post: bool = False
     known: bool = True
@@ -39,7 +39,7 @@ class Street:
         return Setup(mounts, Flat(), starts, PERIOD, area=np.array([[-10.0, -6.0], [8.0, 6.0]]), pillars=pillars)
 
     def image(self, people: Array) -> NDArray[np.uint8]:
-        """Of people at (n, 2) m, CLOTHES by their row."""
+        """The image of people at (n, 2) m; the row of a person selects the CLOTHES."""
         out = self.empty.copy()
         for k in np.argsort(-people[:, 0]):
             u, top, _, tall = box(people[k])
@@ -57,22 +57,22 @@ class Street:
         return np.clip(out + self.rng.normal(0, 3, out.shape), 0, 255).astype(np.uint8)
 
     def tick(self, k: int, people: Array, found: NDArray[np.bool_]) -> Tick:
-        """Tick k, where a detector has boxes of those who are `found` (n,)."""
+        """Tick k with detections of the people who are `found` (n,)."""
         return Tick(k, k * PERIOD, (View(NAME, detections(people[found]), image=self.image(people)),))
 
 
 def pixels(points: Array) -> Array:
-    """(n, 2) px of points (n, 3) m."""
+    """Pixels (n, 2) of points (n, 3) m."""
     sight = (points - EYE.translation) @ EYE.rotation
     return np.asarray(CAMERA.pixels_from_bearings(sight / np.linalg.norm(sight, axis=1, keepdims=True))[0])
 
 
 def box(place: Array) -> Array:
-    """Left, top, width, height px of who stands at (2,) m."""
+    """Left, top, width, height px of a person at (2,) m."""
     (u, bottom), (_, top) = pixels(np.array([[*place, 0.0], [*place, TALL]]))
     return np.array([u - 0.21 * (bottom - top), top, 0.42 * (bottom - top), bottom - top])
 
 
 def detections(people: Array) -> Detections:
-    """Boxes of people at (n, 2) m."""
+    """Detections of people at (n, 2) m."""
     return detections_from_boxes(CAMERA, np.array([box(place) for place in people]).reshape(-1, 4), np.full(len(people), 0.95))

@@ -14,7 +14,7 @@ from tracker.geometry import Array, Ints, check_covariances, check_unit, set_arr
 class Detections:
     """People seen by one camera in one frame, as directions. They hold no true ids.
 
-    A box is a span of azimuth and a span of elevation in the camera's frame, so that the seam of a panorama does not divide it.
+    A box is a span of azimuth and a span of elevation in the camera's frame. The seam of a panorama does not divide it.
     bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: the spans of azimuth and elevation.
     confidence (n,) in [0, 1]. covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
     appearance (n, d): features of an appearance model.
