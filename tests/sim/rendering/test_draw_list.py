@@ -38,10 +38,10 @@ def test_a_face_draws_only_the_balls_in_its_frustum() -> None:
     local = (places - pose.translation) @ pose.rotation
     for planes, draw_commands in zip(PLANES, listed.visible_from(pose, PLANES, 40.0), strict=True):
         depth = (local @ planes.T).min(axis=1)
-        drawn = set(drawn(draw_commands))
-        assert set(np.flatnonzero(depth > -0.1).tolist()) <= drawn
+        visible = set(drawn(draw_commands))
+        assert set(np.flatnonzero(depth > -0.1).tolist()) <= visible
         # The box about a ball reaches further than the ball, by √3.
-        assert drawn <= set(np.flatnonzero(depth > -0.1 * np.sqrt(3) - 0.01).tolist())
+        assert visible <= set(np.flatnonzero(depth > -0.1 * np.sqrt(3) - 0.01).tolist())
 
 
 def test_opaque_records_go_from_near_to_far_then_blended_ones_from_far_to_near() -> None:

@@ -29,7 +29,8 @@ GL.glDispatchCompute(60000, 1000, 1); GL.glFinish()
 
 def run(program: str) -> subprocess.CompletedProcess[str]:
     body = "\n".join("    " + line for line in program.strip().splitlines())
-    text = f"import sim.rendering.gl_context\nsim.rendering.gl_context.TIME_LIMIT = 1.0\nwith sim.rendering.gl_context.watched('drawing'):\n{body}\nprint('came back')"
+    head = "from sim.rendering import gl_context\ngl_context.TIME_LIMIT = 1.0\nwith gl_context.watched('drawing'):"
+    text = f"{head}\n{body}\nprint('came back')"
     return subprocess.run([sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, timeout=50, check=False)
 
 
