@@ -117,11 +117,11 @@ def _ankle_poses(place: Array, yaw: Array, sole: Array, rolls: Array, size: Arra
 
 def _landing(footing: Footing, sole: Array, position: Array, heading: Array, size: Array) -> Array:
     """Feet.landing of feet with contact sole (m, 2, 7) after touchdown."""
-    way = gait.displacement_to_landing(footing, position, heading, size)
-    ahead = np.einsum("mfi,mi->mf", position[:, None] + way - footing.planted, _forward(heading)) / size[:, None]
+    displacement = gait.displacement_to_landing(footing, position, heading, size)
+    ahead = np.einsum("mfi,mi->mf", position[:, None] + displacement - footing.planted, _forward(heading)) / size[:, None]
     rolls = np.clip(_roll_angle(ahead), -sole[..., 5], sole[..., 6])
     ankle, _, _ = _ankle_poses(footing.planted, footing.planted_yaw, sole, rolls, size)
-    return ankle - np.concatenate([way, np.zeros_like(way[..., :1])], axis=-1)
+    return ankle - np.concatenate([displacement, np.zeros_like(displacement[..., :1])], axis=-1)
 
 
 def _heel_freedom(footing: Footing) -> Array:

@@ -107,14 +107,14 @@ class OpenGLRenderer:
         if blending:
             GL.glDisablei(GL.GL_BLEND, 0)
 
-    def draw_sky(self, place: Place, ways: Array, edges: Array) -> None:
-        """Fill the empty texels of `place` with the sky. ways (3, 3): columns forward, right, up, world. edges (4,): as in `projection`."""
+    def draw_sky(self, place: Place, axes: Array, edges: Array) -> None:
+        """Fill the empty texels of `place` with the sky. axes (3, 3): columns forward, right, up, world. edges (4,): as in `projection`."""
         if self._sky is None:
             return
         GL = self._gl
         GL.glViewport(*place)
         GL.glUseProgram(self._sky_program)
-        GL.glUniformMatrix3fv(self._uniform_location(self._sky_program, "ways"), 1, GL.GL_TRUE, np.ascontiguousarray(ways, dtype=np.float32))
+        GL.glUniformMatrix3fv(self._uniform_location(self._sky_program, "ways"), 1, GL.GL_TRUE, np.ascontiguousarray(axes, dtype=np.float32))
         GL.glUniform4f(self._uniform_location(self._sky_program, "window"), *edges)
         GL.glActiveTexture(GL.GL_TEXTURE0)
         GL.glBindTexture(GL.GL_TEXTURE_CUBE_MAP, self._sky)

@@ -144,8 +144,8 @@ class Driver:
         drive = _accelerated(replace(drive, direction=direction), direction * free, float(np.clip(turn, -TOP_YAW_RATE, TOP_YAW_RATE)), dt)
         waits = abs(motion.yaw_rate) < 0.1 if turns else min(free, abs(motion.speed)) < 0.25 * speed
         drive = replace(drive, stuck=drive.stuck + dt if waits else max(drive.stuck - dt, 0.0))
-        ways = np.array([straight, wanted, motion.yaw if direction > 0 else motion.yaw + math.pi])
-        blocked = _free_distance(motion.position, ways, traffic.position, traffic.radius).min() < _CLEAR_LANE + 0.2
+        headings = np.array([straight, wanted, motion.yaw if direction > 0 else motion.yaw + math.pi])
+        blocked = _free_distance(motion.position, headings, traffic.position, traffic.radius).min() < _CLEAR_LANE + 0.2
         requesting = blocked and drive.stuck > REQUEST_DELAY
         drive = replace(drive, requested_velocity=(TOP_SPEED * math.cos(straight), TOP_SPEED * math.sin(straight)) if requesting else (0.0, 0.0))
         if drive.stuck <= PATIENCE:
@@ -240,13 +240,13 @@ def turning_space(wheels: FreeSpace) -> FreeSpace:
 
 
 def _driving_direction(drive: DriveState, motion: Motion, wanted: float) -> float:
-    """1 to drive forwards, −1 to drive backwards, towards a heading: what needs less of a turn; what it does it goes on with up to 110°."""
+    """1 to drive forwards, −1 to drive backwards, for the smaller rotation to a heading. The current direction is kept up to 110°."""
     ahead = abs(float(wrap(wanted - motion.yaw - (math.pi if drive.direction < 0 else 0.0))))
     return drive.direction if ahead < 1.9 else -drive.direction
 
 
 def _accelerated(drive: DriveState, speed: float, yaw_rate: float, dt: float) -> DriveState:
-    """The command moved towards this one as far as the accelerations allow; braking may be twice as hard."""
+    """The command, changed towards `speed` and `yaw_rate` within the limits of acceleration. Braking may be twice as hard."""
     brake = 2.0 if abs(speed) < abs(drive.speed) else 1.0
     dv, dw = brake * ACCELERATION * dt, YAW_ACCELERATION * dt
     return replace(
@@ -257,7 +257,7 @@ def _accelerated(drive: DriveState, speed: float, yaw_rate: float, dt: float) ->
 
 
 def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
-    """m/s that leaves time to stop before whoever is in the lane, ahead (direction 1) or behind (−1)."""
+    """Speed, m/s, at which the rover can stop before others in its lane, ahead (direction 1) or behind (−1)."""
     yaw = motion.yaw if direction > 0 else motion.yaw + math.pi
     gap = _free_distance(motion.position, np.array([yaw]), traffic.position, traffic.radius)[0]
     return min(max(0.8 * (float(gap) - STOPPING_GAP), 0.0), TOP_SPEED)
@@ -265,8 +265,10 @@ def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
 
 @njit(cache=True)
 def _free_distance(position: Array, headings: Array, others: Array, radius: Array) -> Array:
-    """(k,) m before a rover at position (2,) m reaches one of others (m, 2) m, of radius (m,) m, when it goes towards headings (k,) rad; inf where
-    nobody is in the lane."""
+    """Free distances (k,) m of a rover at position (2,) m along headings (k,) rad; inf for an empty lane.
+
+    others (m, 2) m, radius (m,) m: discs to avoid.
+    """
     out = np.full(len(headings), np.inf)
     for k in range(len(headings)):
         c, s = math.cos(headings[k]), math.sin(headings[k])
@@ -280,7 +282,10 @@ def _free_distance(position: Array, headings: Array, others: Array, radius: Arra
 
 @njit(cache=True)
 def _progress(points: Array, marks: Array, passed: float, position: Array) -> tuple[float, float, float]:
-    """m of a route passed, the nearest place within the next metre and a half and never backwards; and x, y m of the place LOOKAHEAD after that."""
+    """Distance along a route, m, and the pursued point x, y m, LOOKAHEAD farther along.
+
+    The nearest point of the next 1.5 m of the route counts, so that the distance never decreases.
+    """
     best, found = np.inf, passed
     for k in range(len(points) - 1):
         low, high = max(marks[k], passed), min(marks[k + 1], passed + 1.5)

@@ -76,7 +76,7 @@ class RaycastCamera:
         eye = T_world_camera.translation
         surfaces = [self._surfaces[int(person)].placed(self.simulation.data) for person in people.person]
         clear = self._unoccluded(eye, [points for points, _ in surfaces], people.person)
-        kept, seen, full, visible = [], [], [], []
+        kept, visible_boxes, full, visible = [], [], [], []
         for k, (points, corners) in enumerate(surfaces):
             outline, inside = _bounding_box(camera, T_world_camera, corners)
             _, shown = _pixels(camera, T_world_camera, points)
@@ -91,7 +91,7 @@ class RaycastCamera:
                 box = outline if partial is None else partial
             kept.append(k)
             full.append(outline)
-            seen.append(box if share > 0 else np.zeros(4))
+            visible_boxes.append(box if share > 0 else np.zeros(4))
             visible.append(share)
         below = eye[None]
         terrain = self.simulation.world.terrain
@@ -99,7 +99,7 @@ class RaycastCamera:
         if not kept:
             return ViewTruth(T_world_camera, ground, normal, Boxes.none(), Keypoints.none())
         middle = people.joints[kept][:, HIPS].mean(axis=1)
-        boxes = Boxes(people.person[kept], np.array(seen), np.array(full), np.array(visible), np.linalg.norm(middle - eye, axis=1))
+        boxes = Boxes(people.person[kept], np.array(visible_boxes), np.array(full), np.array(visible), np.linalg.norm(middle - eye, axis=1))
         return ViewTruth(T_world_camera, ground, normal, boxes, Keypoints.none())
 
     def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
@@ -107,7 +107,7 @@ class RaycastCamera:
         rule, n = self.landmark_sensor, len(self.landmarks)
         found, order = rng.random(n) >= rule.miss_rate, rng.permutation(n)
         sigma = np.where(rng.random(n) < rule.outlier_rate, rule.outlier_noise, rule.noise)[:, None]
-        error, blur = (
+        error, descriptor_error = (
             rng.normal(size=(n, 2)) * sigma,
             rng.normal(size=self._descriptors.shape) * rule.descriptor_noise / np.sqrt(rule.descriptor_size),
         )
@@ -119,8 +119,8 @@ class RaycastCamera:
         sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
         bearing = perturbed_bearings(sight, error[rows])
         subject = rows if rule.identified else np.full(len(rows), -1)
-        look = (self._descriptors[rows] + blur[rows]).astype(np.float32)
-        return Sightings(bearing, np.full(len(rows), np.nan), subject, look, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))
+        descriptor = (self._descriptors[rows] + descriptor_error[rows]).astype(np.float32)
+        return Sightings(bearing, np.full(len(rows), np.nan), subject, descriptor, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))
 
     def _unoccluded(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
         """For each person, a mask (n,) of the points (n, 3) m that nothing but the person itself occludes."""

@@ -63,10 +63,10 @@ def _poses(simulation: Simulation) -> Array:
 def _segment_errors(steps: Array) -> list[float]:
     """Errors a metre of one rover's segments. steps (n, 4): error (3) m and distance m of every frame."""
     out: list[float] = []
-    error, way = np.zeros(3), 0.0
+    error, distance = np.zeros(3), 0.0
     for step in steps:
-        error, way = error + step[:3], way + step[3]
-        if way >= SEGMENT:
-            out.append(float(np.linalg.norm(error)) / way)
-            error, way = np.zeros(3), 0.0
+        error, distance = error + step[:3], distance + step[3]
+        if distance >= SEGMENT:
+            out.append(float(np.linalg.norm(error)) / distance)
+            error, distance = np.zeros(3), 0.0
     return out

@@ -189,7 +189,7 @@ def test_images_are_continuous_across_faces_and_the_seam(scene: Scene, renderer:
 
 
 def test_culling_changes_nothing(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(draw_list, "SLACK", 1e9)
+    monkeypatch.setattr(draw_list, "CULLING_MARGIN", 1e9)
     for all_drawn, shot in zip(renderer.render(scene.data, scene.poses), shots, strict=True):
         assert digest(all_drawn) == digest(shot)
 
