@@ -113,12 +113,12 @@ def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: t
     return _with_ranges(feet, setup, ranges, azimuth, parameters)
 
 
-def _under_body(setup: Setup, origin: Array, soles: Array, sight: tuple[Array, Mask], ahead: float) -> tuple[Array, Array]:
+def _under_body(setup: Setup, origin: Array, soles: Array, rays: tuple[Array, Mask], ahead: float) -> tuple[Array, Array]:
     """Points (n, 3) m on the ground `ahead` m beyond the soles, and the directions (n, 3) to them.
 
-    sight: directions to the soles, and which of them meet the ground; the others stay unchanged.
+    rays: directions to the soles, and which of them meet the ground; the others stay unchanged.
     """
-    direction, grounded = sight
+    direction, grounded = rays
     horizontal = direction[:, :2] / np.maximum(np.hypot(direction[:, 0], direction[:, 1]), 1e-9)[:, None]
     point = np.column_stack([soles[:, :2] + ahead * horizontal, np.zeros(len(soles))])
     point[:, 2] = setup.ground.height_at(point)
@@ -171,9 +171,9 @@ def _pose_covariance(foot: Array, distance: Array, mount: Mount, pose: tuple[Pos
     return J @ P @ J.transpose(0, 2, 1)
 
 
-def _ground_covariance(foot: Array, sight: Array, covariance: Array) -> Array:
+def _ground_covariance(foot: Array, rays: Array, covariance: Array) -> Array:
     """Covariance (n, 2, 2) m² of x, y where lines of sight (n, 3) m meet level ground, by that in the tangent plane; bounded at grazing angles."""
-    distance = np.maximum(np.linalg.norm(sight, axis=1), 0.1)
+    distance = np.maximum(np.linalg.norm(rays, axis=1), 0.1)
     sink = np.maximum(-foot[:, 2], 0.01)
     along = foot[:, :2] / np.maximum(np.hypot(foot[:, 0], foot[:, 1]), 1e-9)[:, None]
     left = np.stack([-along[:, 1], along[:, 0]], axis=1)

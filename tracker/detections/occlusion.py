@@ -82,9 +82,9 @@ class Bodies:
         n, origin = len(self.points), pose.translation
         if not n:
             return np.zeros(0)
-        sight = self.points.reshape(-1, 3) - origin
-        distance = np.maximum(np.linalg.norm(sight, axis=1), 1e-6)
-        direction = sight / distance[:, None]
+        rays = self.points.reshape(-1, 3) - origin
+        distance = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
+        direction = rays / distance[:, None]
         inside = camera.pixels_from_bearings(direction @ pose.rotation)[1].reshape(n, -1)
         if occluders is None and self.relative_detection is not None:
             share = inside.mean(axis=1)
@@ -115,8 +115,8 @@ class Bodies:
     def in_view(self, view: Viewpoint) -> Mask:
         """Whether a part of each body (n,) is within the image of the view, occluded or not."""
         camera, pose = view.camera, view.pose
-        sight = self.points.reshape(-1, 3) - pose.translation
-        direction = sight / np.maximum(np.linalg.norm(sight, axis=1), 1e-6)[:, None]
+        rays = self.points.reshape(-1, 3) - pose.translation
+        direction = rays / np.maximum(np.linalg.norm(rays, axis=1), 1e-6)[:, None]
         _, visible = camera.pixels_from_bearings(direction @ pose.rotation)
         return np.asarray(visible.reshape(len(self.points), len(POINT_HEIGHTS)).any(axis=1))
 

@@ -118,8 +118,8 @@ class Silhouettes:
 
     def _pixels(self, points: Array) -> tuple[Array, Mask]:
         """Pixels (n, 2) of points (n, 3) m in the scaled image, from its corner, and whether they are in it (n,)."""
-        sight = (points - self.pose.translation) @ self.pose.rotation
-        pixels, inside = self.camera.pixels_from_bearings(sight / np.linalg.norm(sight, axis=1)[:, None])
+        rays = (points - self.pose.translation) @ self.pose.rotation
+        pixels, inside = self.camera.pixels_from_bearings(rays / np.linalg.norm(rays, axis=1)[:, None])
         return (pixels + 0.5 - self.camera.pixel_centre) * self._scale, inside
 
     def _candidate_bodies(self, stature: float) -> CandidateBodies:
@@ -127,8 +127,8 @@ class Silhouettes:
         p, origin = self.parameters, self.pose.translation
         u, v = np.meshgrid(np.arange(0.5, self.shape[1], p.steps[0]), np.arange(0.5, self.shape[0], p.steps[1]))
         foot = np.column_stack([u.ravel(), v.ravel()])
-        sight = self.camera.bearings_from_pixels(foot / self._scale - 0.5 + self.camera.pixel_centre) @ self.pose.rotation.T
-        point, grounded = self.setup.ground.intersect(np.broadcast_to(origin, sight.shape), sight, p.reach)
+        rays = self.camera.bearings_from_pixels(foot / self._scale - 0.5 + self.camera.pixel_centre) @ self.pose.rotation.T
+        point, grounded = self.setup.ground.intersect(np.broadcast_to(origin, rays.shape), rays, p.reach)
         grounded &= self.setup.distance_beyond(point) <= p.area_margin
         foot, point = foot[grounded], point[grounded]
         head, _ = self._pixels(point + np.array([0.0, 0.0, stature]))
@@ -156,9 +156,7 @@ class Silhouettes:
         return out
 
 
-def explain_foreground(
-    body: Mask, unknown: Mask, hidden: Mask, candidates: CandidateBodies, p: SilhouetteParameters
-) -> tuple[CandidateBodies, Array]:
+def explain_foreground(body: Mask, unknown: Mask, hidden: Mask, bodies: CandidateBodies, p: SilhouetteParameters) -> tuple[CandidateBodies, Array]:
     """The people who explain a foreground `body` (H, W), and their scores (n,).
 
     A score is the log-likelihood ratio of the foreground with the person over without, given the others.
@@ -166,9 +164,9 @@ def explain_foreground(
     """
     a, b = float(np.log(p.body_foreground / p.other_foreground)), float(np.log((1 - p.body_foreground) / (1 - p.other_foreground)))
     weight = np.where(body, a, b) * ~unknown * p.full_score / a
-    foot, head, front, taken = candidates.foot, candidates.head, candidates.front, np.zeros(body.shape, dtype=np.int64)
+    foot, head, front, taken = bodies.foot, bodies.head, bodies.front, np.zeros(body.shape, dtype=np.int64)
     if not body.any() or not len(foot):
-        return candidates.select(np.zeros(0, dtype=np.int64)), np.zeros(0)
+        return bodies.select(np.zeros(0, dtype=np.int64)), np.zeros(0)
 
     def best(rows: Ints | None) -> tuple[int, Array]:
         free = np.where(taken == 0, weight, 0.0)
@@ -196,7 +194,7 @@ def explain_foreground(
             final[i] = score[new]
             _count_explained(taken, foot[rows[new]], head[rows[new]], PARTS, (p.explained_margin, 1))
     kept = np.array(chosen, dtype=np.int64) >= 0
-    return candidates.select(rows[np.array(chosen, dtype=np.int64)[kept]]), final[kept]
+    return bodies.select(rows[np.array(chosen, dtype=np.int64)[kept]]), final[kept]
 
 
 @njit(cache=True)

@@ -149,9 +149,9 @@ def innovations(tracks: Tracks, feet: GroundDetections, bias: Array, ground: Gro
     # Slopes are taken over the uncertainty of a place: steeper steps of the ground are finer than what is known of it.
     around = [np.array([0.3, 0.0]), np.array([0.0, 0.3])]
     rise = [(ground.height_at(place + e) - ground.height_at(place - e)) / 0.6 for e in around]
-    sight = np.column_stack([place, z]) - feet.origin
-    distance = np.maximum(np.linalg.norm(sight, axis=1), 0.2)
-    expected = sight / distance[:, None]
+    rays = np.column_stack([place, z]) - feet.origin
+    distance = np.maximum(np.linalg.norm(rays, axis=1), 0.2)
+    expected = rays / distance[:, None]
     basis = tangent_basis(expected)
     G = np.zeros((len(tracks), 3, 2))
     G[:, 0, 0] = G[:, 1, 1] = 1.0
@@ -161,10 +161,10 @@ def innovations(tracks: Tracks, feet: GroundDetections, bias: Array, ground: Gro
     opposite = expected @ feet.direction.T < 0.5
     residual[opposite] = np.inf
     spread = tracks.covariance[:, :2, :2] + motion.foot_spread**2 * np.eye(2)
-    horizontal = np.hypot(sight[:, 0], sight[:, 1])
+    horizontal = np.hypot(rays[:, 0], rays[:, 1])
     slope = np.tan(feet.head_elevation)
     height = feet.origin[2] - z[:, None] + horizontal[:, None] * slope[None, :]
-    toward = sight[:, :2] / np.maximum(horizontal, 1e-9)[:, None]
+    toward = rays[:, :2] / np.maximum(horizontal, 1e-9)[:, None]
     gradient = toward[:, None, :] * slope[None, :, None] - np.stack(rise, axis=1)[:, None, :]
     return Innovations(residual, H, H @ spread @ H.transpose(0, 2, 1), height, gradient, distance)
 

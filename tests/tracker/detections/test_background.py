@@ -1,11 +1,11 @@
-"""The backdrop of a scene that is painted: what is known of it, and what becomes a part of it and what does not."""
+"""The background model on a synthetic scene: foreground, unknown pixels, shadows, and what becomes background."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.detections.background import BackgroundParameters, BackgroundModel
+from tracker.detections.background import BackgroundModel, BackgroundParameters
 from tracker.geometry import Mask
 
 SHAPE, PERIOD = (60, 80), 1 / 7
@@ -34,7 +34,7 @@ def settled(rng: np.random.Generator, ticks: int = 40) -> BackgroundModel:
     return model
 
 
-def test_a_scene_is_known_once_it_was_still_and_shows_nobody() -> None:
+def test_a_stable_scene_becomes_known_and_has_no_foreground() -> None:
     rng, model, p = np.random.default_rng(1), BackgroundModel(PERIOD), BackgroundParameters()
     for tick in range(30):
         body, unknown = model.step(image(rng), NOBODY)
@@ -43,7 +43,7 @@ def test_a_scene_is_known_once_it_was_still_and_shows_nobody() -> None:
     assert unknown.mean() < 0.01
 
 
-def test_who_walks_differs_where_they_are() -> None:
+def test_walking_people_are_foreground() -> None:
     rng = np.random.default_rng(2)
     model = settled(rng)
     for left in range(5, 65, 6):
@@ -52,7 +52,7 @@ def test_who_walks_differs_where_they_are() -> None:
         assert (body & ~block(left - 2, 13, 14, 29)).sum() < 20
 
 
-def test_shadows_are_nobody() -> None:
+def test_shadows_are_no_foreground() -> None:
     rng = np.random.default_rng(3)
     model = settled(rng)
     where = block(30)[..., None]
@@ -60,7 +60,7 @@ def test_shadows_are_nobody() -> None:
     assert body.mean() < 0.02
 
 
-def test_who_is_there_at_the_start_is_not_of_the_scene_while_a_detector_finds_them() -> None:
+def test_people_at_the_start_stay_unknown_while_a_detector_finds_them() -> None:
     rng, model = np.random.default_rng(4), BackgroundModel(PERIOD)
     for _ in range(60):
         _, unknown = model.step(image(rng, block(30)), block(30))
@@ -71,7 +71,7 @@ def test_who_is_there_at_the_start_is_not_of_the_scene_while_a_detector_finds_th
     assert body.mean() < 0.01
 
 
-def test_who_stops_is_held_for_a_person_and_what_nobody_finds_becomes_a_part_of_the_scene() -> None:
+def test_people_who_stop_stay_foreground_and_other_objects_become_background() -> None:
     rng, p = np.random.default_rng(5), BackgroundParameters()
     person, thing = block(15), block(50)
     model = settled(rng)
@@ -79,13 +79,13 @@ def test_who_stops_is_held_for_a_person_and_what_nobody_finds_becomes_a_part_of_
         body, _ = model.step(image(rng, person | thing), person)
     assert body[person].mean() > 0.9
     assert body[thing].mean() < 0.1
-    # Found no more, but a moment ago: still a person.
+    # Boxes are missing, but recent ones keep the person in the foreground.
     for _ in range(round(0.8 * p.person_memory / PERIOD)):
         body, _ = model.step(image(rng, person | thing), NOBODY)
     assert body[person].mean() > 0.9
 
 
-def test_another_light_begins_anew_and_another_size_does() -> None:
+def test_a_change_of_light_or_size_starts_the_model_anew() -> None:
     rng = np.random.default_rng(6)
     model = settled(rng)
     body, unknown = model.step(255 - image(rng), NOBODY)

@@ -1,4 +1,4 @@
-"""What images add: silhouettes are a view beside the camera's own, and people are tracked whom a detector loses."""
+"""The front end: silhouettes are a view of their own, and images help to track people whom a detector misses."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def walk(ticks: int) -> Array:
 
 
 def scene(found: float, ticks: int = 50, where: Street | None = None) -> tuple[Street, Array, list[Tick]]:
-    """The street, empty at first, then two people of whom the detector has a box so often."""
+    """The street, empty at first, then with two people; found: detection rate of the detector."""
     where, walked, rng = where or Street(), walk(ticks), np.random.default_rng(2)
     empty = [where.tick(k, walked[0, :0], np.zeros(0, dtype=bool)) for k in range(EMPTY)]
     return where, walked, empty + [where.tick(EMPTY + k, people, rng.random(2) < found) for k, people in enumerate(walked)]
@@ -44,20 +44,20 @@ def scored(where: Street, walked: Array, ticks: list[Tick], parameters: Paramete
 
 def test_silhouettes_are_a_view_of_their_own_from_the_same_place() -> None:
     where, _, ticks = scene(0.0, 20)
-    sight = FrontEnd(where.setup, MhtParameters().fusion, IMAGES)
-    assert set(sight.setup.mounts) == {NAME, NAME + SILHOUETTES}
-    placed = {NAME: (sight.setup.starts[NAME].T_world_robot, np.zeros((6, 6)))}
+    front_end = FrontEnd(where.setup, MhtParameters().fusion, IMAGES)
+    assert set(front_end.setup.mounts) == {NAME, NAME + SILHOUETTES}
+    placed = {NAME: (front_end.setup.starts[NAME].T_world_robot, np.zeros((6, 6)))}
     for tick in ticks:
-        feet, views = sight.step(tick, placed)
+        feet, views = front_end.step(tick, placed)
     assert [f.camera for f in feet] == [v.name for v in views] == [NAME, NAME + SILHOUETTES]
     assert len(feet[0]) == 0
     assert len(feet[1]) == 2
     assert np.isfinite(feet[1].appearance).all()
-    assert sight.step(tick, {}) == ([], [])
+    assert front_end.step(tick, {}) == ([], [])
 
 
 @pytest.mark.parametrize("kind", ["single", "multiple"])
-def test_people_are_followed_whom_the_detector_loses_for_most_of_the_time(kind: str) -> None:
+def test_people_are_tracked_whom_the_detector_misses_mostly(kind: str) -> None:
     with_images = Parameters(images=replace(IMAGES, appearance=False)) if kind == "single" else MANY
     where, walked, ticks = scene(0.3)
     seen, blind = (scored(where, walked, ticks, p) for p in (with_images, replace(with_images, images=ImageParameters())))
@@ -66,7 +66,7 @@ def test_people_are_followed_whom_the_detector_loses_for_most_of_the_time(kind: 
     assert seen.mota > blind.mota + 0.1
 
 
-def test_images_may_be_missing_for_a_while() -> None:
+def test_images_may_be_missing() -> None:
     where, walked, ticks = scene(0.9)
     blind = [replace(t, views=(replace(t.views[0], image=None),)) if 20 <= t.index < 35 else t for t in ticks]
     result = scored(where, walked, blind, MANY)
@@ -74,7 +74,7 @@ def test_images_may_be_missing_for_a_while() -> None:
     assert result.switches == 0
 
 
-def test_state_depends_on_the_images_so_far_alone() -> None:
+def test_estimates_depend_on_past_images_alone() -> None:
     where, _, ticks = scene(0.5, 25)
     whole = list(track(where.setup, ticks, MANY))
     for a, b in zip(whole, track(where.setup, ticks[:25], MANY), strict=False):
@@ -82,11 +82,11 @@ def test_state_depends_on_the_images_so_far_alone() -> None:
         np.testing.assert_array_equal(a.position, b.position)
 
 
-def test_a_robot_that_moves_has_no_silhouettes() -> None:
+def test_a_moving_robot_has_no_silhouettes() -> None:
     where = Street()
     start = replace(where.setup.starts[NAME], covariance=1e-4 * np.eye(6))
-    sight = FrontEnd(replace(where.setup, starts={NAME: start}), TrackParameters().fusion, IMAGES)
-    assert set(sight.setup.mounts) == {NAME}
+    front_end = FrontEnd(replace(where.setup, starts={NAME: start}), TrackParameters().fusion, IMAGES)
+    assert set(front_end.setup.mounts) == {NAME}
 
 
 def test_without_images_nothing_changes() -> None:

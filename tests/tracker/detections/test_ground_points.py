@@ -1,4 +1,4 @@
-"""Boxes on the ground: what stands before the lower edge of a box says how likely the feet are in it, and who may be born."""
+"""Ground points of boxes: hidden feet, ambiguous distances, and which boxes initiate tracks."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tracker.detections.ground_points import FusionParameters, GroundDetections,
 from tracker.geometry import Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid, Ground
-from tracker.tracks.tracks import MotionParameters, Innovations, Tracks, innovations
+from tracker.tracks.tracks import Innovations, MotionParameters, Tracks, innovations
 from tracker.types import Detections, Mount, Setup, Start
 
 EYE = 1.5
-RULE = FusionParameters(ahead=0.0)
+PARAMETERS = FusionParameters(ahead=0.0)
 
 
 def seen(
@@ -24,7 +24,7 @@ def seen(
     wall: float | None = None,
     ground: Ground | None = None,
     occluders: Grid | None = None,
-    rule: FusionParameters = RULE,
+    parameters: FusionParameters = PARAMETERS,
 ) -> GroundDetections:
     """Whole boxes of people 1.7 m tall at (azimuth rad, distance m) from a panorama; a wall of 0.5 m stands `wall` m ahead of it. Another ground
     than the plane makes them end elsewhere than at it.
@@ -41,26 +41,26 @@ def seen(
         occluders = Grid(heights, np.array([-40.0, -10.0]), 0.1)
     mount = Mount(Panorama(1024, 512), Pose(np.eye(3), np.array([0.0, 0.0, EYE])), "r")
     setup = Setup({"r": mount}, ground or Flat(), {"r": Start(Pose.identity(), np.zeros((6, 6)))}, 1 / 6, occluders=occluders)
-    return project_to_ground(setup, "r", boxes, (Pose.identity(), np.zeros((6, 6))), rule)
+    return project_to_ground(setup, "r", boxes, (Pose.identity(), np.zeros((6, 6))), parameters)
 
 
-def born(feet: GroundDetections) -> set[int]:
-    return {row for group in group_across_views([feet], [np.ones(len(feet), dtype=bool)], (1.4, 2.3), RULE) for _, row in group.members}
+def initiating(feet: GroundDetections) -> set[int]:
+    return {row for group in group_across_views([feet], [np.ones(len(feet), dtype=bool)], (1.4, 2.3), PARAMETERS) for _, row in group.members}
 
 
-def test_a_box_over_a_corner_of_another_leaves_its_feet_in_sight_and_one_over_all_of_it_does_not() -> None:
+def test_a_box_over_a_corner_of_another_leaves_its_feet_visible_and_one_over_all_of_it_does_not() -> None:
     corner, whole = seen([(0.0, 6.0), (0.1, 4.0)]), seen([(0.0, 6.0), (0.0, 4.0)])
-    assert (corner.feet_hidden[0], whole.feet_hidden[0]) == RULE.feet_hidden[:2]
-    assert born(corner) == {0, 1}
-    assert born(whole) == {1}
+    assert (corner.feet_hidden[0], whole.feet_hidden[0]) == PARAMETERS.feet_hidden[:2]
+    assert initiating(corner) == {0, 1}
+    assert initiating(whole) == {1}
 
 
-def test_feet_seen_over_a_wall_are_where_they_are_seen() -> None:
-    # The line of sight to the feet passes the wall's top by less than a pixel: the feet are there, or behind the wall and out of sight.
+def test_feet_just_above_a_wall_may_be_visible_or_hidden() -> None:
+    # The line of sight to the feet passes the wall's top by less than a pixel: the feet are there, or behind the wall and hidden.
     feet = seen([(0.0, 5.0)], wall=3.3)
     assert feet.ambiguous[0]
     assert feet.occludable[0] == (feet.ranges.feet_hidden[0] > 0.5)
-    assert born(feet) == {0}
+    assert initiating(feet) == {0}
 
 
 def terrace(fall: float) -> Grid:
@@ -72,7 +72,7 @@ def terrace(fall: float) -> Grid:
 
 @pytest.mark.parametrize("fall", [0.0, 0.1, 0.8])
 def test_a_box_that_ends_at_a_lip_of_the_ground_may_end_above_the_feet(fall: float) -> None:
-    """Well before it feet are where they seem to be. At it they may be a little beyond, too: not far, where who fills the box would be a giant."""
+    """Well before the lip the feet are at the lower edge. At the lip they may be a little beyond, but a person far beyond would be a giant."""
     before, at_lip = (seen([(0.0, d)], ground=terrace(fall), occluders=terrace(fall)) for d in (4.0, 6.09))
     assert not before.ambiguous[0]
     assert before.point[0, 0] == pytest.approx(4.0, abs=0.01)
@@ -80,22 +80,22 @@ def test_a_box_that_ends_at_a_lip_of_the_ground_may_end_above_the_feet(fall: flo
     assert at_lip.point[0, 0] == pytest.approx(6.09, abs=0.5)
 
 
-def test_how_tall_a_box_looks_changes_with_the_place_as_is_said() -> None:
+def test_the_gradient_of_a_boxs_height_matches_differences() -> None:
     heights = 0.3 * np.sin(np.linspace(0, 20, 201))[:, None] * np.cos(np.linspace(0, 60, 801))[None, :]
     ground = Grid(heights, np.array([-40.0, -10.0]), 0.1)
     feet = seen([(0.0, 6.0), (0.2, 9.0)], ground=ground)
 
-    def look(x: float, y: float) -> Innovations:
+    def innovations_at(x: float, y: float) -> Innovations:
         track = replace(Tracks.none(), tree=np.ones(1, dtype=np.int64), state=np.array([[x, y, 0.0, 0.0, 1.72]]), covariance=np.eye(5)[None])
         return innovations(track, feet, np.zeros((1, 2)), ground, MotionParameters())
 
-    here, step = look(7.0, 0.5), 0.1
+    here, step = innovations_at(7.0, 0.5), 0.1
     for axis, (dx, dy) in enumerate(((step, 0.0), (0.0, step))):
-        slope = (look(7.0 + dx, 0.5 + dy).height - look(7.0 - dx, 0.5 - dy).height) / (2 * step)
+        slope = (innovations_at(7.0 + dx, 0.5 + dy).height - innovations_at(7.0 - dx, 0.5 - dy).height) / (2 * step)
         np.testing.assert_allclose(here.height_gradient[..., axis], slope, atol=2e-3)
 
 
-def test_what_may_hide_feet_is_told_apart() -> None:
+def test_occluders_of_feet_are_distinguished() -> None:
     assert seen([(0.0, 10.0)], wall=6.6).ambiguous.all()
     people = seen([(0.0, 10.0), (0.0, 6.0)])
     assert people.occludable[0]
@@ -106,6 +106,6 @@ def test_what_may_hide_feet_is_told_apart() -> None:
 def test_people_stand_behind_the_soles_at_which_their_boxes_end() -> None:
     """By 0.06 m, away from the camera and on the ground."""
     (x, y, z), ground = seen([(0.5, 6.0)]).point[0], terrace(0.0)
-    behind = seen([(0.5, 6.0)], ground=ground, rule=FusionParameters(ahead=0.06))
+    behind = seen([(0.5, 6.0)], ground=ground, parameters=FusionParameters(ahead=0.06))
     np.testing.assert_allclose(behind.point[0], np.array([x, y, z]) * 6.06 / 6.0, atol=1e-9)
     np.testing.assert_allclose(EYE / -behind.direction[0, 2] * behind.direction[0, :2], behind.point[0, :2], atol=1e-9)

@@ -1,11 +1,11 @@
-"""How much of somebody is covered: against rays through many points of a body, and by hand where that is simple."""
+"""Occluded shares of bodies: against rays through many points of a body, and by hand where that is simple."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tracker.detections.occlusion import DEPTH_MARGIN, BOX_HALF_WIDTH, BODY_HALF_WIDTH, BODY_HEIGHT, occluded_share
+from tracker.detections.occlusion import BODY_HALF_WIDTH, BODY_HEIGHT, BOX_HALF_WIDTH, DEPTH_MARGIN, occluded_share
 from tracker.geometry import Array, wrap
 
 EYE = np.array([0.0, 0.0, 4.0])
@@ -40,7 +40,7 @@ def test_a_post_covers_as_much_as_it_is_wide(way: float) -> None:
     assert share[0, 1] == 0
 
 
-def test_things_and_people_cover_as_rays_have_it() -> None:
+def test_shares_of_objects_and_people_match_rays() -> None:
     rng = np.random.default_rng(0)
     for _ in range(60):
         place = np.column_stack([rng.uniform(6, 12, 4), rng.uniform(-1, 1, 4), np.zeros(4)])
@@ -53,7 +53,7 @@ def test_things_and_people_cover_as_rays_have_it() -> None:
             assert share[i, 1] == pytest.approx(by_rays(place[i], others), abs=0.13)
 
 
-def test_nobody_hides_themselves_nor_who_is_nearer() -> None:
+def test_nobody_occludes_themselves_or_nearer_people() -> None:
     place, same = np.array([[8.0, 0.0, 0.0], [6.0, 0.0, 0.0]]), np.ones(2, np.int64)
     assert not occluded_share(EYE, place, same, np.arange(2), np.zeros((0, 5))).any()
     share = occluded_share(EYE, place, np.arange(2), np.arange(2), np.zeros((0, 5)))

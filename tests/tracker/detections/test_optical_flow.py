@@ -1,4 +1,4 @@
-"""Tracklets by images: textured people before a textured wall, moved by known steps."""
+"""Tracklets by optical flow: textured people before a textured wall, moved by known steps."""
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ def detections(camera: Camera, boxes: list[tuple[int, int, int, int, int]]) -> D
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_who_moved_is_found_and_others_are_not(name: str) -> None:
+def test_links_connect_the_same_person_only(name: str) -> None:
     camera, tracklets = CAMERAS[name], KltTracklets(CAMERAS[name])
     links: tuple[np.ndarray, ...] = ()
     for k in range(4):
@@ -63,8 +63,8 @@ def test_a_person_crosses_the_seam() -> None:
     assert len(links) == 4
 
 
-def test_corners_are_those_of_the_nearer_person() -> None:
-    """2 walks past before 1, who stands: the box of 1 is led by what of it can be seen."""
+def test_corners_of_nearer_people_are_left_out() -> None:
+    """Person 2 walks past before person 1, who stands: the box of 1 follows its visible corners."""
     camera, tracklets = CAMERAS["pinhole"], KltTracklets(CAMERAS["pinhole"])
     for k in range(4):
         people = [(1, 400, 150, 60, 110), (2, 340 + 12 * k, 156, 40, 130)]
@@ -74,7 +74,7 @@ def test_corners_are_those_of_the_nearer_person() -> None:
     assert links[0][0, 1] < 0
 
 
-def test_what_has_no_corners_is_not_spoken_of() -> None:
+def test_a_box_without_corners_has_no_link() -> None:
     camera, tracklets = CAMERAS["pinhole"], KltTracklets(CAMERAS["pinhole"])
     people = [(1, 400, 150, 60, 110)]
     grey = np.full((*SIZE, 3), 128, dtype=np.uint8)
@@ -82,7 +82,7 @@ def test_what_has_no_corners_is_not_spoken_of() -> None:
     assert tracklets.step(grey, detections(camera, people))[0][0, 0] == 0
 
 
-def test_without_an_image_all_is_forgotten() -> None:
+def test_a_frame_without_an_image_clears_the_state() -> None:
     camera, tracklets = CAMERAS["pinhole"], KltTracklets(CAMERAS["pinhole"])
     people = [(1, 400, 150, 60, 110)]
     tracklets.step(scene(people), detections(camera, people))
@@ -118,9 +118,9 @@ def test_links_of_boxes_become_links_of_tracks() -> None:
     owners.add("a", np.array([9]))
     links = (np.array([[1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 6.0]]))
     np.testing.assert_array_equal(owners.links("a", np.array([7, 8, 9]), links, 0.0), [[3, 4], [0, 0], [1, 2]])
-    # Where somebody may stand before the box, little speaks against it.
+    # If the corners may belong to a person before the box, the link is weak evidence.
     np.testing.assert_allclose(owners.links("a", np.array([7]), (np.array([[-9.0]]), np.array([[-9.0], [0.0]])), 0.5), [[np.log(0.5)]], atol=1e-3)
-    # What a track had last counts, not what it had before.
+    # The last box of a track counts, not an earlier one.
     owners.add("a", np.array([-1, 7]))
     np.testing.assert_array_equal(owners.links("a", np.array([7]), (np.array([[0.0], [8.0]]), links[0][:, :1], links[1][:, :1]), 0.0), [[8]])
     assert owners.links("b", np.array([7]), links[:1], 0.0).tolist() == [[0, 0]]

@@ -1,4 +1,4 @@
-"""People by their silhouettes on painted streets: who is there, where, and behind what."""
+"""Silhouettes on synthetic streets: which people are detected, where, and behind which pillars."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def feet(where: Street, found: Detections) -> GroundDetections:
     return project_to_ground(where.setup, NAME, found, (EYE, np.zeros((6, 6))), BOXES)
 
 
-def watching(where: Street, ticks: int = 30) -> Silhouettes:
+def detector_of_empty(where: Street, ticks: int = 30) -> Silhouettes:
     """A detector that has seen the street without anybody."""
     out = Silhouettes(CAMERA, EYE, where.setup)
     for _ in range(ticks):
-        assert not len(look(out, where, NOBODY))
+        assert not len(detected(out, where, NOBODY))
     return out
 
 
-def look(detector: Silhouettes, where: Street, people: Array, boxes: Array = NOBODY) -> Array:
+def detected(detector: Silhouettes, where: Street, people: Array, boxes: Array = NOBODY) -> Array:
     """Places (n, 2) m where it finds somebody."""
     given = street.detections(boxes)
     found = detector.step(where.image(people), given, feet(where, given))
@@ -41,30 +41,30 @@ def unmatched(found: Array, people: Array, near: float = 1.3) -> tuple[int, int]
     return int((apart.min(axis=0, initial=np.inf) > near).sum()), int((apart.min(axis=1, initial=np.inf) > near).sum())
 
 
-def test_everybody_is_found_where_they_are_without_any_box() -> None:
+def test_everybody_is_detected_without_any_box() -> None:
     where, rng = Street(), np.random.default_rng(1)
-    detector = watching(where)
+    detector = detector_of_empty(where)
     people, speed = np.array([[-4.0, -3.0], [0.0, 1.0], [4.0, -1.0]]), np.array([[0.1, 0.12], [0.02, -0.15], [-0.12, 0.1]])
     missed = false = 0
     for _ in range(20):
         people = people + speed + rng.normal(0, 0.02, people.shape)
-        m, f = unmatched(look(detector, where, people), people)
+        m, f = unmatched(detected(detector, where, people), people)
         missed, false = missed + m, false + f
-    # Two of them are one while one is before the other.
+    # Two people merge while one is before the other.
     assert missed <= 5
     assert false <= 2
 
 
-def test_of_two_one_of_whom_covers_half_of_the_other_both_are_found() -> None:
+def test_both_of_two_people_are_detected_though_one_covers_half_of_the_other() -> None:
     where = Street()
     people = np.array([[-4.0, 0.0], [-1.0, 0.45]])
-    assert unmatched(look(watching(where), where, people), people) == (0, 0)
+    assert unmatched(detected(detector_of_empty(where), where, people), people) == (0, 0)
 
 
-def test_a_post_speaks_against_nobody_behind_it_where_it_is_known() -> None:
+def test_a_known_post_is_no_evidence_against_a_person_behind_it() -> None:
     """A post hides the middle of somebody of whom both sides are to be seen."""
     streets = [Street(post=True, known=known) for known in (True, False)]
-    detectors = [watching(where) for where in streets]
+    detectors = [detector_of_empty(where) for where in streets]
     assert [detector.hidden.any() for detector in detectors] == [True, False]
     for y in (0.08, 0.12, -0.12):
         person, nothing = np.array([[2.0, y]]), Detections.none()
@@ -73,7 +73,7 @@ def test_a_post_speaks_against_nobody_behind_it_where_it_is_known() -> None:
         assert known.confidence[0] > unknown.confidence.max(initial=0.0) + 0.02
 
 
-def test_a_body_that_is_exactly_there_is_explained_once_and_unknown_pixels_say_nothing() -> None:
+def test_an_exact_body_is_explained_once_and_unknown_pixels_are_no_evidence() -> None:
     p, where = SilhouetteParameters(), Street()
     detector = Silhouettes(CAMERA, EYE, where.setup)
     candidates = detector._candidate_bodies(1.75)
@@ -92,10 +92,10 @@ def test_a_body_that_is_exactly_there_is_explained_once_and_unknown_pixels_say_n
     assert len(explain_foreground(nothing, nothing, nothing, candidates, p)[1]) == 0
 
 
-def test_how_tall_people_look_is_learned_from_boxes() -> None:
+def test_the_mean_stature_is_learned_from_boxes() -> None:
     where = Street()
-    detector = watching(where)
+    detector = detector_of_empty(where)
     people = np.array([[0.0, 0.0], [4.0, 2.0]])
     for _ in range(40):
-        look(detector, where, people, people)
+        detected(detector, where, people, people)
     assert abs(detector._stature_sum / detector._weight - street.TALL) < 0.02

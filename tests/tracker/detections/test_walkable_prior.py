@@ -1,4 +1,4 @@
-"""Where people can be: maps made by hand, places against samples, and somebody who walks up to a wall out of sight."""
+"""The walkable prior on maps made by hand, against samples, and for a hidden person who walks up to a wall."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def prior_of(ground: Grid, tops: Grid) -> WalkablePrior:
     return found
 
 
-def test_nobody_is_in_a_wall_nor_beyond_the_grid_and_anybody_elsewhere() -> None:
+def test_the_prior_is_low_in_a_wall_and_beyond_the_grid_alone() -> None:
     likely = prior_of(*walled()).at(np.array([[2.5, 0.0], [0.0, 11.0], [0.0, 0.0], [4.0, 0.0]]))
     np.testing.assert_allclose(likely, [Q.floor, Q.floor, 1.0, 1.0], atol=1e-3)
 
 
 @pytest.mark.parametrize(("slope", "free"), [(0.0, True), (0.3, True), (0.8, False)])
-def test_nobody_stands_on_a_bank_that_is_steep_all_over(slope: float, free: bool) -> None:
+def test_the_prior_is_low_on_a_steep_bank(slope: float, free: bool) -> None:
     x = np.linspace(-10, 10, 81)
     bank = grid(np.tile(slope * np.maximum(x - 4.0, 0.0), (81, 1)))
     likely = prior_of(bank, bank).at(np.array([[0.0, 0.0], [6.0, 0.0]]))
@@ -49,19 +49,19 @@ def test_nobody_stands_on_a_bank_that_is_steep_all_over(slope: float, free: bool
     assert free or likely[1] < 2 * Q.floor
 
 
-def test_above_and_below_a_step_one_stands() -> None:
+def test_the_prior_is_high_above_and_below_a_step() -> None:
     heights = np.zeros((81, 81))
     heights[:, 40:] = -1.0
     step = grid(heights)
     assert prior_of(step, step).at(np.array([[-0.5, 0.0], [0.5, 0.0]])).min() > 0.9
 
 
-def test_worlds_that_are_not_known_say_nothing() -> None:
+def test_an_unknown_world_has_no_prior() -> None:
     assert WalkablePrior.of(Flat(), None, Q) is None
     assert WalkablePrior.of(Flat(), Flat(), Q) is None
 
 
-def test_places_beside_a_wall_are_as_samples_have_them() -> None:
+def test_posteriors_beside_a_wall_match_samples() -> None:
     known, rng = prior_of(*walled()), np.random.default_rng(0)
     mean, P = np.array([1.6, 0.0]), np.array([[0.5, 0.2], [0.2, 0.4]])
     place = rng.multivariate_normal(mean, P, 200_000)
@@ -76,7 +76,7 @@ def test_places_beside_a_wall_are_as_samples_have_them() -> None:
 
 
 @pytest.mark.parametrize("known", [False, True])
-def test_who_walks_out_of_sight_towards_a_wall_does_not_come_out_behind_it(known: bool) -> None:
+def test_a_hidden_person_who_walks_towards_a_wall_stops_before_it(known: bool) -> None:
     ground, tops = walled()
     heights = tops.heights.copy()
     heights[36:38, 38:48] = 2.0  # between the view and the last steps before the wall

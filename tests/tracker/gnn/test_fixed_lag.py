@@ -1,4 +1,4 @@
-"""The fixed lag: nothing is lost, what is said of a tick uses what came after it, and smoothing is the batch estimate."""
+"""The fixed-lag smoother: every tick is reported once, by all that came since, and smoothing is the batch estimate."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition,
 MOTION = MotionParameters(acceleration=0.8)
 PERIOD = 0.2
 FIRST = np.diag([4.0, 4.0, 1.0, 1.0, 0.01])
-"""What is known at first."""
+"""Covariance of the prior."""
 
 
 def hidden(tracks: Tracks) -> np.ndarray:
-    """No view would show anybody."""
+    """All views miss everybody."""
     return np.ones(len(tracks))
 
 
@@ -60,9 +60,9 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
     steps = 12
     tracks, measured, R = filtered(np.random.default_rng(0), steps, unseen)
     lag = GnnFixedLagSmoother(steps - 1, PERIOD, MOTION)
-    told = [lag.feed(t, np.ones(1, dtype=bool), hidden) for t in tracks]
-    assert all(people is None for people in told[:-1])
-    first = told[-1]
+    reported = [lag.feed(t, np.ones(1, dtype=bool), hidden) for t in tracks]
+    assert all(people is None for people in reported[:-1])
+    first = reported[-1]
     assert first is not None
     # The same by least squares over all states at once: prior, motion and measurements.
     information, vector = np.zeros((5 * steps, 5 * steps)), np.zeros(5 * steps)
@@ -81,15 +81,15 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
 
 
 @pytest.mark.parametrize("delay", [0, 3, 20])
-def test_every_tick_is_told_once(delay: int) -> None:
+def test_every_tick_is_reported_once(delay: int) -> None:
     tracks, _, _ = filtered(np.random.default_rng(1), 10)
     lag = GnnFixedLagSmoother(delay, PERIOD, MOTION)
-    told = [people for t in tracks if (people := lag.feed(t, np.ones(1, dtype=bool), hidden)) is not None]
-    assert len(told) == max(0, 10 - delay)
+    reported = [people for t in tracks if (people := lag.feed(t, np.ones(1, dtype=bool), hidden)) is not None]
+    assert len(reported) == max(0, 10 - delay)
     while (people := lag.drain()) is not None:
-        told.append(people)
-    assert len(told) == 10
-    np.testing.assert_allclose(told[-1].state, tracks[-1].state)
+        reported.append(people)
+    assert len(reported) == 10
+    np.testing.assert_allclose(reported[-1].state, tracks[-1].state)
 
 
 def test_without_a_delay_nothing_is_changed() -> None:
@@ -101,7 +101,7 @@ def test_without_a_delay_nothing_is_changed() -> None:
         np.testing.assert_array_equal(people.state, t.state)
 
 
-def test_who_is_believed_later_was_there_and_who_is_out_of_sight_but_not_given_up() -> None:
+def test_tracks_confirmed_later_and_coasting_tracks_that_are_not_deleted_are_reported() -> None:
     state, P = np.zeros((4, 5)), np.tile(np.eye(5), (4, 1, 1))
     lag = GnnFixedLagSmoother(2, PERIOD, MOTION)
     now = replace(tracks_of([1, 2, 3, 4], state, P, [0, 4, 4, 4]), hits=np.full(4, 40))
@@ -110,11 +110,11 @@ def test_who_is_believed_later_was_there_and_who_is_out_of_sight_but_not_given_u
     lag.feed(later, np.array([True, True, True, True]), hidden)
     people = lag.feed(later.select(np.array([0, 1, 2])), np.array([True, True, False]), hidden)
     assert people is not None
-    # 1 was not believed yet, 2 was out of sight for a while, 3 still is, 4 was given up unseen.
+    # 1 is confirmed later, 2 has a box again, 3 coasts, 4 is deleted while coasting.
     assert people.tree.tolist() == [1, 2, 3]
 
 
-def test_what_ended_after_a_short_life_is_not_told() -> None:
+def test_a_track_deleted_after_a_short_time_is_not_reported() -> None:
     state, P = np.zeros((2, 5)), np.tile(np.eye(5), (2, 1, 1))
     lag = GnnFixedLagSmoother(1, PERIOD, MOTION)
     now, both = tracks_of([1, 2], state, P, [0, 0]), np.ones(2, dtype=bool)
@@ -126,27 +126,27 @@ def test_what_ended_after_a_short_life_is_not_told() -> None:
 
 
 @pytest.mark.parametrize(("nobody", "first"), [(1.0, 3), (0.01, 5)])
-def test_nobody_comes_from_nowhere_unless_views_would_have_shown_them(nobody: float, first: int) -> None:
+def test_people_are_reported_before_their_first_box_unless_views_would_have_detected_them(nobody: float, first: int) -> None:
     tracks, _, _ = filtered(np.random.default_rng(3), 20)
     lag = GnnFixedLagSmoother(10, 1 / 7, MOTION)
-    told = [
+    reported = [
         lag.feed(t if k >= 5 else Tracks.none(), np.ones(len(t) if k >= 5 else 0, dtype=bool), lambda who: np.full(len(who), nobody))
         for k, t in enumerate(tracks)
     ][10:]
-    assert [len(people) for people in told if people is not None] == [k >= first for k in range(10)]
-    for early, later in pairwise([people for people in told if people is not None and len(people)]):
-        # They come along as they went on.
+    assert [len(people) for people in reported if people is not None] == [k >= first for k in range(10)]
+    for early, later in pairwise([people for people in reported if people is not None and len(people)]):
+        # Places before the first box are extrapolated back.
         np.testing.assert_allclose(later.state[0, :2] - early.state[0, :2], early.state[0, 2:4] / 7, atol=0.05)
         assert early.tree == later.tree == 7
 
 
-def test_who_is_out_of_sight_comes_to_a_halt() -> None:
+def test_a_coasting_track_comes_to_a_halt() -> None:
     walker = tracks_of([1, 2], np.array([[0.0, 0.0, 1.2, 0.0, 1.7]] * 2), np.array([0.1 * np.eye(5)] * 2), [0, 0])
     for k in range(40):
         walker = predict(replace(walker, misses=np.array([0, k])), PERIOD, MOTION)
     seen, unseen = walker.state
     np.testing.assert_allclose(seen[0], 40 * PERIOD * 1.2)
-    # As seen until `fade_after`, and then on for what a velocity that fades within `fade_time` still covers.
+    # Constant velocity until `fade_after`, and then the distance that a velocity of time constant `fade_time` covers.
     np.testing.assert_allclose(unseen[0], (3 * PERIOD + MOTION.fade_time) * 1.2, atol=0.01)
     assert np.linalg.norm(unseen[2:4]) < 0.01
     assert unseen[4] == seen[4] == 1.7

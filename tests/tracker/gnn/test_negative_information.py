@@ -1,4 +1,4 @@
-"""Where people are of whom views show no box: places against samples, and somebody who stops behind a wall."""
+"""Negative information: posteriors against samples, and a person who stops behind a wall."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def visibility(setup: Setup, tracks: Tracks) -> tuple[ExpectedVisibility, list[V
     return ExpectedVisibility.of(tracks, views, SensorModel(setup, PARAMETERS)), views
 
 
-def test_places_are_as_samples_have_them() -> None:
+def test_posteriors_match_samples() -> None:
     setup, tracks = walled(), track((0.0, 2.0), 1.2)
     found, views = visibility(setup, tracks)
     after = found.given_misses(tracks, np.zeros((1, 1), dtype=bool), DETECTION)
@@ -61,7 +61,7 @@ def test_places_are_as_samples_have_them() -> None:
 
 
 @pytest.mark.parametrize("why", ["seen", "sure", "unknown"])
-def test_nothing_follows_for_who_is_seen_or_whose_place_is_sure_or_where_no_walls_are_known(why: str) -> None:
+def test_detected_and_certain_tracks_and_tracks_in_unknown_worlds_are_unchanged(why: str) -> None:
     setup, tracks = walled(), track((0.0, 2.0), 0.2 if why == "sure" else 1.2)
     setup = replace(setup, occluders=None) if why == "unknown" else setup
     after = visibility(setup, tracks)[0].given_misses(tracks, np.full((1, 1), why == "seen"), DETECTION)
@@ -70,7 +70,7 @@ def test_nothing_follows_for_who_is_seen_or_whose_place_is_sure_or_where_no_wall
 
 
 @pytest.mark.parametrize("known", [False, True])
-def test_who_stops_behind_a_wall_is_not_told_of_beyond_it(known: bool) -> None:
+def test_a_person_who_stops_behind_a_wall_is_not_reported_beyond_it(known: bool) -> None:
     setup = walled(end=-1.0)
     # The wall hides from x = -1.1 m to 0.2 m; they stop at -0.5 m.
     x = np.minimum(-6.0 + 1.4 / synthetic_crowd.RATE * np.arange(60), -0.5)

@@ -1,5 +1,7 @@
-"""One hypothesis: who is dropped and who is kept, and real people, the first half of PETS 2009 S2.L1 with detections that are poor, halved, or
-false (the mean of three seeds), told 10 frames late."""
+"""The global nearest neighbour tracker: deletion and confirmation of tracks, and people of PETS 2009 S2.L1, frames 0 to 399.
+
+Detections are given, poor, halved, or with false boxes (the mean of three seeds). People are reported 10 frames late.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ FRAMES = 400
         ([1, 5, 7], False, "drop=0.3,clutter=2", 0.975, 0.93),
     ],
 )
-def test_people_keep_their_ids(data: Callable[..., Path], views: list[int], poor: bool, degrade: str, mota: float, idf1: float) -> None:
+def test_people_keep_their_ids_on_pets(data: Callable[..., Path], views: list[int], poor: bool, degrade: str, mota: float, idf1: float) -> None:
     folder = data("pets2009", "S2.L1")
     other = [f"{views[0]}={folder / 'mot15' / 'det.txt'}"] if poor else []
     found = []
@@ -55,23 +57,25 @@ def standing(people: list[tuple[float, float]], count: int, rng: np.random.Gener
     return setup, list(synthetic_crowd.ticks(setup, np.repeat(np.array([people]), count, axis=0), rng, misses=0.0, clutter=0.0))
 
 
-def test_of_three_tracks_on_two_people_one_goes() -> None:
+def test_of_three_tracks_on_two_people_one_is_deleted() -> None:
     setup, ticks = standing([(-2.0, -2.0), (-2.0, -3.0)], 40, np.random.default_rng(0))
     tracker = Tracker(setup, Parameters())
     for tick in ticks[:10]:
         tracker.step(tick)
     people = tracker._people
     assert isinstance(people, GnnTracker)
-    known = people.filter
-    assert known.confirmed.sum() == 2
-    # A third, between them, who is as sure as they are.
-    third = replace(known.tracks.select(np.array([0])), tree=np.array([99]), state=known.tracks.state[:2].mean(axis=0, keepdims=True))
-    known.tracks, known.confirmed = known.tracks.join(third), np.append(known.confirmed, True)
-    known._outside = np.append(known._outside, 0.0)
+    tracker_filter = people.filter
+    assert tracker_filter.confirmed.sum() == 2
+    # A third track between them, with the same score.
+    third = replace(
+        tracker_filter.tracks.select(np.array([0])), tree=np.array([99]), state=tracker_filter.tracks.state[:2].mean(axis=0, keepdims=True)
+    )
+    tracker_filter.tracks, tracker_filter.confirmed = tracker_filter.tracks.join(third), np.append(tracker_filter.confirmed, True)
+    tracker_filter._outside = np.append(tracker_filter._outside, 0.0)
     for tick in ticks[10:13]:
         tracker.step(tick)
-    # Each of the three has a box now and then, which another of them would take: all are confirmed less.
-    assert (known.tracks.score < known.parameters.max_score).all()
+    # Each of the three has a box at times, which another of them would take: all scores fall.
+    assert (tracker_filter.tracks.score < tracker_filter.parameters.max_score).all()
     for tick in ticks[13:]:
         estimate = tracker.step(tick)
     assert estimate is not None
@@ -84,29 +88,29 @@ def with_confidence(tick: Tick, confidence: float) -> Tick:
     return replace(tick, views=tuple(views))
 
 
-def test_doubtful_boxes_neither_start_nor_keep_anybody() -> None:
+def test_unconfident_boxes_neither_initiate_nor_sustain_a_track() -> None:
     setup, ticks = standing([(-2.0, -2.0)], 60, np.random.default_rng(1))
     assert all(len(e.target_id) == 0 for e in track(setup, [with_confidence(tick, 0.5) for tick in ticks]))
-    told = list(track(setup, [tick if k < 20 else with_confidence(tick, 0.5) for k, tick in enumerate(ticks)]))
-    assert len(told[19].target_id) == 1
-    assert len(told[-1].target_id) == 0
+    reported = list(track(setup, [tick if k < 20 else with_confidence(tick, 0.5) for k, tick in enumerate(ticks)]))
+    assert len(reported[19].target_id) == 1
+    assert len(reported[-1].target_id) == 0
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3, 4])
-def test_a_doubtful_box_keeps_somebody_from_the_box_of_another(seed: int) -> None:
-    # One behind the other, far off: whose box is missing would be given the other's.
+def test_an_unconfident_box_keeps_a_track_from_the_box_of_another(seed: int) -> None:
+    # One person behind the other, far away: the track without a box would be assigned the other's.
     x, y, yaw = synthetic_crowd.CAMERA_POSES[0]
     ahead, eye = np.array([np.cos(yaw), np.sin(yaw)]), np.array([x, y])
     setup, ticks = standing([tuple(eye + distance * ahead) for distance in (10.0, 10.4)], 45, np.random.default_rng(seed))
 
-    def one_doubtful(tick: Tick) -> Tick:
+    def one_unconfident(tick: Tick) -> Tick:
         (view,) = tick.views
         nearer = np.argmin(angles_from_bearing(view.detections.bearing)[1] - view.detections.extent[:, 1] / 2)
         confidence = np.where(np.arange(len(view.detections)) == nearer, 0.5, 0.99)
         return replace(tick, views=(replace(view, detections=replace(view.detections, confidence=confidence)),))
 
-    told = list(track(setup, [one_doubtful(tick) if 20 <= k < 26 else tick for k, tick in enumerate(ticks)]))
-    before, after = (dict(zip(e.target_id.tolist(), e.position[:, :2], strict=True)) for e in (told[19], told[-1]))
+    reported = list(track(setup, [one_unconfident(tick) if 20 <= k < 26 else tick for k, tick in enumerate(ticks)]))
+    before, after = (dict(zip(e.target_id.tolist(), e.position[:, :2], strict=True)) for e in (reported[19], reported[-1]))
     assert len(before) == 2
     assert sorted(before) == sorted(after)
     assert all(np.linalg.norm(before[name] - after[name]) < 0.4 for name in before)

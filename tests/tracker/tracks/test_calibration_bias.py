@@ -1,4 +1,4 @@
-"""What a view is off by is found again, with its slope where cameras stand still; the first view stays where it is."""
+"""Registration bias: true biases are estimated, with slopes for fixed cameras, and the first view keeps its prior."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def setup(moving: bool = False) -> Setup:
 
 
 def taught(bias: RegistrationBias, camera: str, sigma: float = 0.1, ticks: int = 400) -> Array:
-    """Look at people all over the area, whom the camera has off by SHIFT and SLOPE. What is left of it in the middle of each quarter (4, 2) m."""
+    """Learn from people all over the area, with a true bias of SHIFT and SLOPE; the remaining error (4, 2) m in the middle of each quarter."""
     rng = np.random.default_rng(0)
     H, S = np.eye(2), sigma**2 * np.eye(2)
     for _ in range(ticks):
@@ -37,7 +37,7 @@ def taught(bias: RegistrationBias, camera: str, sigma: float = 0.1, ticks: int =
     return np.asarray(SHIFT + (corner - AREA.mean(axis=0)) @ SLOPE.T - bias.at(camera, corner))
 
 
-def test_an_offset_that_changes_over_the_ground_is_found() -> None:
+def test_a_bias_that_changes_over_the_ground_is_estimated() -> None:
     whole = setup()
     bias = RegistrationBias(whole, SLOPED)
     left = taught(bias, list(whole.mounts)[1])
@@ -47,7 +47,7 @@ def test_an_offset_that_changes_over_the_ground_is_found() -> None:
 
 
 @pytest.mark.parametrize("why", ["robots move", "not asked for"])
-def test_there_is_one_offset_for_all_the_ground_where_slopes_would_be_wrong(why: str) -> None:
+def test_the_bias_is_constant_for_moving_robots_and_by_default(why: str) -> None:
     whole = setup(moving=why == "robots move")
     bias, camera = RegistrationBias(whole, SLOPED if why == "robots move" else RegistrationBiasParameters()), list(whole.mounts)[1]
     taught(bias, camera)
@@ -55,7 +55,7 @@ def test_there_is_one_offset_for_all_the_ground_where_slopes_would_be_wrong(why:
     np.testing.assert_allclose(bias.of(camera)[:2], SHIFT, atol=0.06)
 
 
-def test_the_first_view_is_taken_at_its_word() -> None:
+def test_the_first_view_keeps_a_tight_prior() -> None:
     whole = setup()
     first = next(iter(whole.mounts))
     sure, open_ = RegistrationBias(whole, SLOPED), RegistrationBias(whole, replace(SLOPED, first=0.3, slope_first=0.05))
@@ -64,7 +64,7 @@ def test_the_first_view_is_taken_at_its_word() -> None:
     assert np.linalg.norm(sure.of(first)[:2]) < 0.5 * np.linalg.norm(open_.of(first)[:2])
 
 
-def test_nothing_is_learned_where_offsets_are_off_or_nothing_was_seen() -> None:
+def test_nothing_is_learned_where_it_is_switched_off_or_without_innovations() -> None:
     whole = setup()
     camera = list(whole.mounts)[1]
     off, blind = RegistrationBias(whole, replace(SLOPED, sigma=0.0)), RegistrationBias(whole, SLOPED)

@@ -1,4 +1,4 @@
-"""What is learned of a view: shares come out as they were put in, and what was assumed at first fades."""
+"""Detection and clutter rates: true rates are estimated, and prior counts fade."""
 
 import numpy as np
 
@@ -17,25 +17,25 @@ def taught(share: float, false: float, ticks: int = 600) -> DetectionRates:
     return rates
 
 
-def test_shares_are_found() -> None:
+def test_rates_are_estimated() -> None:
     rates = taught(0.6, 2.0)
     assert abs(rates.detection("c") - 0.6) < 0.05
     expected = np.log(0.6 / (2.0 / GROUND_AREA))
     assert abs(rates.log_ratio("c", np.array([0.99]))[0] - expected) < 0.3
 
 
-def test_a_view_with_many_false_boxes_is_trusted_less() -> None:
+def test_a_view_with_many_false_boxes_has_lower_log_ratios() -> None:
     sure = np.array([0.99])
     assert taught(0.9, 3.0).log_ratio("c", sure)[0] < taught(0.9, 0.1).log_ratio("c", sure)[0] - 2
 
 
-def test_another_view_knows_nothing_of_it() -> None:
+def test_views_are_independent() -> None:
     rates = taught(0.3, 5.0)
     fresh = DetectionRates(DetectionRateParameters(), GROUND_AREA)
     assert rates.detection("other") == fresh.detection("other")
 
 
-def test_nothing_becomes_impossible() -> None:
+def test_rates_stay_within_bounds() -> None:
     rates = taught(1.0, 0.0, 5000)
     assert rates.detection("c") <= DetectionRateParameters().max_detection
     assert np.isfinite(rates.log_ratio("c", np.array([0.0, 0.6, 0.85, 0.93, 1.0]))).all()
@@ -53,7 +53,7 @@ def covered_by(things: float, people: float = 0.0) -> np.ndarray:
     return np.array([[things, people]])
 
 
-def test_how_often_who_is_covered_is_found_comes_out_as_it_was_put_in() -> None:
+def test_relative_detection_rates_of_covered_people_are_estimated() -> None:
     rng, rates = np.random.default_rng(1), taught(0.9, 0.1)
     for _ in range(4000):
         cover = np.array([[0.3, 0.0], [0.9, 0.0], [0.0, 0.5]])
@@ -62,10 +62,13 @@ def test_how_often_who_is_covered_is_found_comes_out_as_it_was_put_in() -> None:
     assert abs(rates.relative_detection("c", covered_by(0.9))[0] - 0.1) < 0.05
     assert abs(rates.relative_detection("c", covered_by(0.0, 0.5))[0] - 0.25) < 0.05
     assert rates.relative_detection("c", covered_by(0.0))[0] == 1
-    assert rates.relative_detection("other", covered_by(0.9))[0] == DetectionRates(DetectionRateParameters(), GROUND_AREA).relative_detection("c", covered_by(0.9))[0]
+    assert (
+        rates.relative_detection("other", covered_by(0.9))[0]
+        == DetectionRates(DetectionRateParameters(), GROUND_AREA).relative_detection("c", covered_by(0.9))[0]
+    )
 
 
-def test_who_is_covered_more_is_never_found_more_often() -> None:
+def test_relative_detection_rates_do_not_increase_with_cover() -> None:
     rates = DetectionRates(DetectionRateParameters(), GROUND_AREA)
     for _ in range(500):
         rates.learn_partly_visible("c", covered_by(0.7), np.ones(1, dtype=bool))
@@ -73,7 +76,7 @@ def test_who_is_covered_more_is_never_found_more_often() -> None:
     assert (np.diff(share) <= 1e-12).all()
 
 
-def test_of_whom_both_things_and_people_cover_nothing_is_learned() -> None:
+def test_people_covered_by_objects_and_people_are_left_out() -> None:
     rates = DetectionRates(DetectionRateParameters(), GROUND_AREA)
     before = rates.relative_detection("c", covered_by(0.5, 0.5))
     for _ in range(500):

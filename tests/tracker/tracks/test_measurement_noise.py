@@ -1,4 +1,4 @@
-"""How noisy a view is, is learned, and a view that is worse than it says counts for less."""
+"""Adaptive measurement noise: true variances are estimated, and a view that is worse than assumed does less harm."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tracker.tracks.measurement_noise import MeasurementNoise, MeasurementNoiseP
 from tracker.types import Setup, Tick
 
 BOX, PERSON = np.diag([1e-4, 4e-4]), np.diag([2e-4, 1e-4])
-"""rad², of boxes as is assumed, and of where people are expected."""
+"""rad², assumed covariance of boxes, and covariance of predictions."""
 
 
-def taught(times: tuple[float, float], excess: float = 1.0, looks: int = 2000) -> Array:
-    """What is known after so many looks at boxes whose variances are `times` those that are assumed."""
+def taught(times: tuple[float, float], excess: float = 1.0, count: int = 2000) -> Array:
+    """Estimated ratios after so many innovations of boxes whose variances are `times` the assumed ones."""
     noise, rng = MeasurementNoise(MeasurementNoiseParameters(excess=excess)), np.random.default_rng(0)
     true = PERSON + BOX * np.array(times)
-    for _ in range(looks // 4):
+    for _ in range(count // 4):
         k = np.sqrt(noise.of("view"))
         box = BOX * np.outer(k, k)
         residual = rng.multivariate_normal(np.zeros(2), true, 4)
@@ -32,29 +32,29 @@ def taught(times: tuple[float, float], excess: float = 1.0, looks: int = 2000) -
     return noise.of("view")
 
 
-def test_noise_is_found_in_each_direction() -> None:
+def test_noise_is_estimated_in_each_direction() -> None:
     np.testing.assert_allclose(taught((1.0, 4.0)), [1.0, 4.0], rtol=0.2)
 
 
-def test_what_is_beyond_what_is_assumed_counts_as_is_asked() -> None:
+def test_the_excess_factor_scales_the_estimate() -> None:
     np.testing.assert_allclose(taught((1.0, 3.0), excess=2.0), [1.0, 5.0], rtol=0.25)
     np.testing.assert_array_equal(taught((1.0, 3.0), excess=0.0), 1.0)
 
 
-def test_no_view_counts_for_more_than_is_assumed_nor_for_next_to_nothing() -> None:
+def test_ratios_stay_within_bounds() -> None:
     np.testing.assert_array_equal(taught((0.2, 0.2)), 1.0)
     np.testing.assert_array_equal(taught((50.0, 50.0)), MeasurementNoiseParameters().max_ratio)
 
 
-def test_looks_without_feet_say_nothing() -> None:
+def test_missing_innovations_change_nothing() -> None:
     noise = MeasurementNoise(MeasurementNoiseParameters())
     noise.learn("view", np.full((50, 2), np.nan), np.repeat(BOX[None], 50, axis=0), np.repeat(BOX[None], 50, axis=0))
     noise.learn("view", np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)))
     np.testing.assert_array_equal(noise.of("view"), 1.0)
 
 
-def nodding(ticks: list[Tick], camera: str, sigma: float) -> list[Tick]:
-    """Ticks in which boxes of a camera lie wrong by so many rad, up and down."""
+def with_noise(ticks: list[Tick], camera: str, sigma: float) -> list[Tick]:
+    """Ticks in which the boxes of a camera have additional errors of so many rad in elevation."""
     rng, out = np.random.default_rng(1), []
     for tick in ticks:
         views = []
@@ -67,16 +67,18 @@ def nodding(ticks: list[Tick], camera: str, sigma: float) -> list[Tick]:
     return out
 
 
-def followed(setup: Setup, walked: Array, ticks: list[Tick], noise: MeasurementNoiseParameters) -> float:
-    """Mean distance m of people from where they are told to be."""
-    told = track(setup, ticks, Parameters(multiple=MhtParameters(noise=noise)))
-    frames = [MatchingFrame(np.arange(walked.shape[1]), places, e.target_id, e.position) for places, e in zip(walked, told, strict=True)]
+def mean_error(setup: Setup, walked: Array, ticks: list[Tick], noise: MeasurementNoiseParameters) -> float:
+    """Mean distance, m, of people from their reported places."""
+    reported = track(setup, ticks, Parameters(multiple=MhtParameters(noise=noise)))
+    frames = [MatchingFrame(np.arange(walked.shape[1]), places, e.target_id, e.position) for places, e in zip(walked, reported, strict=True)]
     return score(frames).motp_m
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_view_that_is_worse_than_it_says_does_less_harm(seed: int) -> None:
+def test_a_noisy_view_does_less_harm_with_adaptive_noise(seed: int) -> None:
     rng = np.random.default_rng(seed)
     setup, walked = synthetic_crowd.setup(3), synthetic_crowd.paths(6, 80, rng)
-    ticks = nodding(synthetic_crowd.ticks(setup, walked, rng), list(setup.mounts)[1], 0.02)
-    assert followed(setup, walked, ticks, MeasurementNoiseParameters()) < 0.9 * followed(setup, walked, ticks, MeasurementNoiseParameters(excess=0.0))
+    ticks = with_noise(synthetic_crowd.ticks(setup, walked, rng), list(setup.mounts)[1], 0.02)
+    assert mean_error(setup, walked, ticks, MeasurementNoiseParameters()) < 0.9 * mean_error(
+        setup, walked, ticks, MeasurementNoiseParameters(excess=0.0)
+    )

@@ -1,4 +1,4 @@
-"""Who is lost and found again keeps the id, where place and time say so, and who left or is somebody else does not."""
+"""Re-identification: lost people keep their id where place, time and stature agree, and other people do not get it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def nobody_lost() -> Reidentification:
 
 
 def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None) -> Reidentification:
-    """`start` are followed, nobody is seen for `gap` ticks, then those in `back` are new."""
+    """`start` are tracked, nobody is detected for `gap` ticks, then the tracks `back` are new."""
     reidentification, people = nobody_lost(), tracks(*start)
     confirmed = np.ones(len(people), dtype=bool)
     reidentification.step(people, confirmed, confirmed, set())
@@ -43,29 +43,29 @@ def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int
 
 
 @pytest.mark.parametrize(("gap", "x", "same"), [(12, 2.0, True), (12, 8.0, False), (30, 3.0, True), (60, 2.0, False)])
-def test_who_comes_back_in_time_about_where_one_would_be_is_the_same(gap: int, x: float, same: bool) -> None:
+def test_a_person_who_reappears_near_the_prediction_in_time_is_the_same(gap: int, x: float, same: bool) -> None:
     found = after(gap, [(7, x, 0.2, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.2, 0.0, 0),))
     assert found.first_tree == ({7: 1} if same else {})
 
 
-def test_who_went_out_of_all_views_is_not_looked_for() -> None:
+def test_a_person_outside_all_views_is_not_re_identified() -> None:
     start = ((1, 0.0, 0.0, 1.2, 0.0, 0),)
     assert after(12, [(7, 2.0, 0.2, 1.0, 0.0, 0)], start, left={1}).first_tree == {}
 
 
-def test_of_two_who_are_lost_each_finds_himself_and_nobody_is_two() -> None:
+def test_two_lost_people_are_assigned_one_to_one() -> None:
     start = ((1, 0.0, 0.0, 1.0, 0.0, 0), (2, 6.0, 0.0, -1.0, 0.0, 0))
     assert after(9, [(7, 4.9, 0.0, 0.0, 0.0, 0), (8, 1.1, 0.0, 0.0, 0.0, 0)], start).first_tree == {7: 2, 8: 1}
     assert len(after(9, [(7, 1.1, 0.3, 0.0, 0.0, 0), (8, 1.1, -0.6, 0.0, 0.0, 0)], start[:1]).first_tree) == 1
 
 
-def test_who_is_still_seen_is_nobody_else() -> None:
+def test_a_track_with_boxes_is_not_lost() -> None:
     reidentification = nobody_lost()
     one, both = tracks((1, 0.0, 0.0, 0.0, 0.0, 0)), tracks((1, 0.0, 0.0, 0.0, 0.0, 0), (2, 5.0, 5.0, 0.0, 0.0, 0))
     reidentification.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set())
     assert reidentification.step(both, np.ones(2, dtype=bool), np.array([False, True]), set()) == set()
     assert reidentification.first_tree == {}
-    # Who has had no box for a while is: the old track ends, and both have one name, the later of them the place.
+    # A coasting track is lost: it is deleted, and the new track gets its id.
     coasting = tracks((1, 1.5, 0.0, 0.0, 0.0, 5), (3, 0.4, 0.0, 0.0, 0.0, 0))
     assert reidentification.step(coasting, np.ones(2, dtype=bool), np.array([False, True]), set()) == {1}
     reported = reidentification.relabelled(coasting)
@@ -73,7 +73,7 @@ def test_who_is_still_seen_is_nobody_else() -> None:
     assert reported.state[0, 0] == 0.4
 
 
-def test_a_name_goes_on_through_many_reunions() -> None:
+def test_the_first_id_is_kept_over_several_losses() -> None:
     reidentification, confirmed = after(9, [(5, 1.0, 0.0, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.0, 0.0, 0),)), np.ones(1, dtype=bool)
     for _ in range(9):
         reidentification.step(tracks(), confirmed[:0], confirmed[:0], set())
@@ -81,8 +81,8 @@ def test_a_name_goes_on_through_many_reunions() -> None:
     assert reidentification.first_tree == {5: 1, 9: 1}
 
 
-def test_of_two_who_were_lost_together_each_is_known_by_the_stature() -> None:
-    """They come back in each other's places, and where it is not confirmed how tall they are each is taken for the other."""
+def test_statures_tell_apart_two_people_who_were_lost_together() -> None:
+    """They reappear in each other's places. Without known statures each is taken for the other."""
     for sigma, confirmed in ((0.03, True), (0.12, False)):
         start, back = (tracks((a, 0.0, 0.0, 0.0, 0.0, 0), (b, 0.8, 0.0, 0.0, 0.0, 0)) for a, b in ((1, 2), (7, 8)))
         for people, tall in ((start, (1.58, 1.88)), (back, (1.87, 1.57))):
