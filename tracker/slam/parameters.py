@@ -55,7 +55,7 @@ class SlamParameters:
         if self.mode not in ("iekf", "fej", "invariant"):
             raise ValueError(f"mode is {self.mode!r}, needs iekf, fej or invariant")
         if self.mode == "invariant" and self.odometry_biases is not None:
-            raise ValueError("mode is 'invariant', needs fej or iekf where persistence is kept")
+            raise ValueError("mode is 'invariant', needs fej or iekf with odometry_biases")
         for name in ("iterations", "clones", "capacity", "max_updates"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
