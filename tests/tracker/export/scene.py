@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.crowd.replay import Paths
-from sim.datasets.pets_twin import near
+from sim.datasets.pets_twin import confine_rovers
 from sim.recording.record import Recording, write_recording
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import Scenario
@@ -46,7 +46,7 @@ def record(folder: Path, cameras: int = 3, seed: int = 11) -> None:
     position = positions()
     scenario = Scenario(world="campus", difficulty=0.0, seed=seed, robots=1, people=len(PEOPLE), frames=FRAMES, rate=RATE, width=256)
     paths = Paths(np.array(PEOPLE), np.arange(FRAMES) / RATE, position, np.array([1.62, 1.85, 1.75, 1.7]))
-    simulation = Simulation(scenario, world=near(plaza(), position), paths=paths)
+    simulation = Simulation(scenario, world=confine_rovers(plaza(), position), paths=paths)
     camera = pinhole(320, 240, 1.2)
     fixed = {f"view_{k}": FixedCamera(camera, looking(eye, (-5.0, -4.0, 0.5))) for k, eye in enumerate(EYES[:cameras])}
     write_recording(Recording(scenario, simulation, fixed, json.loads(scenario.to_json())), folder)
