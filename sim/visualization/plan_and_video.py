@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -192,16 +193,21 @@ def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
     Raises ValueError where there is no frame, where a size does not fit and where OpenCV cannot encode VP9; OSError where the disk is full.
     """
     writer, size, count = cv2.VideoWriter(), (0, 0), 0
-    with new_file(path) as part:
+    # OpenCV encodes VP9 on one thread and without the interpreter's lock: the next frame is drawn meanwhile.
+    with new_file(path) as part, ThreadPoolExecutor(1) as encoder:
         try:
+            encoding: Future[None] | None = None
             for count, frame in enumerate(frames, 1):
                 if count == 1:
                     size = (frame.shape[1], frame.shape[0])
                     _open_vp9(writer, part, path, size, rate)
-                if frame.shape != (size[1], size[0], 3):  # The writer would drop it without an error.
+                if frame.shape != (size[1], size[0], 3):  # The writer would leave it out and not say so.
                     raise ValueError(f"{path}: frame {count - 1} has the shape {frame.shape}, needs {(size[1], size[0], 3)}")
-                writer.write(frame[:, :, ::-1])
+                if encoding is not None:
+                    encoding.result()
+                encoding = encoder.submit(writer.write, frame[:, :, ::-1])
         finally:
+            encoder.shutdown()
             writer.release()
         if count == 0:
             raise ValueError(f"{path}: no frame to write")
