@@ -13,7 +13,7 @@ from tyro.conf import OmitArgPrefixes, arg
 from sim.cli.options import unset
 
 if TYPE_CHECKING:
-    from sim.policies.rollouts import Outcome
+    from sim.policies.rollouts import EpisodeResult
 
 
 @dataclass(frozen=True)
@@ -119,16 +119,16 @@ class Place:
         if self.picture is not None:
             draw(found, f"{self.scene.density or self.world}, {self.episodes} episodes", self.picture)
 
-    def _outcomes(self) -> list[Outcome]:
+    def _outcomes(self) -> list[EpisodeResult]:
         """The outcomes of all episodes, ordered by policy and seed."""
         from tqdm import tqdm
 
-        from sim.policies.comparison import contest
+        from sim.policies.comparison import compare
 
         seeds = range(self.seed, self.seed + self.episodes)
-        out: list[Outcome] = []
+        out: list[EpisodeResult] = []
         with tqdm(total=len(set(self.policy)) * len(seeds), unit=" episodes", leave=False, disable=None) as bar:
-            for batch in contest(self.policy, seeds, self._options(), self.steps, self.workers):
+            for batch in compare(self.policy, seeds, self._options(), self.steps, self.workers):
                 out += batch
                 bar.update(len(batch))
         return out

@@ -1,3 +1,7 @@
-"""The gymnasium environment `pilsim/Placement-v0`, in which actions place the robots, and its PettingZoo twin.
+"""The gymnasium environment `pilsim/Placement-v0`, in which actions place the robots, and its PettingZoo counterpart.
 
 Read `env.py` first."""
+
+from sim.placement.config import PlacementConfig
+
+__all__ = ["PlacementConfig"]

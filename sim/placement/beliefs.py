@@ -1,7 +1,8 @@
-"""What is believed of people who are told apart: a Kalman filter a person, of place and velocity in the plane. Compiled.
+"""Kalman filters of people whose identities are known: one filter of planar position and velocity per person, compiled.
 
-A view measures the direction to the feet and, by where they meet the ground, the distance: the worse the farther (an error of the elevation e of
-a point h below the camera moves it by e (r² + h²) / h). Motion: constant velocity, Bar-Shalom, Li and Kirubarajan 2001, 6.3.2.
+A camera measures azimuth and elevation of the feet, and the ground gives their distance. An elevation error e of a point at the horizontal
+distance r and h below the camera moves the point by e (r² + h²) / h.
+Motion model: constant velocity (Bar-Shalom, Li and Kirubarajan 2001, section 6.3.2).
 """
 
 from __future__ import annotations
@@ -14,19 +15,22 @@ from numba import njit
 
 from tracker.geometry import Array, frozen
 
-AZIMUTH, ELEVATION, PLACE = math.radians(0.5), math.radians(0.8), 0.08
-"""Errors of a view of feet, one sigma: rad, rad (rough ground and feet that are half hidden included) and m an axis."""
-ACCELERATION = 0.6
-"""m²/s³: spectral density of what people do to their velocity."""
-FASTEST = 1.2
-"""m/s: the sigma of a velocity that nothing is known of, and a bound of its growth."""
-LOST = 4.0
-"""m: who may be anywhere within this (one sigma) is not known any more."""
+AZIMUTH_SIGMA, ELEVATION_SIGMA, POSITION_SIGMA = math.radians(0.5), math.radians(0.8), 0.08
+"""Standard deviations of a measurement of feet: azimuth (rad), elevation (rad), and position per axis (m).
+
+The elevation includes rough ground and partly hidden feet.
+"""
+ACCELERATION_DENSITY = 0.6
+"""Spectral density of the acceleration noise, m²/s³."""
+VELOCITY_SIGMA = 1.2
+"""Standard deviation of an unknown velocity, and the bound of its growth, m/s."""
+LOST_SIGMA = 4.0
+"""Standard deviation of the position beyond which a person counts as unknown, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Beliefs:
-    """Of p people: known (p,) 0 or 1; mean (p, 4) x, y m, vx, vy m/s; covariance (p, 4, 4)."""
+    """Estimates of p people: known (p,) 0 or 1; mean (p, 4) x, y m, vx, vy m/s; covariance (p, 4, 4)."""
 
     known: Array
     mean: Array
@@ -42,45 +46,49 @@ class Beliefs:
         return Beliefs(np.zeros(people), np.zeros((people, 4)), np.zeros((people, 4, 4)))
 
     def predicted(self, dt: float) -> Beliefs:
-        """`dt` s later; who is LOST by then is not known any more."""
+        """The estimates `dt` s later. People of a standard deviation above LOST_SIGMA become unknown."""
         return Beliefs(*_predict(self.known, self.mean, self.covariance, dt))
 
-    def updated(self, measured: Array, eyes: Array, views: Array) -> tuple[Beliefs, float]:
-        """With the feet measured (r, p, 2) m from eyes (r, 3) m (x, y, height over the ground) where views (r, p) are above 0; and the information
-        gained, nats: half of what log det of the places' covariances lost, summed; who was not known counts from LOST."""
-        known, mean, covariance, gain = _update(self.known, self.mean, self.covariance, (measured, eyes, views))
+    def updated(self, measured: Array, cameras: Array, views: Array) -> tuple[Beliefs, float]:
+        """The estimates after an update, and the information gain in nats.
+
+        measured (r, p, 2) m: feet as measured by cameras (r, 3): x, y, height above the ground, m. Measurements with views (r, p)
+        above 0 are used. The gain is half the decrease of log det of the position covariances, summed over people. An unknown person has the
+        standard deviation LOST_SIGMA before the update.
+        """
+        known, mean, covariance, gain = _update(self.known, self.mean, self.covariance, (measured, cameras, views))
         return Beliefs(known, mean, covariance), float(gain)
 
 
-def measure(feet: Array, eyes: Array, rng: np.random.Generator) -> Array:
-    """(r, p, 2) m: feet (p, 2) m as views from eyes (r, 3) m (x, y, height over the ground) measure them."""
-    draws = rng.normal(size=(len(eyes), len(feet), 2))
-    return _measure(feet, eyes, draws)
+def measure(feet: Array, cameras: Array, rng: np.random.Generator) -> Array:
+    """(r, p, 2) m: simulated measurements of feet (p, 2) m by cameras (r, 3): x, y, height above the ground, m."""
+    noise = rng.normal(size=(len(cameras), len(feet), 2))
+    return _measure(feet, cameras, noise)
 
 
 @njit(cache=True)
 def _noise(dx, dy, height):  # type: ignore[no-untyped-def]
     r = math.sqrt(dx * dx + dy * dy) + 1e-9
-    far = (ELEVATION * (r * r + height * height) / height) ** 2 + PLACE**2
-    wide = (AZIMUTH * r) ** 2 + PLACE**2
+    radial = (ELEVATION_SIGMA * (r * r + height * height) / height) ** 2 + POSITION_SIGMA**2
+    tangential = (AZIMUTH_SIGMA * r) ** 2 + POSITION_SIGMA**2
     c, s = dx / r, dy / r
     out = np.empty((2, 2))
-    out[0, 0], out[1, 1] = far * c * c + wide * s * s, far * s * s + wide * c * c
-    out[0, 1] = out[1, 0] = (far - wide) * c * s
+    out[0, 0], out[1, 1] = radial * c * c + tangential * s * s, radial * s * s + tangential * c * c
+    out[0, 1] = out[1, 0] = (radial - tangential) * c * s
     return out
 
 
 @njit(cache=True)
-def _measure(feet, eyes, draws):  # type: ignore[no-untyped-def]
-    out = np.empty(draws.shape)
-    for r in range(len(eyes)):
+def _measure(feet, cameras, noise):  # type: ignore[no-untyped-def]
+    out = np.empty(noise.shape)
+    for r in range(len(cameras)):
         for p in range(len(feet)):
-            R = _noise(eyes[r, 0] - feet[p, 0], eyes[r, 1] - feet[p, 1], eyes[r, 2])
+            R = _noise(cameras[r, 0] - feet[p, 0], cameras[r, 1] - feet[p, 1], cameras[r, 2])
             a = math.sqrt(R[0, 0])
             b = R[1, 0] / a
             c = math.sqrt(max(R[1, 1] - b * b, 0.0))
-            out[r, p, 0] = feet[p, 0] + a * draws[r, p, 0]
-            out[r, p, 1] = feet[p, 1] + b * draws[r, p, 0] + c * draws[r, p, 1]
+            out[r, p, 0] = feet[p, 0] + a * noise[r, p, 0]
+            out[r, p, 1] = feet[p, 1] + b * noise[r, p, 0] + c * noise[r, p, 1]
     return out
 
 
@@ -96,20 +104,20 @@ def _predict(known, mean, covariance, dt):  # type: ignore[no-untyped-def]
         F[0, 2] = F[1, 3] = dt
         P[p] = F @ P[p] @ F.T
         for k in range(2):
-            P[p, k, k] += ACCELERATION * dt**3 / 3
-            P[p, k, k + 2] += ACCELERATION * dt**2 / 2
-            P[p, k + 2, k] += ACCELERATION * dt**2 / 2
-            P[p, k + 2, k + 2] += ACCELERATION * dt
-        # Nobody runs off: a velocity that is not measured fades, and is never less known than at first.
-        fade = math.exp(-dt / 6.0)
-        grown = max(P[p, 2, 2], P[p, 3, 3])
-        if grown > FASTEST**2:
-            share = FASTEST / math.sqrt(grown)
+            P[p, k, k] += ACCELERATION_DENSITY * dt**3 / 3
+            P[p, k, k + 2] += ACCELERATION_DENSITY * dt**2 / 2
+            P[p, k + 2, k] += ACCELERATION_DENSITY * dt**2 / 2
+            P[p, k + 2, k + 2] += ACCELERATION_DENSITY * dt
+        # An unmeasured velocity decays, and its variance stays bounded: people do not run away.
+        decay = math.exp(-dt / 6.0)
+        variance = max(P[p, 2, 2], P[p, 3, 3])
+        if variance > VELOCITY_SIGMA**2:
+            share = VELOCITY_SIGMA / math.sqrt(variance)
             P[p, 2:, :] *= share
             P[p, :, 2:] *= share
-        if grown > 0.5 * FASTEST**2:
-            mean[p, 2:] *= fade
-        if P[p, 0, 0] + P[p, 1, 1] > LOST**2:
+        if variance > 0.5 * VELOCITY_SIGMA**2:
+            mean[p, 2:] *= decay
+        if P[p, 0, 0] + P[p, 1, 1] > LOST_SIGMA**2:
             known[p] = 0.0
             mean[p], P[p] = 0.0, 0.0
     return known, mean, P
@@ -117,23 +125,23 @@ def _predict(known, mean, covariance, dt):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _update(known, mean, covariance, seen):  # type: ignore[no-untyped-def]
-    measured, eyes, views = seen
+    measured, cameras, views = seen
     known, mean, P = known.copy(), mean.copy(), covariance.copy()
     gain = 0.0
     for p in range(len(known)):
-        before = P[p, 0, 0] * P[p, 1, 1] - P[p, 0, 1] ** 2 if known[p] else (LOST * LOST / 2) ** 2
+        before = P[p, 0, 0] * P[p, 1, 1] - P[p, 0, 1] ** 2 if known[p] else (LOST_SIGMA * LOST_SIGMA / 2) ** 2
         count = 0
-        for r in range(len(eyes)):
+        for r in range(len(cameras)):
             if views[r, p] <= 0:
                 continue
             count += 1
-            R = _noise(eyes[r, 0] - measured[r, p, 0], eyes[r, 1] - measured[r, p, 1], eyes[r, 2])
+            R = _noise(cameras[r, 0] - measured[r, p, 0], cameras[r, 1] - measured[r, p, 1], cameras[r, 2])
             if not known[p]:
                 known[p] = 1.0
                 mean[p, 0], mean[p, 1], mean[p, 2], mean[p, 3] = measured[r, p, 0], measured[r, p, 1], 0.0, 0.0
                 P[p] = 0.0
                 P[p, :2, :2] = R
-                P[p, 2, 2] = P[p, 3, 3] = FASTEST**2
+                P[p, 2, 2] = P[p, 3, 3] = VELOCITY_SIGMA**2
                 continue
             S = P[p, :2, :2] + R
             K = P[p, :, :2].copy() @ np.linalg.inv(S)

@@ -1,4 +1,4 @@
-"""Panoramas of an episode: its robots and people as bodies in the scene of its map, drawn by the simulator's renderer."""
+"""Rendered panoramas of an episode: robots and people are bodies in the scene of its map."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ from tracker.geometry import Array, Image, quaternion_from_rotation
 from tracker.geometry.cameras import Panorama
 
 
-class Pictures:
-    """Draws what robots see. The scene is compiled with the first picture of a map; OpenGL is let go by `close`, and never copied or pickled."""
+class CameraViews:
+    """Renders the panoramas of robots. The scene of a map is compiled at its first panorama.
+
+    `close` frees the OpenGL resources. They are never copied or pickled.
+    """
 
     def __init__(self, config: PlacementConfig) -> None:
         self.config = config
         self._place: PlacementMap | None = None
         self._renderers: dict[int, PanoramaRenderer] = {}
 
-    def take(self, episode: Episode, robots: list[int], width: int) -> list[Image]:
-        """(width / 2, width, 3) uint8 RGB of each of these robots. Raises GLUnavailable where there is no OpenGL."""
+    def render(self, episode: Episode, robots: list[int], width: int) -> list[Image]:
+        """The panorama of each of these robots, (width / 2, width, 3) uint8 RGB. Raises GLUnavailable where there is no OpenGL."""
         if self._place is not episode.place:
             self.close()
             self._compile(episode.place)
@@ -36,10 +39,10 @@ class Pictures:
             none = np.zeros(self._model.ngeom, dtype=np.uint16)
             self._renderers[width] = PanoramaRenderer(self._model, Panorama(width, width // 2), none)
         mount, poses = rover.camera_mount(self.config.camera_height), episode.mover.poses()
-        return [shot.colour for shot in self._renderers[width].render(self._data, [poses[k] @ mount for k in robots])]
+        return [frame.colour for frame in self._renderers[width].render(self._data, [poses[k] @ mount for k in robots])]
 
     def close(self) -> None:
-        """Free what the driver holds; a later picture opens it again."""
+        """Free the OpenGL resources. A later panorama opens them again."""
         for renderer in self._renderers.values():
             renderer.close()
         self._renderers, self._place = {}, None
@@ -72,7 +75,7 @@ class Pictures:
         for row, pose in zip(self._rows, episode.mover.poses(), strict=True):
             self._data.qpos[row] = [*pose.translation, *quaternion_from_rotation(pose.rotation)]
         if len(self._limbs):
-            # Feet as of somebody who stands there and takes half a second's step: what they did before is not kept.
+            # Each person takes one step from standing: the episode keeps no history of gait.
             bodies = gait.Bodies(crowd.position, crowd.velocity, crowd.heading, place.stature)
             footing = gait.walk(gait.stand(crowd.position, crowd.heading, place.stature), bodies, 0.25)
             poses = skeleton.limb_poses(place.stature, footing, crowd.position, crowd.heading, place.world.terrain)

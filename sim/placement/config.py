@@ -1,4 +1,4 @@
-"""What can be set of a placement: as one value, checked at once."""
+"""The configuration of a placement environment, checked when it is made."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.placement.visibility import Eyesight
+from sim.placement.visibility import VisibilityLimits
 from worlds import catalogue
 
 DRIVES = ("kinematic", "physics")
@@ -18,14 +18,14 @@ OBSERVATIONS = ("state", "tracks", "pixels")
 
 ACTIONS = ("velocity", "waypoint")
 
-DECISIONS = 2.0
-"""Decisions a second."""
+DECISION_RATE = 2.0
+"""Decisions per second."""
 
-FRAMES = 3
-"""Frames of sensors in a decision: 6 a second, as in recorded sequences."""
+FRAMES_PER_DECISION = 3
+"""Sensor frames per decision: 6 per second, as in recorded sequences."""
 
-STEPS = 3
-"""Steps of people and kinematic rovers in a frame."""
+STEPS_PER_FRAME = 3
+"""Steps of people and kinematic rovers per sensor frame."""
 
 DENSITIES: dict[str, dict[str, Any]] = {
     "pilsun": {"world": "pilsun", "people": 10, "robots": 4},
@@ -33,7 +33,7 @@ DENSITIES: dict[str, dict[str, Any]] = {
     "s2l2": {"world": "campus", "people": 35, "robots": 4},
     "s2l3": {"world": "campus", "people": 43, "robots": 4},
 }
-"""Presets: how many people are there at once in pilsun and in the sequences of PETS 2009 (campus has their ground)."""
+"""Presets with the number of people present at once in pilsun and in sequences of PETS 2009. The world campus has the ground of PETS 2009."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "difficulty": (0.0, 1.0),
@@ -49,20 +49,23 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "clutter": (0.0, 100.0),
 }
 
-SEEDS_A_MAP = 10
-"""Episodes of ten seeds in a row share a map where no map is asked for."""
+SEEDS_PER_MAP = 10
+"""Consecutive seeds whose episodes share a map, where map_seed is None."""
 
 
 @dataclass(frozen=True)
 class PlacementConfig:
-    """world: a name of worlds.catalogue; difficulty in [0, 1]; robots; people; map_seed: the map of all episodes, or None: seed // 10 of each.
+    """Options of the placement environment. Raises ValueError with name, value and bound.
 
-    drive: kinematic (rovers are unicycles on the ground) or physics (wheels on MuJoCo's terrain). observation: state, tracks (SLAM and tracker in
-    the loop) or pixels (state and panoramas). action: velocity (ahead and turn) or waypoint (a place on the map).
-    reach m and smallest °, the least apparent height: who is farther or looks smaller is not seen. camera_height m.
-    cells, cell m: the local map of a robot is cells × cells of that size. width px of the panoramas of "pixels".
-    misses, clutter: the detector of "tracks", as in Scenario. panorama: the number of the robot whose panorama `render` shows, None for the plan.
-    Raises ValueError with name, value and bound.
+    * world: a name of worlds.catalogue; difficulty in [0, 1]; robots and people: their numbers.
+    * map_seed: the seed of the map of all episodes, or None: an episode of seed s has the map of seed s // 10.
+    * drive: kinematic (rovers are unicycles on the ground) or physics (wheels on MuJoCo's terrain).
+    * observation: state, tracks (SLAM and tracker in the loop) or pixels (state and panoramas).
+    * action: velocity (forward speed and yaw rate) or waypoint (a point on the map).
+    * reach (m) and smallest (°): people farther away, or of a smaller apparent height, are not seen. camera_height: m above the ground.
+    * cells, cell (m): the local map of a robot has cells × cells of that size. width: px of the panoramas of "pixels".
+    * misses, clutter: the detector of "tracks", as in Scenario.
+    * panorama: index of the robot whose panorama `render` shows, or None for a plan view.
     """
 
     world: str = "ruins"
@@ -99,7 +102,7 @@ class PlacementConfig:
 
     @staticmethod
     def of(options: dict[str, Any], density: str | None = None) -> PlacementConfig:
-        """The configuration of these options over those of a density. Raises ValueError for an option or a density that there is not."""
+        """The configuration of a density preset, overridden by `options`. Raises ValueError for an unknown option or density."""
         if density is not None and density not in DENSITIES:
             raise ValueError(f"density is {density!r}, needs one of {', '.join(DENSITIES)}")
         names = [field.name for field in dataclasses.fields(PlacementConfig)]
@@ -109,22 +112,23 @@ class PlacementConfig:
         return PlacementConfig(**((DENSITIES[density] if density else {}) | options))
 
     @property
-    def eyesight(self) -> Eyesight:
-        return Eyesight(self.reach, math.radians(self.smallest), 0.25)
+    def visibility_limits(self) -> VisibilityLimits:
+        """The limits within which a camera sees a person."""
+        return VisibilityLimits(self.reach, math.radians(self.smallest), 0.25)
 
     @property
     def period(self) -> float:
-        """s between decisions."""
-        return 1.0 / DECISIONS
+        """Time between decisions, s."""
+        return 1.0 / DECISION_RATE
 
     @property
-    def frame(self) -> float:
-        """s between frames of sensors."""
-        return self.period / FRAMES
+    def frame_period(self) -> float:
+        """Time between sensor frames, s."""
+        return self.period / FRAMES_PER_DECISION
 
     @property
-    def tracks(self) -> int:
-        """How many people can be believed in at once."""
+    def max_tracks(self) -> int:
+        """The number of rows of the observation "beliefs"."""
         return self.people if self.observation != "tracks" else 2 * self.people + 4
 
 
@@ -136,4 +140,7 @@ def _check(name: str, value: Any, bound: tuple[float, float], whole: bool) -> No
 
 
 X, Y, YAW, SPEED, YAW_RATE, TRAVELLED, TURNED = range(7)
-"""Columns of a rover: place m, heading rad, speed m/s ahead, rad/s, and m and rad that it has gone in all."""
+"""Columns of a rover's state.
+
+They are position (m), heading (rad), forward speed (m/s), yaw rate (rad/s), and total distance (m) and turn (rad).
+"""

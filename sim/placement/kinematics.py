@@ -1,6 +1,6 @@
-"""Rovers without dynamics: they take up speed as fast as real ones, stand on the ground as it slopes, and stop where they would run into something.
+"""Unicycle kinematics of rovers: limited accelerations, collisions, poses on sloping ground, and energy.
 
-Compiled, one thread, in a fixed order.
+The kernels are compiled and run on one thread in a fixed order.
 """
 
 from __future__ import annotations
@@ -17,48 +17,50 @@ from sim.robots.driving import ACCELERATION, YAW_ACCELERATION
 from sim.robots.rover import HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
 from tracker.geometry import Array, Pose
 
-TOUCH = HALF_WIDTH + BODY_RADIUS
-"""m between the middles of a rover and of a person who touch."""
+CONTACT_DISTANCE = HALF_WIDTH + BODY_RADIUS
+"""Distance between the centres of a rover and a person in contact, m."""
 
-NEAR = TOUCH + 0.3
-"""m within which a rover that moves frightens people."""
+NEAR_MISS_DISTANCE = CONTACT_DISTANCE + 0.3
+"""Distance of a moving rover from a person below which a near miss counts, m."""
 
 MASS = SPRUNG_MASS + 4 * 1.5
-"""kg of a rover."""
+"""Mass of a rover, kg."""
 
-ROLLING, SCRUBBING = 0.05, 0.35
-"""Resistance of wheels that roll, and of the same wheels dragged sideways as a skid-steered rover turns, over the weight."""
+ROLLING_RESISTANCE, SCRUBBING_RESISTANCE = 0.05, 0.35
+"""Resistance over weight: of rolling wheels, and of wheels that slide sideways while a skid-steered rover turns."""
 
-ARM = 0.38
-"""m from the middle of a rover to its wheels."""
+WHEEL_ARM = 0.38
+"""Distance from the centre of a rover to its wheels, m."""
 
 GRAVITY = 9.81
 
 
 def drive(team: Array, command: Array, people: Array, place: PlacementMap, dt: float) -> tuple[Array, Array]:
-    """Rovers (r, 7) `dt` s later, told to go at command (r, 2) m/s, rad/s, among people (p, 2) m; and (r,) who was stopped: 1 by a person, 2 by
-    another rover, 3 by the ground, else 0."""
-    free, origin, spacing = place.room.free, place.room.origin, place.room.spacing
+    """The states (r, 7) of rovers `dt` s later, and what stopped each (r,): 1 a person, 2 another rover, 3 the ground, 0 nothing.
+
+    command (r, 2): desired forward speed m/s and yaw rate rad/s. people (p, 2): positions m.
+    """
+    free, origin, spacing = place.free_space.free, place.free_space.origin, place.free_space.spacing
     limits = (ACCELERATION * dt, YAW_ACCELERATION * dt, dt)
     return _drive(team, command, people, (free, origin, spacing), limits)
 
 
 @njit(cache=True)
-def _drive(team, command, people, room, limits):  # type: ignore[no-untyped-def]
+def _drive(team, command, people, space, limits):  # type: ignore[no-untyped-def]
     out, stopped = team.copy(), np.zeros(len(team), np.int64)
-    free, origin, spacing = room
+    free, origin, spacing = space
     for r in range(len(team)):
         for column, limit in ((SPEED, limits[0]), (YAW_RATE, limits[1])):
-            wanted = command[r, column - SPEED]
-            # Braking may be twice as hard.
-            brake = 2.0 if abs(wanted) < abs(out[r, column]) else 1.0
-            out[r, column] += min(max(wanted - out[r, column], -brake * limit), brake * limit)
+            desired = command[r, column - SPEED]
+            # Braking is at most twice as strong as acceleration.
+            brake = 2.0 if abs(desired) < abs(out[r, column]) else 1.0
+            out[r, column] += min(max(desired - out[r, column], -brake * limit), brake * limit)
         turn = out[r, YAW_RATE] * limits[2]
         ahead = out[r, SPEED] * limits[2]
         yaw = out[r, YAW] + 0.5 * turn
         x, y = out[r, X] + ahead * math.cos(yaw), out[r, Y] + ahead * math.sin(yaw)
         if not _is_free(free, origin, spacing, x, y):
-            # Along a wall it slides on, as one that steers a little off would.
+            # The rover slides along a wall, as one that steers slightly away would.
             if _is_free(free, origin, spacing, x, out[r, Y]):
                 y = out[r, Y]
             elif _is_free(free, origin, spacing, out[r, X], y):
@@ -66,10 +68,10 @@ def _drive(team, command, people, room, limits):  # type: ignore[no-untyped-def]
             else:
                 stopped[r] = 3
         for q in range(len(team)):
-            if q != r and _closes(out[r, X], out[r, Y], x, y, out[q, X], out[q, Y], 2 * HALF_WIDTH):
+            if q != r and _collides(out[r, X], out[r, Y], x, y, out[q, X], out[q, Y], 2 * HALF_WIDTH):
                 stopped[r] = 2
         for p in range(len(people)):
-            if _closes(out[r, X], out[r, Y], x, y, people[p, 0], people[p, 1], TOUCH):
+            if _collides(out[r, X], out[r, Y], x, y, people[p, 0], people[p, 1], CONTACT_DISTANCE):
                 stopped[r] = 1
         out[r, YAW] = (out[r, YAW] + turn + math.pi) % (2 * math.pi) - math.pi
         out[r, TURNED] += abs(turn)
@@ -88,21 +90,21 @@ def _is_free(free, origin, spacing, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _closes(x0, y0, x1, y1, ox, oy, touch):  # type: ignore[no-untyped-def]
-    """Whether a step from (x0, y0) to (x1, y1) m comes nearer to (ox, oy) and to less than `touch` m."""
+def _collides(x0, y0, x1, y1, ox, oy, contact):  # type: ignore[no-untyped-def]
+    """Whether a step from (x0, y0) to (x1, y1) m approaches (ox, oy) and ends within `contact` m of it."""
     before, after = (x0 - ox) ** 2 + (y0 - oy) ** 2, (x1 - ox) ** 2 + (y1 - oy) ** 2
-    return after < touch * touch and after < before
+    return after < contact * contact and after < before
 
 
 def poses(team: Array, place: PlacementMap) -> list[Pose]:
-    """T_world_robot of rovers (r, 7): on the plane through the ground under their wheels."""
+    """T_world_robot of rovers (r, 7), on the plane through the ground under their wheels."""
     corners = wheel_positions()[:, :2]
     out = []
     c, s = np.cos(team[:, YAW]), np.sin(team[:, YAW])
     R = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
     under = team[:, None, :2] + np.einsum("rij,wj->rwi", R, corners)
     height = height_on(place.floor, under.reshape(-1, 2)).reshape(-1, 4)
-    # The wheels stand on a rectangle: its plane rises by the differences of opposite sides.
+    # The wheels form a rectangle: the differences between opposite sides give the slope of its plane.
     slope_ahead = (height[:, :2].mean(axis=1) - height[:, 2:].mean(axis=1)) / (corners[0, 0] - corners[2, 0])
     slope_left = (height[:, ::2].mean(axis=1) - height[:, 1::2].mean(axis=1)) / (corners[0, 1] - corners[1, 1])
     for k in range(len(team)):
@@ -115,13 +117,13 @@ def poses(team: Array, place: PlacementMap) -> list[Pose]:
     return out
 
 
-def eyes(team: Array, place: PlacementMap, height: float) -> Array:
-    """(r, 3) m: the cameras of rovers (r, 7), `height` m over the ground; on slopes they lean with their rovers."""
-    return _eyes(team, place.floor.heights, place.heights.frame, height)
+def camera_positions(team: Array, place: PlacementMap, height: float) -> Array:
+    """Camera positions (r, 3) m of rovers (r, 7), `height` m above the ground along the normal of the slope."""
+    return _camera_positions(team, place.floor.heights, place.elevation.frame, height)
 
 
 @njit(cache=True)
-def _level(heights, frame, x, y):  # type: ignore[no-untyped-def]
+def _height_at(heights, frame, x, y):  # type: ignore[no-untyped-def]
     rows, columns = heights.shape
     u, v = min(max((x - frame[0]) / frame[2], 0.0), columns - 1.0), min(max((y - frame[1]) / frame[2], 0.0), rows - 1.0)
     j, i = min(int(u), columns - 2), min(int(v), rows - 2)
@@ -130,12 +132,12 @@ def _level(heights, frame, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _eyes(team, heights, frame, mast):  # type: ignore[no-untyped-def]
+def _camera_positions(team, heights, frame, mast):  # type: ignore[no-untyped-def]
     out = np.empty((len(team), 3))
     for r in range(len(team)):
         x, y, c, s = team[r, X], team[r, Y], math.cos(team[r, YAW]), math.sin(team[r, YAW])
-        front, rear = _level(heights, frame, x + 0.25 * c, y + 0.25 * s), _level(heights, frame, x - 0.25 * c, y - 0.25 * s)
-        left, right = _level(heights, frame, x - 0.28 * s, y + 0.28 * c), _level(heights, frame, x + 0.28 * s, y - 0.28 * c)
+        front, rear = _height_at(heights, frame, x + 0.25 * c, y + 0.25 * s), _height_at(heights, frame, x - 0.25 * c, y - 0.25 * s)
+        left, right = _height_at(heights, frame, x - 0.28 * s, y + 0.28 * c), _height_at(heights, frame, x + 0.28 * s, y - 0.28 * c)
         ahead, aside = (front - rear) / 0.5, (left - right) / 0.56
         up = 1.0 / math.sqrt(1.0 + ahead * ahead + aside * aside)
         out[r, 0] = x - mast * up * (ahead * c - aside * s)
@@ -145,7 +147,10 @@ def _eyes(team, heights, frame, mast):  # type: ignore[no-untyped-def]
 
 
 def energy(before: Array, after: Array, climbed: Array) -> float:
-    """kJ that a team spent from rovers (r, 7) to (r, 7): rolling and scrubbing wheels, and climbed (r,) m, which braking does not give back."""
-    gone, turned = after[:, TRAVELLED] - before[:, TRAVELLED], after[:, TURNED] - before[:, TURNED]
-    work = MASS * GRAVITY * (ROLLING * gone + SCRUBBING * ARM * turned + np.maximum(climbed, 0.0))
+    """Energy in kJ that a team spent between two states (r, 7): rolling, scrubbing, and climbing by climbed (r,) m.
+
+    Descending recovers no energy.
+    """
+    distance, turned = after[:, TRAVELLED] - before[:, TRAVELLED], after[:, TURNED] - before[:, TURNED]
+    work = MASS * GRAVITY * (ROLLING_RESISTANCE * distance + SCRUBBING_RESISTANCE * WHEEL_ARM * turned + np.maximum(climbed, 0.0))
     return float(work.sum()) / 1000.0

@@ -1,4 +1,4 @@
-"""The place in which robots are to be placed: built once, kept for the next episodes, and never changed by them."""
+"""The map of a placement episode: world, walkable space, roadmap and lines of sight. Episodes share cached maps and never change them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sim.crowd.crowd import Crowd, CrowdState
 from sim.crowd.goals import make_plans
 from sim.crowd.social_force import GOAL, VISIT
 from sim.pedestrian import skeleton
-from sim.placement.roadmap import Roads
-from sim.placement.visibility import Heights, clear
+from sim.placement.roadmap import Roadmap
+from sim.placement.visibility import ElevationMap, line_of_sight
 from sim.robots import driving
 from sim.robots.rover import HALF_WIDTH
 from sim.scenario import Scenario
@@ -24,19 +24,19 @@ from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.heightfield import Heightfield
 from worlds.world import World
 
-KEPT = 16
-"""Maps that are kept."""
-APART = 2.0 * HALF_WIDTH + 0.3
-"""m between the starts of robots."""
+CACHED_MAPS = 16
+"""Number of cached maps."""
+START_SPACING = 2.0 * HALF_WIDTH + 0.3
+"""Least distance between the starts of robots, m."""
 
 
-CAMERA, CHEST = 1.5, 1.2
-"""m over the floor of a camera and of a person's chest, where lines of sight are planned."""
+CAMERA_HEIGHT, CHEST_HEIGHT = 1.5, 1.2
+"""Heights above the floor of a camera and of a person's chest, for planned lines of sight, m."""
 
 
 @dataclass(frozen=True)
 class MapKey:
-    """What decides a map: the world of this name, difficulty and seed, and how many people live there."""
+    """The key that determines a map: name, difficulty and seed of its world, and its number of people."""
 
     world: str
     difficulty: float
@@ -46,10 +46,11 @@ class MapKey:
 
 @dataclass(frozen=True, eq=False)
 class PlacementMap:
-    """A world with its people's plans, lines of sight and roads.
+    """A world with its crowd, roadmap and lines of sight.
 
-    stature (p,) m of the people; heights: what one cannot look through; floor: what one stands on, on the same grid; roads: where rovers can
-    stand; room: where their middle may be. A pickle or a copy of a map is the key to it.
+    stature (p,) m: of the people. elevation: tops of everything that hides people. floor: the ground, on the same grid.
+    free_space: free positions of the centre of a rover. roadmap: paths of rovers through it.
+    A map is pickled and copied as its key.
     """
 
     key: MapKey
@@ -57,9 +58,9 @@ class PlacementMap:
     crowd: Crowd
     stature: Array
     floor: Heightfield
-    heights: Heights
-    room: FreeSpace
-    roads: Roads
+    elevation: ElevationMap
+    free_space: FreeSpace
+    roadmap: Roadmap
 
     def __reduce__(self) -> tuple[object, tuple[MapKey]]:
         return map_of, (self.key,)
@@ -69,12 +70,12 @@ class PlacementMap:
 
     @cached_property
     def extent(self) -> Array:
-        """(2, 2) m [[xmin, ymin], [xmax, ymax]]."""
+        """Extent of the world (2, 2) m: [[xmin, ymin], [xmax, ymax]]."""
         return self.world.ground.extent
 
     @cached_property
-    def where_people_may_be(self) -> Array:
-        """(k, 3) m: points of the floor spread evenly over where people walk, at most about 400."""
+    def walkable_points(self) -> Array:
+        """(k, 3) m: points of the floor, spread evenly over the walkable area; at most about 400."""
         i, j = np.nonzero(self.world.feet.free)
         every = max(1, round(float(np.sqrt(len(i) / 400))))
         chosen = (i % every == 0) & (j % every == 0)
@@ -82,62 +83,65 @@ class PlacementMap:
         return np.column_stack([points, self.world.terrain.height_at(points)])
 
     @cached_property
-    def lookouts(self) -> Array:
-        """(n, 3) m: the cameras of robots that stand at the places of the roads."""
-        return np.column_stack([self.roads.places, self.floor_at(self.roads.places) + CAMERA])
+    def node_cameras(self) -> Array:
+        """(n, 3) m: camera positions of robots at the nodes of the roadmap."""
+        return np.column_stack([self.roadmap.nodes, self.floor_at(self.roadmap.nodes) + CAMERA_HEIGHT])
 
-    def sees(self, reach: float) -> NDArray[np.bool_]:
-        """(n, k): whether a robot at each place of the roads sees somebody's chest at each of `where_people_may_be`, if nobody is between."""
-        return _sees(self, reach)
+    def visible_from_nodes(self, reach: float) -> NDArray[np.bool_]:
+        """(n, k): whether a robot at each node of the roadmap sees a chest at each of `walkable_points`, without occlusion by people."""
+        return _visible_from_nodes(self, reach)
 
     @cached_property
-    def _clear(self) -> NDArray[np.bool_]:
-        chest = self.where_people_may_be + np.array([0.0, 0.0, CHEST])
-        return np.stack([clear(self.heights, eye, chest) > 0 for eye in self.lookouts])
+    def _chest_visible(self) -> NDArray[np.bool_]:
+        chest = self.walkable_points + np.array([0.0, 0.0, CHEST_HEIGHT])
+        return np.stack([line_of_sight(self.elevation, camera, chest) > 0 for camera in self.node_cameras])
 
     @cached_property
     def traffic(self) -> Array:
-        """(k,) how much people are at each of `where_people_may_be`, 1 on average: half of it anywhere, half on shortest ways between any two."""
-        where = self.roads.nearest(self.where_people_may_be[:, :2])
-        passes = np.zeros(len(self.roads.places))
-        # Not a draw: the same pairs of places every time, spread over all of them.
+        """(k,) expected density of people at each of `walkable_points`, with mean 1.
+
+        Half of it is uniform, half lies on shortest paths between pairs of points.
+        """
+        where = self.roadmap.nearest(self.walkable_points[:, :2])
+        passes = np.zeros(len(self.roadmap.nodes))
+        # The pairs of points are fixed and spread over all points, without random draws.
         step = max(1, round(0.618 * len(where)))
         for k in range(len(where)):
             node, goal = int(where[k]), int(where[(k + step) % len(where)])
             while node != goal:
                 passes[node] += 1
-                node = int(self.roads.onward[node, goal])
-        shared = passes[where] / np.bincount(where, minlength=len(passes))[where]
-        return 0.5 + 0.5 * shared / max(float(shared.mean()), 1e-9)
+                node = int(self.roadmap.next_node[node, goal])
+        passes_per_point = passes[where] / np.bincount(where, minlength=len(passes))[where]
+        return 0.5 + 0.5 * passes_per_point / max(float(passes_per_point.mean()), 1e-9)
 
     def floor_at(self, points: Array) -> Array:
-        """(n, 2) m → (n,) m."""
+        """Heights (n,) m of the floor at points (n, 2) m."""
         return height_on(self.floor, points)
 
     def people_at(self, state: CrowdState) -> Array:
-        """(p, 4): feet x, y, z m and stature m."""
+        """People of a crowd (p, 4): feet x, y, z m and stature m."""
         out = np.empty((len(self.stature), 4))
         out[:, :2], out[:, 3] = state.position, self.stature
         out[:, 2] = height_on(self.floor, out[:, :2])
         return out
 
     def draw_starts(self, rng: np.random.Generator, robots: int) -> Array:
-        """(robots, 3) x, y m and yaw rad, apart from each other. Raises ValueError where so many do not fit in."""
-        places, chosen = rng.permutation(self.roads.places), np.zeros((0, 2))
+        """Random starts (robots, 3): x, y m and yaw rad. Raises ValueError where they do not fit into the world START_SPACING apart."""
+        places, chosen = rng.permutation(self.roadmap.nodes), np.zeros((0, 2))
         for place in places:
-            if len(chosen) < robots and (np.hypot(*(chosen - place).T) >= APART).all():
+            if len(chosen) < robots and (np.hypot(*(chosen - place).T) >= START_SPACING).all():
                 chosen = np.vstack([chosen, place])
         if len(chosen) < robots:
-            raise ValueError(f"robots is {robots}, more than the {len(chosen)} that {self.key.world} holds {APART:.1f} m apart")
+            raise ValueError(f"robots is {robots}, more than the {len(chosen)} that {self.key.world} holds {START_SPACING:.1f} m apart")
         return np.column_stack([chosen, rng.uniform(-np.pi, np.pi, robots)])
 
     def checked_starts(self, starts: Array, robots: int) -> Array:
-        """starts as (robots, 3) x, y m and yaw rad. Raises ValueError for another shape, or where one is not free or too near to another."""
+        """starts as an array (robots, 3): x, y m and yaw rad. Raises ValueError for another shape, and for starts that are occupied or too close."""
         rows = np.asarray(starts, dtype=np.float64)
         if rows.shape != (robots, 3) or not np.isfinite(rows).all():
             raise ValueError(f"starts have shape {rows.shape}, need ({robots}, 3) finite numbers: x, y m and yaw rad of every robot")
         for k, row in enumerate(rows):
-            if not self.room.free_at(row[None, :2])[0]:
+            if not self.free_space.free_at(row[None, :2])[0]:
                 raise ValueError(f"start {k} ({row[0]:.2f}, {row[1]:.2f}) m is not free for a robot of {self.key.world} of seed {self.key.seed}")
             gap = np.hypot(*(rows[:k, :2] - row[:2]).T).min(initial=np.inf)
             if gap < 2 * HALF_WIDTH:
@@ -145,17 +149,17 @@ class PlacementMap:
         return rows
 
     def metres(self, normalised: Array) -> Array:
-        """(n, 2) in [−1, 1] over the extent → (n, 2) m."""
+        """Points (n, 2) m of coordinates (n, 2) in [−1, 1] over the extent."""
         low, high = self.extent
         return low + (normalised + 1.0) / 2.0 * (high - low)
 
     def normalised(self, metres: Array) -> Array:
-        """(n, 2) m → (n, 2) in [−1, 1] over the extent, if within."""
+        """Coordinates (n, 2) of points (n, 2) m: in [−1, 1] within the extent."""
         low, high = self.extent
         return 2.0 * (metres - low) / (high - low) - 1.0
 
     def start_people(self, rng: np.random.Generator, robots: Array) -> CrowdState:
-        """People anywhere, at whatever point of their plans, but not beside robots (r, 2) m. Raises ValueError where they do not fit in."""
+        """People at random positions and stages of their plans, at least 1 m from robots (r, 2) m. Raises ValueError where they do not fit."""
         count = self.key.people
         try:
             places = self.world.feet.sample(rng, count + 3 * len(robots) if count else 0, 0.1, 0.8)
@@ -172,31 +176,31 @@ class PlacementMap:
         return CrowdState(body, 0.0, state.entered)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED_MAPS)
 def map_of(key: MapKey) -> PlacementMap:
-    """The map of that key, as it was built the last time. Raises ValueError for an unknown world or a number out of bounds."""
+    """The map of a key, cached. Raises ValueError for an unknown world or a number out of bounds."""
     scenario = Scenario(world=key.world, difficulty=key.difficulty, seed=key.seed, people=key.people)
     world = catalogue.build(key.world, scenario.stream("world"), key.difficulty)
     people = [scenario.stream(f"person_{i}") for i in range(1, key.people + 1)]
     stature = np.array([skeleton.statures(rng, 1, 0.0)[0] for rng in people])
     plans = make_plans(world.feet, people, scenario.stream("people/goals"))
     floor, top = world.terrain.on_grid, world.tops()
-    heights = Heights(top.heights, np.array([*top.origin, top.spacing]))
-    room = driving.turning_space(world.wheels)
-    return PlacementMap(key, world, Crowd(world.feet, world.terrain, plans), stature, floor, heights, room, Roads.of(room))
+    elevation = ElevationMap(top.heights, np.array([*top.origin, top.spacing]))
+    free_space = driving.turning_space(world.wheels)
+    return PlacementMap(key, world, Crowd(world.feet, world.terrain, plans), stature, floor, elevation, free_space, Roadmap.of(free_space))
 
 
-@lru_cache(maxsize=KEPT)
-def _sees(place: PlacementMap, reach: float) -> NDArray[np.bool_]:
-    """As `PlacementMap.sees`, kept: policies ask for it in every decision."""
-    away = np.linalg.norm(place.lookouts[:, None, :2] - place.where_people_may_be[:, :2], axis=2)
-    out = np.asarray(place._clear & (away <= reach), dtype=np.bool_)
+@lru_cache(maxsize=CACHED_MAPS)
+def _visible_from_nodes(place: PlacementMap, reach: float) -> NDArray[np.bool_]:
+    """As `PlacementMap.visible_from_nodes`, cached: policies need it in every decision."""
+    away = np.linalg.norm(place.node_cameras[:, None, :2] - place.walkable_points[:, :2], axis=2)
+    out = np.asarray(place._chest_visible & (away <= reach), dtype=np.bool_)
     out.flags.writeable = False
     return out
 
 
 def height_on(field: Heightfield, points: Array) -> Array:
-    """(n, 2) m → (n,) m of a height field at its nearest grid points, bilinear."""
+    """Heights (n,) m of a height field at points (n, 2) m, by bilinear interpolation. Points outside take the value of the border."""
     return _bilinear(field.heights, field.origin, field.spacing, np.ascontiguousarray(points, dtype=np.float64))
 
 

@@ -1,10 +1,10 @@
-"""The placement of robots for several learners: PettingZoo's ParallelEnv with one agent a robot, over the same episodes as placement.py.
+"""The PettingZoo environment of placement: a ParallelEnv with one agent per robot, over the same episodes as env.py.
 
     from sim.placement.parallel_env import parallel_env
     env = parallel_env(world="ruins", robots=4, people=10)
     observations, infos = env.reset(seed=7)
 
-Needs the extra `rl`. All agents share the reward; each sees its own row of what the team sees, and the team's beliefs.
+It needs the extra `rl`. All agents share the reward. Each observes its own row of the team's observation, and the team's beliefs.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium import spaces
 
 from sim.placement.env import Placement
-from sim.placement.observations import Arrays
+from sim.placement.observations import Observation
 from tracker.geometry import Array
 
 try:
@@ -25,19 +25,19 @@ except ImportError as error:
     raise ImportError("sim.placement.parallel_env needs pettingzoo: pip install 'pilsim[rl]'") from error
 
 SHARED = ("beliefs",)
-"""What all agents are shown alike; of the rest each is shown its row."""
+"""Arrays that all agents share. Of every other array each agent gets its own row."""
 
 
 def parallel_env(max_cycles: int = 240, **options: Any) -> ParallelPlacement:
     """The environment. The options are those of sim.placement.env.Placement.
 
-    max_cycles: decisions after which an episode is cut off. Raises ValueError as Placement does.
+    max_cycles: number of decisions after which an episode is truncated. Raises ValueError as Placement does.
     """
     return ParallelPlacement(max_cycles, **options)
 
 
-class ParallelPlacement(ParallelEnv[str, Arrays, Array]):
-    """Agents robot_0 …; actions Box (2,) in [−1, 1]; `state` is all that the team sees, in one vector."""
+class ParallelPlacement(ParallelEnv[str, Observation, Array]):
+    """Agents robot_0, robot_1 …; actions Box (2,) in [−1, 1]. `state` is the whole observation of the team, as one vector."""
 
     metadata: ClassVar[dict[str, Any]] = {"name": "pilsim_placement_v0", "render_modes": ["rgb_array"], "is_parallelizable": True, "render_fps": 2}
 
@@ -54,7 +54,7 @@ class ParallelPlacement(ParallelEnv[str, Arrays, Array]):
         self.action_spaces = {agent: spaces.Box(-1.0, 1.0, (2,), np.float32) for agent in self.possible_agents}
         size = sum(int(np.prod(box.shape)) for name, box in boxes.items() if name != "panoramas")
         self.state_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
-        self._shown: Arrays = {}
+        self._observation: Observation = {}
         self._cycles = 0
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
@@ -63,39 +63,39 @@ class ParallelPlacement(ParallelEnv[str, Arrays, Array]):
     def action_space(self, agent: str) -> spaces.Space[Any]:
         return self.action_spaces[agent]
 
-    def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[dict[str, Arrays], dict[str, dict[str, Any]]]:
-        """Begin an episode; options: {"starts": …} as in Placement.reset, others mean nothing here (PettingZoo's own tests pass some)."""
+    def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Begin an episode. options: {"starts": …} as in Placement.reset. Others are ignored, because PettingZoo's own tests pass some."""
         known = {name: value for name, value in (options or {}).items() if name == "starts"}
-        self._shown, info = self.team.reset(seed=seed, options=known)
+        self._observation, info = self.team.reset(seed=seed, options=known)
         self.agents, self._cycles = list(self.possible_agents), 0
-        return self._each(), {agent: dict(info) for agent in self.agents}
+        return self._observations(), {agent: dict(info) for agent in self.agents}
 
     def step(
         self, actions: dict[str, Array]
-    ) -> tuple[dict[str, Arrays], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Raises ValueError where an agent has no action."""
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Advance by one decision. Raises ValueError where an agent has no action."""
         if not self.agents:
             return {}, {}, {}, {}, {}
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise ValueError(f"actions lack {', '.join(missing)}, need one of every agent")
-        self._shown, reward, over, _, info = self.team.step(np.stack([actions[agent] for agent in self.agents]))
+        self._observation, reward, terminated, _, info = self.team.step(np.stack([actions[agent] for agent in self.agents]))
         self._cycles += 1
-        agents, cut = list(self.agents), self._cycles >= self.max_cycles
-        shown = self._each()
-        if over or cut:
+        agents, truncated = list(self.agents), self._cycles >= self.max_cycles
+        observations = self._observations()
+        if terminated or truncated:
             self.agents = []
         return (
-            shown,
+            observations,
             dict.fromkeys(agents, reward),
-            dict.fromkeys(agents, over),
-            dict.fromkeys(agents, cut),
+            dict.fromkeys(agents, terminated),
+            dict.fromkeys(agents, truncated),
             {agent: dict(info) for agent in agents},
         )
 
     def state(self) -> Array:
-        """(n,) float32: what the team sees, but pictures, in one row."""
-        return np.concatenate([array.ravel() for name, array in sorted(self._shown.items()) if name != "panoramas"])
+        """(n,) float32: the observation of the team without panoramas, as one vector."""
+        return np.concatenate([array.ravel() for name, array in sorted(self._observation.items()) if name != "panoramas"])
 
     def render(self) -> Any:
         return self.team.render()
@@ -110,8 +110,8 @@ class ParallelPlacement(ParallelEnv[str, Arrays, Array]):
         low, high = (edge[:rows] if rows > 1 else edge[0] for edge in (box.low, box.high))
         return spaces.Box(low, high, dtype=box.dtype.type)
 
-    def _each(self) -> dict[str, Arrays]:
-        return {agent: {name: self._row(name, array, k) for name, array in self._shown.items()} for k, agent in enumerate(self.possible_agents)}
+    def _observations(self) -> dict[str, Observation]:
+        return {agent: {name: self._row(name, array, k) for name, array in self._observation.items()} for k, agent in enumerate(self.possible_agents)}
 
     def _row(self, name: str, array: np.ndarray, k: int) -> np.ndarray:
         if name in SHARED:

@@ -1,4 +1,4 @@
-"""The plan of an episode: the ground, what stands on it, whom robots see, where they have been, and what is believed. Drawn with OpenCV."""
+"""A plan view of an episode: ground, obstacles, robots, fields of view, people and beliefs. Drawn with OpenCV."""
 
 from __future__ import annotations
 
@@ -6,31 +6,32 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.placement.config import YAW
 from sim.placement.episode import Episode
 from sim.placement.map import PlacementMap
-from sim.placement.visibility import clear
-from tracker.geometry import Array
+from sim.placement.visibility import line_of_sight
+from tracker.geometry import Array, Image
 
-Picture = NDArray[np.uint8]
-SIDE = 800
-"""px of the longer side."""
-TALL = 0.8
-"""m over the floor from which something counts as standing there."""
+LONGER_SIDE = 800
+"""Length of the longer side, px."""
+OBSTACLE_HEIGHT = 0.8
+"""Height above the floor from which a cell counts as an obstacle, m."""
 COLOURS = ((214, 105, 30), (38, 110, 190), (46, 139, 87), (150, 80, 170), (190, 160, 20), (200, 60, 90), (30, 150, 160), (120, 90, 60))
 """RGB of the robots, in their order."""
-LINE, CHEST = 40, 1.2
-"""px of the line below the plan; m over the floor of what has to be seen for a place to count as seen."""
+LEGEND_HEIGHT, CHEST_HEIGHT = 40, 1.2
+"""Height of the legend, px; height above the floor at which a point has to be visible, m."""
 WALKED, ROUGH = (240.0, 236.0, 227.0), (219.0, 213.0, 200.0)
 INK, PAPER, SEEN_TWICE, SEEN_ONCE, UNSEEN = (40, 42, 46), (250, 249, 246), (34, 139, 64), (226, 158, 36), (200, 46, 46)
 _SHIFT = 4
 
 
-def plan(episode: Episode) -> Picture:
-    """(H, W, 3) RGB, north up: fields of view tinted in the robots' colours; people green where two see them, amber where one does, red where
-    nobody does; ellipses of two standard deviations of what is believed."""
+def draw_plan(episode: Episode) -> Image:
+    """The plan view (H, W, 3) RGB, north up.
+
+    Fields of view are tinted in the robots' colours. People are green where two robots see them, amber where one does, red where none does.
+    Ellipses show two standard deviations of the beliefs.
+    """
     place, now = episode.place, episode.now
     scale, picture = _ground(place)
     picture = _tint(picture.copy(), episode, scale)
@@ -43,38 +44,38 @@ def plan(episode: Episode) -> Picture:
         _disc(picture, _pixel(place, person[:2], scale), 0.24 * scale, (UNSEEN, SEEN_ONCE, SEEN_TWICE)[min(count, 2)])
     for k, robot in enumerate(now.team):
         if episode.goals is not None:
-            _cross(picture, _pixel(place, place.roads.places[episode.goals[k]], scale), COLOURS[k % len(COLOURS)])
+            _cross(picture, _pixel(place, place.roadmap.nodes[episode.goals[k]], scale), COLOURS[k % len(COLOURS)])
         _rover(picture, _pixel(place, robot[:2], scale), float(robot[YAW]), 0.5 * scale, COLOURS[k % len(COLOURS)])
     return _legend(picture, episode, views)
 
 
 @lru_cache(maxsize=8)
-def _ground(place: PlacementMap) -> tuple[float, Picture]:
-    """px a metre, and the map without anybody: floor shaded by its slope, lighter where people walk, dark where something stands."""
+def _ground(place: PlacementMap) -> tuple[float, Image]:
+    """Pixels per metre, and the empty map: shaded by slope, lighter where people walk, dark at obstacles."""
     low, high = place.extent
-    scale = SIDE / float((high - low).max())
+    scale = LONGER_SIDE / float((high - low).max())
     size = np.maximum(np.round((high - low) * scale).astype(int), 1).tolist()
-    floor, top = place.floor.heights, place.heights.top
+    floor, top = place.floor.heights, place.elevation.top
     north, east = np.gradient(floor, place.floor.spacing)
     shade = np.clip(1.0 + 0.8 * (east - north) / np.sqrt(2.0), 0.75, 1.12)[..., None]
     colour = np.where(place.world.feet.free[..., None], WALKED, ROUGH) * shade
-    stands = (top - floor)[..., None]
-    colour = np.where(stands > TALL, 126.0 - 60.0 * np.clip((stands - TALL) / 1.5, 0.0, 1.0), colour)
+    height = (top - floor)[..., None]
+    colour = np.where(height > OBSTACLE_HEIGHT, 126.0 - 60.0 * np.clip((height - OBSTACLE_HEIGHT) / 1.5, 0.0, 1.0), colour)
     picture = cv2.resize(np.clip(colour, 0, 255).astype(np.uint8)[::-1], size, interpolation=cv2.INTER_LINEAR)
     return scale, np.asarray(picture, dtype=np.uint8)
 
 
-def _tint(picture: Picture, episode: Episode, scale: float) -> Picture:
-    """The ground tinted where a robot sees whoever stands there, by so much for each robot."""
+def _tint(picture: Image, episode: Episode, scale: float) -> Image:
+    """The ground with the field of view of each robot tinted in its colour."""
     place, now, out = episode.place, episode.now, picture.astype(np.float32)
     nodes = place.floor.nodes.reshape(-1, 2)
-    chest = np.column_stack([nodes, place.floor.heights.ravel() + CHEST])
+    chest = np.column_stack([nodes, place.floor.heights.ravel() + CHEST_HEIGHT])
     for k in range(len(now.team)):
-        if now.over[k]:
+        if now.tipped[k]:
             continue
-        near = np.flatnonzero(np.hypot(*(nodes - now.eyes[k, :2]).T) < episode.config.reach)
+        near = np.flatnonzero(np.hypot(*(nodes - now.cameras[k, :2]).T) < episode.config.reach)
         sees = np.zeros(len(nodes), dtype=np.float32)
-        sees[near] = clear(place.heights, now.eyes[k], chest[near])
+        sees[near] = line_of_sight(place.elevation, now.cameras[k], chest[near])
         mask = cv2.resize(sees.reshape(place.floor.heights.shape)[::-1], picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
         out += 0.22 * mask[..., None] * (np.array(COLOURS[k % len(COLOURS)], dtype=np.float32) - out)
     return np.asarray(out, dtype=np.uint8)
@@ -86,36 +87,36 @@ def _pixel(place: PlacementMap, point: Array, scale: float) -> tuple[float, floa
 
 
 def _fixed(*numbers: float) -> list[int]:
-    """Numbers of pixels as OpenCV takes fractions of them."""
+    """Pixels as fixed-point integers, as OpenCV takes them."""
     return [round(number * (1 << _SHIFT)) for number in numbers]
 
 
-def _disc(picture: Picture, at: tuple[float, float], radius: float, colour: tuple[int, int, int]) -> None:
-    for size, paint in ((radius + 1.5, PAPER), (radius, colour)):
-        cv2.circle(picture, _fixed(*at), _fixed(size)[0], paint, -1, cv2.LINE_AA, _SHIFT)
+def _disc(picture: Image, at: tuple[float, float], radius: float, colour: tuple[int, int, int]) -> None:
+    for size, fill in ((radius + 1.5, PAPER), (radius, colour)):
+        cv2.circle(picture, _fixed(*at), _fixed(size)[0], fill, -1, cv2.LINE_AA, _SHIFT)
 
 
-def _trail(picture: Picture, points: list[tuple[float, float]], colour: tuple[int, int, int]) -> None:
+def _trail(picture: Image, points: list[tuple[float, float]], colour: tuple[int, int, int]) -> None:
     if len(points) > 1:
         line = np.array([_fixed(*point) for point in points], dtype=np.int32)
         cv2.polylines(picture, [line], False, colour, 2, cv2.LINE_AA, _SHIFT)
 
 
-def _cross(picture: Picture, at: tuple[float, float], colour: tuple[int, int, int]) -> None:
+def _cross(picture: Image, at: tuple[float, float], colour: tuple[int, int, int]) -> None:
     for dx, dy in ((6.0, 6.0), (6.0, -6.0)):
         cv2.line(picture, _fixed(at[0] - dx, at[1] - dy), _fixed(at[0] + dx, at[1] + dy), colour, 2, cv2.LINE_AA, _SHIFT)
 
 
-def _ellipse(picture: Picture, at: tuple[float, float], P: Array, scale: float) -> None:
+def _ellipse(picture: Image, at: tuple[float, float], P: Array, scale: float) -> None:
     value, vector = np.linalg.eigh(P)
     axes = 2.0 * np.sqrt(np.maximum(value, 0.0)) * scale
-    if axes[1] < SIDE:
+    if axes[1] < LONGER_SIDE:
         angle = -np.degrees(np.arctan2(vector[1, 1], vector[0, 1]))
         cv2.ellipse(picture, _fixed(*at), _fixed(max(axes[1], 2.0), max(axes[0], 2.0)), angle, 0, 360, INK, 1, cv2.LINE_AA, _SHIFT)
 
 
-def _rover(picture: Picture, at: tuple[float, float], yaw: float, size: float, colour: tuple[int, int, int]) -> None:
-    """An arrow head as long as a rover, or so that it can be seen."""
+def _rover(picture: Image, at: tuple[float, float], yaw: float, size: float, colour: tuple[int, int, int]) -> None:
+    """Draw an arrow head as long as a rover, and at least visible."""
     size = max(size, 11.0)
     shape = np.array([(1.0, 0.0), (-0.75, 0.7), (-0.4, 0.0), (-0.75, -0.7)]) * size
     c, s = np.cos(yaw), np.sin(yaw)
@@ -124,11 +125,11 @@ def _rover(picture: Picture, at: tuple[float, float], yaw: float, size: float, c
     cv2.polylines(picture, [corners], True, PAPER, 2, cv2.LINE_AA, _SHIFT)
 
 
-def _legend(picture: Picture, episode: Episode, views: Array) -> Picture:
-    """A line below the plan: how many are seen, and how often."""
-    out = np.full((picture.shape[0] + LINE, picture.shape[1], 3), PAPER, dtype=np.uint8)
+def _legend(picture: Image, episode: Episode, views: Array) -> Image:
+    """Append a legend: the numbers of people whom two or more, one, and no robots see."""
+    out = np.full((picture.shape[0] + LEGEND_HEIGHT, picture.shape[1], 3), PAPER, dtype=np.uint8)
     out[: picture.shape[0]] = picture
-    x, y = 14, picture.shape[0] + LINE - 14
+    x, y = 14, picture.shape[0] + LEGEND_HEIGHT - 14
     words = (("twice or more", SEEN_TWICE, views >= 2), ("once", SEEN_ONCE, views == 1), ("unseen", UNSEEN, views == 0))
     size = 0.5 if picture.shape[1] > 600 else 0.36
     for word, colour, which in words:

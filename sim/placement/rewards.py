@@ -1,4 +1,4 @@
-"""What a placement is worth: named terms, each a number a decision, and their weighted sum."""
+"""The reward of a decision: named terms and their weighted sum."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array
 
-GOSPA_GATE = 2.0
-"""m: c of GOSPA."""
+GOSPA_CUTOFF = 2.0
+"""Cut-off distance c of GOSPA, m."""
 TERMS: dict[str, str] = {
     "seen": "share of people whom at least one robot sees, in [0, 1]",
     "seen_twice": "share of people whom at least two robots see, in [0, 1]",
-    "gospa": "GOSPA of tracks or beliefs (c = 2 m, p = 2), m, over that of an empty answer: 0 is perfect, 1 is as good as saying nothing",
-    "information": "nats gained a person: half of what the log determinants of their places' covariances lost by what was seen",
+    "gospa": "GOSPA of tracks or beliefs (c = 2 m, p = 2) over that of an empty estimate: 0 is perfect, 1 is no better than the empty estimate",
+    "information": "information gain per person, nats: half the decrease of the log determinants of the position covariances",
     "collisions": "robots stopped by a person, by another robot or by the ground in this decision",
-    "near_misses": "people within 0.98 m of a robot that moves",
-    "tip_overs": "robots that have tipped over in this decision",
-    "energy": "kJ spent by all robots",
+    "near_misses": "people within 0.98 m of a moving robot",
+    "tip_overs": "robots that tipped over in this decision",
+    "energy": "energy spent by all robots, kJ",
 }
-"""Every term and what it is."""
+"""Every term of the reward and its meaning."""
 WEIGHTS: dict[str, float] = {
     "seen": 0.3,
     "seen_twice": 1.0,
@@ -32,14 +32,14 @@ WEIGHTS: dict[str, float] = {
     "tip_overs": -5.0,
     "energy": -0.02,
 }
-"""The weights where none are given."""
+"""Default weights."""
 
 Reward = Mapping[str, float] | Callable[[Mapping[str, float]], float]
-"""Weights by term (a term that is left out counts nothing), or a function of all terms."""
+"""Weights by term (0 for a missing term), or a function of all terms."""
 
 
-def checked(reward: Reward | None) -> Reward:
-    """The reward that is meant. Raises ValueError for a term that there is not, or for a weight that is no finite number."""
+def checked_reward(reward: Reward | None) -> Reward:
+    """The reward, or the default weights for None. Raises ValueError for an unknown term and for a weight that is not finite."""
     if reward is None:
         return dict(WEIGHTS)
     if callable(reward):
@@ -54,8 +54,8 @@ def checked(reward: Reward | None) -> Reward:
     return {name: float(weight) for name, weight in reward.items()}
 
 
-def worth(reward: Reward, terms: Mapping[str, float]) -> float:
-    """The reward of a decision. Raises ValueError where a user's function gives no finite number."""
+def reward_of(reward: Reward, terms: Mapping[str, float]) -> float:
+    """The reward of a decision with these terms. Raises ValueError where a user's function gives no finite number."""
     if callable(reward):
         value = float(reward(terms))
         if not np.isfinite(value):
@@ -64,19 +64,19 @@ def worth(reward: Reward, terms: Mapping[str, float]) -> float:
     return float(sum(weight * terms[name] for name, weight in reward.items()))
 
 
-def gospa(truth: Array, estimate: Array, gate: float = GOSPA_GATE) -> float:
-    """m: between places (m, 2) and (k, 2) m, p = 2, α = 2 (Rahmathullah, García-Fernández and Svensson 2017, proposition 1)."""
+def gospa(truth: Array, estimate: Array, cutoff: float = GOSPA_CUTOFF) -> float:
+    """GOSPA in m between positions (m, 2) and (k, 2) m, p = 2, α = 2 (Rahmathullah, García-Fernández and Svensson 2017, proposition 1)."""
     m, k = len(truth), len(estimate)
     if not (m and k):
-        return gate * float(np.sqrt((m + k) / 2))
-    square = np.minimum(((truth[:, None] - estimate[None]) ** 2).sum(axis=2), gate**2)
+        return cutoff * float(np.sqrt((m + k) / 2))
+    square = np.minimum(((truth[:, None] - estimate[None]) ** 2).sum(axis=2), cutoff**2)
     rows, columns = linear_sum_assignment(square)
     cost = square[rows, columns]
-    near = cost < gate**2
+    near = cost < cutoff**2
     missed = m + k - 2 * int(near.sum())
-    return float(np.sqrt(cost[near].sum() + gate**2 / 2 * missed))
+    return float(np.sqrt(cost[near].sum() + cutoff**2 / 2 * missed))
 
 
-def gospa_share(truth: Array, estimate: Array) -> float:
-    """GOSPA over that of saying nothing; where nobody is there, over that of one false person."""
-    return gospa(truth, estimate) / (GOSPA_GATE * float(np.sqrt(max(len(truth), 1) / 2)))
+def relative_gospa(truth: Array, estimate: Array) -> float:
+    """GOSPA divided by that of an empty estimate. Without true people it is divided by that of one false person."""
+    return gospa(truth, estimate) / (GOSPA_CUTOFF * float(np.sqrt(max(len(truth), 1) / 2)))

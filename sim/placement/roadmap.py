@@ -1,6 +1,7 @@
-"""Where rovers can drive to and how: a sparse net of places over the room in which they can turn, with all shortest ways between them.
+"""The roadmap of a map, with all shortest paths, and the steering of rovers along it (Kavraki et al. 1996).
 
-How a robot drives to a place of the roads: as far along its way as it can go straight, past others on the right. Compiled.
+A rover heads for the farthest node of its path that it reaches straight, and passes people and other rovers on the right.
+The kernels are compiled. They stand in one file, because numba does not notice a change of a kernel in another.
 """
 
 from __future__ import annotations
@@ -20,184 +21,189 @@ from tracker.geometry import Array
 from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.heightfield import Mask
 
-MOST = 500
-"""Places of a net, about: its spacing is chosen for so many."""
+NODES = 500
+"""Approximate number of nodes, from which the spacing is chosen."""
 
-FINEST, COARSEST = 0.45, 2.0
-"""m between neighbouring places."""
+MIN_SPACING, MAX_SPACING = 0.45, 2.0
+"""Bounds of the spacing of nodes, m."""
+
+LANE_LENGTH, HALF_LANE_WIDTH = 1.5, 0.85
+"""Length, and half the width, of the lane in which a robot avoids others, m."""
+
+LOOKAHEAD, REACHED_DISTANCE = 1.5, 0.3
+"""Look-ahead along the path, and distance within which a node is reached, m."""
+
+STOP_DISTANCE = 0.15
+"""Distance from the target at which a robot stops, m."""
 
 
 @dataclass(frozen=True, eq=False)
-class Roads:
-    """places (n, 2) m; distance (n, n) m along the net; onward (n, n): the place after i on the way to j, or i itself. All hang together."""
+class Roadmap:
+    """A connected graph of nodes in free space, with all shortest paths.
 
-    places: Array
+    nodes (n, 2) m; distance (n, n) m along the graph; next_node (n, n): the node after i on the path to j, or i itself where i is j.
+    """
+
+    nodes: Array
     distance: Array
-    onward: NDArray[np.int32]
-    room: FreeSpace
+    next_node: NDArray[np.int32]
+    free_space: FreeSpace
 
     @staticmethod
-    def of(room: FreeSpace) -> Roads:
-        """The net of a room. A cell's place is where it has the most clearance; two are joined where the straight way between them is free."""
-        spacing = float(np.clip(np.sqrt(room.area / MOST), FINEST, COARSEST))
-        places, cell = _widest(room, spacing)
-        links = _links(room, places, cell)
-        _, label = csgraph.connected_components(links, directed=False)
+    def of(space: FreeSpace) -> Roadmap:
+        """The roadmap of a free space. Each cell has a node where its clearance is largest. Free straight segments are edges."""
+        spacing = float(np.clip(np.sqrt(space.area / NODES), MIN_SPACING, MAX_SPACING))
+        nodes, cell = _nodes(space, spacing)
+        edges = _edges(space, nodes, cell)
+        _, label = csgraph.connected_components(edges, directed=False)
         kept = np.flatnonzero(label == np.argmax(np.bincount(label)))
-        distance, before = csgraph.shortest_path(links[kept][:, kept], directed=False, return_predecessors=True)
-        onward = before.T.astype(np.int32)
-        np.fill_diagonal(onward, np.arange(len(kept)))
-        for array in (distance, onward):
+        distance, before = csgraph.shortest_path(edges[kept][:, kept], directed=False, return_predecessors=True)
+        next_node = before.T.astype(np.int32)
+        np.fill_diagonal(next_node, np.arange(len(kept)))
+        for array in (distance, next_node):
             array.flags.writeable = False
-        return Roads(places[kept], distance, onward, room)
+        return Roadmap(nodes[kept], distance, next_node, space)
 
     @property
-    def ground(self) -> tuple[Mask, Array, float]:
-        """What compiled code needs of the room: free (rows, columns), origin (2,) m and spacing m."""
-        return self.room.free, self.room.origin, self.room.spacing
+    def grid(self) -> tuple[Mask, Array, float]:
+        """The free space as kernels take it: free (rows, columns), origin (2,) m and spacing m."""
+        return self.free_space.free, self.free_space.origin, self.free_space.spacing
 
     def nearest(self, points: Array) -> NDArray[np.int64]:
-        """(k, 2) m → (k,) the nearest place."""
-        return nearest(points, self.places)
+        """The nearest node (k,) to each of points (k, 2) m."""
+        return nearest(points, self.nodes)
 
 
-def nearest(points: Array, places: Array) -> NDArray[np.int64]:
-    """(k, 2) m → (k,) the nearest of places (n, 2) m."""
-    return np.asarray(((points[:, None] - places) ** 2).sum(axis=2).argmin(axis=1), dtype=np.int64)
+def nearest(points: Array, nodes: Array) -> NDArray[np.int64]:
+    """The nearest (k,) of nodes (n, 2) m to each of points (k, 2) m."""
+    return np.asarray(((points[:, None] - nodes) ** 2).sum(axis=2).argmin(axis=1), dtype=np.int64)
 
 
-def _widest(room: FreeSpace, spacing: float) -> tuple[Array, NDArray[np.int64]]:
-    """(n, 2) m the place of each cell that has free ground, and (n, 2) the cell's column and row."""
-    i, j = np.nonzero(room.free)
-    points = room.origin + room.spacing * np.stack([j, i], axis=1)
-    cell = np.floor((points - room.origin) / spacing).astype(np.int64)
-    # As near to the cell's middle as can be, once there is room.
-    off = np.abs(points - room.origin - (cell + 0.5) * spacing).max(axis=1)
-    worth = np.minimum(room.clearance[i, j], 0.4) - 0.25 * off
-    order = np.lexsort((-worth, cell[:, 0], cell[:, 1]))
+def _nodes(space: FreeSpace, spacing: float) -> tuple[Array, NDArray[np.int64]]:
+    """The node (n, 2) m of each cell with free ground, and the cell's column and row (n, 2)."""
+    i, j = np.nonzero(space.free)
+    points = space.origin + space.spacing * np.stack([j, i], axis=1)
+    cell = np.floor((points - space.origin) / spacing).astype(np.int64)
+    # A clearance of 0.4 m is enough: beyond it, nodes near the middle of the cell are better.
+    off = np.abs(points - space.origin - (cell + 0.5) * spacing).max(axis=1)
+    score = np.minimum(space.clearance[i, j], 0.4) - 0.25 * off
+    order = np.lexsort((-score, cell[:, 0], cell[:, 1]))
     _, first = np.unique(cell[order], axis=0, return_index=True)
     chosen = order[np.sort(first)]
     return points[chosen], cell[chosen]
 
 
-def _links(room: FreeSpace, places: Array, cell: NDArray[np.int64]) -> sparse.csr_matrix:
-    """(n, n) m of the straight ways between places of neighbouring cells."""
+def _edges(space: FreeSpace, nodes: Array, cell: NDArray[np.int64]) -> sparse.csr_matrix:
+    """Lengths (n, n) m of the free straight segments between nodes of neighbouring cells."""
     number = {(int(c), int(r)): k for k, (c, r) in enumerate(cell)}
-    pairs, ground = [], (room.free, room.origin, room.spacing)
+    pairs, grid = [], (space.free, space.origin, space.spacing)
     for k, (c, r) in enumerate(cell.tolist()):
         for step in ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2)):
             other = number.get((c + step[0], r + step[1]))
-            if other is not None and straight(ground, places[k], places[other]):
+            if other is not None and segment_is_free(grid, nodes[k], nodes[other]):
                 pairs.append((k, other))
     a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    return sparse.csr_matrix((np.hypot(*(places[a] - places[b]).T), (a, b)), shape=(len(places), len(places)))
+    return sparse.csr_matrix((np.hypot(*(nodes[a] - nodes[b]).T), (a, b)), shape=(len(nodes), len(nodes)))
 
 
 @njit(cache=True)
-def straight(room, a, b):  # type: ignore[no-untyped-def]
-    """Whether the straight way from a to b, two coordinates m each, is free; room as in `Roads.ground`."""
+def segment_is_free(space, a, b):  # type: ignore[no-untyped-def]
+    """Whether the straight segment from a to b is free: two coordinates in m each. space: as `Roadmap.grid`."""
     dx, dy = b[0] - a[0], b[1] - a[1]
-    steps = max(2, int(math.sqrt(dx * dx + dy * dy) / room[2] * 2) + 1)
+    steps = max(2, int(math.sqrt(dx * dx + dy * dy) / space[2] * 2) + 1)
     for k in range(steps):
         t = k / (steps - 1)
-        if not is_free(room, a[0] + t * dx, a[1] + t * dy):
+        if not is_free(space, a[0] + t * dx, a[1] + t * dy):
             return False
     return True
 
 
 @njit(cache=True)
-def is_free(room, x, y):  # type: ignore[no-untyped-def]
-    """Whether the middle of a robot may be at (x, y) m."""
-    free, origin, spacing = room
+def is_free(space, x, y):  # type: ignore[no-untyped-def]
+    """Whether the centre of a robot may be at (x, y) m."""
+    free, origin, spacing = space
     j, i = int(np.rint((x - origin[0]) / spacing)), int(np.rint((y - origin[1]) / spacing))
     return 0 <= i < free.shape[0] and 0 <= j < free.shape[1] and free[i, j]
 
 
-LANE, HALF_LANE = 1.5, 0.85
-"""m ahead and to both sides in which others are driven around."""
-
-AHEAD, CLOSE = 1.5, 0.3
-"""m along the roads that are looked ahead; m within which a place has been reached."""
-
-STOP = 0.15
-"""m before an aim where a robot stands."""
-
-
 @njit(cache=True)
-def steer(team, goals, people, net, room):  # type: ignore[no-untyped-def]
-    """(r, 2) m/s and rad/s: what robots at team (r, 7) are told who are on the way to the places goals (r,) of the roads, among people (p, 2) m.
+def steer(team, goals, people, graph, space):  # type: ignore[no-untyped-def]
+    """Velocity commands (r, 2) m/s and rad/s of robots of states team (r, 7) to goal nodes goals (r,), among people (p, 2) m.
 
-    net: the roads' places (n, 2) m and onward (n, n). room: Roads.ground.
+    graph: nodes (n, 2) m and next_node (n, n) of the roadmap. space: `Roadmap.grid`.
     """
     out = np.zeros((len(team), 2))
     others = np.empty((len(team) - 1 + len(people), 2))
     others[len(team) - 1 :] = people
     for k in range(len(team)):
         others[:k], others[k : len(team) - 1] = team[:k, :2], team[k + 1 :, :2]
-        ax, ay = _aim(team[k, X], team[k, Y], goals[k], net, room)
-        ax, ay = _around(team[k], (ax, ay), others, room)
-        out[k, 0], out[k, 1] = _towards(team[k], ax, ay)
+        ax, ay = _target(team[k, X], team[k, Y], goals[k], graph, space)
+        ax, ay = _avoid(team[k], (ax, ay), others, space)
+        out[k, 0], out[k, 1] = _velocity(team[k], ax, ay)
     return out
 
 
 @njit(cache=True)
-def _aim(x, y, goal, net, room):  # type: ignore[no-untyped-def]
-    """Where to head for from (x, y) m on the way to the place `goal`: as far along it as one can go straight, up to AHEAD."""
-    places, onward = net
-    here, least = 0, 1e30
-    for n in range(len(places)):
-        square = (x - places[n, 0]) ** 2 + (y - places[n, 1]) ** 2
+def _target(x, y, goal, graph, space):  # type: ignore[no-untyped-def]
+    """The target of a robot at (x, y) m: the farthest node of the path to `goal` that it reaches straight, up to LOOKAHEAD."""
+    nodes, next_node = graph
+    start, least = 0, 1e30
+    for n in range(len(nodes)):
+        square = (x - nodes[n, 0]) ** 2 + (y - nodes[n, 1]) ** 2
         if square < least:
-            here, least = n, square
-    aim, node = here, here
-    if here == goal and least < CLOSE * CLOSE:
-        return places[here, 0], places[here, 1]
+            start, least = n, square
+    target, node = start, start
+    if start == goal and least < REACHED_DISTANCE * REACHED_DISTANCE:
+        return nodes[start, 0], nodes[start, 1]
     while node != goal:
-        node = onward[node, goal]
-        away = math.sqrt((places[node, 0] - x) ** 2 + (places[node, 1] - y) ** 2)
-        if away > AHEAD or not straight(room, (x, y), (places[node, 0], places[node, 1])):
+        node = next_node[node, goal]
+        distance = math.sqrt((nodes[node, 0] - x) ** 2 + (nodes[node, 1] - y) ** 2)
+        if distance > LOOKAHEAD or not segment_is_free(space, (x, y), (nodes[node, 0], nodes[node, 1])):
             break
-        aim = node
-    if node != here and (places[aim, 0] - x) ** 2 + (places[aim, 1] - y) ** 2 < CLOSE * CLOSE:
-        aim = node
-    return places[aim, 0], places[aim, 1]
+        target = node
+    if node != start and (nodes[target, 0] - x) ** 2 + (nodes[target, 1] - y) ** 2 < REACHED_DISTANCE * REACHED_DISTANCE:
+        target = node
+    return nodes[target, 0], nodes[target, 1]
 
 
 @njit(cache=True)
-def _around(robot, aim, others, room):  # type: ignore[no-untyped-def]
-    """Where to head for in place of aim, where others (k, 2) m are in the way: past them on the right, else on the left, where there is room."""
+def _avoid(robot, target, others, space):  # type: ignore[no-untyped-def]
+    """The target, moved where others (k, 2) m block the lane to it: to the right, or else to the left, where the ground is free."""
     x, y = robot[X], robot[Y]
-    distance = math.sqrt((aim[0] - x) ** 2 + (aim[1] - y) ** 2)
-    if distance < STOP:
-        return aim
-    c, s = (aim[0] - x) / distance, (aim[1] - y) / distance
-    if not _blocked(x, y, (c, s), others, (0.0, min(LANE, distance + 0.5))):
-        return aim
+    distance = math.sqrt((target[0] - x) ** 2 + (target[1] - y) ** 2)
+    if distance < STOP_DISTANCE:
+        return target
+    c, s = (target[0] - x) / distance, (target[1] - y) / distance
+    if not _blocked(x, y, (c, s), others, (0.0, min(LANE_LENGTH, distance + 0.5))):
+        return target
     for turn in (-0.9, 0.9, -1.6, 1.6):
-        wc, ws = math.cos(turn) * c - math.sin(turn) * s, math.sin(turn) * c + math.cos(turn) * s
-        roomy = is_free(room, x + 0.4 * wc, y + 0.4 * ws) and is_free(room, x + 0.8 * wc, y + 0.8 * ws)
-        if roomy and not _blocked(x, y, (wc, ws), others, (0.2, 1e30)):
-            return x + wc, y + ws
-    return aim
+        tc, ts = math.cos(turn) * c - math.sin(turn) * s, math.sin(turn) * c + math.cos(turn) * s
+        both_free = is_free(space, x + 0.4 * tc, y + 0.4 * ts) and is_free(space, x + 0.8 * tc, y + 0.8 * ts)
+        if both_free and not _blocked(x, y, (tc, ts), others, (0.2, 1e30)):
+            return x + tc, y + ts
+    return target
 
 
 @njit(cache=True)
-def _blocked(x, y, way, others, stretch):  # type: ignore[no-untyped-def]
-    """Whether somebody is in the lane from (x, y) along the unit direction `way`, between so many m ahead and within LANE where that has no end."""
+def _blocked(x, y, direction, others, stretch):  # type: ignore[no-untyped-def]
+    """Whether one of `others` is in the lane from (x, y) m along the unit vector `direction`.
+
+    stretch: least and greatest distance along it, m. An infinite stretch (1e30) ends at the distance LANE_LENGTH.
+    """
     for k in range(len(others)):
         dx, dy = others[k, 0] - x, others[k, 1] - y
-        along, aside = dx * way[0] + dy * way[1], dy * way[0] - dx * way[1]
-        if stretch[0] < along < stretch[1] and abs(aside) < HALF_LANE and (stretch[1] < 1e29 or dx * dx + dy * dy < LANE * LANE):
+        along, aside = dx * direction[0] + dy * direction[1], dy * direction[0] - dx * direction[1]
+        if stretch[0] < along < stretch[1] and abs(aside) < HALF_LANE_WIDTH and (stretch[1] < 1e29 or dx * dx + dy * dy < LANE_LENGTH * LANE_LENGTH):
             return True
     return False
 
 
 @njit(cache=True)
-def _towards(robot, ax, ay):  # type: ignore[no-untyped-def]
-    """m/s and rad/s of a robot (7,) that goes to (ax, ay) m: turns on the spot first where it looks elsewhere, and slows down before it."""
+def _velocity(robot, ax, ay):  # type: ignore[no-untyped-def]
+    """Speed m/s and yaw rate rad/s of a robot (7,) towards (ax, ay) m. It first turns on the spot, and slows down before the target."""
     dx, dy = ax - robot[X], ay - robot[Y]
     distance = math.sqrt(dx * dx + dy * dy)
-    if distance < STOP:
+    if distance < STOP_DISTANCE:
         return 0.0, 0.0
     error = (math.atan2(dy, dx) - robot[YAW] + math.pi) % (2 * math.pi) - math.pi
     speed = min(TOP_SPEED, 1.2 * distance) * max(math.cos(error), 0.0) ** 2 if abs(error) < 0.7 else 0.0

@@ -1,6 +1,6 @@
-"""What a team remembers of the people whom its tracker tells of: how they moved, and for a while where those must be who are told of no more.
+"""SLAM and people tracker in the loop of an episode, on simulated detections, landmark sightings and odometry, without rendering.
 
-The real tracker in the loop: SLAM and people from simulated detections and sightings of landmarks, frame by frame, without a picture.
+`TrackMemory` predicts people whose tracks have ended, for some seconds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from sim.placement import visibility
 from sim.placement.config import PlacementConfig
 from sim.placement.map import PlacementMap
 from sim.placement.movers import Mover
-from sim.placement.visibility import BODY, clear
+from sim.placement.visibility import BODY_POINTS, line_of_sight
 from sim.recording.tracker_setup import START_SIGMA
 from sim.robots import odometry, rover
 from sim.sensors.person_detector import Detector
@@ -27,203 +27,218 @@ from tracker.pipeline import Parameters, Tracker
 from tracker.slam.parameters import SlamParameters
 from tracker.types import Boxes, Detections, Estimate, Keypoints, Mount, Odometry, Setup, Sightings, Start, Tick, View, ViewTruth
 
-LASTING = 8.0
-"""s for which somebody is remembered who is told of no more."""
+CAMERA = Panorama(1024, 512)
+"""The camera of a robot. Nothing is rendered: it defines the pixels of detections."""
 
-BLEND = 0.5
-"""s over which velocities are averaged: a tracker's places tremble."""
+BODY_RADIUS = 0.22
+"""Half the width of a person's box, m."""
 
-UNSTEADY = 0.6
-"""m²/s³: how fast the velocity of somebody who is out of sight becomes uncertain, an axis."""
+NOISE = 0.0026
+"""Standard deviation of a box's edge, rad, as in Scenario."""
 
-SAME = 1.0
-"""m: somebody who is told of so near to where another must be is that other, under a new number."""
+LANDMARKS, NEAREST, FARTHEST = 140, 0.6, 20.0
+"""Number of landmarks, and the range of distances at which rays find them, m."""
+
+SLAM = SlamParameters(max_updates=16, max_new_landmarks=4, capacity=72, clones=2)
+"""A smaller map than for recorded sequences: the cost of the joint filter grows with the square of its size."""
+
+SURFACE_MARGIN = 0.4
+"""Last part of the line of sight to a landmark that is not tested, m: the column of the landmark's own surface must not hide it."""
+
+SAMPLES = 25
+"""Gyroscope samples per frame."""
+
+MEMORY_DURATION = 8.0
+"""Time for which a person is predicted after the last report of the track, s."""
+
+VELOCITY_TIME_CONSTANT = 0.5
+"""Time constant of the velocity filter, s. Positions of a tracker are noisy."""
+
+ACCELERATION_DENSITY = 0.6
+"""Spectral density of the acceleration of an unseen person, per axis, m²/s³."""
+
+MATCH_DISTANCE = 1.0
+"""Distance within which a track replaces a predicted person: it is the same person under a new id, m."""
 
 
 @dataclass(eq=False)
 class TrackMemory:
-    """number (k,) of the tracker; position (k, 2) m, velocity (k, 2) m/s, covariance (k, 2, 2) m², unseen (k,) s since they were told of."""
+    """Tracked and predicted people.
 
-    number: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    track_id (k,); position (k, 2) m; velocity (k, 2) m/s; covariance (k, 2, 2) m²; time_unseen (k,): time since the last report, s.
+    """
+
+    track_id: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     position: Array = field(default_factory=lambda: np.zeros((0, 2)))
     velocity: Array = field(default_factory=lambda: np.zeros((0, 2)))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
-    unseen: Array = field(default_factory=lambda: np.zeros(0))
+    time_unseen: Array = field(default_factory=lambda: np.zeros(0))
 
-    def take(self, number: Ints, position: Array, covariance: Array, dt: float) -> None:
-        """The tracker tells of these people, dt s after it did last."""
-        ahead = self.position + self.velocity * dt
-        then = {int(n): k for k, n in enumerate(self.number)}
-        old = np.array([then.get(int(n), -1) for n in number], dtype=np.int64)
+    def update(self, track_id: Ints, position: Array, covariance: Array, dt: float) -> None:
+        """Add the tracker's report, dt s after the previous one: ids (k,), positions (k, 2) m and covariances (k, 2, 2) m²."""
+        predicted = self.position + self.velocity * dt
+        row_of = {int(n): k for k, n in enumerate(self.track_id)}
+        row = np.array([row_of.get(int(n), -1) for n in track_id], dtype=np.int64)
         velocity = np.zeros_like(position)
-        known = old >= 0
-        moved = (position[known] - self.position[old[known]]) / dt
-        velocity[known] = self.velocity[old[known]] + min(dt / BLEND, 1.0) * (moved - self.velocity[old[known]])
-        unseen = self.unseen + dt
-        near = (np.linalg.norm(ahead[:, None] - position[None], axis=2) < SAME).any(axis=1)
-        kept = ~np.isin(self.number, number) & (unseen <= LASTING) & ~near
-        # White noise on the acceleration: the place's variance grows with the third power of the time.
-        growth = UNSTEADY * (unseen**3 - self.unseen**3) / 3
+        known = row >= 0
+        moved = (position[known] - self.position[row[known]]) / dt
+        velocity[known] = self.velocity[row[known]] + min(dt / VELOCITY_TIME_CONSTANT, 1.0) * (moved - self.velocity[row[known]])
+        time_unseen = self.time_unseen + dt
+        near = (np.linalg.norm(predicted[:, None] - position[None], axis=2) < MATCH_DISTANCE).any(axis=1)
+        kept = ~np.isin(self.track_id, track_id) & (time_unseen <= MEMORY_DURATION) & ~near
+        # White acceleration noise: the variance of the position grows with the third power of the time.
+        growth = ACCELERATION_DENSITY * (time_unseen**3 - self.time_unseen**3) / 3
         spread = self.covariance + growth[:, None, None] * np.eye(2)
-        self.number = np.concatenate([number, self.number[kept]])
-        self.position, self.velocity = np.concatenate([position, ahead[kept]]), np.concatenate([velocity, self.velocity[kept]])
+        self.track_id = np.concatenate([track_id, self.track_id[kept]])
+        self.position, self.velocity = np.concatenate([position, predicted[kept]]), np.concatenate([velocity, self.velocity[kept]])
         self.covariance = np.concatenate([covariance, spread[kept]])
-        self.unseen = np.concatenate([np.zeros(len(number)), unseen[kept]])
-
-
-CAMERA = Panorama(1024, 512)
-
-BODY_RADIUS = 0.22
-"""m: half the width of people's boxes."""
-
-NOISE = 0.0026
-"""rad: one sigma of a box's edge, as in Scenario."""
-
-LANDMARKS, NEAREST, FARTHEST = 140, 0.6, 20.0
-"""How many there are, and m at which rays find them."""
-
-SLAM = SlamParameters(seen=16, growth=4, capacity=72, clones=2)
-"""A smaller map than recorded sequences are tracked with: the joint filter's work grows with its square."""
-
-BEFORE = 0.4
-"""m before a landmark in which a column of its own surface hides nothing."""
-
-SAMPLES = 25
-"""Rates of the gyroscope in a frame."""
+        self.time_unseen = np.concatenate([np.zeros(len(track_id)), time_unseen[kept]])
 
 
 @dataclass(eq=False)
-class Tracking:
-    """The tracker's state and its sensors'. position (k, 2) m and covariance (k, 2, 2) m² of people, poses of robots: what it said last."""
+class TrackerInLoop:
+    """The tracker of a team, its simulated sensors, and the last estimate: position (k, 2) m and covariance (k, 2, 2) m² of people.
+
+    landmarks (n, 3) m and descriptors (n, d): of the scene. last_translation (r, 3) m: motion of each robot in the last frame.
+    wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame.
+    """
 
     config: PlacementConfig
     place: PlacementMap
     rng: np.random.Generator
     tracker: Tracker
     landmarks: Array
-    looks: Array
-    wear: list[odometry.SystematicErrors]
+    descriptors: Array
+    systematic_errors: list[odometry.SystematicErrors]
     position: Array = field(default_factory=lambda: np.zeros((0, 2)))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
     index: int = 0
-    before: list[Pose] = field(default_factory=list)
-    moved: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    wheels: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    previous_poses: list[Pose] = field(default_factory=list)
+    last_translation: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    wheel_angles: Array = field(default_factory=lambda: np.zeros((0, 4)))
     estimate: Estimate | None = None
     detected: list[Detections] = field(default_factory=list)
     frames: list[MatchingFrame] = field(default_factory=list)
-    recall: TrackMemory = field(default_factory=TrackMemory)
+    memory: TrackMemory = field(default_factory=TrackMemory)
 
     @staticmethod
-    def begin(config: PlacementConfig, place: PlacementMap, mover: Mover, rng: np.random.Generator) -> Tracking:
+    def begin(config: PlacementConfig, place: PlacementMap, mover: Mover, rng: np.random.Generator) -> TrackerInLoop:
+        """The tracker before the first frame. Start poses are the true ones with noise of START_SIGMA."""
         mount, count = rover.camera_mount(config.camera_height), config.robots
         starts: dict[str, Start | None] = {}
         for k, pose in enumerate(mover.poses()):
             starts[f"robot_{k}"] = Start(pose @ Pose.exp(rng.normal(0.0, START_SIGMA)), np.diag(START_SIGMA**2))
         mounts = {f"robot_{k}_camera": Mount(CAMERA, mount, f"robot_{k}") for k in range(count)}
-        floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.heights.top))
-        tracker = Tracker(Setup(mounts, floor, starts, config.frame, occluders=tops), Parameters(slam=SLAM))
-        landmarks, look = surfaces(place, LANDMARKS, rng), rng.normal(size=(LANDMARKS, LandmarkSensor.descriptor_size))
-        looks = (look / np.linalg.norm(look, axis=1, keepdims=True))[: len(landmarks)]
-        wear = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
-        out = Tracking(config, place, rng, tracker, landmarks, looks, wear)
-        out.moved, out.wheels = np.zeros((count, 3)), np.zeros((count, 4))
+        floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.elevation.top))
+        tracker = Tracker(Setup(mounts, floor, starts, config.frame_period, occluders=tops), Parameters(slam=SLAM))
+        landmarks, descriptor = surface_points(place, LANDMARKS, rng), rng.normal(size=(LANDMARKS, LandmarkSensor.descriptor_size))
+        descriptors = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True))[: len(landmarks)]
+        systematic_errors = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
+        out = TrackerInLoop(config, place, rng, tracker, landmarks, descriptors, systematic_errors)
+        out.last_translation, out.wheel_angles = np.zeros((count, 3)), np.zeros((count, 4))
         return out
 
-    def take(self, mover: Mover, people: Array) -> None:
-        """A frame: what robots measure now of people (p, 4), and what the tracker makes of it."""
+    def update(self, mover: Mover, people: Array) -> None:
+        """Simulate the measurements of a frame among people (p, 4), and update the tracker."""
         poses = mover.poses()
         measured = self._odometry(mover, poses) if self.index else [None] * len(poses)
         cameras = [pose @ rover.camera_mount(self.config.camera_height) for pose in poses]
-        self.detected = [self._detect(camera, people, over) for camera, over in zip(cameras, mover.over(), strict=True)]
+        self.detected = [self._detect(camera, people, tipped) for camera, tipped in zip(cameras, mover.tipped(), strict=True)]
         views = [
             View(f"robot_{k}_camera", found, self._sightings(camera), measured[k])
             for k, (camera, found) in enumerate(zip(cameras, self.detected, strict=True))
         ]
-        said = self.tracker.step(Tick(self.index, self.index * self.config.frame, tuple(views)))
-        assert said is not None
-        self.estimate, self.position, self.covariance = said, said.position[:, :2], said.covariance[:, :2, :2]
-        self.recall.take(said.target_id, self.position, self.covariance, self.config.frame)
-        self.frames.append(MatchingFrame(np.arange(len(people)), people[:, :2], said.target_id, said.position[:, :2]))
-        self.index, self.before = self.index + 1, poses
+        estimate = self.tracker.step(Tick(self.index, self.index * self.config.frame_period, tuple(views)))
+        assert estimate is not None
+        self.estimate, self.position, self.covariance = estimate, estimate.position[:, :2], estimate.covariance[:, :2, :2]
+        self.memory.update(estimate.target_id, self.position, self.covariance, self.config.frame_period)
+        self.frames.append(MatchingFrame(np.arange(len(people)), people[:, :2], estimate.target_id, estimate.position[:, :2]))
+        self.index, self.previous_poses = self.index + 1, poses
 
     def planar_poses(self) -> Array:
-        """(r, 3) x, y m and yaw rad of the robots, as SLAM has them."""
+        """Robot poses estimated by SLAM, (r, 3): x, y m and yaw rad."""
         assert self.estimate is not None
         poses = [self.estimate.T_world_robot[f"robot_{k}"] for k in range(self.config.robots)]
         return np.array([[*pose.translation[:2], np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])] for pose in poses])
 
-    def seen(self) -> Array:
-        """(r, slots, 5): detections in the order of their directions, as placement_observation.space_of has them; the distance is that at which
-        somebody of 1.75 m looks as tall, the last number is the detector's confidence."""
-        out = np.zeros((self.config.robots, self.config.tracks, 5))
+    def detection_rows(self) -> Array:
+        """Detections (r, slots, 5), ordered by azimuth, as in observations.space_of.
+
+        The distance is that at which a person of 1.75 m has the same apparent height. The last number is the detector's confidence.
+        """
+        out = np.zeros((self.config.robots, self.config.max_tracks, 5))
         for k, found in enumerate(self.detected):
             azimuth, _ = angles_from_bearing(found.bearing)
-            order = np.argsort(azimuth)[: self.config.tracks]
+            order = np.argsort(azimuth)[: self.config.max_tracks]
             distance = 1.75 / np.maximum(found.extent[order, 1], 0.05) / self.config.reach
             rows = np.stack([np.ones(len(order)), np.cos(azimuth[order]), np.sin(azimuth[order]), distance, found.confidence[order]], axis=1)
             out[k, : len(order)] = rows
         return out
 
     def scores(self) -> dict[str, float]:
-        """MOTA and IDF1 of all frames so far, within 1 m, and how far SLAM had the robots off in the last, m."""
+        """MOTA and IDF1 of all frames, within 1 m, and the mean position error of the robots in the last frame, m."""
         found = score(self.frames)
-        off = np.hypot(*(self.planar_poses()[:, :2] - np.array([pose.translation[:2] for pose in self.before])).T)
-        return {"mota": found.mota, "idf1": found.idf1, "robots_off": float(off.mean())}
+        position_error = np.hypot(*(self.planar_poses()[:, :2] - np.array([pose.translation[:2] for pose in self.previous_poses])).T)
+        return {"mota": found.mota, "idf1": found.idf1, "robots_off": float(position_error.mean())}
 
-    def _detect(self, camera: Pose, people: Array, over: bool) -> Detections:
+    def _detect(self, camera: Pose, people: Array, tipped: bool) -> Detections:
         config = self.config
-        detector = Detector(config.misses, config.clutter, NOISE, config.eyesight.share)
-        boxes = Boxes.none() if over or not len(people) else _boxes(self.place, camera, people, config.eyesight)
+        detector = Detector(config.misses, config.clutter, NOISE, config.visibility_limits.share)
+        boxes = Boxes.none() if tipped or not len(people) else _true_boxes(self.place, camera, people, config.visibility_limits)
         below = camera.translation[None, :2]
         view = ViewTruth(camera, float(self.place.floor_at(below)[0]), np.array([0.0, 0.0, 1.0]), boxes, Keypoints.none())
         return detector.detect(CAMERA, view, self.rng)
 
     def _sightings(self, camera: Pose) -> Sightings:
-        """The landmarks that a camera finds, errors and looks as in sightlines.Landmarking."""
-        rule, n, rng = LandmarkSensor(), len(self.landmarks), self.rng
-        found, order = rng.random(n) >= rule.miss_rate, rng.permutation(n)
-        sigma = np.where(rng.random(n) < rule.outlier_rate, rule.outlier_noise, rule.noise)[:, None]
-        error, blur = rng.normal(size=(n, 2)) * sigma, rng.normal(size=self.looks.shape) * rule.descriptor_noise / np.sqrt(rule.descriptor_size)
+        """Sightings of landmarks by a camera, with errors as in raycast_camera.LandmarkSensor."""
+        sensor, n, rng = LandmarkSensor(), len(self.landmarks), self.rng
+        found, order = rng.random(n) >= sensor.miss_rate, rng.permutation(n)
+        sigma = np.where(rng.random(n) < sensor.outlier_rate, sensor.outlier_noise, sensor.noise)[:, None]
+        error = rng.normal(size=(n, 2)) * sigma
+        descriptor_error = rng.normal(size=self.descriptors.shape) * sensor.descriptor_noise / np.sqrt(sensor.descriptor_size)
         away = self.landmarks - camera.translation
         distance = np.linalg.norm(away, axis=1)
-        found &= (distance < rule.reach) & (distance > 0.3)
-        found[found] = clear(self.place.heights, camera.translation, self.landmarks[found], BEFORE) > 0
+        found &= (distance < sensor.reach) & (distance > 0.3)
+        found[found] = line_of_sight(self.place.elevation, camera.translation, self.landmarks[found], SURFACE_MARGIN) > 0
         rows = order[found[order]]
-        sight = away[rows] @ camera.rotation / distance[rows, None]
-        bearing = perturbed_bearings(sight, error[rows])
-        look, covariance = (self.looks[rows] + blur[rows]).astype(np.float32), np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1))
-        return Sightings(bearing, np.full(len(rows), np.nan), np.full(len(rows), -1), look, covariance)
+        direction = away[rows] @ camera.rotation / distance[rows, None]
+        bearing = perturbed_bearings(direction, error[rows])
+        descriptor = (self.descriptors[rows] + descriptor_error[rows]).astype(np.float32)
+        covariance = np.tile(np.eye(2) * sensor.noise**2, (len(rows), 1, 1))
+        return Sightings(bearing, np.full(len(rows), np.nan), np.full(len(rows), -1), descriptor, covariance)
 
     def _odometry(self, mover: Mover, poses: list[Pose]) -> list[Odometry]:
-        """Of the last frame: the simulation's, or what wheels that do not slip and gyroscopes would say."""
+        """Odometry of the last frame: from the simulation, or simulated for wheels without slip and for gyroscopes."""
         found = mover.odometry()
         if found is not None:
             return found
-        out, period = [], self.config.frame
-        for k, (before, now) in enumerate(zip(self.before, poses, strict=True)):
+        out, period = [], self.config.frame_period
+        for k, (before, now) in enumerate(zip(self.previous_poses, poses, strict=True)):
             move = before.inverse() @ now
             turn = move.log()[3:]
             left, right = move.translation[0] - rover.TRACK / 2 * turn[2], move.translation[0] + rover.TRACK / 2 * turn[2]
-            wheels = self.wheels[k] + np.array([left, right, left, right]) / rover.WHEEL_RADIUS
-            acceleration = (move.translation - self.moved[k]) / period**2
-            rates, angles = np.tile(turn / period, (SAMPLES, 1)), np.stack([self.wheels[k], wheels])
-            ride = odometry.FrameMotion(rates, period / SAMPLES, angles, acceleration, now.rotation[2])
-            out.append(odometry.measure(ride, self.wear[k], self.rng))
-            self.wheels[k], self.moved[k] = wheels, move.translation
+            wheels = self.wheel_angles[k] + np.array([left, right, left, right]) / rover.WHEEL_RADIUS
+            acceleration = (move.translation - self.last_translation[k]) / period**2
+            rates, angles = np.tile(turn / period, (SAMPLES, 1)), np.stack([self.wheel_angles[k], wheels])
+            motion = odometry.FrameMotion(rates, period / SAMPLES, angles, acceleration, now.rotation[2])
+            out.append(odometry.measure(motion, self.systematic_errors[k], self.rng))
+            self.wheel_angles[k], self.last_translation[k] = wheels, move.translation
         return out
 
 
-def _boxes(place: PlacementMap, camera: Pose, people: Array, eyesight: visibility.Eyesight) -> Boxes:
-    """The boxes of all people in a panorama: as wide as their cylinders; of what is seen, down to the lowest point of the body that is."""
-    points = visibility.points_seen(place.heights, camera.translation, people)
+def _true_boxes(place: PlacementMap, camera: Pose, people: Array, limits: visibility.VisibilityLimits) -> Boxes:
+    """The true boxes of all people in a panorama. A box is as wide as the person's cylinder.
+
+    Its visible part ends at the lowest visible body point.
+    """
+    points = visibility.visible_points(place.elevation, camera.translation, people)
     share = points.mean(axis=1)
     local = camera.inverse()
     away = people[:, :2] - camera.translation[:2]
     distance = np.maximum(np.hypot(*away.T), 0.3)
-    share = share * ((distance < eyesight.reach) & (np.arctan(people[:, 3] / distance) > eyesight.size))
-    lowest = np.where(points, BODY[:, 1], 1.0).min(axis=1)
-    bottom = np.where(lowest < BODY[:, 1].min() + 0.01, 0.0, lowest)
+    share = share * ((distance < limits.reach) & (np.arctan(people[:, 3] / distance) > limits.size))
+    lowest = np.where(points, BODY_POINTS[:, 1], 1.0).min(axis=1)
+    bottom = np.where(lowest < BODY_POINTS[:, 1].min() + 0.01, 0.0, lowest)
     azimuth, feet = _angles(local, people, np.zeros(len(people)))
     _, head = _angles(local, people, people[:, 3])
     _, low = _angles(local, people, bottom * people[:, 3])
@@ -238,22 +253,22 @@ def _boxes(place: PlacementMap, camera: Pose, people: Array, eyesight: visibilit
 
 
 def _angles(local: Pose, people: Array, height: Array) -> tuple[Array, Array]:
-    """(p,) azimuth and elevation rad, in the camera's frame, of points `height` (p,) m over the feet."""
+    """Azimuth and elevation (p,) rad, in the camera's frame, of points `height` (p,) m above the feet."""
     points = local.apply(people[:, :3] + np.outer(height, [0.0, 0.0, 1.0]))
     return angles_from_bearing(points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
-def surfaces(place: PlacementMap, count: int, rng: np.random.Generator) -> Array:
-    """(n ≤ count, 3) m: where lines from robots' cameras first meet the ground or what stands on it."""
+def surface_points(place: PlacementMap, count: int, rng: np.random.Generator) -> Array:
+    """Up to `count` random surface points (n, 3) m: first hits of rays from camera positions with the ground or objects."""
     along = np.arange(NEAREST, FARTHEST, 0.1)
-    eyes = place.lookouts[rng.integers(len(place.lookouts), size=4 * count)]
-    azimuth, elevation = rng.uniform(-np.pi, np.pi, len(eyes)), np.radians(rng.uniform(-40.0, 20.0, len(eyes)))
-    sight = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
-    points = eyes[:, None] + along[:, None] * sight[:, None]
-    top, frame = place.heights.top, place.heights.frame
+    cameras = place.node_cameras[rng.integers(len(place.node_cameras), size=4 * count)]
+    azimuth, elevation = rng.uniform(-np.pi, np.pi, len(cameras)), np.radians(rng.uniform(-40.0, 20.0, len(cameras)))
+    direction = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
+    points = cameras[:, None] + along[:, None] * direction[:, None]
+    top, frame = place.elevation.top, place.elevation.frame
     j, i = (np.floor((points[..., axis] - frame[axis]) / frame[2] + 0.5).astype(int) for axis in (0, 1))
     inside = (i >= 0) & (j >= 0) & (i < top.shape[0]) & (j < top.shape[1])
-    met = inside & (points[..., 2] < top[np.clip(i, 0, top.shape[0] - 1), np.clip(j, 0, top.shape[1] - 1)])
-    first = met.argmax(axis=1)
-    found = np.flatnonzero(met.any(axis=1) & (first > 0))[:count]
+    hits = inside & (points[..., 2] < top[np.clip(i, 0, top.shape[0] - 1), np.clip(j, 0, top.shape[1] - 1)])
+    first = hits.argmax(axis=1)
+    found = np.flatnonzero(hits.any(axis=1) & (first > 0))[:count]
     return points[found, first[found]]

@@ -1,7 +1,7 @@
-"""Who sees whom: straight lines from cameras to points on people's bodies, past terrain, walls and other people. Compiled, exact on its grid.
+"""Visibility of people from cameras: lines of sight to points on their bodies, past terrain, walls and other people.
 
-What stands still is a grid of heights (worlds.world): a column as wide as a cell at every grid point. People are upright cylinders. MuJoCo's
-own rays take a hundred times as long on meshes; they are the oracle of the tests.
+Static objects are an elevation map, with one column per grid point, and the lines of sight are exact on it. People are upright cylinders.
+The kernels are compiled. MuJoCo's rays take a hundred times as long on meshes, and are the oracle of the tests.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 
 from tracker.geometry import Array, frozen
 
-BODY = np.array([(0.0, 0.94), (-0.17, 0.80), (0.17, 0.80), (0.0, 0.66), (-0.13, 0.50), (0.13, 0.50), (-0.09, 0.26), (0.09, 0.26)])
-"""Points of a body: m aside, seen from the camera, and their height as a share of the stature: head, shoulders, chest, hips, knees."""
-RADIUS = 0.2
-"""m: that of the cylinder by which somebody hides others."""
-BLIND = 0.3
-"""m around its own mast that a camera does not see."""
+BODY_POINTS = np.array([(0.0, 0.94), (-0.17, 0.80), (0.17, 0.80), (0.0, 0.66), (-0.13, 0.50), (0.13, 0.50), (-0.09, 0.26), (0.09, 0.26)])
+"""Points of a body: offset to the side as seen from the camera (m), and height over stature. They are head, shoulders, chest, hips and knees."""
+OCCLUDER_RADIUS = 0.2
+"""Radius of the cylinder that stands for a person who occludes others, m."""
+BLIND_RADIUS = 0.3
+"""Distance from its own mast within which a camera sees nothing, m."""
 
 
 @dataclass(frozen=True, eq=False)
-class Heights:
-    """Tops of columns: top (rows, columns) m, row 0 at the lowest y; frame (3,): origin x, y and spacing m."""
+class ElevationMap:
+    """Tops of columns on a grid. top (rows, columns) m, row 0 at the lowest y; frame (3,): origin x, y and spacing, m."""
 
     top: Array
     frame: Array
@@ -36,41 +36,46 @@ class Heights:
 
 
 @dataclass(frozen=True)
-class Eyesight:
-    """How far and how little of a person counts as seen: reach m; size, the least apparent height rad; share of the body's points."""
+class VisibilityLimits:
+    """The limits of detection of a person: reach (m), the least apparent height `size` (rad), and the least share of body points."""
 
     reach: float = 12.0
     size: float = 0.12
     share: float = 0.25
 
 
-def visible(heights: Heights, eyes: Array, people: Array) -> Array:
-    """(r, p) share of the body's points that the cameras at eyes (r, 3) m see of people (p, 4): feet x, y, z m and stature m; whatever the reach."""
-    return _visible(heights.top, heights.frame, np.ascontiguousarray(eyes, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64))
+def visible_share(elevation: ElevationMap, cameras: Array, people: Array) -> Array:
+    """Share (r, p) of body points that each of cameras (r, 3) m sees of each of people (p, 4): feet x, y, z m and stature m."""
+    cameras, people = np.ascontiguousarray(cameras, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64)
+    return _visible_share(elevation.top, elevation.frame, cameras, people)
 
 
-def seen(heights: Heights, eyes: Array, people: Array, eyesight: Eyesight) -> Array:
-    """As `visible`, and 0 where it is too far off, looks too small or shows too little."""
-    eyes, people = np.ascontiguousarray(eyes, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64)
-    return _seen(heights.top, heights.frame, eyes, people, (eyesight.reach, eyesight.size, eyesight.share))
+def seen_share(elevation: ElevationMap, cameras: Array, people: Array, limits: VisibilityLimits) -> Array:
+    """As `visible_share`, with 0 for people beyond the limits."""
+    cameras, people = np.ascontiguousarray(cameras, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64)
+    return _seen_share(elevation.top, elevation.frame, cameras, people, (limits.reach, limits.size, limits.share))
 
 
-def points_seen(heights: Heights, eye: Array, people: Array) -> NDArray[np.bool_]:
-    """(p, 8) whether each point of BODY of people (p, 4) is seen from eye (3,) m."""
-    return _points(heights.top, heights.frame, np.asarray(eye, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64))
+def visible_points(elevation: ElevationMap, camera: Array, people: Array) -> NDArray[np.bool_]:
+    """Whether a camera (3,) m sees each point of BODY_POINTS of people (p, 4), as a mask (p, 8)."""
+    return _visible_points(elevation.top, elevation.frame, np.asarray(camera, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64))
 
 
-def clear(heights: Heights, eye: Array, points: Array, before: float = 0.0) -> Array:
-    """(n,) 1.0 where nothing that stands still lies between eye (3,) m and points (n, 3) m, the last `before` m left out, else 0.0."""
-    return _clear_all(heights.top, heights.frame, np.asarray(eye, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64), before)
+def line_of_sight(elevation: ElevationMap, camera: Array, points: Array, margin: float = 0.0) -> Array:
+    """1.0 where no static object lies between camera (3,) m and points (n, 3) m, else 0.0. The last `margin` m are not tested."""
+    camera, points = np.asarray(camera, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64)
+    return _lines_of_sight(elevation.top, elevation.frame, camera, points, margin)
 
 
 @njit(cache=True)
-def _clear(top: Array, frame: Array, eye: tuple[float, float, float], goal: tuple[float, float, float], until: float) -> bool:
-    """Whether the way from eye to goal (m) is above every column up to the share `until` of it; from column to column (Amanatides and Woo 1987)."""
+def _line_of_sight(top: Array, frame: Array, camera: tuple[float, float, float], goal: tuple[float, float, float], until: float) -> bool:
+    """Whether the segment from camera to goal (m) passes above every column, up to the share `until` of its length.
+
+    It visits the columns in order (Amanatides and Woo 1987).
+    """
     rows, columns = top.shape
-    x, y = (eye[0] - frame[0]) / frame[2] + 0.5, (eye[1] - frame[1]) / frame[2] + 0.5
-    dx, dy, dz = (goal[0] - eye[0]) / frame[2], (goal[1] - eye[1]) / frame[2], goal[2] - eye[2]
+    x, y = (camera[0] - frame[0]) / frame[2] + 0.5, (camera[1] - frame[1]) / frame[2] + 0.5
+    dx, dy, dz = (goal[0] - camera[0]) / frame[2], (goal[1] - camera[1]) / frame[2], goal[2] - camera[2]
     j, i = math.floor(x), math.floor(y)
     step_j, step_i = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
     over_x = 1.0 / abs(dx) if abs(dx) > 1e-12 else 1e30
@@ -80,7 +85,7 @@ def _clear(top: Array, frame: Array, eye: tuple[float, float, float], goal: tupl
     t = 0.0
     while t < until:
         end = min(next_x, next_y, until)
-        if 0 <= i < rows and 0 <= j < columns and eye[2] + 0.5 * (t + end) * dz < top[i, j]:
+        if 0 <= i < rows and 0 <= j < columns and camera[2] + 0.5 * (t + end) * dz < top[i, j]:
             return False
         t = end
         if next_x < next_y:
@@ -93,87 +98,87 @@ def _clear(top: Array, frame: Array, eye: tuple[float, float, float], goal: tupl
 
 
 @njit(cache=True)
-def _clear_all(top: Array, frame: Array, eye: Array, points: Array, before: float) -> Array:
+def _lines_of_sight(top: Array, frame: Array, camera: Array, points: Array, margin: float) -> Array:
     out = np.zeros(len(points))
     for k in range(len(points)):
-        length = math.sqrt((points[k, 0] - eye[0]) ** 2 + (points[k, 1] - eye[1]) ** 2 + (points[k, 2] - eye[2]) ** 2)
-        until = max(1.0 - before / max(length, 1e-9), 0.0)
-        if _clear(top, frame, (eye[0], eye[1], eye[2]), (points[k, 0], points[k, 1], points[k, 2]), until):
+        length = math.sqrt((points[k, 0] - camera[0]) ** 2 + (points[k, 1] - camera[1]) ** 2 + (points[k, 2] - camera[2]) ** 2)
+        until = max(1.0 - margin / max(length, 1e-9), 0.0)
+        if _line_of_sight(top, frame, (camera[0], camera[1], camera[2]), (points[k, 0], points[k, 1], points[k, 2]), until):
             out[k] = 1.0
     return out
 
 
 @njit(cache=True)
-def _hidden(people: Array, person: int, eye: Array, goal: tuple[float, float, float]) -> bool:
-    """Whether somebody else stands between eye and goal."""
-    dx, dy, dz = goal[0] - eye[0], goal[1] - eye[1], goal[2] - eye[2]
+def _occluded_by_person(people: Array, person: int, camera: Array, goal: tuple[float, float, float]) -> bool:
+    """Whether another person stands between camera and goal."""
+    dx, dy, dz = goal[0] - camera[0], goal[1] - camera[1], goal[2] - camera[2]
     square = max(dx * dx + dy * dy, 1e-12)
     for q in range(len(people)):
         if q == person:
             continue
-        ox, oy = people[q, 0] - eye[0], people[q, 1] - eye[1]
+        ox, oy = people[q, 0] - camera[0], people[q, 1] - camera[1]
         t = (ox * dx + oy * dy) / square
         if t <= 0.0 or t >= 1.0:
             continue
         gap = (ox - t * dx) ** 2 + (oy - t * dy) ** 2
-        if gap >= RADIUS * RADIUS:
+        if gap >= OCCLUDER_RADIUS * OCCLUDER_RADIUS:
             continue
-        z = eye[2] + t * dz
+        z = camera[2] + t * dz
         if people[q, 2] <= z <= people[q, 2] + people[q, 3]:
             return True
     return False
 
 
 @njit(cache=True)
-def _point(top: Array, frame: Array, eye: Array, people: Array, which: tuple[int, int]) -> bool:
-    """Whether eye (3,) m sees point k of person p; which: p, k."""
+def _point_visible(top: Array, frame: Array, camera: Array, people: Array, which: tuple[int, int]) -> bool:
+    """Whether a camera (3,) m sees point k of person p. which: p, k."""
     p, k = which
     x, y, z, stature = people[p]
-    ax, ay = x - eye[0], y - eye[1]
-    away = math.sqrt(ax * ax + ay * ay)
-    if away < BLIND:
+    ax, ay = x - camera[0], y - camera[1]
+    distance = math.sqrt(ax * ax + ay * ay)
+    if distance < BLIND_RADIUS:
         return False
-    aside = BODY[k, 0] / away
-    goal = (x - aside * ay, y + aside * ax, z + BODY[k, 1] * stature)
-    return not _hidden(people, p, eye, goal) and _clear(top, frame, (eye[0], eye[1], eye[2]), goal, 1.0)
+    aside = BODY_POINTS[k, 0] / distance
+    goal = (x - aside * ay, y + aside * ax, z + BODY_POINTS[k, 1] * stature)
+    return not _occluded_by_person(people, p, camera, goal) and _line_of_sight(top, frame, (camera[0], camera[1], camera[2]), goal, 1.0)
 
 
 @njit(cache=True)
-def _share(top: Array, frame: Array, eye: Array, people: Array, p: int) -> float:
-    """The share of the points of person p that eye (3,) m sees."""
+def _body_share(top: Array, frame: Array, camera: Array, people: Array, p: int) -> float:
+    """The share of the points of person p that a camera (3,) m sees."""
     count = 0
-    for k in range(len(BODY)):
-        if _point(top, frame, eye, people, (p, k)):
+    for k in range(len(BODY_POINTS)):
+        if _point_visible(top, frame, camera, people, (p, k)):
             count += 1
-    return count / len(BODY)
+    return count / len(BODY_POINTS)
 
 
 @njit(cache=True)
-def _points(top: Array, frame: Array, eye: Array, people: Array) -> NDArray[np.bool_]:
-    out = np.zeros((len(people), len(BODY)), np.bool_)
+def _visible_points(top: Array, frame: Array, camera: Array, people: Array) -> NDArray[np.bool_]:
+    out = np.zeros((len(people), len(BODY_POINTS)), np.bool_)
     for p in range(len(people)):
-        for k in range(len(BODY)):
-            out[p, k] = _point(top, frame, eye, people, (p, k))
+        for k in range(len(BODY_POINTS)):
+            out[p, k] = _point_visible(top, frame, camera, people, (p, k))
     return out
 
 
 @njit(cache=True)
-def _visible(top: Array, frame: Array, eyes: Array, people: Array) -> Array:
-    out = np.zeros((len(eyes), len(people)))
-    for r in range(len(eyes)):
+def _visible_share(top: Array, frame: Array, cameras: Array, people: Array) -> Array:
+    out = np.zeros((len(cameras), len(people)))
+    for r in range(len(cameras)):
         for p in range(len(people)):
-            out[r, p] = _share(top, frame, eyes[r], people, p)
+            out[r, p] = _body_share(top, frame, cameras[r], people, p)
     return out
 
 
 @njit(cache=True)
-def _seen(top: Array, frame: Array, eyes: Array, people: Array, limits: tuple[float, float, float]) -> Array:
-    out = np.zeros((len(eyes), len(people)))
-    for r in range(len(eyes)):
+def _seen_share(top: Array, frame: Array, cameras: Array, people: Array, limits: tuple[float, float, float]) -> Array:
+    out = np.zeros((len(cameras), len(people)))
+    for r in range(len(cameras)):
         for p in range(len(people)):
-            away = math.sqrt((people[p, 0] - eyes[r, 0]) ** 2 + (people[p, 1] - eyes[r, 1]) ** 2 + 1e-12)
-            if away > limits[0] or math.atan(people[p, 3] / away) < limits[1]:
+            distance = math.sqrt((people[p, 0] - cameras[r, 0]) ** 2 + (people[p, 1] - cameras[r, 1]) ** 2 + 1e-12)
+            if distance > limits[0] or math.atan(people[p, 3] / distance) < limits[1]:
                 continue
-            share = _share(top, frame, eyes[r], people, p)
+            share = _body_share(top, frame, cameras[r], people, p)
             out[r, p] = share if share >= limits[2] else 0.0
     return out

@@ -1,4 +1,4 @@
-"""Where to send the robots: simple policies to compare others with. They know the map, their own places and what is believed of people."""
+"""Baseline policies: random goals, a static ring, and Lloyd's coverage control."""
 
 from __future__ import annotations
 
@@ -9,104 +9,107 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from sim.placement.map import PlacementMap
-from sim.policies.policy import Briefing, to_places
+from sim.policies.policy import TeamKnowledge, waypoint_action
 from tracker.geometry import Array
 
-PATIENCE = 40
-"""Decisions after which a random goal is given up."""
+MAX_GOAL_TIME = 40
+"""Decisions after which a random goal that was not reached is replaced."""
 
-RADII, PHASES = np.linspace(0.2, 1.3, 12), 12
-"""Of the rings that are tried: radii over the root mean square distance of where people walk from its middle, and how many turns."""
+RADII, ROTATIONS = np.linspace(0.2, 1.3, 12), 12
+"""Candidate rings: radii over the root mean square distance of the walkable area from its centre, and the number of rotations."""
 
 
 @dataclass
 class Random:
-    """Each robot to a place at random, then to another."""
+    """Each robot goes to random nodes of the roadmap, one after another."""
 
     action: str = "waypoint"
 
-    def begin(self, briefing: Briefing, rng: np.random.Generator) -> None:
+    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
         self._rng = rng
-        self._goals = rng.integers(len(briefing.place.roads.places), size=len(briefing.robots))
-        self._since = np.zeros(len(briefing.robots))
+        self._goals = rng.integers(len(knowledge.place.roadmap.nodes), size=len(knowledge.robots))
+        self._since = np.zeros(len(knowledge.robots))
 
-    def act(self, briefing: Briefing) -> Array:
-        places = briefing.place.roads.places
+    def act(self, knowledge: TeamKnowledge) -> Array:
+        places = knowledge.place.roadmap.nodes
         self._since += 1
-        there = np.hypot(*(places[self._goals] - briefing.robots[:, :2]).T) < 0.5
-        done = there | (self._since > PATIENCE)
-        self._goals = np.where(done, self._rng.integers(len(places), size=len(there)), self._goals)
+        reached = np.hypot(*(places[self._goals] - knowledge.robots[:, :2]).T) < 0.5
+        done = reached | (self._since > MAX_GOAL_TIME)
+        self._goals = np.where(done, self._rng.integers(len(places), size=len(reached)), self._goals)
         self._since[done] = 0
-        return to_places(briefing.place, self._goals)
+        return waypoint_action(knowledge.place, self._goals)
 
 
 @dataclass
 class Static:
-    """The ring around the middle of where people walk from which most of it is seen twice; the robots drive there and stay."""
+    """The robots drive to the best ring around the centre of the walkable area, and stay there."""
 
     action: str = "waypoint"
 
-    def begin(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        ring = best_ring(briefing.place, len(briefing.robots), briefing.config.reach)
+    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
+        ring = best_ring(knowledge.place, len(knowledge.robots), knowledge.config.reach)
         self._goals = ring
 
-    def act(self, briefing: Briefing) -> Array:
-        # Dealt anew each time: two who meet on their way change goals, not places.
-        return to_places(briefing.place, assigned(briefing, self._goals))
+    def act(self, knowledge: TeamKnowledge) -> Array:
+        # Goals are assigned again in each decision: two robots that meet swap goals.
+        return waypoint_action(knowledge.place, assign_goals(knowledge, self._goals))
 
 
 def best_ring(place: PlacementMap, robots: int, reach: float) -> NDArray[np.int64]:
-    """(robots,) places: of all rings tried, the one from which most of where people may be is seen by two, among equals by one."""
-    ground = place.where_people_may_be[:, :2]
-    middle = ground.mean(axis=0)
-    size = float(np.sqrt(((ground - middle) ** 2).sum(axis=1).mean()))
-    sees = place.sees(reach)
+    """The nodes (robots,) of the best candidate ring.
+
+    Its value is the share of walkable points that two robots see, plus 0.3 times the share that one sees.
+    """
+    points = place.walkable_points[:, :2]
+    centre = points.mean(axis=0)
+    size = float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean()))
+    visible = place.visible_from_nodes(reach)
     best, chosen = -1.0, np.zeros(robots, dtype=np.int64)
     for radius in RADII * size:
-        for phase in np.arange(PHASES) * 2 * np.pi / PHASES / robots:
+        for phase in np.arange(ROTATIONS) * 2 * np.pi / ROTATIONS / robots:
             angle = phase + 2 * np.pi * np.arange(robots) / robots
-            ring = place.roads.nearest(middle + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
-            views = sees[ring].sum(axis=0)
+            ring = place.roadmap.nearest(centre + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+            views = visible[ring].sum(axis=0)
             value = float((views >= min(2, robots)).mean() + 0.3 * (views >= 1).mean())
             if value > best and len(np.unique(ring)) == robots:
                 best, chosen = value, ring
     return chosen
 
 
-def assigned(briefing: Briefing, goals: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The goals dealt to the robots so that all ways together are shortest."""
-    roads = briefing.place.roads
-    distance = roads.distance[roads.nearest(briefing.robots[:, :2])][:, goals]
+def assign_goals(knowledge: TeamKnowledge, goals: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The goals, assigned to the robots with the least total path length."""
+    roadmap = knowledge.place.roadmap
+    distance = roadmap.distance[roadmap.nearest(knowledge.robots[:, :2])][:, goals]
     return goals[linear_sum_assignment(distance)[1]]
 
 
 @dataclass
 class Lloyd:
-    """Coverage of where people walk, each part of it by the two nearest robots: each goes to the place that sees most of what is its own, by how
-    much people are there (PlacementMap.traffic).
+    """Coverage control by Lloyd's descent (Cortés, Martínez, Karataş and Bullo 2004, Coverage control for mobile sensing networks).
 
-    Lloyd's descent as in Cortés, Martínez, Karataş and Bullo 2004, Coverage control for mobile sensing networks, with ways along the roads in place
-    of straight ones, cells of order 2 as two views count, and in place of the centroid the best lookout, as walls hide what is near (Ganguli,
-    Cortés and Bullo 2006, Distributed deployment of asynchronous guards in art galleries); among equals the nearest to all of the cell.
+    The walkable area is divided into Voronoi cells of order `order`: each point belongs to its nearest robots, by path length. Order 2 suits a
+    reward for two views. Each robot goes to the node that sees most of its cell, weighted by PlacementMap.traffic. Visibility replaces the
+    centroid, because walls occlude (Ganguli, Cortés and Bullo 2006, Distributed deployment of asynchronous guards in art galleries).
+    Among equal nodes, the nearest to the whole cell is chosen.
     """
 
     order: int = 2
     action: str = "waypoint"
 
-    def begin(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        roads = briefing.place.roads
-        self._ground = roads.nearest(briefing.place.where_people_may_be[:, :2])
-        self._sees = briefing.place.sees(briefing.config.reach)
-        self._weight = briefing.place.traffic
-        self._goals = roads.nearest(briefing.robots[:, :2])
+    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
+        roadmap = knowledge.place.roadmap
+        self._walkable = roadmap.nearest(knowledge.place.walkable_points[:, :2])
+        self._visible = knowledge.place.visible_from_nodes(knowledge.config.reach)
+        self._weight = knowledge.place.traffic
+        self._goals = roadmap.nearest(knowledge.robots[:, :2])
 
-    def act(self, briefing: Briefing) -> Array:
-        roads = briefing.place.roads
-        distance = roads.distance[self._goals][:, self._ground]
+    def act(self, knowledge: TeamKnowledge) -> Array:
+        roadmap = knowledge.place.roadmap
+        distance = roadmap.distance[self._goals][:, self._walkable]
         rank = np.argsort(np.argsort(distance, axis=0, kind="stable"), axis=0, kind="stable")
         for k in range(len(self._goals)):
             cell = rank[k] < self.order
             if cell.any():
-                far = (roads.distance[:, self._ground[cell]] ** 2).mean(axis=1)
-                self._goals[k] = int(np.argmax(self._sees[:, cell] @ self._weight[cell] - 1e-4 * far))
-        return to_places(briefing.place, assigned(briefing, self._goals))
+                mean_square = (roadmap.distance[:, self._walkable[cell]] ** 2).mean(axis=1)
+                self._goals[k] = int(np.argmax(self._visible[:, cell] @ self._weight[cell] - 1e-4 * mean_square))
+        return waypoint_action(knowledge.place, assign_goals(knowledge, self._goals))

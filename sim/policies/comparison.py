@@ -1,4 +1,4 @@
-"""Policies side by side on the same episodes: run by several processes, told as means, and as paired differences to the first of them."""
+"""Comparison of policies on the same episodes: means, and paired differences from the first policy."""
 
 from __future__ import annotations
 
@@ -9,45 +9,47 @@ from typing import Any
 
 from sim.confidence_intervals import Interval, paired
 from sim.parallel.pool import Pool
-from sim.placement.config import SEEDS_A_MAP
-from sim.policies.rollouts import Outcome, try_out
+from sim.placement.config import SEEDS_PER_MAP
+from sim.policies.rollouts import EpisodeResult, run_episodes
 from tracker.io.atomic import new_file
 
-SHOWN = ("seen_twice", "seen", "gospa", "mota", "reward", "collisions", "near_misses")
-"""Measures that are told in words, where they were taken."""
+MEASURES_SHOWN = ("seen_twice", "seen", "gospa", "mota", "reward", "collisions", "near_misses")
+"""Measures in the printed tables, where they were taken."""
 DIGITS = 3
+"""Decimals in the printed tables."""
+TITLES = {"seen_twice": "share seen by two", "seen": "share seen by one", "gospa": "relative GOSPA (lower is better)", "mota": "MOTA of the tracker"}
 
 
-def contest(policies: Sequence[str], seeds: range, options: dict[str, Any], steps: int, workers: int = 1) -> Iterator[list[Outcome]]:
-    """Every policy on every seed, some episodes at a time, in the order of policies and seeds whatever the number of workers.
+def compare(policies: Sequence[str], seeds: range, options: dict[str, Any], steps: int, workers: int = 1) -> Iterator[list[EpisodeResult]]:
+    """Run every policy on every seed. Yields batches of results, ordered by policy and seed for any number of workers.
 
-    options as in placement_trial.try_out, steps: decisions of an episode; one worker is this process. Raises ValueError as Workforce does.
+    options: as in rollouts.run_episodes. steps: decisions per episode. One worker is this process. Raises ValueError as Pool does.
     """
-    force = Pool(workers)
-    orders = [(name, group, options, steps) for name in dict.fromkeys(policies) for group in _groups(seeds)]
+    pool = Pool(workers)
+    calls = [(name, group, options, steps) for name in dict.fromkeys(policies) for group in _groups(seeds)]
     if workers == 1:
-        yield from (try_out(*order) for order in orders)
+        yield from (run_episodes(*call) for call in calls)
         return
-    yield from force.results(_try_out, orders)
+    yield from pool.results(_run_episodes, calls)
 
 
 def _groups(seeds: range) -> list[range]:
-    """Seeds that share a map, together: it is built once."""
-    cuts = [seeds.start, *(seed for seed in seeds[1:] if seed % SEEDS_A_MAP == 0), seeds.stop]
+    """The seeds in groups that share a map, so that each map is built once."""
+    cuts = [seeds.start, *(seed for seed in seeds[1:] if seed % SEEDS_PER_MAP == 0), seeds.stop]
     return [range(a, b) for a, b in pairwise(cuts)]
 
 
-def _try_out(name: str, seeds: range, options: dict[str, Any], steps: int) -> list[Outcome]:
-    """In another process, where the environment has not been registered yet."""
+def _run_episodes(name: str, seeds: range, options: dict[str, Any], steps: int) -> list[EpisodeResult]:
+    """Run episodes in a worker process, where the environment is not registered yet."""
     import sim  # noqa: F401
 
-    return try_out(name, seeds, options, steps)
+    return run_episodes(name, seeds, options, steps)
 
 
-def differences(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Interval]]:
-    """policy → measure → by how much it is more than under the first policy, seed by seed: the mean with its 95 % interval."""
-    first, *others = dict.fromkeys(outcome.policy for outcome in outcomes)
-    by_policy = {name: {o.seed: o.values for o in outcomes if o.policy == name} for name in (first, *others)}
+def differences(results: Sequence[EpisodeResult]) -> dict[str, dict[str, Interval]]:
+    """policy → measure → mean paired difference from the first policy over seeds, with its 95 % interval."""
+    first, *others = dict.fromkeys(result.policy for result in results)
+    by_policy = {name: {o.seed: o.values for o in results if o.policy == name} for name in (first, *others)}
     out: dict[str, dict[str, Interval]] = {}
     for name in others:
         out[name] = {}
@@ -59,27 +61,27 @@ def differences(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Interval]]:
     return out
 
 
-def text(means: dict[str, dict[str, Interval]], less: dict[str, dict[str, Interval]]) -> str:
-    """Both tables, a policy a row."""
-    shown = [measure for measure in SHOWN if measure in next(iter(means.values()))]
-    width = max(12, *(len(short(name)) for name in means)) + 1
+def text(means: dict[str, dict[str, Interval]], paired_differences: dict[str, dict[str, Interval]]) -> str:
+    """The tables of means and of differences, one row per policy."""
+    shown = [measure for measure in MEASURES_SHOWN if measure in next(iter(means.values()))]
+    width = max(12, *(len(short_name(name)) for name in means)) + 1
     lines = [f"{'policy':{width}s}" + "".join(f"{measure:>27s}" for measure in shown)]
-    lines += [f"{short(name):{width}s}" + "".join(f"{row[measure].text(DIGITS):>27s}" for measure in shown) for name, row in means.items()]
-    if less:
-        lines += ["", f"less {short(next(iter(means)))}, seed by seed"]
-        cells = {name: "".join(f"{row[measure].text(DIGITS, signed=True):>27s}" for measure in shown) for name, row in less.items()}
-        lines += [f"{short(name):{width}s}{cell}" for name, cell in cells.items()]
+    lines += [f"{short_name(name):{width}s}" + "".join(f"{row[measure].text(DIGITS):>27s}" for measure in shown) for name, row in means.items()]
+    if paired_differences:
+        lines += ["", f"difference from {short_name(next(iter(means)))}, paired by seed"]
+        cells = {name: "".join(f"{row[measure].text(DIGITS, signed=True):>27s}" for measure in shown) for name, row in paired_differences.items()}
+        lines += [f"{short_name(name):{width}s}{cell}" for name, cell in cells.items()]
     return "\n".join(lines)
 
 
-def short(name: str) -> str:
-    """A policy's name without the folder of its file."""
+def short_name(name: str) -> str:
+    """The name of a policy without the path of its file."""
     kind, _, file = name.partition(":")
     return f"{kind}:{Path(file).parent.name or Path(file).name}" if file else kind
 
 
 def draw(means: dict[str, dict[str, Interval]], title: str, file: Path) -> None:
-    """The means of what is told in shares, with their intervals, as a PNG; written under another name first."""
+    """Plot the means of relative measures with their intervals as a PNG. The file is written under a temporary name first."""
     from matplotlib.figure import Figure
 
     shown = [measure for measure in ("seen_twice", "seen", "gospa", "mota") if measure in next(iter(means.values()))]
@@ -92,13 +94,10 @@ def draw(means: dict[str, dict[str, Interval]], title: str, file: Path) -> None:
             axes.plot(found.mean, row, "o", color="#1e69d6", markersize=5)
             axes.annotate(f"{found.mean:.2f}", (found.mean, row), (0, 6), textcoords="offset points", ha="center", fontsize=8)
         axes.set_title(TITLES[measure], fontsize=9, loc="left")
-        axes.set_yticks(range(len(means)), [short(name) for name in means])
+        axes.set_yticks(range(len(means)), [short_name(name) for name in means])
         axes.set_ylim(len(means) - 0.4, -0.7)
         axes.grid(axis="x", alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
     figure.suptitle(title, x=0.01, ha="left", fontsize=10)
     with new_file(file) as part:
         figure.savefig(part)
-
-
-TITLES = {"seen_twice": "seen by two, share", "seen": "seen by one, share", "gospa": "GOSPA, less is better", "mota": "MOTA of the tracker"}

@@ -1,4 +1,4 @@
-"""Robots that go where they will learn most: greedy information gain, one move ahead."""
+"""The greedy policy: each robot makes the next move with the largest information gain."""
 
 from __future__ import annotations
 
@@ -8,92 +8,95 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim.placement.beliefs import AZIMUTH, ELEVATION, LOST, PLACE
+from sim.placement.beliefs import AZIMUTH_SIGMA, ELEVATION_SIGMA, LOST_SIGMA, POSITION_SIGMA
 from sim.placement.map import PlacementMap
-from sim.placement.visibility import clear
-from sim.policies.policy import Briefing, to_places
-from sim.policies.waypoints import FADING, UnseenMap
+from sim.placement.visibility import line_of_sight
+from sim.policies.policy import TeamKnowledge, waypoint_action
+from sim.policies.waypoints import RECOVERY_TIME, UnseenMap
 from tracker.geometry import Array
 
-AHEAD = 1.5
-"""s: people are met where they will be by then, if they go on."""
-REACH, HASTE = 6.0, 7.0
-"""m along the roads to the farthest place that a robot considers, and m after which what is gained there counts 1/e."""
-STAYING = 0.05
-"""nats by which another place must be better than the present goal."""
-SWEEPS = 2
-"""Times that the robots reconsider in turn, each knowing what the others choose."""
-SECOND_LOOK = (1.0, 0.4, 0.1)
-"""What a look at somebody who is not known yet tells when nobody, one or two others look there, too."""
-CHEST = 1.2
-CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
-"""Places of somebody that are looked at, standard deviations off along the axes."""
+LOOKAHEAD = 1.5
+"""Time ahead for which the positions of people are predicted, s."""
+MAX_PATH, PATH_DISCOUNT = 6.0, 7.0
+"""Path length to the farthest node considered, and path length that discounts a gain to 1/e, m."""
+SWITCHING_GAIN = 0.05
+"""Advantage over the present goal that another node needs, nats."""
+ROUNDS = 2
+"""Rounds in which the robots choose in turn, each given the choices of the others."""
+REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)
+"""Relative gain of observing an unknown person whom no, one or two other robots observe, too."""
+CHEST_HEIGHT = 1.2
+"""Height above the floor at which a person has to be visible, m."""
+SAMPLE_OFFSETS = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+"""Sample positions of a person, in standard deviations along the axes."""
 
 
 class Greedy:
-    """Robot by robot, the place near by from which the team learns most: the gain of log det of the people whom it knows, and finding those whom it
-    does not, who may be wherever nobody looked for a while.
+    """Each robot goes to the nearby node with the largest information gain of the team.
+
+    The gain is the decrease of log det of the covariances of known people, plus the expected gain of finding unknown people. Those are expected
+    where no robot looked recently (UnseenMap).
     """
 
     action = "waypoint"
 
-    def begin(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        place = briefing.place
-        self._goals = place.roads.nearest(briefing.robots[:, :2])
-        self._hope = UnseenMap(place)
+    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
+        place = knowledge.place
+        self._goals = place.roadmap.nearest(knowledge.robots[:, :2])
+        self._unseen = UnseenMap(place)
 
-    def act(self, briefing: Briefing) -> Array:
-        place = briefing.place
-        sees = place.sees(briefing.config.reach)
-        here = self._hope.look(briefing, briefing.config.period / FADING)
-        unknown = max(briefing.config.people - len(briefing.position), 0)
-        # Whoever is not known counts from LOST to a view's own error.
-        worth = unknown * 2.0 * math.log(LOST / 0.3) / len(self._hope.left)
-        points, spread = _met(briefing)
-        away = place.roads.distance[here]
-        candidates = [np.flatnonzero(row <= REACH) for row in away]
-        gains = [_precision(place, numbers, points, briefing.config.reach) for numbers in candidates]
-        chosen = [int(np.argmin(np.abs(numbers - h))) for numbers, h in zip(candidates, here, strict=True)]
+    def act(self, knowledge: TeamKnowledge) -> Array:
+        place = knowledge.place
+        visible = place.visible_from_nodes(knowledge.config.reach)
+        current = self._unseen.update(knowledge, knowledge.config.period / RECOVERY_TIME)
+        unknown = max(knowledge.config.people - len(knowledge.position), 0)
+        # An unknown person gains from the standard deviation LOST_SIGMA to that of one measurement.
+        unknown_gain = unknown * 2.0 * math.log(LOST_SIGMA / 0.3) / len(self._unseen.density)
+        points, spread = _predicted_people(knowledge)
+        path_length = place.roadmap.distance[current]
+        reachable = [np.flatnonzero(row <= MAX_PATH) for row in path_length]
+        gains = [_measurement_information(place, numbers, points, knowledge.config.reach) for numbers in reachable]
+        chosen = [int(np.argmin(np.abs(numbers - h))) for numbers, h in zip(reachable, current, strict=True)]
         for k, goal in enumerate(self._goals):
-            if goal in candidates[k]:
-                chosen[k] = int(np.searchsorted(candidates[k], goal))
-        for _ in range(SWEEPS):
-            for k in range(len(here)):
-                others = sum((gains[q][chosen[q]] for q in range(len(here)) if q != k), np.zeros_like(gains[k][0]))
-                taken = [candidates[q][chosen[q]] for q in range(len(here)) if q != k]
-                views = sees[taken].sum(axis=0)
-                left = np.choose(np.minimum(views, 2), SECOND_LOOK)
-                value = _information(spread, others, gains[k]) + worth * (sees[candidates[k]] @ (self._hope.left * left))
-                gap = place.roads.places[candidates[k]][:, None] - place.roads.places[taken]
-                crowded = np.linalg.norm(gap, axis=2).min(axis=1, initial=9.0) < 1.2
-                value = (value - value[chosen[k]]) * np.exp(-away[k][candidates[k]] / HASTE) - 1e3 * crowded
-                value[chosen[k]] = STAYING
+            if goal in reachable[k]:
+                chosen[k] = int(np.searchsorted(reachable[k], goal))
+        for _ in range(ROUNDS):
+            for k in range(len(current)):
+                others = sum((gains[q][chosen[q]] for q in range(len(current)) if q != k), np.zeros_like(gains[k][0]))
+                other_nodes = [reachable[q][chosen[q]] for q in range(len(current)) if q != k]
+                views = visible[other_nodes].sum(axis=0)
+                weight = np.choose(np.minimum(views, 2), REPEATED_VIEW_GAIN)
+                value = _information_gain(spread, others, gains[k]) + unknown_gain * (visible[reachable[k]] @ (self._unseen.density * weight))
+                gap = place.roadmap.nodes[reachable[k]][:, None] - place.roadmap.nodes[other_nodes]
+                too_close = np.linalg.norm(gap, axis=2).min(axis=1, initial=9.0) < 1.2
+                value = (value - value[chosen[k]]) * np.exp(-path_length[k][reachable[k]] / PATH_DISCOUNT) - 1e3 * too_close
+                value[chosen[k]] = SWITCHING_GAIN
                 chosen[k] = int(np.argmax(value))
-        self._goals = np.array([numbers[c] for numbers, c in zip(candidates, chosen, strict=True)])
-        return to_places(place, self._goals)
+        self._goals = np.array([numbers[c] for numbers, c in zip(reachable, chosen, strict=True)])
+        return waypoint_action(place, self._goals)
 
 
-def _met(briefing: Briefing) -> tuple[Array, Array]:
-    """(k, 5, 2) m where people may be AHEAD s from now, and (k, 2, 2) m² how sure that is, not surer than a step aside."""
-    position = briefing.position + AHEAD * 0.5 * briefing.velocity
-    spread = briefing.covariance + np.eye(2) * (0.3**2 + 0.6 * AHEAD**3 / 3)
+def _predicted_people(knowledge: TeamKnowledge) -> tuple[Array, Array]:
+    """Sample positions (k, 5, 2) m of people LOOKAHEAD s from now, and covariances (k, 2, 2) m², inflated by the uncertainty of a step."""
+    position = knowledge.position + LOOKAHEAD * 0.5 * knowledge.velocity
+    spread = knowledge.covariance + np.eye(2) * (0.3**2 + 0.6 * LOOKAHEAD**3 / 3)
     root = np.linalg.cholesky(spread) if len(spread) else np.zeros((0, 2, 2))
-    return position[:, None] + np.einsum("kij,cj->kci", root, CORNERS), spread
+    return position[:, None] + np.einsum("kij,cj->kci", root, SAMPLE_OFFSETS), spread
 
 
-def _precision(place: PlacementMap, numbers: NDArray[np.int64], points: Array, reach: float) -> Array:
-    """(n, k, 2, 2) 1/m²: what a look from each of these places of the roads would tell of each of the people at points (k, 5, 2) m."""
+def _measurement_information(place: PlacementMap, numbers: NDArray[np.int64], points: Array, reach: float) -> Array:
+    """Information matrices (n, k, 2, 2) in 1/m² of a measurement from each of these nodes of each person at points (k, 5, 2) m."""
     flat = points.reshape(-1, 2)
-    goals = np.column_stack([flat, place.floor_at(flat) + CHEST])
+    goals = np.column_stack([flat, place.floor_at(flat) + CHEST_HEIGHT])
     share = np.zeros((len(numbers), len(points)))
     if len(points):
         for n, number in enumerate(numbers):
-            share[n] = clear(place.heights, place.lookouts[number], goals).reshape(len(points), -1).mean(axis=1)
-    return _told(place.roads.places[numbers], points[:, 0], share, reach)
+            share[n] = line_of_sight(place.elevation, place.node_cameras[number], goals).reshape(len(points), -1).mean(axis=1)
+    return _information_matrices(place.roadmap.nodes[numbers], points[:, 0], share, reach)
 
 
 @njit(cache=True)
-def _told(places, people, share, reach):  # type: ignore[no-untyped-def]
+def _information_matrices(places, people, share, reach):  # type: ignore[no-untyped-def]
     out = np.zeros((len(places), len(people), 2, 2))
     for n in range(len(places)):
         for k in range(len(people)):
@@ -101,17 +104,20 @@ def _told(places, people, share, reach):  # type: ignore[no-untyped-def]
             r = math.sqrt(dx * dx + dy * dy) + 1e-9
             if r > reach or share[n, k] <= 0:
                 continue
-            far = share[n, k] / ((ELEVATION * (r * r + 2.25) / 1.5) ** 2 + PLACE**2)
-            wide = share[n, k] / ((AZIMUTH * r) ** 2 + PLACE**2)
+            radial = share[n, k] / ((ELEVATION_SIGMA * (r * r + 2.25) / 1.5) ** 2 + POSITION_SIGMA**2)
+            tangential = share[n, k] / ((AZIMUTH_SIGMA * r) ** 2 + POSITION_SIGMA**2)
             c, s = dx / r, dy / r
-            out[n, k, 0, 0], out[n, k, 1, 1] = far * c * c + wide * s * s, far * s * s + wide * c * c
-            out[n, k, 0, 1] = out[n, k, 1, 0] = (far - wide) * c * s
+            out[n, k, 0, 0], out[n, k, 1, 1] = radial * c * c + tangential * s * s, radial * s * s + tangential * c * c
+            out[n, k, 0, 1] = out[n, k, 1, 0] = (radial - tangential) * c * s
     return out
 
 
 @njit(cache=True)
-def _information(spread, others, gains):  # type: ignore[no-untyped-def]
-    """(n,) nats: ½ log det(1 + P Λ) summed over people of covariance P, Λ what the others (k, 2, 2) and one more place (n, k, 2, 2) tell."""
+def _information_gain(spread, others, gains):  # type: ignore[no-untyped-def]
+    """Information gain (n,) in nats: ½ log det(1 + P Λ), summed over people of covariance P.
+
+    Λ is the information of the other robots (k, 2, 2) plus that of one more node (n, k, 2, 2).
+    """
     out = np.zeros(len(gains))
     for n in range(len(gains)):
         for k in range(len(spread)):

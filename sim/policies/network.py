@@ -1,4 +1,4 @@
-"""The network of a learned policy: every choice is valued alike, by what is known of it and of the best of the others. Needs PyTorch."""
+"""The network of a learned policy: one network scores every choice from its features and those of the others. Needs PyTorch."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 WIDTH = 48
+"""Units of a hidden layer."""
 
 
 class Valuing(nn.Module):
-    """(n, choices · parts) → (n, choices), the log odds of each choice, and (n, WIDTH) for the worth of the moment."""
+    """Maps features (n, choices · parts) to logits (n, choices) of the actor and to features (n, WIDTH) of the critic."""
 
     def __init__(self, choices: int, parts: int) -> None:
         super().__init__()
         self.shape = choices, parts
         self.latent_dim_pi, self.latent_dim_vf = choices, WIDTH
         last = nn.Linear(WIDTH, 1)
-        # At first all choices are as good as each other.
+        # Small weights make all choices about equally probable at first.
         nn.init.normal_(last.weight, std=0.01)
         self.each = nn.Sequential(nn.Linear(3 * parts, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh(), last)
         self.moment = nn.Sequential(nn.Linear(3 * parts, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh())
@@ -38,7 +39,7 @@ class Valuing(nn.Module):
 
 
 class ChoicePolicy(ActorCriticPolicy):
-    """Actor and critic over a flat observation of `choices` rows of `parts` numbers."""
+    """Actor and critic over a flat observation of `choices` rows of `parts` features."""
 
     mlp_extractor: Any
 

@@ -1,4 +1,4 @@
-"""What a policy that places robots is: the protocol, and what it is told at the start of an episode."""
+"""The protocol of a policy that places robots, and the knowledge on which it acts."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from sim.placement.config import PlacementConfig
 from sim.placement.episode import Episode
 from sim.placement.map import PlacementMap
-from sim.placement.observations import Arrays
+from sim.placement.observations import Observation
 from tracker.geometry import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Briefing:
-    """What a team knows: the map; own places (r, 3) x, y m and yaw; people believed at position (k, 2) m, moving with velocity (k, 2) m/s, covariance
-    (k, 2, 2) m²; how many people there are; and what the environment shows.
+class TeamKnowledge:
+    """The knowledge of a team before a decision.
+
+    place: the map. config: the configuration, with the number of people. robots (r, 3): poses, x, y m and yaw rad.
+    position (k, 2) m, velocity (k, 2) m/s, covariance (k, 2, 2) m²: of the people known. observation: as the environment gives it.
     """
 
     place: PlacementMap
@@ -27,29 +29,33 @@ class Briefing:
     position: Array
     velocity: Array
     covariance: Array
-    shown: Arrays
+    observation: Observation
 
     @staticmethod
-    def of(episode: Episode, shown: Arrays) -> Briefing:
+    def of(episode: Episode, observation: Observation) -> TeamKnowledge:
+        """The knowledge of the team of an episode, from its tracker where that is in the loop, else from its beliefs."""
         if episode.tracking is not None:
-            told = episode.tracking.recall
-            robots, position, velocity, covariance = episode.tracking.planar_poses(), told.position, told.velocity, told.covariance
+            memory = episode.tracking.memory
+            robots, position, velocity, covariance = episode.tracking.planar_poses(), memory.position, memory.velocity, memory.covariance
         else:
             robots, velocity = episode.now.team[:, :3], episode.beliefs.mean[episode.beliefs.known > 0, 2:]
             position, covariance = episode.estimates()
-        return Briefing(episode.place, episode.config, robots, position[:, :2], velocity, covariance[:, :2, :2], shown)
+        return TeamKnowledge(episode.place, episode.config, robots, position[:, :2], velocity, covariance[:, :2, :2], observation)
 
 
 class Policy(Protocol):
-    """Decides where robots go. action: the kind of action that it gives; `begin` is told the first briefing of an episode, `act` each one."""
+    """Decides where robots go. action: the kind of its actions.
+
+    `begin` gets the knowledge at the start of an episode. `act` gets that of each decision and returns an action (r, 2).
+    """
 
     action: str
 
-    def begin(self, briefing: Briefing, rng: np.random.Generator) -> None: ...
+    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None: ...
 
-    def act(self, briefing: Briefing) -> Array: ...
+    def act(self, knowledge: TeamKnowledge) -> Array: ...
 
 
-def to_places(place: PlacementMap, numbers: NDArray[np.int64]) -> Array:
-    """(r, 2): the action "waypoint" that sends robots to these places of the roads."""
-    return place.normalised(place.roads.places[numbers])
+def waypoint_action(place: PlacementMap, numbers: NDArray[np.int64]) -> Array:
+    """The waypoint action (r, 2) that sends robots to these nodes of the roadmap (r,)."""
+    return place.normalised(place.roadmap.nodes[numbers])

@@ -1,7 +1,7 @@
-"""A learned policy: proximal policy optimisation (Schulman et al. 2017) by stable-baselines3, on the placement environment. Needs the extra `rl`.
+"""The policy trained by proximal policy optimization (Schulman et al. 2017) with stable-baselines3. Needs the extra `rl`.
 
-All robots have one policy (parameter sharing, as in Yu et al. 2022, The surprising effectiveness of PPO in cooperative multi-agent games), which
-chooses every 3 s between places around a robot by what is known of them (policies_choices). Each robot is rewarded for what it adds to its team.
+All robots share one policy (parameter sharing, as in Yu et al. 2022, The surprising effectiveness of PPO in cooperative multi-agent games).
+It chooses a waypoint for each robot every 3 s (waypoints.py). The reward of a robot is a difference reward (vector_env.py).
 """
 
 from __future__ import annotations
@@ -13,45 +13,45 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.policies.policy import Briefing, to_places
-from sim.policies.waypoints import CHOICES, HOLD, PARTS, Watch
+from sim.policies.policy import TeamKnowledge, waypoint_action
+from sim.policies.waypoints import CHOICES, FEATURES, HOLD, WaypointFeatures
 from tracker.geometry import Array
 
-MISSING = "stable-baselines3 is not installed, needs it to train or to run ppo: pip install 'pilsim[rl]'"
+MISSING = "stable-baselines3 is not installed, training and ppo need it: pip install 'pilsim[rl]'"
 
 
 @dataclass(eq=False)
 class Learned:
-    """A trained model of stable-baselines3 that says where to go."""
+    """A policy that follows a trained model of stable-baselines3."""
 
     model: Any
     action: str = "waypoint"
 
     @staticmethod
     def read(file: str) -> Learned:
-        """Raises ValueError where there is no such file, it is no model, or stable-baselines3 is missing."""
+        """Read a model. Raises ValueError for a missing file, a file that is no such model, and where stable-baselines3 is missing."""
         ppo = needed()
         if not Path(file).is_file():
-            raise ValueError(f"{file}: there is no such file of a trained policy")
+            raise ValueError(f"{file}: no such file")
         try:
             model = ppo.load(file, device="cpu")
         except Exception as error:
-            raise ValueError(f"{file}: is no policy of stable-baselines3 ({type(error).__name__})") from None
-        if model.observation_space.shape != (CHOICES * PARTS,):
-            raise ValueError(f"{file}: is a policy over observations {model.observation_space.shape}, needs ({CHOICES * PARTS},)")
+            raise ValueError(f"{file}: not a policy of stable-baselines3 ({type(error).__name__})") from None
+        if model.observation_space.shape != (CHOICES * FEATURES,):
+            raise ValueError(f"{file}: the policy takes observations of shape {model.observation_space.shape}, needs ({CHOICES * FEATURES},)")
         return Learned(model)
 
-    def begin(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        self._watch, self._count = Watch(briefing), 0
-        self._goals: NDArray[np.int64] = np.zeros(len(briefing.robots), dtype=np.int64)
+    def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
+        self._features, self._count = WaypointFeatures(knowledge), 0
+        self._goals: NDArray[np.int64] = np.zeros(len(knowledge.robots), dtype=np.int64)
 
-    def act(self, briefing: Briefing) -> Array:
+    def act(self, knowledge: TeamKnowledge) -> Array:
         if self._count % HOLD == 0:
-            known = self._watch.look(briefing).reshape(len(briefing.robots), -1)
+            known = self._features.update(knowledge).reshape(len(knowledge.robots), -1)
             choice, _ = self.model.predict(known, deterministic=True)
-            self._goals = self._watch.goals[np.arange(len(choice)), choice]
+            self._goals = self._features.goals[np.arange(len(choice)), choice]
         self._count += 1
-        return to_places(briefing.place, self._goals)
+        return waypoint_action(knowledge.place, self._goals)
 
 
 def needed() -> Any:

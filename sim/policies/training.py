@@ -1,4 +1,4 @@
-"""Training of a learned policy by stable-baselines3, with its curve; where it is interrupted, the same call goes on. Needs the extra `rl`."""
+"""Training of a policy by PPO with stable-baselines3, resumed after an interruption. Needs the extra `rl`."""
 
 from __future__ import annotations
 
@@ -12,23 +12,26 @@ from typing import Any
 import numpy as np
 
 from sim.policies.ppo import needed
-from sim.policies.waypoints import CHOICES, HOLD, PARTS
-from tracker.io.atomic import finish_folder, new_file, unfinished, write_text
+from sim.policies.waypoints import CHOICES, FEATURES, HOLD
+from tracker.io.atomic import finish_folder, new_file, partial_path, write_text
 from tracker.io.json_files import read_json
 from tracker.io.resume import check_same
 
-TEAMS, ROUND = 16, 20
-"""Teams that learn side by side, and choices of each between two improvements of the policy."""
-BESIDE = ("random", "static", "lloyd", "greedy")
-"""Policies whose reward is drawn beside the curve."""
-RATE = 1e-3
-"""Of learning, at first; it falls to nothing."""
-MODEL, ORDER, CURVE = "ppo.zip", "order.json", "curve.csv"
+TEAMS, ROLLOUT_LENGTH = 16, 20
+"""Number of teams that are simulated in parallel, and choices of each per update of the policy."""
+BASELINES = ("random", "static", "lloyd", "greedy")
+"""Policies whose rewards are drawn beside the learning curve."""
+LEARNING_RATE = 1e-3
+"""Initial learning rate, which decreases linearly to 0."""
+MODEL, RUN, CURVE = "ppo.zip", "order.json", "curve.csv"
 
 
 @dataclass(eq=False)
 class Curve:
-    """How learning goes: rows of decisions, mean reward of one over the episodes that ended since the last row, and its standard error."""
+    """A learning curve.
+
+    Each row has the number of decisions, the mean reward of the episodes that ended since the last row, and its standard error.
+    """
 
     steps: int
     rows: list[tuple[int, float, float]] = field(default_factory=list)
@@ -48,10 +51,11 @@ class Curve:
 
 
 def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> Path:
-    """Train for so many decisions; leaves ppo.zip, curve.csv (the rows of Curve) and curve.png in `folder`, which must not be there.
+    """Train for `steps` decisions. Writes ppo.zip, curve.csv (the rows of Curve) and curve.png into a new folder.
 
-    The same seed gives the same policy. Until it is done, all is in a hidden folder beside; after an interruption the same call goes on from what
-    was saved last, on new episodes. Raises ValueError where stable-baselines3 is missing, or the folder is there or belongs to another training.
+    The same seed gives the same policy. Unfinished training is kept in a hidden folder beside `folder`. After an interruption the same call
+    resumes from the last saved state, on new episodes. Returns the path of ppo.zip.
+    Raises ValueError where stable-baselines3 is missing, the folder exists, or another training was interrupted there.
     """
     needed()
     import torch
@@ -59,39 +63,39 @@ def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> P
     from sim.policies.vector_env import TeamVecEnv
 
     if folder.exists():
-        raise ValueError(f"{folder}: is there already")
-    part, order = unfinished(folder), {"options": options, "steps": steps, "seed": seed}
-    if (part / ORDER).exists():
-        check_same(part, read_json(part / ORDER), order, "another training, which was interrupted")
+        raise ValueError(f"{folder}: exists already, needs a new folder")
+    part, run = partial_path(folder), {"options": options, "steps": steps, "seed": seed}
+    if (part / RUN).exists():
+        check_same(part, read_json(part / RUN), run, "another training, which was interrupted")
     torch.set_num_threads(1)
     envs = TeamVecEnv(options, TEAMS)
-    model, curve = _begun(envs, part, steps, seed)
+    model, curve = _new_or_resumed(envs, part, steps, seed)
     part.mkdir(parents=True, exist_ok=True)
-    write_text(part / ORDER, json.dumps(order))
+    write_text(part / RUN, json.dumps(run))
     _learn(model, envs, curve, part)
     envs.close()
     _save(model, curve, part)
-    draw(curve, _beside(options), part / "curve.png")
+    draw(curve, _baseline_rewards(options), part / "curve.png")
     finish_folder(folder)
     return folder / MODEL
 
 
-def _begun(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any, Curve]:
-    """A new model and curve, or those that an interrupted training has left."""
+def _new_or_resumed(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any, Curve]:
+    """A new model and curve, or those of an interrupted training."""
     ppo = needed()
     from sim.policies.network import ChoicePolicy
 
     if (folder / MODEL).exists():
         return ppo.load(folder / MODEL, env=envs, device="cpu"), Curve.read(folder / CURVE, steps)
-    rates: dict[str, Any] = {"learning_rate": _rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
-    shape = {"choices": CHOICES, "parts": PARTS}
-    batch = ROUND * envs.num_envs // 4
-    model = ppo(ChoicePolicy, envs, n_steps=ROUND, batch_size=batch, policy_kwargs=shape, seed=seed, device="cpu", **rates)
+    rates: dict[str, Any] = {"learning_rate": _learning_rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
+    shape = {"choices": CHOICES, "parts": FEATURES}
+    batch = ROLLOUT_LENGTH * envs.num_envs // 4
+    model = ppo(ChoicePolicy, envs, n_steps=ROLLOUT_LENGTH, batch_size=batch, policy_kwargs=shape, seed=seed, device="cpu", **rates)
     return model, Curve(steps)
 
 
-def _rate(left: float) -> float:
-    return RATE * left
+def _learning_rate(remaining: float) -> float:
+    return LEARNING_RATE * remaining
 
 
 def _save(model: Any, curve: Curve, folder: Path) -> None:
@@ -101,7 +105,7 @@ def _save(model: Any, curve: Curve, folder: Path) -> None:
 
 
 def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.0) -> None:
-    """Learn with a bar of progress; a row of the curve whenever every team has ended an episode; saved every `pause` s."""
+    """Learn, with a progress bar. Adds a row to the curve whenever as many episodes as teams have ended, and saves every `pause` s."""
     from stable_baselines3.common.callbacks import BaseCallback
     from tqdm import tqdm
 
@@ -125,22 +129,22 @@ def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.
         def _on_training_end(self) -> None:
             self.bar.close()
 
-    left = curve.steps * envs.robots // HOLD - model.num_timesteps
-    if left > 0:
-        model.learn(left, callback=Progress(), reset_num_timesteps=model.num_timesteps == 0)
+    remaining = curve.steps * envs.robots // HOLD - model.num_timesteps
+    if remaining > 0:
+        model.learn(remaining, callback=Progress(), reset_num_timesteps=model.num_timesteps == 0)
 
 
-def _beside(options: dict[str, Any]) -> dict[str, float]:
-    """The mean reward a decision of policies that need no training, on the maps on which it was trained."""
-    from sim.policies.rollouts import try_out
+def _baseline_rewards(options: dict[str, Any]) -> dict[str, float]:
+    """The mean reward per decision of the baseline policies on the training maps."""
+    from sim.policies.rollouts import run_episodes
     from sim.policies.vector_env import LENGTH, MAPS, TRAINING_SEED
 
     seeds = [TRAINING_SEED + 10 * number for number in range(MAPS)]
-    return {name: float(np.mean([o.values["reward"] for o in try_out(name, seeds, options, LENGTH)])) for name in BESIDE}
+    return {name: float(np.mean([o.values["reward"] for o in run_episodes(name, seeds, options, LENGTH)])) for name in BASELINES}
 
 
 def draw(curve: Curve, others: dict[str, float], file: Path) -> None:
-    """The learning curve as a PNG, with a band of two standard errors; others: rewards of other policies by name, as lines."""
+    """Plot the learning curve as a PNG, with a band of two standard errors. others: rewards of other policies by name, as lines."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.5, 4.2), dpi=120, layout="constrained")
@@ -152,14 +156,14 @@ def draw(curve: Curve, others: dict[str, float], file: Path) -> None:
         axes.plot(decisions, reward, color="#1e69d6", linewidth=1.8)
     for value in others.values():
         axes.axhline(value, color="#666666", linewidth=1.0, linestyle=(0, (5, 3)))
-    gap, below = 0.045 * (axes.get_ylim()[1] - axes.get_ylim()[0]), -np.inf
+    gap, last = 0.045 * (axes.get_ylim()[1] - axes.get_ylim()[0]), -np.inf
     for name, value in sorted(others.items(), key=lambda item: item[1]):
-        # Names of lines that nearly meet are kept apart.
-        below = max(value, below + gap)
-        axes.annotate(name, (end * 1.015, below), va="center", fontsize=8.5, color="#444444", annotation_clip=False)
+        # Labels of close lines are kept apart.
+        last = max(value, last + gap)
+        axes.annotate(name, (end * 1.015, last), va="center", fontsize=8.5, color="#444444", annotation_clip=False)
     axes.set_xlim(0, end)
     axes.set_xlabel("decisions")
-    axes.set_ylabel("reward a decision")
+    axes.set_ylabel("reward per decision")
     axes.set_title("PPO on pilsim/Placement-v0: mean over 16 maps ± 2 standard errors", loc="left", fontsize=10)
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)

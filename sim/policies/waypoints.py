@@ -1,6 +1,6 @@
-"""Where somebody may be whom the team does not know: wherever people walk and nobody looked for a while.
+"""The waypoints between which a learned policy chooses, their features, and a map of where unseen people are expected.
 
-What a robot that learns where to go chooses between, and what it knows of each choice: the same for any number of robots and people.
+The features have the same shape for any number of robots and people.
 """
 
 from __future__ import annotations
@@ -11,101 +11,107 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.placement.map import KEPT, PlacementMap
+from sim.placement.map import CACHED_MAPS, PlacementMap
 from sim.placement.roadmap import nearest
-from sim.policies.policy import Briefing
+from sim.policies.policy import TeamKnowledge
 from tracker.geometry import Array
 
-FADING = 12.0
-"""s after which nobody knows any more that a place was empty."""
+RECOVERY_TIME = 12.0
+"""Time constant with which the expected number of unseen people recovers after an observation, s."""
+
+HOLD = 6
+"""Decisions for which a choice holds: 3 s."""
+
+DISTANCES, DIRECTIONS = (2.5, 5.0), 8
+"""Distances of the waypoints from the robot (m), and number of directions."""
+
+CHOICES = 1 + len(DISTANCES) * DIRECTIONS
+"""Number of choices: to stay, or one of the waypoints."""
+
+FEATURES = 9
+"""Number of features of a choice."""
+
+LOOKAHEAD = 0.75
+"""Time ahead for which the positions of people are predicted, s."""
+
+MIN_GAP = 1.2
+"""Distance between a waypoint and another robot below which it counts as too close, m."""
 
 
 class UnseenMap:
-    """What a team remembers of having looked: left (k,), how much people may be unseen at each of the map's `where_people_may_be`.
+    """The expected density of unseen people: density (k,), at each of the map's `walkable_points`.
 
-    At first, and long after a look, that is the map's `traffic`; nothing right after it.
+    It is the map's `traffic` at first and long after an observation, and 0 directly after one.
     """
 
     def __init__(self, place: PlacementMap) -> None:
-        self.left = place.traffic.copy()
+        self.density = place.traffic.copy()
 
-    def look(self, briefing: Briefing, share: float) -> NDArray[np.int64]:
-        """(r,): the places of the roads at which the robots are. share: how much comes back of what was lost, since the last look."""
-        place = briefing.place
-        here = place.roads.nearest(briefing.robots[:, :2])
-        self.left += (place.traffic - self.left) * share
-        self.left[place.sees(briefing.config.reach)[here].any(axis=0)] = 0.0
+    def update(self, knowledge: TeamKnowledge, share: float) -> NDArray[np.int64]:
+        """Update the density with the robots' fields of view, and return the nearest nodes (r,) of the roadmap.
+
+        share: how much of the difference to `traffic` recovers since the last update.
+        """
+        place = knowledge.place
+        here = place.roadmap.nearest(knowledge.robots[:, :2])
+        self.density += (place.traffic - self.density) * share
+        self.density[place.visible_from_nodes(knowledge.config.reach)[here].any(axis=0)] = 0.0
         return here
 
 
-HOLD = 6
-"""Decisions for which a choice holds: 3 s, in which a robot gets somewhere."""
-
-STEPS, WAYS = (2.5, 5.0), 8
-"""m to the places that a robot chooses between, in so many directions; the other choice is to stay."""
-
-CHOICES = 1 + len(STEPS) * WAYS
-
-PARTS = 9
-"""Numbers that tell of a choice."""
-
-AHEAD = 0.75
-"""s: people are met where they will be by then, if they go on."""
-
-CROWDED = 1.2
-"""m that robots keep from each other's goals."""
-
-
 @dataclass(frozen=True, eq=False)
-class Choices:
-    """Of a map: goals (n, CHOICES), the places that a robot at each of n places of the roads chooses between, the first of them its own;
-    way (n, CHOICES) m along the roads to them."""
+class WaypointChoices:
+    """The choices at each of the n nodes of a map's roadmap.
+
+    goals (n, CHOICES): the nodes between which a robot chooses; the first is its own node. path_length (n, CHOICES): path lengths to them, m.
+    """
 
     goals: NDArray[np.int64]
-    way: Array
+    path_length: Array
 
 
-@lru_cache(maxsize=KEPT)
-def choices_of(place: PlacementMap) -> Choices:
-    """Built once a map."""
-    here = place.roads.places
-    angle = np.arange(WAYS) * 2 * np.pi / WAYS
-    around = np.concatenate([r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in STEPS])
+@lru_cache(maxsize=CACHED_MAPS)
+def choices_of(place: PlacementMap) -> WaypointChoices:
+    """The choices of a map, cached."""
+    here = place.roadmap.nodes
+    angle = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
+    around = np.concatenate([r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in DISTANCES])
     points = here[:, None] + np.concatenate([np.zeros((1, 2)), around])
-    goals = np.stack([place.roads.nearest(row) for row in points])
-    return Choices(goals, np.take_along_axis(place.roads.distance, goals, axis=1))
+    goals = np.stack([place.roadmap.nearest(row) for row in points])
+    return WaypointChoices(goals, np.take_along_axis(place.roadmap.distance, goals, axis=1))
 
 
-class Watch:
-    """What a team remembers in an episode: where nobody looked for a while, as a share of how much people are there."""
+class WaypointFeatures:
+    """The features of the choices of a team during an episode. goals (r, CHOICES): nodes of the roadmap."""
 
-    def __init__(self, briefing: Briefing) -> None:
-        self._hope = UnseenMap(briefing.place)
+    def __init__(self, knowledge: TeamKnowledge) -> None:
+        self._unseen = UnseenMap(knowledge.place)
         self.goals = np.zeros((0, CHOICES), dtype=np.int64)
 
-    def look(self, briefing: Briefing) -> NDArray[np.float32]:
-        """(r, CHOICES, PARTS) in [−1, 1] or a little more, for each robot and each of its `goals` (r, CHOICES), places of the roads.
+    def update(self, knowledge: TeamKnowledge) -> NDArray[np.float32]:
+        """Features (r, CHOICES, FEATURES) of each robot and each of its new `goals`, mostly in [−1, 1].
 
-        Seen from there, if nobody is between: people known (a share of all), by whether none, one or more of the other robots sees them;
-        of the rest, where others may be, likewise; the way there over 5 m; whether another robot is too near to it; and 1 for staying.
+        * 0 to 2: share of people who are known and visible from the goal, while no, one, or more of the other robots see them.
+        * 3 to 5: expected share of unknown people, divided in the same path_length.
+        * 6: path length to the goal over 5 m. 7: whether another robot is too close to the goal. 8: 1 for the choice to stay.
         """
-        place, config = briefing.place, briefing.config
-        sees, choices = place.sees(config.reach), choices_of(place)
-        here = self._hope.look(briefing, float(1.0 - np.exp(-config.period * HOLD / FADING)))
+        place, config = knowledge.place, knowledge.config
+        visible, choices = place.visible_from_nodes(config.reach), choices_of(place)
+        here = self._unseen.update(knowledge, float(1.0 - np.exp(-config.period * HOLD / RECOVERY_TIME)))
         self.goals = choices.goals[here]
         count = max(config.people, 1)
-        unknown = max(config.people - len(briefing.position), 0) / count
-        where = nearest(briefing.position + AHEAD * briefing.velocity, place.where_people_may_be[:, :2])
-        weight = np.bincount(where, minlength=len(self._hope.left)) / count
-        out = np.zeros((*self.goals.shape, PARTS), dtype=np.float32)
-        views = sees[here].sum(axis=0)
+        unknown = max(config.people - len(knowledge.position), 0) / count
+        where = nearest(knowledge.position + LOOKAHEAD * knowledge.velocity, place.walkable_points[:, :2])
+        weight = np.bincount(where, minlength=len(self._unseen.density)) / count
+        out = np.zeros((*self.goals.shape, FEATURES), dtype=np.float32)
+        views = visible[here].sum(axis=0)
         for k, goals in enumerate(self.goals):
-            others = np.minimum(views - sees[here[k]], 2)
+            others = np.minimum(views - visible[here[k]], 2)
             for n in range(3):
-                told = np.stack([weight * (others == n), unknown * self._hope.left * (others == n) / place.traffic.sum()], axis=1)
-                out[k, :, [n, 3 + n]] = (sees[goals] @ told).T
-            gap = place.roads.places[goals][:, None] - np.delete(briefing.robots[:, :2], k, axis=0)
-            out[k, :, 7] = np.linalg.norm(gap, axis=2).min(axis=1, initial=9.0) < CROWDED
-        out[..., 6] = choices.way[here] / STEPS[-1]
+                density = np.stack([weight * (others == n), unknown * self._unseen.density * (others == n) / place.traffic.sum()], axis=1)
+                out[k, :, [n, 3 + n]] = (visible[goals] @ density).T
+            gap = place.roadmap.nodes[goals][:, None] - np.delete(knowledge.robots[:, :2], k, axis=0)
+            out[k, :, 7] = np.linalg.norm(gap, axis=2).min(axis=1, initial=9.0) < MIN_GAP
+        out[..., 6] = choices.path_length[here] / DISTANCES[-1]
         out[:, 0, 8] = 1.0
         return out

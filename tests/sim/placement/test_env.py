@@ -1,4 +1,4 @@
-"""The gymnasium environment: its contract, what it says, and what it refuses."""
+"""The gymnasium environment: its contract, reproducibility, reward terms and errors."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ def make(**options: object) -> gymnasium.Env:
     return gymnasium.make(NAME, **({"world": "pilsun", "people": 6, "robots": 3} | options))
 
 
-def same(a: dict, b: dict) -> None:
+def assert_same(a: dict, b: dict) -> None:
     assert a.keys() == b.keys()
     for name in a:
         np.testing.assert_array_equal(a[name], b[name])
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_gymnasium_accepts_it():
+def test_gymnasium_checker_passes():
     check_env(make(render_mode="rgb_array", map_seed=0).unwrapped)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-def test_stable_baselines_accepts_it():
+def test_stable_baselines_checker_passes():
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs stable-baselines3 (make rl)")
     checker.check_env(make())
 
 
 @pytest.mark.parametrize("options", [{}, {"action": "waypoint"}, {"drive": "physics"}, {"observation": "tracks"}], ids=str)
-def test_the_same_seed_gives_the_same_and_copies_go_on_alike(options):
+def test_equal_seeds_and_copies_give_equal_episodes(options):
     env, other = make(**options), make(**options)
     actions = np.random.default_rng(0).uniform(-1, 1, (4, 3, 2)).astype(np.float32)
-    same(env.reset(seed=5)[0], other.reset(seed=5)[0])
+    assert_same(env.reset(seed=5)[0], other.reset(seed=5)[0])
     for action in actions[:3]:
         a, b = env.step(action), other.step(action)
-        same(a[0], b[0])
+        assert_same(a[0], b[0])
         assert a[1] == b[1]
         assert a[4] == b[4]
-    twins = [env, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    first, *others = [twin.step(actions[3]) for twin in twins]
+    copies = [env, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    first, *others = [one.step(actions[3]) for one in copies]
     for step in others:
-        same(first[0], step[0])
+        assert_same(first[0], step[0])
         assert first[1] == step[1]
 
 
-def test_other_seeds_are_other_episodes_and_ten_share_a_map():
+def test_seeds_differ_and_ten_consecutive_ones_share_a_map():
     env = make()
     one, first = env.reset(seed=3)
     two, second = env.reset(seed=4)
@@ -67,7 +67,7 @@ def test_other_seeds_are_other_episodes_and_ten_share_a_map():
     assert make(map_seed=7).reset(seed=3)[1]["map_seed"] == 7
 
 
-def test_all_terms_are_told_and_the_reward_is_their_weighted_sum():
+def test_info_has_all_terms_and_the_reward_is_their_weighted_sum():
     env = make()
     env.reset(seed=1)
     for _ in range(5):
@@ -81,15 +81,15 @@ def test_all_terms_are_told_and_the_reward_is_their_weighted_sum():
     assert reward == 10 * info["seen"]
 
 
-def test_it_starts_where_it_is_told_and_drives_as_it_is_told():
+def test_given_starts_and_velocity_commands_are_followed():
     env = make(people=0, robots=1)
     env.reset(seed=0)
     episode = env.unwrapped.episode
-    place = episode.place.roads.places[int(np.argmax(episode.place.room.clearance_at(episode.place.roads.places)))]
+    place = episode.place.roadmap.nodes[int(np.argmax(episode.place.free_space.clearance_at(episode.place.roadmap.nodes)))]
     env.reset(seed=0, options={"starts": [[*place, 0.5]]})
     np.testing.assert_allclose(env.unwrapped.episode.now.team[0, :3], [*place, 0.5])
     env.step(np.array([[0.0, 1.0]], np.float32))
-    # 1.6 rad/s² up to 0.8 rad/s, which takes all of the half second: about half of 0.8 · 0.5 rad.
+    # The yaw rate grows at 1.6 rad/s² to 0.8 rad/s within the half second: the turn is about half of 0.8 · 0.5 rad.
     assert 0.15 < env.unwrapped.episode.now.team[0, 2] - 0.5 < 0.25
     np.testing.assert_allclose(env.unwrapped.episode.now.team[0, :2], place, atol=1e-9)
 
@@ -98,8 +98,8 @@ def test_waypoints_are_reached():
     env = make(people=0, robots=2, action="waypoint")
     env.reset(seed=2)
     place = env.unwrapped.episode.place
-    far = np.argsort(place.roads.distance[place.roads.nearest(env.unwrapped.episode.now.team[:1, :2])[0]])
-    goals = place.roads.places[[far[len(far) // 2], far[-1]]]
+    far = np.argsort(place.roadmap.distance[place.roadmap.nearest(env.unwrapped.episode.now.team[:1, :2])[0]])
+    goals = place.roadmap.nodes[[far[len(far) // 2], far[-1]]]
     action = place.normalised(goals).astype(np.float32)
     for _ in range(160):
         env.step(action)
@@ -107,7 +107,7 @@ def test_waypoints_are_reached():
     assert left.max() < 0.5
 
 
-def test_episodes_are_cut_off_by_time_and_end_when_all_have_tipped_over():
+def test_episodes_are_truncated_by_time_and_terminate_when_all_robots_tip():
     env = make()
     env.reset(seed=0)
     ends = [env.step(env.action_space.sample())[2:4] for _ in range(240)]
@@ -115,11 +115,11 @@ def test_episodes_are_cut_off_by_time_and_end_when_all_have_tipped_over():
     assert ends[-1] == (False, True)
     env.reset(seed=0)
     mover = env.unwrapped.episode.mover
-    type(mover).over, kept = lambda self: np.ones(len(self.team), dtype=bool), type(mover).over
+    type(mover).tipped, kept = lambda self: np.ones(len(self.team), dtype=bool), type(mover).tipped
     try:
         _, reward, terminated, _, info = env.step(env.action_space.sample())
     finally:
-        type(mover).over = kept
+        type(mover).tipped = kept
     assert terminated
     assert info["tip_overs"] == 3
     assert info["seen"] == 0
@@ -129,7 +129,7 @@ def test_episodes_are_cut_off_by_time_and_end_when_all_have_tipped_over():
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"world": "moon"}, "world is 'moon'"),
         ({"robots": 0}, r"robots is 0, .*\[1, 16\]"),
@@ -143,12 +143,12 @@ def test_episodes_are_cut_off_by_time_and_end_when_all_have_tipped_over():
         ({"width": 71}, "width is 71"),
     ],
 )
-def test_options_that_do_not_fit_are_named(options, words):
-    with pytest.raises(ValueError, match=words):
+def test_invalid_options_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
         make(**options)
 
 
-def test_bad_actions_and_starts_are_refused():
+def test_invalid_actions_and_starts_are_refused():
     env = make()
     with pytest.raises(ResetNeeded):
         env.unwrapped.step(np.zeros((3, 2)))
@@ -167,18 +167,18 @@ def test_bad_actions_and_starts_are_refused():
         make(people=200).reset(seed=0)
 
 
-def test_vectors_of_environments_agree():
+def test_sync_and_async_vector_environments_agree():
     found = []
     for mode in ("sync", "async"):
         envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode=mode, world="pilsun", people=6, robots=3)
         envs.reset(seed=1)
         found.append(envs.step(np.full((2, 3, 2), 0.5, np.float32)))
         envs.close()
-    same(found[0][0], found[1][0])
+    assert_same(found[0][0], found[1][0])
     np.testing.assert_array_equal(found[0][1], found[1][1])
 
 
-def test_the_plan_is_drawn():
+def test_render_draws_the_plan():
     env = make(render_mode="rgb_array")
     env.reset(seed=0)
     before = env.render()
@@ -190,18 +190,18 @@ def test_the_plan_is_drawn():
 
 
 @pytest.mark.slow
-def test_pixels_are_panoramas_and_let_go_of():
+def test_pixel_observations_are_panoramas():
     env = make(observation="pixels", panorama=1, render_mode="rgb_array", width=72)
     for seed in range(3):
-        shown, _ = env.reset(seed=seed)
-        assert shown["panoramas"].shape == (3 * 36, 72, 3)
-        assert shown["panoramas"].std() > 10
+        observation, _ = env.reset(seed=seed)
+        assert observation["panoramas"].shape == (3 * 36, 72, 3)
+        assert observation["panoramas"].std() > 10
         assert env.render().shape == (512, 1024, 3)
     env.close()
 
 
 @pytest.mark.slow
-def test_a_thousand_resets_keep_no_memory():
+def test_a_thousand_resets_leak_no_memory():
     env = make()
     for seed in range(20):
         env.reset(seed=seed % 10)
@@ -216,25 +216,25 @@ def test_a_thousand_resets_keep_no_memory():
     assert late - early < 200_000
 
 
-def wander(world: str, steps: int) -> None:
+def act_randomly(world: str, steps: int) -> None:
     env = gymnasium.make(NAME, world=world)
     env.action_space.seed(0)
     env.reset(seed=0)
     for k in range(steps):
-        shown, reward, over, cut, info = env.step(env.action_space.sample())
+        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
         assert np.isfinite(reward)
         assert np.isfinite(list(info.values())).all()
         if k % 50 == 0:
-            assert env.observation_space.contains(shown)
-        if over or cut:
+            assert env.observation_space.contains(observation)
+        if terminated or truncated:
             env.reset()
 
 
-def test_random_steps():
-    wander("pilsun", 150)
+def test_random_actions():
+    act_randomly("pilsun", 150)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("world", sorted(catalogue.WORLDS))
-def test_many_random_steps(world):
-    wander(world, 100_000 // len(catalogue.WORLDS) + 1)
+def test_many_random_actions(world):
+    act_randomly(world, 100_000 // len(catalogue.WORLDS) + 1)

@@ -1,4 +1,4 @@
-"""The PettingZoo environment: its contract, and that it tells the same as the gymnasium one."""
+"""The PettingZoo environment: its contract, and its agreement with the gymnasium environment."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from sim.placement.parallel_env import parallel_env
 SMALL = {"world": "pilsun", "people": 6, "robots": 3}
 
 
-def test_pettingzoo_accepts_it():
+def test_pettingzoo_checkers_pass():
     parallel_api_test(parallel_env(max_cycles=30, **SMALL), num_cycles=40)
     parallel_seed_test(lambda: parallel_env(max_cycles=30, **SMALL), num_cycles=10)
 
 
-def test_it_is_the_same_episode():
+def test_it_agrees_with_the_gymnasium_environment():
     many, one = parallel_env(**SMALL), Placement(**SMALL)
-    shown, _ = many.reset(seed=4)
+    observation, _ = many.reset(seed=4)
     whole, _ = one.reset(seed=4)
     action = np.random.default_rng(0).uniform(-1, 1, (3, 2)).astype(np.float32)
-    shown, rewards, _, _, infos = many.step({f"robot_{k}": action[k] for k in range(3)})
+    observation, rewards, _, _, infos = many.step({f"robot_{k}": action[k] for k in range(3)})
     whole, reward, _, _, info = one.step(action)
     assert set(rewards.values()) == {reward}
     assert infos["robot_1"] == info
-    np.testing.assert_array_equal(shown["robot_2"]["map"], whole["map"][2])
-    np.testing.assert_array_equal(shown["robot_2"]["beliefs"], whole["beliefs"])
+    np.testing.assert_array_equal(observation["robot_2"]["map"], whole["map"][2])
+    np.testing.assert_array_equal(observation["robot_2"]["beliefs"], whole["beliefs"])
     assert many.state_space.contains(many.state())
 
 
-def test_missing_actions_are_named():
+def test_missing_actions_are_refused():
     env = parallel_env(**SMALL)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="robot_2"):

@@ -1,4 +1,4 @@
-"""Lines of sight: against MuJoCo's rays, and in scenes whose answer is known."""
+"""Visibility against MuJoCo's rays and in analytic scenes; the filter of a person; GOSPA."""
 
 from __future__ import annotations
 
@@ -9,66 +9,66 @@ import pytest
 from sim.placement.beliefs import Beliefs, measure
 from sim.placement.map import MapKey, map_of
 from sim.placement.rewards import gospa
-from sim.placement.visibility import Eyesight, Heights, clear, seen, visible
+from sim.placement.visibility import ElevationMap, VisibilityLimits, line_of_sight, seen_share, visible_share
 
-FLAT = Heights(np.zeros((41, 41)), np.array([-10.0, -10.0, 0.5]))
-EYE = np.array([[0.0, 0.0, 1.5]])
+FLAT = ElevationMap(np.zeros((41, 41)), np.array([-10.0, -10.0, 0.5]))
+CAMERA = np.array([[0.0, 0.0, 1.5]])
 
 
 def person(x: float, y: float, stature: float = 1.75) -> list[float]:
     return [x, y, 0.0, stature]
 
 
-def test_on_a_plain_everybody_is_seen_up_to_the_reach():
+def test_on_a_plane_everybody_within_the_limits_is_seen():
     people = np.array([person(3.0, 0.0), person(0.0, -8.0), person(7.0, 7.0)])
-    np.testing.assert_array_equal(visible(FLAT, EYE, people), [[1.0, 1.0, 1.0]])
-    np.testing.assert_array_equal(seen(FLAT, EYE, people, Eyesight(9.0, 0.01, 0.25)), [[1.0, 1.0, 0.0]])
+    np.testing.assert_array_equal(visible_share(FLAT, CAMERA, people), [[1.0, 1.0, 1.0]])
+    np.testing.assert_array_equal(seen_share(FLAT, CAMERA, people, VisibilityLimits(9.0, 0.01, 0.25)), [[1.0, 1.0, 0.0]])
     # atan(1.75 / 8) is 0.215 rad.
-    np.testing.assert_array_equal(seen(FLAT, EYE, people, Eyesight(99.0, 0.22, 0.25)), [[1.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(seen_share(FLAT, CAMERA, people, VisibilityLimits(99.0, 0.22, 0.25)), [[1.0, 0.0, 0.0]])
 
 
-def test_walls_hide_what_is_behind_and_below():
+def test_walls_occlude_people():
     top = np.zeros((41, 41))
     top[:, 26] = 3.0
-    high, low = Heights(top, FLAT.frame), Heights(np.where(top > 0, 1.0, 0.0), FLAT.frame)
+    high, low = ElevationMap(top, FLAT.frame), ElevationMap(np.where(top > 0, 1.0, 0.0), FLAT.frame)
     people = np.array([person(5.0, 0.0), person(2.0, 3.0), person(-5.0, 0.0)])
-    np.testing.assert_array_equal(visible(high, EYE, people), [[0.0, 1.0, 1.0]])
-    share = visible(low, EYE, people)[0]
-    # The wall is 3 m off and 1 m high: the line over it is at 1.5 − 0.5 · 5 / 3 = 0.67 m where the person stands, above the knees.
+    np.testing.assert_array_equal(visible_share(high, CAMERA, people), [[0.0, 1.0, 1.0]])
+    share = visible_share(low, CAMERA, people)[0]
+    # The wall is 3 m away and 1 m high: the line over its top is at 1.5 − 0.5 · 5 / 3 = 0.67 m at the person, above the knees.
     assert share[0] == 6 / 8
     assert (share[1:] == 1.0).all()
 
 
-def test_people_hide_people():
+def test_people_occlude_people():
     behind = np.array([person(3.0, 0.0), person(6.0, 0.0), person(6.0, 3.0)])
-    share = visible(FLAT, EYE, behind)[0]
+    share = visible_share(FLAT, CAMERA, behind)[0]
     assert share[0] == share[2] == 1.0
     assert share[1] <= 2 / 8
 
 
 @pytest.mark.parametrize("world", ["pilsun", pytest.param("ruins", marks=pytest.mark.slow)])
-def test_it_agrees_with_rays_of_mujoco(world):
+def test_lines_of_sight_agree_with_mujoco_rays(world):
     place = map_of(MapKey(world, 0.5, 0, 6))
     model = place.world.spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     rng = np.random.default_rng(3)
     agree = []
-    for eye in place.lookouts[rng.choice(len(place.lookouts), 5, replace=False)]:
-        ground = place.where_people_may_be[rng.choice(len(place.where_people_may_be), 60, replace=False)]
+    for camera in place.node_cameras[rng.choice(len(place.node_cameras), 5, replace=False)]:
+        ground = place.walkable_points[rng.choice(len(place.walkable_points), 60, replace=False)]
         goals = ground + np.outer(rng.uniform(0.4, 1.7, len(ground)), [0.0, 0.0, 1.0])
-        way = goals - eye
+        way = goals - camera
         length = np.linalg.norm(way, axis=1)
         geom, distance = np.zeros((len(way), 1), np.int32), np.zeros((len(way), 1))
-        mujoco.mj_multiRay(model, data, eye.copy(), (way / length[:, None]).ravel(), None, 1, -1, geom, distance, None, len(way), 1e3)
+        mujoco.mj_multiRay(model, data, camera.copy(), (way / length[:, None]).ravel(), None, 1, -1, geom, distance, None, len(way), 1e3)
         free = (geom[:, 0] < 0) | (distance[:, 0] > length)
-        agree.append(free == (clear(place.heights, eye, goals) > 0))
+        agree.append(free == (line_of_sight(place.elevation, camera, goals) > 0))
     assert np.mean(agree) > 0.9
 
 
-def test_the_filter_of_a_person_who_walks_is_sure_of_what_it_should_be():
+def test_the_filter_of_a_walking_person_is_consistent():
     rng = np.random.default_rng(0)
-    eyes = np.array([[-5.0, 0.0, 1.5], [5.0, 4.0, 1.5]])
+    cameras = np.array([[-5.0, 0.0, 1.5], [5.0, 4.0, 1.5]])
     spread = np.linalg.cholesky(0.6 * np.array([[0.5**3 / 3, 0.5**2 / 2], [0.5**2 / 2, 0.5]]))
     squared = []
     for _ in range(300):
@@ -76,7 +76,7 @@ def test_the_filter_of_a_person_who_walks_is_sure_of_what_it_should_be():
         for _ in range(4):
             shake = spread @ rng.normal(size=(2, 2))
             feet, velocity = feet + 0.5 * velocity + shake[0], velocity + shake[1]
-            beliefs, _ = beliefs.predicted(0.5).updated(measure(feet, eyes, rng), eyes, np.ones((2, 1)))
+            beliefs, _ = beliefs.predicted(0.5).updated(measure(feet, cameras, rng), cameras, np.ones((2, 1)))
         error = beliefs.mean[0, :2] - feet[0]
         squared.append(error @ np.linalg.solve(beliefs.covariance[0, :2, :2], error))
     # The mean of 300 χ² of 2 degrees has a standard deviation of 0.12.

@@ -1,4 +1,4 @@
-"""Policies: where they stand, what they are worth, and the command that compares them."""
+"""Baseline policies, the roadmap on which they plan, and the command that compares them."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ import pytest
 import sim  # noqa: F401
 from sim.placement.map import MapKey, map_of
 from sim.policies.baselines import best_ring
-from sim.policies.rollouts import policy_of, table, try_out
+from sim.policies.rollouts import policy_of, run_episodes, table
 
 OPTIONS = {"world": "pilsun", "people": 6, "robots": 3}
 
 
-def test_roads_are_shortest_ways_over_free_ground():
+def test_roadmap_paths_are_shortest_and_free():
     place = map_of(MapKey("pilsun", 0.5, 0, 6))
-    roads = place.roads
-    assert np.isfinite(roads.distance).all()
-    np.testing.assert_allclose(roads.distance, roads.distance.T)
-    straight = np.linalg.norm(roads.places[:, None] - roads.places, axis=2)
-    assert (roads.distance >= straight - 1e-9).all()
+    roadmap = place.roadmap
+    assert np.isfinite(roadmap.distance).all()
+    np.testing.assert_allclose(roadmap.distance, roadmap.distance.T)
+    straight = np.linalg.norm(roadmap.nodes[:, None] - roadmap.nodes, axis=2)
+    assert (roadmap.distance >= straight - 1e-9).all()
     rng = np.random.default_rng(0)
-    for a, b in rng.integers(len(roads.places), size=(20, 2)):
+    for a, b in rng.integers(len(roadmap.nodes), size=(20, 2)):
         length, node = 0.0, int(a)
         while node != b:
-            step = int(roads.onward[node, b])
+            step = int(roadmap.next_node[node, b])
             length, node = length + straight[node, step], step
-        assert length == pytest.approx(roads.distance[a, b])
-    assert place.room.free_at(roads.places).all()
+        assert length == pytest.approx(roadmap.distance[a, b])
+    assert place.free_space.free_at(roadmap.nodes).all()
 
 
-def test_the_best_ring_sees_more_than_places_at_random():
+def test_the_best_ring_sees_more_than_random_nodes():
     place = map_of(MapKey("pilsun", 0.5, 0, 6))
-    sees, rng = place.sees(6.0), np.random.default_rng(0)
-    twice = lambda numbers: float((sees[numbers].sum(axis=0) >= 2).mean())  # noqa: E731
-    chance = np.mean([twice(rng.integers(len(sees), size=4)) for _ in range(50)])
+    visible, rng = place.visible_from_nodes(6.0), np.random.default_rng(0)
+    twice = lambda numbers: float((visible[numbers].sum(axis=0) >= 2).mean())  # noqa: E731
+    chance = np.mean([twice(rng.integers(len(visible), size=4)) for _ in range(50)])
     assert twice(best_ring(place, 4, 6.0)) > chance
 
 
 @pytest.mark.parametrize("name", ["random", "static", "lloyd", "greedy"])
-def test_a_policy_plays_the_same_twice(name):
-    first, again = (try_out(name, [1], OPTIONS, 12) for _ in range(2))
+def test_policies_are_deterministic(name):
+    first, again = (run_episodes(name, [1], OPTIONS, 12) for _ in range(2))
     assert first == again
     assert np.isfinite(list(first[0].values.values())).all()
 
 
-def test_unknown_policies_are_named(monkeypatch):
+def test_unknown_policies_are_refused(monkeypatch):
     with pytest.raises(ValueError, match="policy is 'best', needs one of random, static, lloyd, greedy"):
         policy_of("best")
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
@@ -69,13 +69,13 @@ def test_the_command_prints_json(capsys):
 
 @pytest.mark.slow
 def test_greedy_and_lloyd_see_more_people_twice_than_random():
-    found = table([outcome for name in ("random", "lloyd", "greedy") for outcome in try_out(name, range(200, 230), {"world": "ruins"}, 240)])
+    found = table([outcome for name in ("random", "lloyd", "greedy") for outcome in run_episodes(name, range(200, 230), {"world": "ruins"}, 240)])
     for name in ("lloyd", "greedy"):
         assert found[name]["seen_twice"].mean > found["random"]["seen_twice"].mean
 
 
 @pytest.mark.slow
-def test_ppo_trains_alike_with_the_same_seed_and_plays(tmp_path):
+def test_ppo_training_is_deterministic_and_its_policy_runs(tmp_path):
     torch = pytest.importorskip("torch", reason="needs stable-baselines3 (make rl)")
     pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
     from sim.policies.ppo import Learned
@@ -86,5 +86,5 @@ def test_ppo_trains_alike_with_the_same_seed_and_plays(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "ppo"]
     weights = [Learned.read(str(file)).model.policy.state_dict() for file in (first, again)]
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
-    # Another number of robots and people can be played with it, too.
-    assert len(try_out(f"ppo:{first}", [1], OPTIONS | {"robots": 2, "people": 9}, 5)) == 1
+    # The policy runs with other numbers of robots and people, too.
+    assert len(run_episodes(f"ppo:{first}", [1], OPTIONS | {"robots": 2, "people": 9}, 5)) == 1

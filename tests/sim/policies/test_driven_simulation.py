@@ -1,4 +1,4 @@
-"""Robots that a policy sends: on the wheels, among the people and in the world of any other run."""
+"""Simulations whose robots follow a placement policy."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from sim.placement.config import PlacementConfig
 from sim.placement.map import MapKey, map_of
 from sim.policies.baselines import best_ring
-from sim.policies.driven_simulation import LEAD, PolicySimulation
+from sim.policies.driven_simulation import LEAD_TIME, PolicySimulation
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 
@@ -17,20 +17,20 @@ def places(simulation: Simulation) -> np.ndarray:
     return np.array([simulation.T_world_robot(name).translation for name in simulation.robots])
 
 
-def test_who_is_not_sent_drives_as_in_any_other_run() -> None:
-    dispatched, plain = PolicySimulation(SCENARIO, ""), Simulation(SCENARIO)
-    for _ in range(round(LEAD / SCENARIO.period)):
+def test_without_a_policy_it_equals_a_plain_simulation() -> None:
+    driven, plain = PolicySimulation(SCENARIO, ""), Simulation(SCENARIO)
+    for _ in range(round(LEAD_TIME / SCENARIO.period)):
         plain.step()
-    assert dispatched.frame == 0
-    np.testing.assert_array_equal(places(dispatched), places(plain))
-    np.testing.assert_array_equal(dispatched.feet(), plain.feet())
+    assert driven.frame == 0
+    np.testing.assert_array_equal(places(driven), places(plain))
+    np.testing.assert_array_equal(driven.feet(), plain.feet())
 
 
 def test_a_static_team_drives_to_its_ring_and_stays_there() -> None:
     one, other = PolicySimulation(SCENARIO, "static"), PolicySimulation(SCENARIO, "static")
     np.testing.assert_array_equal(places(one), places(other))
     place = map_of(MapKey(SCENARIO.world, SCENARIO.difficulty, SCENARIO.seed, SCENARIO.people))
-    ring = place.roads.places[best_ring(place, 2, PlacementConfig().reach)]
+    ring = place.roadmap.nodes[best_ring(place, 2, PlacementConfig().reach)]
     away = np.linalg.norm(places(one)[:, None, :2] - ring, axis=2)
     assert away.min(axis=0).max() < 0.8
     before = places(one)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim.policies.rollouts import PLAIN
+from sim.policies.rollouts import BUILT_IN_POLICIES
 from sim.scenario import Scenario
 from sim.stress.sweeps import OWN_GOALS, POLICIES, SWEEPS, Case, cases, default_scenario
 from tracker.options import parameters_from
@@ -32,7 +32,7 @@ def test_a_sweep_changes_its_parameter_only() -> None:
 
 
 def test_policies_need_no_file() -> None:
-    assert set(POLICIES) - {OWN_GOALS} <= set(PLAIN)
+    assert set(POLICIES) - {OWN_GOALS} <= set(BUILT_IN_POLICIES)
 
 
 def test_cases_travel_as_json() -> None:
