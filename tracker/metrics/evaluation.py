@@ -134,7 +134,7 @@ def table(scores: dict[str, Any]) -> str:
         f"  {t['switches']:8d}  {t['fragments']:9d}  {t['mostly_tracked']}/{t['mostly_lost']}  {t['truths']:6d}",
     ]
     if scores["everybody"] != t:
-        lines.append(f"         MOTA over all people, seen or not: {number(scores['everybody']['mota'])}")
+        lines.append(f"         MOTA over everybody, seen or not: {number(scores['everybody']['mota'])}")
     if scores["robots"]:
         lines += _robot_lines(scores["robots"], scores["dead_reckoning"], number)
     return "\n".join(lines)
@@ -148,7 +148,7 @@ def _robot_lines(team: dict[str, Any], dead_reckoned: dict[str, Any], number: Ca
         cells = [f"{number(r[m])} m" if r[m] is not None else "–" for m in metres]
         cells.append("–" if r["ate_share"] is None else f"{r['ate_share']:.2%}")
         out.append(f"{name[:12]:13}" + "".join(f"{cell:9}" for cell in cells) + number(r["nees_per_dof"], 2))
-    band = f" ({team['nees_low']:.2f} to {team['nees_high']:.2f} in 95 % of consistent runs)" if team["nees_low"] is not None else ""
+    band = f" ({team['nees_low']:.2f} to {team['nees_high']:.2f} in 95 % of honest runs)" if team["nees_low"] is not None else ""
     out[1] += band
     if team.get("efficiency"):
         out.append(f"{'':13}{number(team['bound_m'])} m  Cramér-Rao bound of the same sightings; ATE over it (efficiency) {team['efficiency']:.2f}")
