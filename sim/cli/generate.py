@@ -50,7 +50,7 @@ class Generate:
     """Generate a dataset: sequences of images with the full truth.
 
     The same command continues a dataset that was interrupted. The presets are:
-      - pilsun            as the paper's set: 333 frames, 4 robots, 10 people, indoors
+      - pilsun            the paper's set: 333 frames, 4 robots, 10 people
       - s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
       - twin              the people of a PETS 2009 annotation on their real paths,
                           seen by the real cameras and by rovers
@@ -141,7 +141,7 @@ class Generate:
 
         from tqdm import tqdm
 
-        from sim.datasets.pets_twin import Twin, generate, likeness
+        from sim.datasets.pets_twin import Twin, box_overlaps, generate
         from sim.datasets.pets_twin_picture import side_by_side
 
         if self.twin.annotations is None or self.twin.calibration is None:
@@ -157,6 +157,6 @@ class Generate:
         print(f"{self.out}: a sequence (README.md in it); `pilsim track {self.out}` tracks it")
         if 1 in views:
             side_by_side(twin, self.out)
-            alike = sorted(likeness(twin, self.out).tolist())
+            alike = sorted(box_overlaps(twin, self.out).tolist())
             median = alike[len(alike) // 2]
             print(f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {median:.3f} (twin.png shows a frame)")

@@ -1,7 +1,7 @@
-"""Where fixed cameras stand to see the ground of a place: high at the rim of where people walk, looking in.
+"""Greedy placement of fixed cameras that overlook the walkable area of a world from its border.
 
-Candidates are the outermost free places in evenly spaced directions. One after the other is chosen which adds most to what is seen: a place seen
-for the first time counts one, for the n-th time 1/n². Nothing is drawn at random, so that a place has the same cameras every time.
+Candidates are the outermost free points in evenly spaced directions. In each step the camera with the largest gain is added. A point gains 1 for
+its first view and 1/n² for its n-th view. Nothing is random, so the cameras depend on the world alone.
 """
 
 from __future__ import annotations
@@ -17,118 +17,121 @@ from tracker.geometry import Array, Pose, rotation_z
 from tracker.geometry.cameras import Tsai, pinhole
 from worlds.world import World
 
-FIELD = math.radians(75.0)
-"""Of view, from the left to the right edge."""
+FIELD_OF_VIEW = math.radians(75.0)
+"""Horizontal field of view, rad."""
 HEIGHTS = (4.5, 3.0, 2.4)
-"""m over the ground: the highest of these that has nothing above or around it."""
+"""Heights above the ground, m. The highest with free space above it is used."""
 DIRECTIONS = 36
-OVER_THE_AXIS = math.radians(16.0)
-"""How far above the middle of the picture the farthest people are: little of it is sky."""
-CHEST = 1.2
-"""m over the ground: what of people is to be seen."""
+"""Number of candidate directions."""
+FARTHEST_ABOVE_AXIS = math.radians(16.0)
+"""Angle of the farthest people above the optical axis, rad. It keeps the share of sky small."""
+CHEST_HEIGHT = 1.2
+"""Height above the ground of the point of a person that has to be visible, m."""
 NEAREST, FARTHEST = 1.5, 35.0
-"""m: people who are nearer fill the picture, who are farther are specks."""
+"""Range of distances of people, m. Nearer people fill the image, and farther ones are only a few pixels high."""
 SAMPLES = 300
-APART = 0.4
-"""Of the extent of the place: cameras that are nearer to each other than this count less."""
+"""Number of sample points of the walkable area."""
+MIN_SEPARATION = 0.4
+"""Distance between cameras, over the extent of the candidates, below which their gain is reduced."""
 _MARGIN, _HEADROOM = 0.9, 0.3
+"""Clearance of a camera to the sides and above, m."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
-    """A compiled world, to cast rays in; chests (n, 3) m, spread evenly over where people walk."""
+class _RayScene:
+    """A compiled world for ray casting. chests (n, 3) m: points spread evenly over the walkable area."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
     chests: Array
 
     @staticmethod
-    def of(world: World) -> _Place:
+    def of(world: World) -> _RayScene:
         model = world.spec.copy().compile()
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         i, j = np.nonzero(world.feet.free)
         chosen = np.unique(np.linspace(0, len(i) - 1, SAMPLES).round().astype(np.int64))
-        # Along a curve that fills the grid in strips, so that equal steps are spread over it evenly.
+        # The points are ordered along a curve that fills the grid in strips, so that equal steps cover it evenly.
         strips = np.lexsort((np.where((i // 8) % 2 == 0, j, -j), i // 8))
         points = world.feet.origin + world.feet.spacing * np.stack([j, i], axis=1)[strips][chosen]
-        return _Place(model, data, np.column_stack([points, world.terrain.height_at(points) + CHEST]))
+        return _RayScene(model, data, np.column_stack([points, world.terrain.height_at(points) + CHEST_HEIGHT]))
 
     def hit(self, start: Array, direction: Array) -> float:
-        """m to what a ray meets first, inf where there is nothing."""
+        """Distance to the first hit of a ray, m; inf without a hit."""
         distance = mujoco.mj_ray(self.model, self.data, start, direction, None, 1, -1, np.zeros(1, np.int32), None)
         return float(distance) if distance >= 0 else math.inf
 
-    def clear(self, start: Array, end: Array) -> bool:
-        """Whether nothing is between two points (3,) m."""
-        way = end - start
-        length = float(np.linalg.norm(way))
-        return self.hit(start, way / length) > length
+    def is_free(self, start: Array, end: Array) -> bool:
+        """Whether the segment between two points (3,) m is free."""
+        offset = end - start
+        length = float(np.linalg.norm(offset))
+        return self.hit(start, offset / length) > length
 
 
 def place_cameras(world: World, count: int, width: int) -> dict[str, FixedCamera]:
-    """Name → camera, for `count` cameras; pictures are `width` px wide and three quarters as high.
+    """The cameras by name. Their images are `width` px wide and three quarters as high.
 
-    Raises ValueError where there are fewer places from which people can be seen.
+    Raises ValueError where fewer than `count` candidates see people.
     """
     if not count:
         return {}
-    place, camera = _Place.of(world), pinhole(width, round(width * 0.75), FIELD)
-    seats = [seat for seat in (_seat(world, place, k) for k in range(DIRECTIONS)) if seat is not None]
-    poses = [pose for seat in seats if (pose := _aimed(place, seat)) is not None]
-    shown = np.array([_shown(place, camera, pose) for pose in poses]).reshape(len(poses), len(place.chests))
+    scene, camera = _RayScene.of(world), pinhole(width, round(width * 0.75), FIELD_OF_VIEW)
+    positions = [position for position in (_camera_position(world, scene, k) for k in range(DIRECTIONS)) if position is not None]
+    poses = [pose for position in positions if (pose := _aimed_pose(scene, position)) is not None]
+    visible = np.array([_visibility(scene, camera, pose) for pose in poses]).reshape(len(poses), len(scene.chests))
     at = np.array([pose.translation for pose in poses]).reshape(-1, 3)
-    apart = APART * max(float(np.ptp(at, axis=0).max(initial=0.0)), 1e-9) if len(at) else 1.0
+    separation = MIN_SEPARATION * max(float(np.ptp(at, axis=0).max(initial=0.0)), 1e-9) if len(at) else 1.0
     chosen: list[int] = []
-    times = np.zeros(len(place.chests))
+    views = np.zeros(len(scene.chests))
     while len(chosen) < count:
-        gain = (shown / (1.0 + times) ** 2).sum(axis=1)
+        gain = (visible / (1.0 + views) ** 2).sum(axis=1)
         for k in chosen:
-            gain *= np.clip(np.linalg.norm(at - at[k], axis=1) / apart, 0.0, 1.0)
+            gain *= np.clip(np.linalg.norm(at - at[k], axis=1) / separation, 0.0, 1.0)
         if not gain.any():
-            raise ValueError(f"views is {count}, more than the {len(chosen)} places from which {world.name} can be overlooked")
+            raise ValueError(f"views is {count}, more than the {len(chosen)} cameras that see people in {world.name}")
         chosen.append(int(np.argmax(gain)))
-        times += shown[chosen[-1]]
+        views += visible[chosen[-1]]
     return {f"View_{n:03d}": FixedCamera(camera, poses[k]) for n, k in enumerate(sorted(chosen), 1)}
 
 
-def _seat(world: World, place: _Place, k: int) -> Array | None:
-    """(3,) m: where a camera can hang at the rim in the k-th direction, or None."""
+def _camera_position(world: World, scene: _RayScene, k: int) -> Array | None:
+    """The position (3,) m of a camera at the border in the k-th direction, or None where none is free."""
     angle = 2 * np.pi * (k + 0.5) / DIRECTIONS
     i, j = np.nonzero(world.feet.clearance >= min(_MARGIN - 0.5, float(world.feet.clearance.max())))
     points = world.feet.origin + world.feet.spacing * np.stack([j, i], axis=1)
     ahead = (points - points.mean(axis=0)) @ rotation_z(angle)[:2, :2]
     at = points[int(np.argmax(ahead[:, 0] - np.abs(ahead[:, 1])))]
     ground = float(world.terrain.height_at(at[None])[0])
-    room = place.hit(np.array([*at, ground + 0.1]), np.array([0.0, 0.0, 1.0])) + 0.1 - _HEADROOM
-    return next((np.array([*at, ground + height]) for height in HEIGHTS if height <= room), None)
+    headroom = scene.hit(np.array([*at, ground + 0.1]), np.array([0.0, 0.0, 1.0])) + 0.1 - _HEADROOM
+    return next((np.array([*at, ground + height]) for height in HEIGHTS if height <= headroom), None)
 
 
-def _aimed(place: _Place, seat: Array) -> Pose | None:
-    """The camera at a seat that looks to where most people can be seen, or None where it sees nobody."""
-    way = place.chests - seat
-    distance = np.linalg.norm(way, axis=1)
+def _aimed_pose(scene: _RayScene, position: Array) -> Pose | None:
+    """The camera pose at a position that sees the most points, or None where it sees none."""
+    offset = scene.chests - position
+    distance = np.linalg.norm(offset, axis=1)
     near = np.flatnonzero((distance > NEAREST) & (distance < FARTHEST))
-    seen = way[[k for k in near if place.clear(seat, place.chests[k])]]
+    seen = offset[[k for k in near if scene.is_free(position, scene.chests[k])]]
     if not len(seen):
         return None
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
     yaws = 2 * np.pi * np.arange(72) / 72
-    inside = np.abs(np.mod(azimuth - yaws[:, None] + np.pi, 2 * np.pi) - np.pi) < FIELD / 2
+    inside = np.abs(np.mod(azimuth - yaws[:, None] + np.pi, 2 * np.pi) - np.pi) < FIELD_OF_VIEW / 2
     best = int(np.argmax(inside.sum(axis=1)))
     yaw, ahead = float(yaws[best]), seen[inside[best]]
     below = np.arctan2(-ahead[:, 2], np.hypot(ahead[:, 0], ahead[:, 1]))
-    down = float(np.quantile(below, 0.05)) + OVER_THE_AXIS
+    down = float(np.quantile(below, 0.05)) + FARTHEST_ABOVE_AXIS
     pitch = Pose.exp(np.array([0.0, 0.0, 0.0, 0.0, down, 0.0]))
-    return Pose(rotation_z(yaw), seat) @ pitch
+    return Pose(rotation_z(yaw), position) @ pitch
 
 
-def _shown(place: _Place, camera: Tsai, pose: Pose) -> Array:
-    """(n,) 1.0 where a chest is in the picture and nothing is before it."""
-    way = place.chests - pose.translation
-    distance = np.linalg.norm(way, axis=1)
-    _, inside = camera.pixels_from_bearings(pose.inverse().apply(place.chests))
-    out = np.zeros(len(way))
+def _visibility(scene: _RayScene, camera: Tsai, pose: Pose) -> Array:
+    """1.0 where a chest is in the image and not occluded, else 0.0 (n,)."""
+    offset = scene.chests - pose.translation
+    distance = np.linalg.norm(offset, axis=1)
+    _, inside = camera.pixels_from_bearings(pose.inverse().apply(scene.chests))
+    out = np.zeros(len(offset))
     for k in np.flatnonzero(inside & (distance > NEAREST) & (distance < FARTHEST)):
-        out[k] = place.clear(pose.translation, place.chests[k])
+        out[k] = scene.is_free(pose.translation, scene.chests[k])
     return out

@@ -1,6 +1,6 @@
-"""A dataset: many sequences of a preset, made on this machine or on a cluster, resumed where a run was cut off.
+"""Generation of datasets: many sequences of a preset, made on this machine or on a cluster, and resumed after an interruption.
 
-A dataset on disk is finished sequence by sequence: each is written under a temporary name and renamed when it is whole.
+Each sequence is written under a temporary name, and renamed when it is complete.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from tracker.io.resume import check_same, holds_run
 from tracker.sequence.dataset import FILE, Dataset, read_dataset
 from tracker.sequence.writer import ImageForm
 
-LARGEST_COUNT = 100_000
-LOOK = 0.5
-"""s between looks at how far the workers are, on a terminal ..."""
-LOOK_OF_LOGS = 30
-"""... and where each is kept, as in the log of a batch job."""
+MAX_COUNT = 100_000
+REFRESH = 0.5
+"""Time between updates of the progress bar on a terminal, s."""
+LOG_REFRESH = 30
+"""Time between updates where each is kept, as in the log of a batch job, s."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """count sequences of a preset into the folder `out`; the n-th has the seed of the preset's scenario + n. name: of the preset.
+    """A dataset to generate: `count` sequences of a preset in the folder `out`. The n-th has the seed of the preset's scenario + n.
 
-    workers: processes on this machine; cluster: address of a Dask scheduler to use instead, or None; it must see `out` under the same path.
-    Raises ValueError for a count or a number of workers out of bounds.
+    name: of the preset. form: of the images. workers: number of processes on this machine. cluster: address of a Dask scheduler, or None.
+    The cluster must see `out` under the same path. Raises ValueError for a count or a number of workers out of bounds.
     """
 
     name: str
@@ -52,12 +52,12 @@ class Plan:
     cluster: str | None = None
 
     def __post_init__(self) -> None:
-        if not 1 <= self.count <= LARGEST_COUNT:
-            raise ValueError(f"count is {self.count}, needs 1 to {LARGEST_COUNT}")
-        _ = self.workforce  # it checks the number
+        if not 1 <= self.count <= MAX_COUNT:
+            raise ValueError(f"count is {self.count}, needs 1 to {MAX_COUNT}")
+        _ = self.pool  # checks the number of workers
 
     @property
-    def workforce(self) -> Pool:
+    def pool(self) -> Pool:
         return Pool(self.workers, self.cluster)
 
     @property
@@ -66,84 +66,84 @@ class Plan:
         scenario = json.loads(self.preset.scenario.to_json())
         return Dataset(self.name, scenario, self.preset.views, dataclasses.asdict(self.form), names)
 
-    def orders(self) -> list[SequenceTask]:
+    def tasks(self) -> list[SequenceTask]:
         out, scenario = self.out.resolve(), self.preset.scenario
-        master = None if self.cluster else os.getpid()
+        parent = None if self.cluster else os.getpid()
         seeded = [dataclasses.replace(self.preset, scenario=dataclasses.replace(scenario, seed=scenario.seed + k)) for k in range(self.count)]
-        return [SequenceTask(out / name, self.name, preset, self.form, master) for name, preset in zip(self.dataset.sequences, seeded, strict=True)]
+        return [SequenceTask(out / name, self.name, preset, self.form, parent) for name, preset in zip(self.dataset.sequences, seeded, strict=True)]
 
 
 def generate(plan: Plan) -> int:
-    """Make what is not there yet; returns how many sequences that was.
+    """Make the missing sequences, and return their number.
 
-    Raises ValueError where `out` holds another dataset or something else, where another run writes into it, and for what the world of the
-    scenario cannot hold; OSError where a worker is lost, the disk is full or the cluster cannot be reached.
+    Raises ValueError where `out` holds another dataset or other files, or another run writes into it. Raises ValueError for a scenario that
+    does not fit into its world. Raises OSError where a worker is lost, the disk is full, or the cluster does not answer.
     """
     _check_free(plan)
     plan.out.mkdir(parents=True, exist_ok=True)
     with file_lock(plan.out / ".lock"):
         _check_free(plan)
-        orders = plan.orders()
-        for order in orders:
-            order.sweep()
-        begun = not (plan.out / FILE).exists()
+        tasks = plan.tasks()
+        for task in tasks:
+            task.remove_leftovers()
+        new = not (plan.out / FILE).exists()
         write_text(plan.out / FILE, plan.dataset.to_json())
-        missing = [order for order in orders if not order.whole]
+        missing = [task for task in tasks if not task.complete]
         if missing:
             try:
-                with _shown(orders):
-                    _work(plan, missing)
+                with _progress(tasks):
+                    _run(plan, missing)
             finally:
-                for order in missing:
-                    order.sweep()
-                if begun and not any(order.whole for order in orders):
-                    # Nothing was made: the folder is free for another dataset.
+                for task in missing:
+                    task.remove_leftovers()
+                if new and not any(task.complete for task in tasks):
+                    # No sequence was made: the folder stays free for another dataset.
                     (plan.out / FILE).unlink()
-        lost = [order.folder for order in orders if not order.whole]
+        lost = [task.folder for task in tasks if not task.complete]
         if lost:
-            raise OSError(f"{lost[0]}: was made, but is not here: the cluster must see this folder under the same path")
+            raise OSError(f"{lost[0]}: was made by the cluster, but is not here: the cluster must see this folder under the same path")
         write_card(plan.out)
         write_croissant(plan.out)
     return len(missing)
 
 
 def _check_free(plan: Plan) -> None:
-    """Raises ValueError where `out` holds anything but this dataset, of which there may be more or fewer sequences than now wanted."""
+    """Raises ValueError where `out` holds other files than this dataset, or more sequences of it than the plan has."""
     if holds_run(plan.out, FILE, (".*",)):
-        there, wanted = read_dataset(plan.out), plan.dataset
-        flat = [{"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (there, wanted)]
+        existing, planned = read_dataset(plan.out), plan.dataset
+        flat = [{"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (existing, planned)]
         check_same(plan.out, flat[0], flat[1], "another dataset")
-        if len(there.sequences) > plan.count:
-            raise ValueError(f"{plan.out}: is a dataset of {len(there.sequences)} sequences, --count is {plan.count}; ask for as many or more")
+        if len(existing.sequences) > plan.count:
+            raise ValueError(f"{plan.out}: is a dataset of {len(existing.sequences)} sequences, --count is {plan.count}; ask for as many or more")
 
 
-def _work(plan: Plan, orders: list[SequenceTask]) -> None:
-    """Have the orders carried out, each by one call of one function in another process: here, or on the cluster."""
+def _run(plan: Plan, tasks: list[SequenceTask]) -> None:
+    """Run the tasks in other processes, on this machine or on the cluster."""
     try:
-        for _ in plan.workforce.as_completed(run_task, ((order,) for order in orders)):
+        for _ in plan.pool.as_completed(run_task, ((task,) for task in tasks)):
             pass
     except WorkerLost as error:
-        raise OSError(f"{error}; the same command goes on from here") from None
+        raise OSError(f"{error}; the same command resumes") from None
 
 
 @contextmanager
-def _shown(orders: list[SequenceTask]) -> Iterator[None]:
-    """How many frames of all sequences are there, and how long the rest will take; by what lies on disk, wherever it is made."""
-    total = sum(order.preset.scenario.frames for order in orders)
+def _progress(tasks: list[SequenceTask]) -> Iterator[None]:
+    """Show a progress bar of the frames on disk during this context. It works for local workers and for clusters."""
+    total = sum(task.preset.scenario.frames for task in tasks)
     done = threading.Event()
-    with tqdm(total=total, initial=sum(order.frames for order in orders if order.whole), desc="frames", unit="frame") as bar:
+    with tqdm(total=total, initial=sum(task.frames for task in tasks if task.complete), desc="frames", unit="frame") as bar:
 
-        def look() -> None:
-            while not done.wait(LOOK if sys.stderr.isatty() else LOOK_OF_LOGS):
-                bar.n = sum(order.frames for order in orders)
+        def refresh() -> None:
+            while not done.wait(REFRESH if sys.stderr.isatty() else LOG_REFRESH):
+                bar.n = sum(task.frames for task in tasks)
                 bar.refresh()
 
-        watching = threading.Thread(target=look, daemon=True)
-        watching.start()
+        thread = threading.Thread(target=refresh, daemon=True)
+        thread.start()
         try:
             yield
         finally:
             done.set()
-            watching.join()
-            bar.n = sum(order.frames for order in orders)
+            thread.join()
+            bar.n = sum(task.frames for task in tasks)
             bar.refresh()

@@ -1,4 +1,4 @@
-"""One sequence of a dataset, made by whatever process is told to: the same order gives the same bytes anywhere."""
+"""The task of generating one sequence of a dataset. The same task gives the same bytes in any process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim.datasets.fixed_cameras import place_cameras
-from sim.datasets.presets import Preset, confined, provenance
+from sim.datasets.presets import Preset, confine, provenance
 from sim.parallel.file_lock import Locked, file_lock
 from sim.recording.record import Recording, write_recording
 from sim.simulation.simulation import Simulation
@@ -20,42 +20,47 @@ from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.writer import ImageForm
 from worlds import catalogue
 
-WATCH = 0.3
-"""s between looks at whether the master is alive."""
+CHECK_INTERVAL = 0.3
+"""Time between checks whether the parent process is alive, s."""
 _one_at_a_time = threading.Lock()
-_followed: set[int] = set()
+_watched_parents: set[int] = set()
 
 
 @dataclass(frozen=True)
 class SequenceTask:
-    """A sequence to be made: where, of which preset under which name, in what form. master: the process without which it is not wanted, or None."""
+    """A sequence to generate: its folder, the name and value of its preset, and the form of its images.
+
+    parent: id of the process that needs it, or None. The worker ends when that process has ended.
+    """
 
     folder: Path
     name: str
     preset: Preset
     form: ImageForm
-    master: int | None = None
+    parent: int | None = None
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
+        """Whether the sequence is on disk."""
         return (self.folder / MANIFEST).is_file()
 
     @property
     def partial(self) -> Path:
+        """The temporary folder of the unfinished sequence."""
         return partial_path(self.folder)
 
     @property
     def frames(self) -> int:
-        """How many are on disk already, of a sequence that is whole or still written."""
-        if self.whole:
+        """The number of frames on disk, of a complete or an unfinished sequence."""
+        if self.complete:
             return self.preset.scenario.frames
         try:
             return len(os.listdir(self.partial / "images" / "robot_0_camera"))
         except OSError:
             return 0
 
-    def sweep(self) -> None:
-        """Remove what a run that was killed has left of it; what is still written stays."""
+    def remove_leftovers(self) -> None:
+        """Remove the files of a killed run. A sequence that another process writes stays."""
         if self.partial.exists() or self._lock.exists():
             with suppress(Locked), file_lock(self._lock):
                 shutil.rmtree(self.partial, ignore_errors=True)
@@ -64,38 +69,38 @@ class SequenceTask:
     def _lock(self) -> Path:
         return self.folder.with_name(f".{self.folder.name}.lock")
 
-    def carry_out(self) -> None:
-        """Write the sequence, unless it is whole by the time that nobody else writes it.
+    def run(self) -> None:
+        """Wait for other writers, and write the sequence unless it is complete then.
 
-        Raises ValueError for what its world cannot hold, and where the linear algebra of this process is not kept to one thread.
+        Raises ValueError for a scenario that does not fit into its world, and where the linear algebra of this process has several threads.
         """
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             if os.environ.get(name) != "1":
-                raise ValueError(f"{name} is {os.environ.get(name)!r} in a worker, needs to be 1 from its start on (Dask's nannies see to it)")
+                raise ValueError(f"{name} is {os.environ.get(name)!r} in a worker, needs to be 1 at its start (Dask's nannies set it)")
         os.environ["LP_NUM_THREADS"] = "1"
-        # A process has one watchdog and one OpenGL: workers of Dask may have several threads.
+        # A process has one watchdog and one OpenGL context, but workers of Dask may have several threads.
         with _one_at_a_time, file_lock(self._lock, wait=True):
-            if not self.whole:
+            if not self.complete:
                 write_recording(self._recording(), self.folder)
 
     def _recording(self) -> Recording:
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
-        world = confined(world, self.preset.ground, scenario.stream("world/confined"))
+        world = confine(world, self.preset.ground, scenario.stream("world/confined"))
         fixed = place_cameras(world, self.preset.views, 2 * round(0.375 * scenario.width))
         return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form)
 
 
-def _leave_with(master: int) -> None:
-    """End this process when its master has: what nobody waits for shall not be in the way of the next run."""
-    while os.getppid() == master:
-        time.sleep(WATCH)
+def _exit_with_parent(parent: int) -> None:
+    """End this process when its parent has ended. Otherwise it would hold the lock against the next run."""
+    while os.getppid() == parent:
+        time.sleep(CHECK_INTERVAL)
     os._exit(1)
 
 
-def run_task(order: SequenceTask) -> None:
-    """As Order.carry_out, in a process of its own: what a worker is sent."""
-    if order.master is not None and order.master not in _followed:
-        _followed.add(order.master)
-        threading.Thread(target=_leave_with, args=(order.master,), daemon=True).start()
-    order.carry_out()
+def run_task(task: SequenceTask) -> None:
+    """Run a task in a worker process."""
+    if task.parent is not None and task.parent not in _watched_parents:
+        _watched_parents.add(task.parent)
+        threading.Thread(target=_exit_with_parent, args=(task.parent,), daemon=True).start()
+    task.run()

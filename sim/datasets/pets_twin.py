@@ -1,7 +1,7 @@
-"""The twin of a PETS 2009 sequence: the people of an annotation walk their real paths through `campus`, before the real cameras and before rovers.
+"""The twin of a PETS 2009 sequence: annotated people walk their recorded paths through the world `campus`, seen by the real cameras and by rovers.
 
-Paths are the annotated feet, cast to z = 0 by View_001, in which the annotations were made; statures are the heights at which the boxes end
-over these feet. So the twin has the same people at the same places at the same times, and its truth is exact.
+Paths are the annotated feet, projected from View_001 to z = 0. Statures are the heights of the upper edges of the boxes above these feet.
+The twin has the same people at the same positions and times as the recording, and exact truth.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from worlds.world import World
 
 WORLD = "campus"
 ANNOTATED = 1
-"""The view in whose image the annotations are."""
+"""The view in whose image the annotations were made."""
 STATURES = ADULTS
-"""m: what a box says beyond these is the box's error."""
-BESIDE = 4.0
-"""m: rovers stay within this of the area that the paths cross."""
+"""Bounds of statures, m. Values beyond them are errors of a box."""
+ROVER_MARGIN = 4.0
+"""Margin around the area of the paths within which rovers stay, m."""
 LARGEST_ID = (1 << 16) - 1
 
 
 @dataclass(frozen=True)
 class Twin:
-    """What is made a twin of: annotations, a CVML file; calibration, the folder of View_00N.xml; views, the numbers of its cameras that look on.
+    """The description of a twin.
 
-    frames: how many of the annotated frames, all where None. robots: rovers beside the cameras, with panoramas of `width` px; seed of all
-    that is random.
+    annotations: a CVML file. calibration: the folder of View_00N.xml. views: numbers of the cameras in the twin.
+    frames: number of annotated frames, or None for all. robots: number of rovers, with panoramas of `width` px. seed: of all random streams.
     """
 
     annotations: Path
@@ -64,7 +64,7 @@ class Twin:
 
 @dataclass(frozen=True, eq=False)
 class AnnotatedWalkers:
-    """The people of an annotation: id (m,), position (m, frames, 2) m, NaN where they are not there, stature (m,) m."""
+    """The people of an annotation: id (m,); position (m, frames, 2) m, NaN where a person is absent; stature (m,) m."""
 
     id: Ints
     position: Array
@@ -72,10 +72,10 @@ class AnnotatedWalkers:
 
 
 def generate(twin: Twin, folder: Path, world: World | None = None, progress: Any = None) -> None:
-    """Write the twin as a Sequence into `folder`, which must not be there yet; the cameras are robots that never move.
+    """Write the twin as a Sequence into the new folder `folder`. The cameras are robots that never move.
 
-    world: in place of `campus` at difficulty 0. Raises ValueError, in one line, for files that are not there or not what they should be, for
-    an unknown view, and for a path that leads out of the world or into a wall.
+    world: replaces `campus` at difficulty 0. progress: wraps the iteration over frames. Raises ValueError, in one line, for missing or invalid
+    files, for an unknown view, and for paths outside the free space of the world.
     """
     check_absent(folder)
     write_recording(recording_of(twin, world), folder, progress)
@@ -97,9 +97,9 @@ def recording_of(twin: Twin, world: World | None = None) -> Recording:
         rate=PETS_RATE,
         width=twin.width,
     )
-    place = catalogue.build(WORLD, scenario.stream("world"), 0.0) if world is None else world
+    site = catalogue.build(WORLD, scenario.stream("world"), 0.0) if world is None else world
     paths = Paths(walkers.id, scenario.period * np.arange(scenario.frames, dtype=np.float64), walkers.position, walkers.stature)
-    simulation = Simulation(scenario, world=near(place, walkers.position), paths=paths)
+    simulation = Simulation(scenario, world=confine_rovers(site, walkers.position), paths=paths)
     return Recording(scenario, simulation, fixed, _provenance(twin, scenario))
 
 
@@ -113,7 +113,7 @@ def _fixed(calibration: Path, number: int) -> FixedCamera:
 
 
 def annotated_frames(twin: Twin) -> Annotations:
-    """The annotated frames that are wanted; frame numbers that the file leaves out are empty."""
+    """The annotated frames that are selected; frame numbers that the file leaves out are empty."""
     if not twin.annotations.is_file():
         raise ValueError(f"{twin.annotations}: no such file")
     annotations = read_annotations(twin.annotations)
@@ -121,14 +121,14 @@ def annotated_frames(twin: Twin) -> Annotations:
     if twin.frames is not None and not 1 <= twin.frames <= count:
         raise ValueError(f"frames is {twin.frames}, needs 1 to {count}, the frames of {twin.annotations}")
     nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 4))
-    wanted = {k: annotations.get(k, nobody) for k in range(twin.frames or count)}
-    if not any(len(ids) for ids, _ in wanted.values()):
-        raise ValueError(f"{twin.annotations}: nobody is annotated in {len(wanted)} frames, needs somebody")
-    return wanted
+    selected = {k: annotations.get(k, nobody) for k in range(twin.frames or count)}
+    if not any(len(ids) for ids, _ in selected.values()):
+        raise ValueError(f"{twin.annotations}: nobody is annotated in {len(selected)} frames, needs at least one person")
+    return selected
 
 
 def walkers_of(annotations: Annotations, camera: Camera, T_world_camera: Pose) -> AnnotatedWalkers:
-    """Paths and statures of the annotated people; frames are 0 to the last. Raises ValueError for an id that cannot be an instance."""
+    """Paths and statures of the annotated people, in frames from 0. Raises ValueError for an id that is no valid instance number."""
     places = ground_truth(annotations, camera, T_world_camera, Flat())
     ids = np.unique(np.concatenate([ids for ids, _ in annotations.values()]))
     if ids[0] < 1 or ids[-1] > LARGEST_ID:
@@ -138,15 +138,16 @@ def walkers_of(annotations: Annotations, camera: Camera, T_world_camera: Pose) -
     for frame, (present, feet) in places.items():
         rows = np.searchsorted(ids, present)
         position[rows, frame] = feet[:, :2]
-        height[rows, frame] = heights(annotations[frame][1], feet, camera, T_world_camera)
+        height[rows, frame] = box_top_heights(annotations[frame][1], feet, camera, T_world_camera)
     return AnnotatedWalkers(ids, position, np.clip(np.nanmedian(height, axis=1), *STATURES))
 
 
-def heights(boxes: Array, feet: Array, camera: Camera, T_world_camera: Pose) -> Array:
-    """(n,) m over the feet (n, 3) m at which the sight of the middle of a box's upper edge passes the vertical nearest to it.
+def box_top_heights(boxes: Array, feet: Array, camera: Camera, T_world_camera: Pose) -> Array:
+    """Heights (n,) m of the upper edges of boxes above feet (n, 3) m.
 
-    boxes (n, 4) left, top, width, height px. Two lines P + h z and C + s d are nearest to each other at h = ((z·d)(w·d) − z·w) / (1 − (z·d)²)
-    with w = P − C, for unit d.
+    boxes (n, 4): left, top, width, height, px. A height is the point of the vertical through the feet that is nearest to the viewing ray of
+    the middle of the edge. Two lines P + h z and C + s d are nearest to each other at h = ((z·d)(w·d) − z·w) / (1 − (z·d)²), with w = P − C
+    and unit d.
     """
     top = np.stack([boxes[:, 0] + boxes[:, 2] / 2, boxes[:, 1]], axis=1)
     d = camera.bearings_from_pixels(top) @ T_world_camera.rotation.T
@@ -154,16 +155,16 @@ def heights(boxes: Array, feet: Array, camera: Camera, T_world_camera: Pose) -> 
     return np.asarray((d[:, 2] * np.einsum("ni,ni->n", d, w) - w[:, 2]) / (1 - d[:, 2] ** 2))
 
 
-def near(world: World, position: Array) -> World:
-    """The world with its rovers kept to where the people walk."""
+def confine_rovers(world: World, position: Array) -> World:
+    """The world with the free space of rovers restricted to the area around the paths position (m, frames, 2) m."""
     wheels, there = world.wheels, position[np.isfinite(position).all(axis=-1)]
     rows, columns = wheels.free.shape
     x, y = (wheels.origin[k] + wheels.spacing * np.arange(n) for k, n in ((0, columns), (1, rows)))
-    low, high = there.min(axis=0) - BESIDE, there.max(axis=0) + BESIDE
+    low, high = there.min(axis=0) - ROVER_MARGIN, there.max(axis=0) + ROVER_MARGIN
     free = wheels.free & ((y >= low[1]) & (y <= high[1]))[:, None] & ((x >= low[0]) & (x <= high[0]))
     regions, count = ndimage.label(free)
     if not count:
-        raise ValueError(f"no ground within {BESIDE} m of the paths is free for wheels in {world.name}")
+        raise ValueError(f"no ground within {ROVER_MARGIN} m of the paths is free for wheels in {world.name}")
     largest = regions == 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
     return dataclasses.replace(world, wheels=FreeSpace(largest, wheels.origin, wheels.spacing))
 
@@ -174,28 +175,28 @@ def _provenance(twin: Twin, scenario: Scenario) -> dict[str, Any]:
     return json.loads(scenario.to_json()) | {"twin": {"views": list(twin.views), "files": sums}}
 
 
-def likeness(twin: Twin, folder: Path) -> Array:
-    """(n,) intersection over union of every annotated box with the box of the same person's whole body in the twin's View_001.
+def box_overlaps(twin: Twin, folder: Path) -> Array:
+    """Intersection over union (n,) of each annotated box with the same person's box in the twin's View_001.
 
-    Of both, what lies in the image counts; annotated people whom the twin does not show count 0. Raises ValueError where the twin in
-    `folder` has no View_001.
+    Both boxes are of the whole body, clipped to the image. Annotated people who are absent from the twin count 0. Raises ValueError where
+    the twin in `folder` has no View_001.
     """
     name = f"View_{ANNOTATED:03d}"
     if ANNOTATED not in twin.views:
         raise ValueError(f"views are {twin.views}, need {ANNOTATED}: the annotations are of {name}")
     camera = _fixed(twin.calibration, ANNOTATED).camera
-    true: Mapping[tuple[int, str], Boxes] = read_boxes(folder)
+    boxes_by_view: Mapping[tuple[int, str], Boxes] = read_boxes(folder)
     out = []
     for frame, (ids, boxes) in annotated_frames(twin).items():
-        shown = true.get((frame, name), Boxes.none())
+        truth = boxes_by_view.get((frame, name), Boxes.none())
         corner = boxes[:, :2] + (0.5 - camera.pixel_centre)
         edges = np.column_stack([corner, corner + boxes[:, 2:]])
         edges = np.clip(edges, 0.0, [camera.width, camera.height, camera.width, camera.height])
-        same = ids[:, None] == shown.person[None, :]
-        out.append((overlap(_sized(edges), _sized(shown.full)) * same).max(axis=1, initial=0.0))
+        same = ids[:, None] == truth.person[None, :]
+        out.append((overlap(_with_size(edges), _with_size(truth.full)) * same).max(axis=1, initial=0.0))
     return np.concatenate(out)
 
 
-def _sized(edges: Array) -> Array:
-    """Left, top, right, bottom → left, top, width, height."""
+def _with_size(edges: Array) -> Array:
+    """Boxes of left, top, width and height from edges left, top, right, bottom."""
     return np.column_stack([edges[:, :2], edges[:, 2:] - edges[:, :2]])

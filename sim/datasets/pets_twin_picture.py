@@ -1,4 +1,4 @@
-"""The twin beside what it is a twin of: one moment in the twin's View_001 and in the real one, the annotation's boxes on both."""
+"""A picture of a PETS 2009 twin beside the recording: one frame of View_001 in both, with the annotated boxes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from tracker.sequence.truth_tables import read_boxes
 
 NAME = f"View_{ANNOTATED:03d}"
 DARK = 24
+"""Grey value of the margins."""
 
 
 def side_by_side(twin: Twin, folder: Path, video: Path | None = None) -> Path | None:
-    """Write `twin.png` into the twin's folder and return its path; None where the twin has no View_001, in which the annotations are.
+    """Write `twin.png` into the twin's folder and return its path, or None where the twin has no View_001.
 
-    Left the twin's picture, with the boxes of its own people's whole bodies thick and the annotated ones thin, in the colour of each person; right
-    the same frame of `video`, the real View_001, with the annotated boxes. video: View_001.mp4 beside the annotations where None, as
-    S2.L1/video/View_001.mp4 is to S2.L1/annotations/*.xml; without a film the twin stands alone. The moment is the one with the most people.
+    The left image is the twin's. True boxes of whole bodies are thick and annotated boxes thin, in the colour of each person.
+    The right image is the same frame of `video`, the real View_001, with the annotated boxes. It is left out without a video. The frame is the
+    one with the most people. video: where None, S2.L1/video/View_001.mp4 for S2.L1/annotations/*.xml.
     """
     if ANNOTATED not in twin.views:
         return None
@@ -33,14 +34,14 @@ def side_by_side(twin: Twin, folder: Path, video: Path | None = None) -> Path | 
     tick = next(islice(read_sequence(folder).ticks, frame, None))
     image = next(view.image for view in tick.views if view.camera == NAME)
     assert image is not None
-    shown = read_boxes(folder).get((frame, NAME))
+    truth = read_boxes(folder).get((frame, NAME))
     left = image.copy()
-    if shown is not None:
-        for person, (x0, y0, x1, y1) in zip(shown.person.tolist(), shown.full.tolist(), strict=True):
+    if truth is not None:
+        for person, (x0, y0, x1, y1) in zip(truth.person.tolist(), truth.full.tolist(), strict=True):
             _box(left, (x0, y0, x1, y1), person, 2)
     pictures = [_titled(_annotated(left, ids.tolist(), boxes), f"twin, frame {frame}: own boxes thick, annotated boxes thin")]
-    film = twin.annotations.parent.parent / "video" / f"{NAME}.mp4" if video is None else video
-    real = _frame_of(film, frame)
+    video_file = twin.annotations.parent.parent / "video" / f"{NAME}.mp4" if video is None else video
+    real = _frame_of(video_file, frame)
     if real is not None:
         pictures.append(_titled(_annotated(real, ids.tolist(), boxes), f"PETS 2009 {NAME}, the same frame: annotated boxes"))
     height = max(len(picture) for picture in pictures)
@@ -51,16 +52,16 @@ def side_by_side(twin: Twin, folder: Path, video: Path | None = None) -> Path | 
 
 
 def _annotated(image: Image, ids: list[int], boxes: Array) -> Image:
-    """Copy with boxes (n, 4) left, top, width, height px; pixel centres lie at whole numbers."""
+    """A copy of the image with boxes (n, 4): left, top, width, height, px. Pixel centres lie at whole numbers."""
     out = image.copy()
     for person, (left, top, width, height) in zip(ids, boxes.tolist(), strict=True):
         _box(out, (left + 0.5, top + 0.5, left + width + 0.5, top + height + 0.5), person, 1)
     return out
 
 
-def _box(image: Image, edges: tuple[float, float, float, float], person: int, thick: int) -> None:
+def _box(image: Image, edges: tuple[float, float, float, float], person: int, thickness: int) -> None:
     left, top, right, bottom = (round(edge) for edge in edges)
-    cv2.rectangle(image, (left, top), (right - 1, bottom - 1), colour_of(person), thick)
+    cv2.rectangle(image, (left, top), (right - 1, bottom - 1), colour_of(person), thickness)
 
 
 def _titled(image: Image, title: str) -> Image:
@@ -69,11 +70,11 @@ def _titled(image: Image, title: str) -> Image:
     return np.asarray(out, dtype=np.uint8)
 
 
-def _frame_of(film: Path, number: int) -> Image | None:
-    """RGB; None where there is no such film or frame."""
-    if not film.is_file():
+def _frame_of(video_file: Path, number: int) -> Image | None:
+    """The frame of a video, RGB, or None where the video or the frame is missing."""
+    if not video_file.is_file():
         return None
-    reader = cv2.VideoCapture(str(film))
+    reader = cv2.VideoCapture(str(video_file))
     try:
         reader.set(cv2.CAP_PROP_POS_FRAMES, number)
         found, picture = reader.read()

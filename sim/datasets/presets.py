@@ -1,4 +1,4 @@
-"""Kinds of datasets by name: of the size, the crowd and the frame rate of what was recorded, in any world."""
+"""Presets of datasets: size, crowd and frame rate as in recorded sequences, in any world."""
 
 from __future__ import annotations
 
@@ -25,21 +25,24 @@ from worlds.terrain.spawn_areas import spawn_areas
 from worlds.world import World
 
 PETS_GROUND = (27.0, 25.0)
-"""m along x and y: the box around all that people walk on in S2.L1 and S1.L1 of PETS 2009."""
-PETS_MIDDLE = (-6.5, -4.0)
-"""m: the middle of that box in the frame of PETS 2009, which is that of the world campus."""
+"""Size along x and y of the box around all paths in S2.L1 and S1.L1 of PETS 2009, m."""
+PETS_CENTRE = (-6.5, -4.0)
+"""Centre of that box in the frame of PETS 2009, which is that of the world campus, m."""
 PAPER: dict[str, float] = {
     "L_c": 4, "delta_min": 0.05, "omega_delta": 0.3, "epsilon_Phi": 0.5, "epsilon_h": 0.3, "epsilon_3D": 2.5,
     "theta_s": 0.3, "v_max": 0.8, "delta_a": 9, "K_H": 25, "i_bls_max": 2000, "N_conf": 3,
 }  # fmt: skip
-"""What the paper sets for its tracker, under its names (m, s, frames; v_max m per frame): they go with a dataset, nothing is made by them."""
+"""The paper's tracker parameters under its names (m, s, frames; v_max m per frame). Datasets record them but do not depend on them."""
 MAX_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class Preset:
-    """scenario: of the first sequence, the next have the next seeds; views: fixed cameras; ground: m along x and y that people and rovers
-    keep to, or None for all of the world."""
+    """A kind of dataset.
+
+    scenario: of the first sequence; the following ones have the following seeds. views: number of fixed cameras.
+    ground: size along x and y of the area of people and rovers (m), or None for the whole world.
+    """
 
     scenario: Scenario
     views: int
@@ -57,13 +60,13 @@ PRESETS: dict[str, Preset] = {
     "s2l2": _crowd(43, 35, 436, 4),
     "s2l3": _crowd(74, 43, 240, 4),
 }
-"""pilsun is the paper's set; s2l1 to s2l3 have people, frames and views of PETS 2009 S2.L1 to S2.L3."""
+"""pilsun is the paper's dataset. s2l1 to s2l3 have the people, frames and views of PETS 2009 S2.L1 to S2.L3."""
 
 
 def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
-    """The preset of that name with other values for `views` or for fields of its scenario.
+    """The preset of a name, with `changes` of `views` or of fields of its scenario.
 
-    Raises ValueError for an unknown name or field, and for what is out of its bounds.
+    Raises ValueError for an unknown name or field and for a value out of bounds.
     """
     if name not in PRESETS:
         raise ValueError(f"preset is {name!r}, needs one of {', '.join(PRESETS)}")
@@ -71,8 +74,8 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
     fields = [field.name for field in dataclasses.fields(Scenario)]
     unknown = sorted(set(changes) - {*fields, "views"})
     if unknown:
-        alike = difflib.get_close_matches(unknown[0], fields, 1, 0.75)
-        raise ValueError(f"setting is {unknown[0]!r}{f' ({alike[0]}?)' if alike else ''}, needs one of views, {', '.join(fields)}")
+        similar = difflib.get_close_matches(unknown[0], fields, 1, 0.75)
+        raise ValueError(f"setting is {unknown[0]!r}{f' ({similar[0]}?)' if similar else ''}, needs one of views, {', '.join(fields)}")
     views = changes.get("views", preset.views)
     if not isinstance(views, int) or isinstance(views, bool) or not 0 <= views <= 32:
         raise ValueError(f"views is {views!r}, needs a whole number in [0, 32]")
@@ -84,7 +87,7 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
 
 
 def read_settings(path: Path) -> dict[str, Any]:
-    """Settings of a TOML or JSON file, as `preset_of` takes them. Raises ValueError, with the file's name, where it is none."""
+    """The settings in a TOML or JSON file, as `preset_of` takes them. Raises ValueError, with the file's name, for a missing or invalid file."""
     if not path.is_file():
         raise ValueError(f"{path}: {'is a folder, needs a file' if path.is_dir() else 'no such file'}")
     if path.stat().st_size > MAX_BYTES:
@@ -104,23 +107,22 @@ def read_settings(path: Path) -> dict[str, Any]:
 
 
 def provenance(name: str, preset: Preset) -> dict[str, Any]:
-    """All that makes a sequence of a preset, as JSON values: its scenario, the cameras beside it, names of classes, and the paper's
-    parameters."""
+    """The provenance of a sequence of a preset as JSON values: scenario, number of cameras, class names and the paper's parameters."""
     ground = list(preset.ground) if preset.ground else None
     return json.loads(preset.scenario.to_json()) | {"preset": name, "views": preset.views, "ground": ground, "classes": list(CLASSES), "paper": PAPER}
 
 
-def confined(world: World, ground: tuple[float, float] | None, rng: np.random.Generator) -> World:
-    """The world with people and rovers kept to a box of `ground` m, so that a crowd is as dense as it was; unchanged where it is None.
+def confine(world: World, ground: tuple[float, float] | None, rng: np.random.Generator) -> World:
+    """The world with people and rovers confined to a box of `ground` m, or the same world where it is None.
 
-    In `campus` the box lies where PETS 2009 was recorded, else in the middle of where people may walk. Raises ValueError where too little of
-    the box is free.
+    The box keeps the density of a recorded crowd. In `campus` it lies where PETS 2009 was recorded, else at the centre of the walkable area.
+    Raises ValueError where nothing in the box is free.
     """
     if ground is None:
         return world
     i, j = np.nonzero(world.feet.free)
-    middle = np.array(PETS_MIDDLE) if world.name == "campus" else world.feet.origin + world.feet.spacing * np.array([j.mean(), i.mean()])
-    low, high = middle - np.array(ground) / 2, middle + np.array(ground) / 2
+    centre = np.array(PETS_CENTRE) if world.name == "campus" else world.feet.origin + world.feet.spacing * np.array([j.mean(), i.mean()])
+    low, high = centre - np.array(ground) / 2, centre + np.array(ground) / 2
     feet, wheels = (_within(space, low, high, world.name) for space in (world.feet, world.wheels))
     if feet.area == world.feet.area:
         return dataclasses.replace(world, wheels=wheels)
@@ -134,5 +136,5 @@ def _within(space: FreeSpace, low: Array, high: Array, name: str) -> FreeSpace:
     free: Mask = space.free & ((y >= low[1]) & (y <= high[1]))[:, None] & ((x >= low[0]) & (x <= high[0]))
     regions, count = ndimage.label(free)
     if not count:
-        raise ValueError(f"nothing is free in {name} from {low} to {high} m")
+        raise ValueError(f"free space of {name} is empty from {low} to {high} m")
     return FreeSpace(regions == 1 + int(np.argmax(np.bincount(regions.ravel())[1:])), space.origin, space.spacing)

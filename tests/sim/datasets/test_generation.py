@@ -1,4 +1,4 @@
-"""Datasets by the command: whole or not there, the same bytes however they were made, one run at a time in a folder."""
+"""Generation of datasets by the command: complete sequences, reproducible bytes, resumption, and one run at a time in a folder."""
 
 import hashlib
 import json
@@ -19,8 +19,8 @@ import tyro
 
 from sim.cli.generate import Generate
 from sim.parallel.file_lock import file_lock
-from tracker.datasets.summary import described, inventory
-from tracker.datasets.validation import inspect
+from tracker.datasets.summary import summarize, summary_text
+from tracker.datasets.validation import validate
 from tracker.sequence.dataset import sequences
 
 PILSIM = Path(sys.executable).parent / "pilsim"
@@ -32,13 +32,13 @@ def pilsim(*arguments: object, **options: object) -> subprocess.CompletedProcess
 
 
 def sums(folder: Path) -> dict[str, str]:
-    """Name → SHA-256 of everything in a dataset but croissant.json, which has the folder's name in it."""
+    """Path → SHA-256 of every file of a dataset except croissant.json, which contains the name of the folder."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "croissant.json"]
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 def last_line(done: subprocess.CompletedProcess[str]) -> str:
-    """What a command that failed says at the end, after its progress."""
+    """The last line that a failed command prints, after its progress."""
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     return done.stderr.replace("\r", "\n").strip().splitlines()[-1]
@@ -52,9 +52,9 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_dataset_is_whole_and_in_order(dataset: Path) -> None:
+def test_a_dataset_is_complete_and_valid(dataset: Path) -> None:
     assert [path.name for path in sequences(dataset)] == ["pilsun-00000", "pilsun-00001"]
-    assert [str(fault) for fault in inspect(dataset)] == []
+    assert [str(fault) for fault in validate(dataset)] == []
     assert not [path for path in dataset.iterdir() if path.name.startswith(".")]
     scenarios = [json.loads((path / "scenario.json").read_text()) for path in sequences(dataset)]
     assert [scenario["seed"] for scenario in scenarios] == [0, 1]
@@ -64,17 +64,17 @@ def test_a_dataset_is_whole_and_in_order(dataset: Path) -> None:
         assert {"terrain.glb", "calibration/View_004.xml", "range/View_001/000002.png", "videos/robot_0_camera.mp4"} <= names
 
 
-def test_info_counts(dataset: Path) -> None:
-    found = inventory(dataset)
+def test_the_summary_counts(dataset: Path) -> None:
+    found = summarize(dataset)
     assert found["total"]["sequences"] == 2
     assert found["total"]["frames"] == 6
     assert found["total"]["images"] == 6 * 5
     assert found["total"]["bytes"] < sum(path.stat().st_size for path in dataset.rglob("*") if path.is_file()) < found["total"]["bytes"] + 300_000
-    assert "2 sequences, 6 frames, 30 images" in described(found)
+    assert "2 sequences, 6 frames, 30 images" in summary_text(found)
 
 
-def test_what_is_missing_is_made_again_with_the_same_bytes(dataset: Path) -> None:
-    """One worker now, where there were two; and what a killed run would have left is in the way."""
+def test_missing_sequences_are_made_again_with_the_same_bytes(dataset: Path) -> None:
+    """One worker replaces two, and the files of a killed run are in the folder."""
     before, kept = sums(dataset), (dataset / "pilsun-00000" / "manifest.json").stat().st_mtime_ns
     shutil.rmtree(dataset / "pilsun-00001")
     (dataset / ".pilsun-00001.partial" / "images").mkdir(parents=True)
@@ -86,24 +86,24 @@ def test_what_is_missing_is_made_again_with_the_same_bytes(dataset: Path) -> Non
     assert (dataset / "pilsun-00000" / "manifest.json").stat().st_mtime_ns == kept
 
 
-def wish(*arguments: str, out: Path) -> None:
-    """As the command, in this process."""
+def generate(*arguments: str, out: Path) -> None:
+    """Run the command in this process."""
     tyro.cli(Generate, args=[*arguments, "--out", str(out)]).run()
 
 
 def test_another_dataset_or_run_in_the_folder_is_refused(dataset: Path, tmp_path: Path) -> None:
     same = ["pilsun", *SMALL, "--range", "--classes", "--video"]
     with pytest.raises(ValueError, match=r"holds another dataset \(seed 0 there, 5 asked for\)"):
-        wish(*same, "--seed", "5", out=dataset)
+        generate(*same, "--seed", "5", out=dataset)
     with pytest.raises(ValueError, match="is a dataset of 2 sequences, --count is 1"):
-        wish(*same, "--count", "1", out=dataset)
+        generate(*same, "--count", "1", out=dataset)
     with file_lock(dataset / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
-        wish(*same, out=dataset)
+        generate(*same, out=dataset)
     (tmp_path / "diary.txt").write_text("dear diary")
     with pytest.raises(ValueError, match=r"and no dataset\.json; choose another --out"):
-        wish(*same, out=tmp_path)
+        generate(*same, out=tmp_path)
     with pytest.raises(ValueError, match="is a file, needs a folder"):
-        wish(*same, out=tmp_path / "diary.txt")
+        generate(*same, out=tmp_path / "diary.txt")
 
 
 def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
@@ -132,21 +132,21 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --frames, --robots, --seed, --width"),
     ],
 )
-def test_bad_wishes(arguments: list[str], message: str, tmp_path: Path) -> None:
+def test_invalid_arguments_are_refused(arguments: list[str], message: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
-        wish(*arguments, out=tmp_path / "D")
+        generate(*arguments, out=tmp_path / "D")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_wrong_setting_is_named_with_its_file(tmp_path: Path) -> None:
+def test_a_wrong_setting_is_reported_with_its_file(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("framse = 3")
     with pytest.raises(ValueError, match=re.escape("mine.toml: setting is 'framse' (frames?), needs one of views, ")):
-        wish("pilsun", "--config", str(tmp_path / "mine.toml"), out=tmp_path / "D")
+        generate("pilsun", "--config", str(tmp_path / "mine.toml"), out=tmp_path / "D")
     assert not (tmp_path / "D").exists()
 
 
 @pytest.mark.slow
-def test_a_cluster_that_is_none_leaves_the_folder_free(tmp_path: Path) -> None:
+def test_an_invalid_cluster_leaves_the_folder_free(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", *SMALL, "--cluster", "nonsense", "--out", tmp_path / "D")
     assert "--cluster is 'nonsense', needs an address as tcp://HOST:PORT" in last_line(done)
     assert list((tmp_path / "D").iterdir()) == []
@@ -185,7 +185,7 @@ def test_killed_twenty_times_and_resumed(tmp_path: Path) -> None:
         run.send_signal(signal.SIGKILL)
         run.wait()
         for path in folder.glob("pilsun-*"):
-            assert not list(inspect(path)), (number, moment)
+            assert not list(validate(path)), (number, moment)
         print(number, f"killed after {moment:.1f} of {length:.1f} s, {len(list(folder.glob('pilsun-*')))} sequences were whole", flush=True)
         done = pilsim(*arguments, folder)
         assert done.returncode == 0, (number, moment, done.stderr)
@@ -222,4 +222,4 @@ def test_two_runs_into_one_folder(tmp_path: Path) -> None:
         time.sleep(0.05)
     assert "writes into it" in last_line(pilsim(*arguments))
     assert first.wait(timeout=400) == 0
-    assert not list(inspect(tmp_path / "D"))
+    assert not list(validate(tmp_path / "D"))

@@ -1,4 +1,4 @@
-"""The twin of PETS 2009: paths and statures out of boxes, and the boxes of the twin beside those of the annotation."""
+"""The twin of PETS 2009: paths and statures from boxes, and the overlap of its boxes with the annotated ones."""
 
 import json
 import subprocess
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sim.datasets import pets_twin
-from sim.datasets.pets_twin import Twin, generate, likeness, near, walkers_of
+from sim.datasets.pets_twin import Twin, box_overlaps, confine_rovers, generate, walkers_of
 from sim.datasets.pets_twin_picture import side_by_side
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
@@ -29,14 +29,14 @@ PILSIM = Path(sys.executable).parent / "pilsim"
 
 
 def feet(person: int, frame: int) -> Array:
-    """(3,) m: 4 and 9 walk at 1.3 m/s, 17 comes in frame 3."""
+    """Feet (3,) m: persons 4 and 9 walk at 1.3 m/s, and person 17 appears in frame 3."""
     start, step = {4: ([-8.0, -6.0], [0.18, 0.02]), 9: ([-2.0, -3.0], [-0.1, -0.15]), 17: ([-5.0, 0.0], [0.0, -0.18])}[person]
     return np.array([*(np.array(start) + frame * np.array(step)), 0.0])
 
 
 @pytest.fixture
 def pets(tmp_path: Path) -> Twin:
-    """An annotation of three people by hand, in the image of the real View_001."""
+    """A synthetic annotation of three people in the image of the real View_001."""
     (tmp_path / "View_001.xml").write_text(CAMERA)
     _, camera, T = read_camera(tmp_path / "View_001.xml")
     lines = ["<dataset>"]
@@ -51,7 +51,7 @@ def pets(tmp_path: Path) -> Twin:
     return Twin(tmp_path / "a.xml", tmp_path, robots=1, width=256)
 
 
-def test_paths_and_statures_come_out_of_the_boxes(pets: Twin) -> None:
+def test_paths_and_statures_are_recovered_from_boxes(pets: Twin) -> None:
     _, camera, T = read_camera(pets.calibration / "View_001.xml")
     walkers = walkers_of(read_annotations(pets.annotations), camera, T)
     assert walkers.id.tolist() == [4, 9, 17]
@@ -59,20 +59,20 @@ def test_paths_and_statures_come_out_of_the_boxes(pets: Twin) -> None:
     for row, person in enumerate((4, 9, 17)):
         for frame in range(3 if person == 17 else 0, FRAMES):
             np.testing.assert_allclose(walkers.position[row, frame], feet(person, frame)[:2], atol=1e-3)
-    # The head is drawn over the feet, not over the middle of the lower edge: a centimetre. Nobody is 2.4 m tall.
+    # The top of the box is above the feet, not above the middle of its lower edge: this costs a centimetre. Statures end at 2 m.
     np.testing.assert_allclose(walkers.stature, [1.62, 1.85, 2.0], atol=0.01)
 
 
-def test_rovers_keep_to_where_people_walk() -> None:
+def test_rovers_are_confined_to_the_area_of_the_paths() -> None:
     position = np.array([[[-8.0, -6.0], [-4.0, -6.0], [np.nan, np.nan]], [[-5.0, 0.0], [np.nan, np.nan], [-5.0, -3.0]]])
-    wheels = near(plaza(), position).wheels
+    wheels = confine_rovers(plaza(), position).wheels
     inside = np.array([[-11.0, -9.0], [-1.0, 3.0], [-6.0, -3.0]])
     outside = np.array([[-13.0, -6.0], [1.0, 0.0], [-5.0, 5.0], [-5.0, -11.0]])
     assert wheels.free_at(inside).all()
     assert not wheels.free_at(outside).any()
 
 
-def test_the_twin_is_a_sequence_that_the_tracker_takes(pets: Twin, tmp_path: Path) -> None:
+def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> None:
     generate(replace(pets, frames=6), tmp_path / "twin", world=plaza())
     sequence = read_sequence(tmp_path / "twin")
     assert list(sequence.setup.mounts) == ["robot_0_camera", "View_001"]
@@ -96,16 +96,16 @@ def test_the_twin_is_a_sequence_that_the_tracker_takes(pets: Twin, tmp_path: Pat
     assert max(len(view.boxes.person) for view in views.values()) == 3
 
 
-def test_boxes_of_the_twin_are_those_of_the_annotation(data: Callable[..., Path], tmp_path: Path) -> None:
+def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path], tmp_path: Path) -> None:
     pets = Twin(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1.xml"), data("pets2009", "calibration"), frames=10, robots=1, width=128)
     generate(pets, tmp_path / "twin", world=plaza())
-    alike = likeness(pets, tmp_path / "twin")
-    assert len(alike) == 30
-    assert np.median(alike) >= 0.6
+    overlaps = box_overlaps(pets, tmp_path / "twin")
+    assert len(overlaps) == 30
+    assert np.median(overlaps) >= 0.6
     path = side_by_side(pets, tmp_path / "twin")
     assert path == tmp_path / "twin" / "twin.png"
     picture = cv2.imread(str(path))
-    # The twin, and beside it the real frame where the film is at hand.
+    # The picture has the real frame, too, where the video is installed.
     assert picture is not None
     assert picture.shape[0] == 576 + 30
     assert picture.shape[1] in (768 + 6, 2 * (768 + 6))
@@ -113,10 +113,10 @@ def test_boxes_of_the_twin_are_those_of_the_annotation(data: Callable[..., Path]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "frames"), [("S2.L1/annotations/PETS2009-S2L1.xml", 120), ("S1.L1/annotations/PETS2009-S1L1-1.xml", 20)])
-def test_boxes_of_the_twin_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
+def test_boxes_overlap_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
     pets = Twin(data("pets2009", *name.split("/")), data("pets2009", "calibration"), (1, 5, 7), frames, robots=1, width=256)
     generate(pets, tmp_path / "twin")
-    assert np.median(likeness(pets, tmp_path / "twin")) >= 0.6
+    assert np.median(box_overlaps(pets, tmp_path / "twin")) >= 0.6
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_boxes_of_the_twin_in_campus(data: Callable[..., Path], tmp_path: Path, 
         ({}, "</dataset>", "", r"a.xml: is not XML"),
     ],
 )
-def test_what_cannot_be_a_twin_is_refused(pets: Twin, tmp_path: Path, change: dict[str, object], old: str, new: str, message: str) -> None:
+def test_invalid_twins_are_refused(pets: Twin, tmp_path: Path, change: dict[str, object], old: str, new: str, message: str) -> None:
     text = pets.annotations.read_text().replace("</object>", "</thing>" if new == "thing id" else "</object>")
     pets.annotations.write_text(text.replace(old, new) if old else text)
     with pytest.raises(ValueError, match=message):
@@ -141,7 +141,7 @@ def test_what_cannot_be_a_twin_is_refused(pets: Twin, tmp_path: Path, change: di
 
 def test_the_annotated_view_is_needed_for_the_comparison(pets: Twin, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="need 1: the annotations are of View_001"):
-        likeness(replace(pets, views=(5,)), tmp_path)
+        box_overlaps(replace(pets, views=(5,)), tmp_path)
     assert side_by_side(replace(pets, views=(5,)), tmp_path) is None
     assert pets_twin.WORLD == "campus"
 
@@ -154,7 +154,7 @@ def test_the_annotated_view_is_needed_for_the_comparison(pets: Twin, tmp_path: P
         ("View_001.xml", "<Camera/>", "View_001.xml:line 1: field Geometry"),
     ],
 )
-def test_bad_files_are_one_line(pets: Twin, tmp_path: Path, name: str, content: str | None, message: str) -> None:
+def test_invalid_files_give_one_line(pets: Twin, tmp_path: Path, name: str, content: str | None, message: str) -> None:
     (tmp_path / name).unlink()
     if content is not None:
         (tmp_path / name).write_text(content)

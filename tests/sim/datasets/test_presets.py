@@ -1,4 +1,4 @@
-"""Presets, what changes them, and where the fixed cameras of a place stand."""
+"""Presets, their settings, and the placement of fixed cameras."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.datasets.fixed_cameras import place_cameras
-from sim.datasets.presets import PETS_GROUND, PRESETS, confined, preset_of, provenance, read_settings
+from sim.datasets.presets import PETS_GROUND, PRESETS, confine, preset_of, provenance, read_settings
 from sim.scenario import Scenario
 from worlds import catalogue
 from worlds.world import World
@@ -20,11 +20,11 @@ def test_sizes_are_those_of_the_recordings() -> None:
     sizes = {name: (p.scenario.frames, p.scenario.rate, p.scenario.people, p.scenario.at_once) for name, p in PRESETS.items()}
     assert sizes == {"pilsun": (333, 6.0, 10, 0), "s2l1": (795, 7.0, 19, 8), "s2l2": (436, 7.0, 43, 35), "s2l3": (240, 7.0, 74, 43)}
     assert all(4 <= preset.views <= 7 for preset in PRESETS.values())
-    said = provenance("pilsun", PRESETS["pilsun"])
-    assert (said["preset"], said["views"], said["people"], said["paper"]["i_bls_max"]) == ("pilsun", 4, 10, 2000)
+    recorded = provenance("pilsun", PRESETS["pilsun"])
+    assert (recorded["preset"], recorded["views"], recorded["people"], recorded["paper"]["i_bls_max"]) == ("pilsun", 4, 10, 2000)
 
 
-def test_settings_of_a_file(tmp_path: Path) -> None:
+def test_toml_and_json_settings_agree(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text('world = "forest"\nframes = 100\nviews = 6\nmisses = 0.25\n')
     (tmp_path / "a.json").write_text('{"world": "forest", "frames": 100, "views": 6, "misses": 0.25}')
     toml, json = (preset_of("s2l1", read_settings(tmp_path / f"a.{ending}")) for ending in ("toml", "json"))
@@ -45,14 +45,14 @@ def test_settings_of_a_file(tmp_path: Path) -> None:
         ("a.yaml", "", "needs an ending of .toml or .json"),
     ],
 )
-def test_bad_settings(tmp_path: Path, name: str, text: str, message: str) -> None:
+def test_invalid_settings_are_refused(tmp_path: Path, name: str, text: str, message: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=message.replace("[", r"\[")):
         preset_of("pilsun", read_settings(tmp_path / name))
 
 
 @pytest.mark.parametrize("name", ["pilsun", "tunnel"])
-def test_lookouts_see_where_people_walk(name: str) -> None:
+def test_fixed_cameras_see_the_walkable_area(name: str) -> None:
     place = world(name)
     cameras = place_cameras(place, 4, 96)
     assert list(cameras) == ["View_001", "View_002", "View_003", "View_004"]
@@ -68,17 +68,17 @@ def test_lookouts_see_where_people_walk(name: str) -> None:
     assert all((again[view].T_world_camera.translation == cameras[view].T_world_camera.translation).all() for view in cameras)
 
 
-def test_lookouts_where_there_are_too_few() -> None:
+def test_too_many_fixed_cameras_are_refused() -> None:
     with pytest.raises(ValueError, match="views is 99, more than the"):
         place_cameras(world("pilsun"), 99, 96)
 
 
-def test_a_crowd_keeps_to_the_ground_of_its_recording() -> None:
+def test_a_crowd_is_confined_to_the_ground_of_its_recording() -> None:
     place = world("campus")
-    kept = confined(place, PETS_GROUND, np.random.default_rng(0))
+    kept = confine(place, PETS_GROUND, np.random.default_rng(0))
     assert kept.feet.area < 27 * 25 < place.feet.area
     i, j = np.nonzero(kept.feet.free)
     extent = np.array([np.ptp(j), np.ptp(i)]) * kept.feet.spacing
     assert (extent <= PETS_GROUND).all()
     assert (extent > 0.8 * np.array(PETS_GROUND)).all()
-    assert confined(place, None, np.random.default_rng(0)) is place
+    assert confine(place, None, np.random.default_rng(0)) is place
