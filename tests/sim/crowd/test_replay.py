@@ -83,7 +83,7 @@ def test_paths_that_do_not_fit_are_refused():
         Paths(np.array([0, 1]), np.arange(3.0), place)
     with pytest.raises(ValueError, match="times step by"):
         Paths(np.array([1, 2]), np.array([0.0, 1.0, 3.0]), place)
-    with pytest.raises(ValueError, match="person 2 has no place"):
+    with pytest.raises(ValueError, match="person 2 has no position"):
         Paths(np.array([1, 2]), np.arange(3.0), np.stack([place[0], place[1] + np.nan]))
 
 
