@@ -196,7 +196,7 @@ def write_video(path: Path, frames: Iterable[Image], rate: float) -> None:
     # OpenCV encodes VP9 on one thread and without the interpreter's lock: the next frame is drawn meanwhile.
     with new_file(path) as part, ThreadPoolExecutor(1) as encoder:
         try:
-            encoding: Future[None] | None = None
+            encoding: Future[Any] | None = None
             for count, frame in enumerate(frames, 1):
                 if count == 1:
                     size = (frame.shape[1], frame.shape[0])
