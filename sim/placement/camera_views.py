@@ -68,7 +68,6 @@ class CameraViews:
         self._rows: Array = self._model.jnt_qposadr[joints][:, None] + np.arange(7)
         bodies = [[self._model.body(f"person_{k}/{limb}").mocapid[0] for limb in skeleton.LIMBS] for k in range(1, len(place.stature) + 1)]
         self._limbs = np.array(bodies, dtype=np.int64).reshape(-1, len(skeleton.LIMBS))
-        self._footing: gait.Footing | None = None
 
     def _pose(self, episode: Episode) -> None:
         place, crowd = episode.place, episode.mover.crowd

@@ -12,7 +12,7 @@ WIDTH = 48
 """Units of a hidden layer."""
 
 
-class Valuing(nn.Module):
+class ChoiceNetwork(nn.Module):
     """Maps features (n, choices · parts) to logits (n, choices) of the actor and to features (n, WIDTH) of the critic."""
 
     def __init__(self, choices: int, parts: int) -> None:
@@ -22,6 +22,7 @@ class Valuing(nn.Module):
         last = nn.Linear(WIDTH, 1)
         # Small weights make all choices about equally probable at first.
         nn.init.normal_(last.weight, std=0.01)
+        # The names of these modules are keys of saved models.
         self.each = nn.Sequential(nn.Linear(3 * parts, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh(), last)
         self.moment = nn.Sequential(nn.Linear(3 * parts, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh())
 
@@ -51,7 +52,7 @@ class ChoicePolicy(ActorCriticPolicy):
         return super()._get_constructor_parameters() | {"choices": self._rows[0], "parts": self._rows[1]}
 
     def _build_mlp_extractor(self) -> None:
-        self.mlp_extractor = Valuing(*self._rows)
+        self.mlp_extractor = ChoiceNetwork(*self._rows)
 
     def _build(self, lr_schedule: Any) -> None:
         self.ortho_init = False
