@@ -8,86 +8,17 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, Any
 
 from sim.cli.options import Out
-from sim.recording.record import record
-from sim.scenario import Scenario
-from tracker.io.atomic import partial_path, write_text
-from tracker.io.json_files import read_json
-from tracker.io.resume import check_same, holds_run, json_value
-from tracker.metrics.evaluation import evaluate, table
-from tracker.pipeline import Parameters
-from tracker.run import tracked
-from tracker.sequence.reader import read_sequence
-from tracker.sequence.results import Results, read_results
-from tracker.types import Sequence
+
+if TYPE_CHECKING:
+    from sim.scenario import Scenario
+    from tracker.sequence.results import Results
+    from tracker.types import Sequence
 
 STATEMENT = "sequence/scenario.json"
 PICTURES = ("contact_sheet.png", "plan.png", "video.mp4")
-
-
-def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
-    """Run the whole pipeline into a folder, and return the scores. Parts of the same scenario in the folder are reused.
-
-    Raises ValueError where the folder holds another run.
-    """
-    check_folder(scenario, out)
-    folder = out / "sequence"
-    if not folder.exists():
-        record(scenario, folder, partial(tqdm, desc="panoramas", unit="frame"))
-    sequence = read_sequence(folder)
-    if (out / "track").exists() and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
-        print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
-        for name in PICTURES:
-            (out / name).unlink(missing_ok=True)
-        shutil.rmtree(out / "track")
-    results = tracked(sequence, out / "track", {"source": "sequence", "views": []})
-    scores = evaluate(sequence, results)
-    write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")
-    draw(sequence, results, scores, out)
-    print(table(scores))
-    for name, meaning in (
-        ("scores.json", "all scores"),
-        ("contact_sheet.png", "panoramas with estimated boxes"),
-        ("plan.png", "true and estimated paths"),
-        ("video.mp4", "both as a video"),
-        ("sequence/", "panoramas, instances, truth, odometry, calibration (README.md in it)"),
-        ("track/", "estimated tracks and poses"),
-    ):
-        print(f"{out / name}: {meaning}")
-    return scores
-
-
-def check_folder(scenario: Scenario, out: Path) -> None:
-    """Raises ValueError where a folder holds anything but a run of this scenario."""
-    if holds_run(out, STATEMENT, (partial_path(out / "sequence").name,)):
-        stored = read_json(out / STATEMENT)
-        if not isinstance(stored, dict):
-            raise ValueError(f"{out / STATEMENT}: no scenario")
-        check_same(out, stored, json.loads(scenario.to_json()))
-
-
-def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:
-    """Draw contact sheet, plan and video, where they are missing."""
-    # Matplotlib takes a second to import, so that only drawing imports it.
-    from sim.visualization.overlays import annotated, contact_sheet, save_png
-    from sim.visualization.plan_and_video import plan, video_frames, write_video
-
-    people, robots = scores["targets"], scores["robots"]
-    title = f"MOTA {people['mota'] or 0:.3f}, IDF1 {people['idf1'] or 0:.3f}; robots {robots['ate_m']:.3f} m off"
-    title += f" (dead reckoning {scores['dead_reckoning']['ate_m']:.3f} m)"
-    if not (out / "contact_sheet.png").exists():
-        chosen = 2 * len(sequence.ticks) // 3
-        tick = next(islice(iter(sequence.ticks), chosen, None))
-        save_png(out / "contact_sheet.png", contact_sheet(annotated(sequence, results, tick), f"frame {tick.index}: estimated boxes and ids"))
-    if not (out / "plan.png").exists():
-        plan(sequence, results, title, out / "plan.png")
-    if not (out / "video.mp4").exists():
-        ticks = tqdm(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
-        write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
 
 
 @dataclass(frozen=True)
@@ -118,6 +49,8 @@ class Demo:
     """Folder of all results. The same scenario again reuses what is there."""
 
     def run(self) -> None:
+        from sim.scenario import Scenario
+
         scenario = Scenario(
             world=self.world,
             difficulty=self.difficulty,
@@ -128,3 +61,85 @@ class Demo:
             width=self.width,
         )
         run_demo(scenario, self.out)
+
+
+def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
+    """Run the whole pipeline into a folder, and return the scores. Parts of the same scenario in the folder are reused.
+
+    Raises ValueError where the folder holds another run.
+    """
+    from tqdm import tqdm
+
+    from sim.recording.record import record
+    from tracker.io.atomic import write_text
+    from tracker.io.resume import json_value
+    from tracker.metrics.evaluation import evaluate, table
+    from tracker.pipeline import Parameters
+    from tracker.run import tracked
+    from tracker.sequence.reader import read_sequence
+    from tracker.sequence.results import read_results
+
+    check_folder(scenario, out)
+    folder = out / "sequence"
+    if not folder.exists():
+        record(scenario, folder, partial(tqdm, desc="panoramas", unit="frame"))
+    sequence = read_sequence(folder)
+    if (out / "track").exists() and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
+        print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
+        for name in PICTURES:
+            (out / name).unlink(missing_ok=True)
+        shutil.rmtree(out / "track")
+    results = tracked(sequence, out / "track", {"source": "sequence", "views": []})
+    scores = evaluate(sequence, results)
+    write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")
+    draw(sequence, results, scores, out)
+    print(table(scores))
+    _print_files(out)
+    return scores
+
+
+def check_folder(scenario: Scenario, out: Path) -> None:
+    """Raises ValueError where a folder holds anything but a run of this scenario."""
+    from tracker.io.atomic import partial_path
+    from tracker.io.json_files import read_json
+    from tracker.io.resume import check_same, holds_run
+
+    if holds_run(out, STATEMENT, (partial_path(out / "sequence").name,)):
+        stored = read_json(out / STATEMENT)
+        if not isinstance(stored, dict):
+            raise ValueError(f"{out / STATEMENT}: no scenario")
+        check_same(out, stored, json.loads(scenario.to_json()))
+
+
+def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:
+    """Draw contact sheet, plan and video, where they are missing."""
+    from tqdm import tqdm
+
+    from sim.visualization.overlays import annotated, contact_sheet, save_png
+    from sim.visualization.plan_and_video import plan, video_frames, write_video
+
+    people, robots = scores["targets"], scores["robots"]
+    title = f"MOTA {people['mota'] or 0:.3f}, IDF1 {people['idf1'] or 0:.3f}; ATE {robots['ate_m']:.3f} m"
+    title += f" (dead reckoning {scores['dead_reckoning']['ate_m']:.3f} m)"
+    if not (out / "contact_sheet.png").exists():
+        chosen = 2 * len(sequence.ticks) // 3
+        tick = next(islice(iter(sequence.ticks), chosen, None))
+        save_png(out / "contact_sheet.png", contact_sheet(annotated(sequence, results, tick), f"frame {tick.index}: estimated boxes and ids"))
+    if not (out / "plan.png").exists():
+        plan(sequence, results, title, out / "plan.png")
+    if not (out / "video.mp4").exists():
+        ticks = tqdm(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
+        write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
+
+
+def _print_files(out: Path) -> None:
+    """Print the files of the folder and their content."""
+    for name, meaning in (
+        ("scores.json", "all scores"),
+        ("contact_sheet.png", "panoramas with estimated boxes"),
+        ("plan.png", "true and estimated paths"),
+        ("video.mp4", "both as a video"),
+        ("sequence/", "panoramas, instances, truth, odometry, calibration (README.md in it)"),
+        ("track/", "estimated tracks and poses"),
+    ):
+        print(f"{out / name}: {meaning}")

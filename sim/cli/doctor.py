@@ -15,6 +15,24 @@ from sim.rendering.gl_context import GLUnavailable, choose_gl
 PACKAGES = {"pilsim": "pilsim", "mujoco": "mujoco", "numpy": "numpy", "opencv": "opencv-python-headless", "numba": "numba"}
 
 
+@dataclass(frozen=True)
+class Doctor:
+    """Report what this computer has: versions, OpenGL, rendering speed.
+
+    The report names the OpenGL renderer, says whether it is a GPU, and measures the
+    panoramas that it renders per second.
+
+    Example: pilsim doctor --json
+    """
+
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        report = examine()
+        print(json.dumps(report, indent=1) if self.json else describe(report))
+
+
 def examine(seconds: float = 3.0) -> dict[str, Any]:
     """Versions, platform, OpenGL and rendering speed as JSON values. The speed is measured for about `seconds` s.
 
@@ -87,21 +105,3 @@ def _rendering(seconds: float) -> dict[str, Any]:
     content = {"scene": scenario.world, "robots": scenario.robots, "people": scenario.people}
     gl = {"vendor": information.vendor, "renderer": information.renderer, "version": information.version, "gpu": information.is_gpu}
     return {"gl": gl, "speed": {"panoramas": rate} | size | content}
-
-
-@dataclass(frozen=True)
-class Doctor:
-    """Report what this computer has: versions, OpenGL, rendering speed.
-
-    The report names the OpenGL renderer, says whether it is a GPU, and measures the
-    panoramas that it renders per second.
-
-    Example: pilsim doctor --json
-    """
-
-    json: bool = False
-    """Print JSON alone."""
-
-    def run(self) -> None:
-        report = examine()
-        print(json.dumps(report, indent=1) if self.json else describe(report))
