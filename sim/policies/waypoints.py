@@ -92,7 +92,7 @@ class WaypointFeatures:
         """Features (r, CHOICES, FEATURES) of each robot and each of its new `goals`, mostly in [−1, 1].
 
         * 0 to 2: share of people who are known and visible from the goal, while no, one, or more of the other robots see them.
-        * 3 to 5: expected share of unknown people, divided in the same path_length.
+        * 3 to 5: expected share of unknown people, divided in the same way.
         * 6: path length to the goal over 5 m. 7: whether another robot is too close to the goal. 8: 1 for the choice to stay.
         """
         place, config = knowledge.place, knowledge.config
