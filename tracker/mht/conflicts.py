@@ -1,4 +1,4 @@
-"""Conflicts between the leaves of track trees, compiled; and the pruning of children and leaves that rests on them.
+"""Conflicts between the leaves of track trees, compiled.
 
 Two leaves are in conflict where they share a tree or a box, or inherit a conflict from their parents (Kim et al. 2015; Papageorgiou & Salpukas 2009).
 """
@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 
 from tracker.geometry import Array, Ints, Mask
-from tracker.mht.branching import ChildHypotheses
 
 
 class Conflicts(NamedTuple):
@@ -76,84 +75,3 @@ def _exclude(label: Ints, conflict: Mask) -> None:
                 for j in order[first:k]:
                     conflict[i, j] |= i != j and label[i] >= 0
             first = k
-
-
-@njit(cache=True)
-def prune_branches(children: ChildHypotheses, tree: Ints, misses: Ints, margin: float, boxes: int) -> Mask:
-    """Which children (m,) are kept: those within `margin` of the best child of their leaf.
-
-    All are kept where the best one takes a box that other trees want, too. So are those of a leaf without a box for two ticks.
-    tree, misses: of the parents; boxes: their number.
-    """
-    m, V = children.box.shape
-    owner = np.full(boxes, -1, np.int64)
-    for k in range(m):
-        for v in range(V):
-            d = children.box[k, v]
-            if d >= 0:
-                t = tree[children.parent[k]]
-                owner[d] = t if owner[d] == -1 or owner[d] == t else -2
-    keep = np.ones(m, np.bool_)
-    best, uncontested = 0, True
-    for k in range(m):
-        i = children.parent[k]
-        if k == 0 or i != children.parent[k - 1]:
-            best, uncontested = k, misses[i] < 2
-            for v in range(V):
-                if children.box[k, v] >= 0 and owner[children.box[k, v]] == -2:
-                    uncontested = False
-        keep[k] = k == best or not uncontested or children.increment[k] >= children.increment[best] - margin
-    return keep
-
-
-@njit(cache=True)
-def max_marginal_losses(weight: Array, conflict: Mask, tree: Ints, best: Ints) -> Array:
-    """Estimated loss (n,) of the global hypothesis `best` (rows) where it must hold a leaf; 0 for those that it holds.
-
-    The tree of the leaf takes that leaf. Each tree whose leaf in `best` is in conflict with it takes its best leaf that is not.
-    The estimate ignores conflicts among those, and leaves that would become free.
-    """
-    n = len(weight)
-    out = np.zeros(n)
-    first, following = np.full(tree.max() + 1 if n else 0, -1), np.full(n, -1)
-    for i in range(n):
-        following[i], first[tree[i]] = first[tree[i]], i
-    for i in range(n):
-        out[i] = -weight[i]
-        for u in best:
-            if u == i or tree[u] == tree[i]:
-                out[i] += weight[u]
-            elif conflict[i, u]:
-                other, k = 0.0, first[tree[u]]
-                while k >= 0:
-                    if not conflict[i, k]:
-                        other = max(other, weight[k])
-                    k = following[k]
-                out[i] += weight[u] - other
-    return out
-
-
-@njit(cache=True)
-def k_best_per_tree(tree: Ints, box: Ints, state: Array, loss: Array, most: Ints) -> Mask:
-    """Which leaves (n,) are kept: the `most` (n,) of smallest loss (n,) of each tree.
-
-    A leaf is dropped where a better one of its tree has the same boxes at this tick, and nearly the same place and velocity.
-    """
-    n = len(tree)
-    keep, order = np.zeros(n, np.bool_), np.argsort(loss, kind="mergesort")
-    first, following, count = np.full(tree.max() + 1 if n else 0, -1), np.full(n, -1), np.zeros(tree.max() + 1 if n else 0, np.int64)
-    for i in order:
-        t = tree[i]
-        if count[t] >= most[i]:
-            continue
-        k = first[t]
-        while k >= 0:
-            d = state[i] - state[k]
-            if (box[i] == box[k]).all() and d[0] * d[0] + d[1] * d[1] < 0.15 * 0.15 and d[2] * d[2] + d[3] * d[3] < 0.3 * 0.3:
-                break
-            k = following[k]
-        if k < 0:
-            keep[i] = True
-            following[i], first[t] = first[t], i
-            count[t] += 1
-    return keep

@@ -27,12 +27,22 @@ from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Viewpoint
 from tracker.geometry import Array, Ints, Mask
 from tracker.mht.appearance_model import AppearanceModel
-from tracker.mht.branching import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, assign_jointly, assigned_boxes, branch, union
-from tracker.mht.conflicts import ConflictRows, Conflicts, conflicts_of, k_best_per_tree, max_marginal_losses, prune_branches
+from tracker.mht.conflicts import ConflictRows, Conflicts, conflicts_of
 from tracker.mht.fixed_lag import MhtFixedLagSmoother
+from tracker.mht.gating_and_branching import (
+    BoxTable,
+    BranchingConstants,
+    ChildHypotheses,
+    ParentHypotheses,
+    assign_jointly,
+    assigned_boxes,
+    branch,
+    union,
+)
 from tracker.mht.global_hypothesis import GlobalHypothesis, solve
 from tracker.mht.parameters import MhtParameters
-from tracker.mht.track_trees import TrackHypotheses, initiated, predict, weights
+from tracker.mht.pruning import prune_branches, surviving_leaves
+from tracker.mht.track_trees import TrackHypotheses, initiated, predict
 from tracker.tracks.measurement_noise import MeasurementNoise
 from tracker.tracks.reidentification import NewTargetModel, Reidentification
 from tracker.tracks.sensor_model import SensorModel
@@ -257,34 +267,14 @@ class MhtFilter:
         self.leaves = replace(self.leaves, deleted=self.leaves.deleted | np.isin(self.leaves.tree, list(ended)))
 
     def _prune(self, chosen: GlobalHypothesis) -> None:
-        """Drop leaves: of deleted tracks, by N-scan pruning, and those of the largest loss beyond the bounds on their number."""
-        q, leaves = self.parameters, self.leaves
-        longest = max(round(q.coasting_factor * self._max_gap), self.window)
-        # A tentative track that takes boxes of others is never in the global hypothesis, and would stay for ever.
-        tentative = (leaves.misses < 3) & (leaves.existence > q.delete_tentative_score) & (leaves.unselected <= q.patience)
-        keep = np.where(leaves.confirmed, (leaves.misses <= longest) & (leaves.unselected <= self.n_scan), tentative)
-        keep &= leaves.speed <= q.motion.v_max
-        decided = {int(leaves.tree[k]): int(leaves.node[k, self.n_scan]) for k in chosen.best if leaves.confirmed[k]}
-        ancestors = zip(leaves.tree.tolist(), leaves.node[:, self.n_scan].tolist(), strict=True)
-        keep &= np.array([decided.get(tree, node) == node for tree, node in ancestors], dtype=bool)
-        # Ids of trees grow without bound; their places among those that are left do not.
-        _, tree = np.unique(leaves.tree, return_inverse=True)
-        loss = max_marginal_losses(np.maximum(weights(leaves, q.max_weight), 0.0), chosen.conflict, tree, chosen.best)
-        loss[chosen.best] = -np.inf
-        most = np.where(leaves.confirmed, q.tree_leaves, q.tentative_leaves)
-        # Leaves that are dropped already take no place of their tree.
-        keep &= k_best_per_tree(tree, self._boxes, leaves.state, np.where(keep, loss, np.inf), most)
-        keep &= (loss < q.max_loss) | ~leaves.confirmed
-        if q.small_graphs:
-            keep &= chosen.hypotheses.any(axis=0) | ~leaves.confirmed
-        if keep.sum() > q.max_leaves:
-            best = np.argsort(np.where(keep, loss, np.inf), kind="stable")[: q.max_leaves]
-            keep = np.isin(np.arange(len(keep)), best)
+        """Keep the surviving leaves, with their conflicts and the hypotheses that hold them."""
+        longest = max(round(self.parameters.coasting_factor * self._max_gap), self.window)
+        keep = surviving_leaves(self.leaves, self._boxes, chosen, (longest, self.n_scan), self.parameters)
         rows = np.flatnonzero(keep)
-        number = np.full(len(leaves), -1)
+        number = np.full(len(self.leaves), -1)
         number[rows] = np.arange(len(rows))
         among = np.ix_(rows, rows)
-        self.leaves, self._conflicts = leaves.select(rows), Conflicts(self._conflicts.conflict[among], self._conflicts.same_person[among])
+        self.leaves, self._conflicts = self.leaves.select(rows), Conflicts(self._conflicts.conflict[among], self._conflicts.same_person[among])
         self.best = number[chosen.best][keep[chosen.best]]
         self.kept = np.pad(chosen.hypotheses[:, rows], ((0, 0), (0, 1)))
 
