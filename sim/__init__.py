@@ -4,9 +4,15 @@ Read `recording/record.py` first. Importing `sim` registers the gymnasium enviro
 """
 
 import os
+import tempfile
+from pathlib import Path
 
 # Matrices here are small: with a second thread OpenBLAS waits more than it works (the filter takes twice as long), and its sums are other numbers.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Numba refuses to compile with a cache that it can write nowhere: in containers neither the package nor the home may be writable.
+if not any(os.access(folder, os.W_OK) for folder in (Path(__file__).parent, Path.home() / ".cache", Path.home())):
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir(), f"pilsim-numba-{getattr(os, 'getuid', int)()}")))
 
 import gymnasium
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from tracker.io.atomic import check_writable
 from tracker.io.resume import OTHERWISE, check_same, holds_run, json_value
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import RUN, Results, read_results, write_results
@@ -27,6 +28,7 @@ def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters
             raise ValueError(f"{folder}: was written by pilsim 0.3.0 or older, whose parameters cannot be compared; {OTHERWISE}")
         check_same(folder, there.run, wanted)
         return there
+    check_writable(folder)
     estimates = track(sequence.setup, sequence.ticks, parameters)
     results = Results.of(tqdm(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), wanted)
     write_results(folder, results)

@@ -65,8 +65,13 @@ def _triangles(world: World, path: Path) -> None:
 def _obj(world: World, path: Path) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         scenery(world.spec).export(Path(folder) / path.name, mtl_name=f"{path.stem}.mtl")
+        materials, others = Path(folder, f"{path.stem}.mtl"), {path.name, f"{path.stem}.mtl"}
+        # Textures are named after the export, so that two exports in one folder do not share them.
+        names = {made.name: f"{path.stem}_{made.name}" for made in Path(folder).iterdir() if made.name not in others}
+        lines = [line.split(" ") for line in materials.read_text(encoding="utf-8").split("\n")]
+        _write(materials, "\n".join(" ".join([*words[:-1], names.get(words[-1], words[-1])]) for words in lines))
         for made in sorted(Path(folder).iterdir(), key=lambda file: file.name == path.name):
-            made.replace(path.parent / made.name)
+            made.replace(path.parent / names.get(made.name, made.name))
 
 
 def _mjcf(world: World, folder: str) -> tuple[str, dict[str, bytes]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -46,6 +47,8 @@ class Clique:
         search(graph, Limits(moves=1))  # Compilation must not count as search time.
         found = exact(graph, self.seconds) if self.exact else search(graph, Limits(seconds=self.seconds, target=self.target), self.seed)
         clique = [int(v) + 1 for v in found.vertices]
+        if not math.isfinite(found.weight):
+            raise ValueError(f"{self.file}: the weights of a clique add up to {found.weight}, needs a finite sum")
         if self.json:
             print(json.dumps({"weight": found.weight, "moves": found.moves, "seconds": round(found.seconds, 6), "clique": clique}))
         else:

@@ -27,6 +27,7 @@ from sim.cli.info import Info
 from sim.cli.place import Place
 from sim.cli.report import Report
 from sim.cli.score import Score
+from sim.cli.streams import guard_streams
 from sim.cli.stress import Stress
 from sim.cli.study import Study
 from sim.cli.track import Track
@@ -68,6 +69,7 @@ NEAR = 0.7
 
 def main() -> None:
     """Run the command line. The exit code is 0, 2 with one line for bad input, or 130 when interrupted."""
+    output = guard_streams()
     try:
         words = sys.argv[1:]
         if words == ["--version"]:
@@ -76,7 +78,9 @@ def main() -> None:
             print(overview())
         else:
             _parse(words).run()
-        sys.stdout.flush()
+        output.flush()
+        if output.failure is not None:
+            raise OSError(output.failure.errno, output.failure.strerror, "standard output")
     except BrokenPipeError:
         # The reader of the pipe has ended (`pilsim … | head`), so that a message would reach nobody.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

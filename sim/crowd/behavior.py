@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sim.crowd.social_force import GOAL, HEADWAY_SPEED, PAUSE, PRESENT, SPEED, STUCK, VISIT, VX, VY, YIELDS, Number, Numbers, X, Y
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 ARRIVED = 0.7
 """m: distance at which a goal counts as reached; 2.5 times as far for somebody who is blocked."""

@@ -11,10 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 BODY_RADIUS = 0.23
 """m: bodies overlap below twice this distance. Packed bodies are 5.5 a m², Weidmann's highest density."""

@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.crowd.social_force import (  # fmt: skip
@@ -40,6 +39,7 @@ from sim.crowd.social_force import (  # fmt: skip
     Y,
 )
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 RELAXATION = 0.54
 """s: relaxation time towards the desired velocity (Moussaïd et al. 2009)."""

@@ -96,7 +96,7 @@ def read_settings(path: Path) -> dict[str, Any]:
         content = read_json(path)
     elif path.suffix == ".toml":
         try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
+            content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ValueError(f"{path}: not TOML ({error})") from None
     else:

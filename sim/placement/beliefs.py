@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from tracker.geometry import Array, frozen
+from tracker.geometry.compilation import njit
 
 AZIMUTH_SIGMA, ELEVATION_SIGMA, POSITION_SIGMA = math.radians(0.5), math.radians(0.8), 0.08
 """Standard deviations of a measurement of feet: azimuth (rad), elevation (rad), and position per axis (m).

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.placement import beliefs, kinematics, visibility
@@ -22,6 +21,7 @@ from sim.placement.roadmap import steer
 from sim.placement.tracker_in_loop import TrackerInLoop
 from sim.robots.driving import TOP_SPEED, TOP_YAW_RATE
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 from worlds.terrain.heightfield import Mask
 
 TRAIL_LENGTH = 60

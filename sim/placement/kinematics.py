@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from sim.crowd.social_force import BODY_RADIUS
 from sim.placement.config import SPEED, TRAVELLED, TURNED, YAW, YAW_RATE, X, Y
@@ -16,6 +15,7 @@ from sim.placement.map import PlacementMap, height_on
 from sim.robots.driving import ACCELERATION, YAW_ACCELERATION
 from sim.robots.rover import HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
 from tracker.geometry import Array, Pose
+from tracker.geometry.compilation import njit
 
 CONTACT_DISTANCE = HALF_WIDTH + BODY_RADIUS
 """Distance between the centres of a rover and a person in contact, m."""

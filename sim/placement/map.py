@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.crowd.crowd import Crowd, CrowdState
@@ -19,6 +18,7 @@ from sim.robots import driving
 from sim.robots.rover import HALF_WIDTH
 from sim.scenario import Scenario
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 from worlds import catalogue
 from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.heightfield import Heightfield

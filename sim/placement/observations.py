@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.placement.config import SPEED, YAW, YAW_RATE, PlacementConfig
@@ -12,6 +11,7 @@ from sim.placement.episode import Episode
 from sim.placement.map import PlacementMap
 from sim.robots.driving import TOP_SPEED, TOP_YAW_RATE
 from tracker.geometry import Array, wrap
+from tracker.geometry.compilation import njit
 
 SIGMA_SCALE = 4.0
 """Standard deviation that is scaled to 1 in beliefs, m."""

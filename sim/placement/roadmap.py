@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
@@ -18,6 +17,7 @@ from scipy.sparse import csgraph
 from sim.placement.config import YAW, X, Y
 from sim.robots.driving import TOP_SPEED, TOP_YAW_RATE
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.heightfield import Mask
 

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, frozen
+from tracker.geometry.compilation import njit
 
 BODY_POINTS = np.array([(0.0, 0.94), (-0.17, 0.80), (0.17, 0.80), (0.0, 0.66), (-0.13, 0.50), (0.13, 0.50), (-0.09, 0.26), (0.09, 0.26)])
 """Points of a body: offset to the side as seen from the camera (m), and height over stature. They are head, shoulders, chest, hips and knees."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.placement.beliefs import AZIMUTH_SIGMA, ELEVATION_SIGMA, LOST_SIGMA, POSITION_SIGMA
@@ -14,6 +13,7 @@ from sim.placement.visibility import line_of_sight
 from sim.policies.policy import TeamKnowledge, waypoint_action
 from sim.policies.waypoints import RECOVERY_TIME, UnseenMap
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 LOOKAHEAD = 1.5
 """Time ahead for which the positions of people are predicted, s."""

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from sim.robots.rover import FOOTPRINT_RADIUS
 from tracker.geometry import Array, frozen, wrap
+from tracker.geometry.compilation import njit
 from worlds.terrain.free_space import FreeSpace
 
 TOP_SPEED, TOP_YAW_RATE = 0.7, 0.8

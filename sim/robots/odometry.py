@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from sim.robots.rover import WHEEL_RADIUS
 from tracker.geometry import Array, Pose, exp_so3, frozen
+from tracker.geometry.compilation import njit
 from tracker.types import Odometry
 
 GYRO_NOISE = math.radians(0.005)

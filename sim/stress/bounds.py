@@ -164,7 +164,7 @@ def clique_gap(folder: Path, most: int = MAX_GRAPHS) -> float | None:
 
 
 def _vertices(path: Path) -> int:
-    with path.open(encoding="utf-8") as file:
+    with path.open(encoding="utf-8-sig") as file:
         return next((int(line.split()[2]) for line in file if line.startswith("p ")), 0)
 
 

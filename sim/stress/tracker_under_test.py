@@ -118,7 +118,7 @@ def check_estimates(name: str, estimates: Iterable[Estimate], setup: Setup, tick
 
 def _read_tracks(path: Path, frames: int) -> Results:
     """Read tracks that were made elsewhere. Raises ValueError for rows without positions, and for frames beyond the run."""
-    rows = read_mot15(path)
+    rows = read_mot15(path, tracks=True)
     if not rows.has_position.all():
         raise ValueError(f"{path}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z")
     if len(rows) and rows.frame.max() > frames:

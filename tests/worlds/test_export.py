@@ -91,3 +91,13 @@ def test_another_ending_is_refused(world: World, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"needs an ending of \.xml, \.mjz, \.glb, \.obj, \.ply"):
         export(world, tmp_path / "scene.stl")
     assert not any(tmp_path.iterdir())
+
+
+def test_two_obj_exports_in_one_folder_share_no_file(tmp_path: Path) -> None:
+    export(catalogue.build("pilsun", np.random.default_rng(0), 0.5), tmp_path / "a.obj")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    export(catalogue.build("pilsun", np.random.default_rng(1), 0.5), tmp_path / "b.obj")
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    loaded = trimesh.load(tmp_path / "a.obj")
+    materials = [mesh.visual.material for mesh in loaded.geometry.values()]
+    assert any(material.image is not None and max(material.image.size) > 16 for material in materials)

@@ -11,12 +11,12 @@ import time
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.clique.local_search import Found, Graph
 from tracker.clique.set_packing import Effort, heaviest_clique
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 Words = NDArray[np.uint64]
 LARGEST = 2000

@@ -7,9 +7,9 @@ class c are member[first[c] : first[c + 1]]. A clique of the compatible vertices
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.compilation import njit
 
 
 @njit(cache=True)

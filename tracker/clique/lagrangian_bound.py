@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.compilation import njit
 
 ROOT_STEPS, NODE_STEPS = 300, 60
 """Steps of the multipliers before the first branch, and at each further one."""

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from tracker.clique import local_search_kernel
 from tracker.geometry import Array, Ints
+from tracker.geometry.compilation import njit
 
 CHUNK = 20_000
 """Moves between two checks of the time."""

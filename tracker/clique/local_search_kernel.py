@@ -10,10 +10,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, Ints
+from tracker.geometry.compilation import njit
 
 Words = NDArray[np.uint64]
 

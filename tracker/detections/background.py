@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, Floats, Mask
+from tracker.geometry.compilation import njit
 
 Ages = NDArray[np.int64]
 

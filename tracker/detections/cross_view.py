@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.detections.ground_points import FusionParameters, GroundDetections
 from tracker.geometry import Array, Mask
+from tracker.geometry.compilation import njit
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tracker.geometry import Array, Ints, Mask, Pose, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
+from tracker.geometry.compilation import njit
 from tracker.types import Setup
 
 BOX_HALF_WIDTH, BODY_HEIGHT = 0.3, 1.75

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.detections.background import BackgroundModel, BackgroundParameters
@@ -21,6 +20,7 @@ from tracker.detections.boxes import approximate_pixel_boxes, detections_from_bo
 from tracker.detections.ground_points import GroundDetections
 from tracker.geometry import Array, Image, Ints, Mask, Pose
 from tracker.geometry.cameras import Camera
+from tracker.geometry.compilation import njit
 from tracker.types import Detections, Setup
 
 PARTS = np.array([[0.055, 0.02, 0.16], [0.115, 0.16, 0.5], [0.09, 0.5, 0.93]])

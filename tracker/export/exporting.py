@@ -19,7 +19,7 @@ from tracker.export.tum import README as README_TUM
 from tracker.export.tum import export_tum
 from tracker.export.wildtrack import README as README_WILDTRACK
 from tracker.export.wildtrack import export_wildtrack
-from tracker.io.atomic import new_folder, write_text
+from tracker.io.atomic import check_writable, new_folder, write_text
 from tracker.sequence.dataset import sequences
 
 
@@ -58,6 +58,7 @@ def export(folder: Path, form: str, out: Path, progress: Progress | None = None,
     found = sequences(folder)
     if out.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
+    check_writable(out)
     with new_folder(out) as unfinished:
         notes = write(unfinished, (RecordedSequence.open(path, progress) for path in found))
         names = ", ".join(path.resolve().name for path in found)

@@ -22,7 +22,7 @@ def read_graph(path: Path) -> Graph:
     weight: np.ndarray | None = None
     count = 0
     edges: list[tuple[int, int]] = []
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1):
         words = line.split()
         if not words or words[0] == "c":
             continue

@@ -106,18 +106,18 @@ def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
     return min(faults, default=None)
 
 
-def read_mot15(path: str | os.PathLike[str]) -> Mot15Rows:
-    """Read a MOT15 file: truth, detections or results. Blank lines are skipped.
+def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
+    """Read a MOT15 file: truth, detections or results. Blank lines are skipped. tracks: whether every row needs an id, as truth and results have.
 
     Raises ValueError with file and line for a row without ten finite numbers, and for a frame or id that is no whole number.
     Raises ValueError as Mot15Rows, and OSError where the file cannot be read.
     """
-    table = read_rows(path, COLUMNS)
+    table = read_rows(path, COLUMNS, tracks=tracks)
     frame, ids = table[:, :2].astype(np.int64).T
     return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
 
 
-def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: tuple[str, ...] = ("frame", "id")) -> Array:
+def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: tuple[str, ...] = ("frame", "id"), tracks: bool = False) -> Array:
     """Read a file with these columns, of which frame, id and box are the first → (n, columns). integers: columns of whole numbers.
 
     Raises ValueError as read_mot15.
@@ -130,6 +130,9 @@ def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: 
             lines.append(count)
     table = np.array(values, dtype=np.float64).reshape(-1, len(columns))
     frame, ids = table[:, :2].astype(np.int64).T
+    if tracks and (ids < 0).any():
+        k = int(np.argmax(ids < 0))
+        raise ValueError(f"{path}:line {lines[k]}: id is {ids[k]}, needs at least 0; detections, whose ids are -1, are no tracks")
     fault = first_fault(frame, ids, table[:, 2:6])
     if fault is not None:
         raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")

@@ -221,7 +221,7 @@ def read_site(folder: Path) -> Site:
     if not path.is_file():
         return Site(RATE, np.array(AREA), Flat(), pillars=np.array(PILLARS))
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        content: Any = json.loads(path.read_text(encoding="utf-8-sig"))
         rate, area, terrain = float(content["rate"]), np.array(content["area"], dtype=np.float64), content["terrain"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ValueError(f"{path}: needs rate, area and terrain in JSON ({error})") from None

@@ -66,7 +66,7 @@ def read_rectangles(path: Path, cameras: int, cells: int) -> Ints:
     Raises ValueError with file and line for an invalid line, and where a cell is missing.
     """
     out = np.full((cameras, cells, 4), -2, dtype=np.int64)
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in enumerate(file, 1):
             words = line.split()
             try:

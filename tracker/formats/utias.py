@@ -103,7 +103,7 @@ def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[in
 def _columns(path: Path, columns: int) -> Array:
     """Read a table (n, columns) of finite numbers. Raises ValueError "path:line …"."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
     except UnicodeDecodeError as error:

@@ -93,7 +93,7 @@ def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any
 def _lines(path: Path) -> Iterator[str]:
     """Lines without line ends. Raises ValueError where the file is no text, or before a line of more than LONGEST_LINE is read."""
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             number = 0
             while line := file.readline(LONGEST_LINE + 1):
                 number += 1

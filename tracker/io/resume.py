@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from tracker.io.atomic import INSIDE
+
 OTHERWISE = "choose another --out or remove it"
 LONGEST = 80
 """Most characters of a value in an error message."""
@@ -34,7 +36,7 @@ def holds_run(folder: Path, statement: str, ignored: Collection[str] = ()) -> bo
         raise ValueError(f"{folder}: is a file, needs a folder")
     if (folder / statement).exists():
         return True
-    names = sorted(path.name for path in folder.iterdir())
+    names = sorted(path.name for path in folder.iterdir() if path.name != INSIDE)
     others = [name for name in names if not any(fnmatch(name, pattern) for pattern in ignored)]
     if others:
         raise ValueError(f"{folder}: holds {others[0]} and no {statement}; {OTHERWISE}")

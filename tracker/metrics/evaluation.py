@@ -92,7 +92,7 @@ def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, An
     Rows of the truth with confidence 0 are people that are not evaluated: as positions they are ignored both ways. As boxes they are evaluated
     like all others, as in the published scores of S2.L1. Raises ValueError if positions are needed and a row has none.
     """
-    true, estimated = read_mot15(truth), read_mot15(result)
+    true, estimated = read_mot15(truth, tracks=True), read_mot15(result, tracks=True)
     for path, rows in ((truth, true), (result, estimated)):
         if iou is None and not rows.has_position.all():
             raise ValueError(f"{path}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z; give --iou to compare boxes")

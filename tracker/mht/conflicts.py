@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.compilation import njit
 
 
 class Conflicts(NamedTuple):

@@ -15,11 +15,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.optimize import linear_sum_assignment
 
 from tracker.detections.ground_points import GroundDetections
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.compilation import njit
 from tracker.geometry.ground import Ground
 from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.sensor_model import SensorModel

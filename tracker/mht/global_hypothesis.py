@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from tracker.clique.clique_cover import component_labels
 from tracker.clique.local_search import Graph, Limits, Options, Tuning, search
 from tracker.clique.set_packing import Effort, heaviest_clique
 from tracker.formats.dimacs import write_graph
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.compilation import njit
 from tracker.mht.conflicts import Conflicts
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.track_trees import TrackHypotheses, weights

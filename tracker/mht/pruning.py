@@ -6,9 +6,9 @@ A leaf is kept by its max-marginal loss: what the global hypothesis would lose t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.compilation import njit
 from tracker.mht.gating_and_branching import ChildHypotheses
 from tracker.mht.global_hypothesis import GlobalHypothesis
 from tracker.mht.parameters import MhtParameters

@@ -20,10 +20,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 EKF, FEJ, INVARIANT, BOUND = 0, 1, 2, 3
 MODES = {"ekf": EKF, "iekf": EKF, "fej": FEJ, "invariant": INVARIANT}

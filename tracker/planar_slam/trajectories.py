@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tracker.formats.utias import UtiasDataset, UtiasRobot
 from tracker.geometry import Array, rotation_onto
 from tracker.io.atomic import new_folder
+from tracker.io.csv_tables import read_table
 from tracker.io.json_files import read_json
 from tracker.io.resume import program_version
 
@@ -77,21 +78,9 @@ def read_trajectories(folder: Path) -> PlanarTrajectories:
 
 
 def _table(path: Path, header: str) -> Array:
-    columns = header.count(",") + 1
-    try:
-        with path.open(encoding="utf-8") as file:
-            if (first := file.readline().strip()) != header:
-                raise ValueError(f"{path}: columns are {first[:80]}, need {header}")
-            rows = np.loadtxt(file, delimiter=",", ndmin=2)
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
-    if rows.size == 0:
-        return np.zeros((0, columns))
-    if rows.shape[1] != columns or not np.isfinite(rows).all():
-        raise ValueError(f"{path}: {rows.shape[1]} columns, needs {columns} finite numbers in each row")
-    return rows
+    """The rows (n, columns) of a table of finite numbers under `header`. Raises ValueError with file and line."""
+    table = read_table(path, dict.fromkeys(header.split(","), float))
+    return np.column_stack(list(table.values())).astype(np.float64)
 
 
 def true_poses(robot: UtiasRobot, times: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from tracker.formats.utias import read_utias
 from tracker.geometry import Array
+from tracker.io.atomic import check_writable
 from tracker.io.resume import check_same, holds_run, json_value
 from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, filter_input, run_filter
 from tracker.planar_slam.filter import INFLATED, MATCHED, OUTLIER, ROBOT, SCAN, STARTED
@@ -30,6 +31,7 @@ def track_utias(source: Path, folder: Path, known_map: bool, parameters: PlanarP
         there = read_trajectories(folder)
         check_same(folder, there.run, run)
         return there
+    check_writable(folder)
     team = read_utias(source)
     out = filter_input(team, sensors, known_map, parameters.correction)
     path, spread = run_filter(out.state, parameters.settings(), out.schedule)

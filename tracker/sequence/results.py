@@ -101,7 +101,7 @@ def read_results(folder: Path) -> Results:
     if not isinstance(run, dict) or run.get("schema") != SCHEMA or not isinstance(run.get("frames"), int) or not 0 <= run["frames"] <= MAX_FRAMES:
         raise ValueError(f"{folder / RUN}: schema or frames is missing or not of version {SCHEMA}")
     frames = int(run["frames"])
-    rows = read_mot15(folder / "tracks.txt")
+    rows = read_mot15(folder / "tracks.txt", tracks=True)
     if not rows.has_position.all():
         raise ValueError(f"{folder / 'tracks.txt'}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z")
     if len(rows) and rows.frame.max() > frames:

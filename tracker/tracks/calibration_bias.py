@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 from tracker.types import Setup
 
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from tracker.detections.ground_points import GroundDetections
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 BOUNDS = -10.0, 30.0
 """Bounds of the ratio of variances that one innovation gives."""

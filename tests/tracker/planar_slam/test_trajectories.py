@@ -78,8 +78,9 @@ def test_a_robot_without_a_trajectory_is_an_error() -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("robots.csv", "a,b\n", "robots.csv: columns are a,b, need timestamp"),
-        ("map.csv", "subject,tx,ty\n1,2\n", "map.csv: 2 columns, needs 3"),
+        ("robots.csv", "a,b\n", "robots.csv:1: columns are a,b, need timestamp"),
+        ("map.csv", "subject,tx,ty\n1,2\n", "map.csv:2: 2 values, needs 3"),
+        ("map.csv", "subject,tx,ty\n1,2,oops\n", "map.csv:2: ty is 'oops', needs a number"),
         ("run.json", '{"schema": 9}', "run.json: not a run in the plane"),
     ],
 )

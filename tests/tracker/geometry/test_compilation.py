@@ -1,0 +1,64 @@
+"""Compiled functions are cached where a cache can be written, and work where none can, or where it is damaged."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KERNEL = """
+from tracker.geometry.compilation import njit
+
+@njit(cache=True)
+def double(x):
+    return 2 * x
+
+print(double(21))
+"""
+ROOT = Path(__file__).parents[3]
+
+
+def run(folder: Path, **environment: str) -> str:
+    """What the kernel in `folder` prints, in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, str(folder / "kernel.py")],
+        env=dict(os.environ, PYTHONPATH=str(ROOT), **environment),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "kernel.py").write_text(KERNEL)
+    return tmp_path / "code"
+
+
+def test_the_cache_lies_beside_the_source(folder: Path) -> None:
+    assert run(folder) == "42\n"
+    assert list((folder / "__pycache__").glob("*.nbc"))
+
+
+def test_a_truncated_cache_is_made_anew(folder: Path) -> None:
+    assert run(folder) == "42\n"
+    for suffix in ("nbi", "nbc"):
+        (file,) = (folder / "__pycache__").glob(f"*.{suffix}")
+        whole = file.read_bytes()
+        file.write_bytes(whole[: len(whole) // 2])
+        assert run(folder) == "42\n", suffix
+        assert file.stat().st_size > len(whole) // 2, suffix
+
+
+def test_without_any_folder_for_it_the_temporary_folder_has_the_cache(folder: Path, tmp_path: Path) -> None:
+    """The cache beside the source and the home are files, so that no user, root included, can make a folder in them."""
+    (folder / "__pycache__").write_text("")
+    (tmp_path / "home").write_text("")
+    (tmp_path / "temporary").mkdir()
+    places = {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "temporary")}
+    assert run(folder, **places) == "42\n"
+    assert list((tmp_path / "temporary").rglob("*.nbc"))

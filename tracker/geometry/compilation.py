@@ -1,0 +1,82 @@
+"""Compilation of kernels by numba, with a cache on disk where one can be written.
+
+Numba refuses to cache where neither the folder of the source nor the home of the user can be written, as in containers.
+"""
+
+from __future__ import annotations
+
+import getpass
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core import config
+from numba.core.caching import FunctionCache
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class RepairedCache(FunctionCache):
+    """The cache of one function. A truncated or unreadable cache is emptied, and a cache that cannot be written is left as it is."""
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """The compiled function of a signature, None where there is none."""
+        try:
+            return super().load_overload(signature, context)
+        except Exception:
+            self._empty()
+            return None
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Keep a compiled function, if possible."""
+        try:
+            super().save_overload(signature, compiled)
+        except Exception:
+            self._empty()
+
+    def _empty(self) -> None:
+        try:
+            self.flush()
+        except Exception:
+            self.disable()
+
+
+def njit(cache: bool = False, **options: Any) -> Callable[[Function], Function]:
+    """The decorator `numba.njit(**options)`. cache: keep compiled code on disk; without a folder for it, functions are compiled in every process."""
+    compile_function = numba.njit(**options)
+
+    def decorate(function: Function) -> Function:
+        dispatcher = compile_function(function)
+        if cache and (found := _cache_of(dispatcher.py_func)) is not None:
+            dispatcher._cache = found
+        return cast(Function, dispatcher)
+
+    return decorate
+
+
+def _cache_of(function: Callable[..., Any]) -> RepairedCache | None:
+    """A cache in the place that numba chooses, else in the temporary folder of the system, else None."""
+    try:
+        return RepairedCache(function)
+    except RuntimeError:
+        settings = vars(config)
+        before = settings["CACHE_DIR"]
+    try:
+        folder = Path(tempfile.gettempdir(), f"pilsim-numba-{_user()}")
+        folder.mkdir(mode=0o700, exist_ok=True)
+        settings["CACHE_DIR"] = str(folder)
+        return RepairedCache(function)
+    except (OSError, RuntimeError):
+        return None
+    finally:
+        settings["CACHE_DIR"] = before
+
+
+def _user() -> str:
+    """A name of the user, also where the system has none, as in containers."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        return "unknown"
