@@ -232,7 +232,7 @@ def test_filters_by_name(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0
     slam = json.loads((tmp_path / "r" / "run.json").read_text())["parameters"]["slam"]
-    assert (slam["mode"], slam["iterations"], slam["persistence"]) == ("iekf", 3, None)
+    assert (slam["mode"], slam["iterations"], slam["odometry_biases"]) == ("iekf", 3, None)
     needs = "--l-c, --delta-min and --omega are for --images with --hypotheses single"
     assert needs in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
     assert needs in refused("track", "s", "--images", "--hypotheses", "multiple", "--l-c", "4", "--out", "q", cwd=tmp_path)
