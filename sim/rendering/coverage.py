@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array
+from tracker.geometry.compilation import njit
 
 BITS = 32
 """Bodies that one buffer of 32-bit texels can hold."""
@@ -47,7 +47,7 @@ def _bounding_box(rows: NDArray[np.int64], columns: NDArray[np.bool_], wraps: bo
     return np.array([first, rows[0], last, rows[1] + 1], dtype=np.float64)
 
 
-@numba.njit(cache=True)
+@njit(cache=True)
 def _count(slot_bits, nearest, count):  # type: ignore[no-untyped-def]
     height, width = nearest.shape
     pixels = np.zeros(count, np.int64)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from tracker.geometry.compilation import njit
 
 UNIFORM = np.uint32(1 << 31)
 """Bit that marks a texel whose right, upper and upper right neighbours have the same code."""
@@ -49,7 +50,7 @@ def codes_and_ranges(
     return seen, _ranges((tags, atlas.depth), table, np.array(inverse_depth(*limits), np.float32), seen)
 
 
-@numba.njit(cache=True)
+@njit(cache=True)
 def _mark_uniform(codes, out):  # type: ignore[no-untyped-def]
     """Write the codes (height, width) into `out`, with UNIFORM set where the right, upper and upper right neighbours share the code."""
     flat, tags, pitch = codes.ravel(), out.ravel(), codes.shape[1]
@@ -62,7 +63,7 @@ def _mark_uniform(codes, out):  # type: ignore[no-untyped-def]
         tags[k] = flat[k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _ranges(atlas, table, inverse, seen):  # type: ignore[no-untyped-def]
     """Fill in the codes of the pixels (H, W) and return their range (H, W). Unsigned indices skip numba's test for negative ones."""
     tags, depth = atlas[0].ravel(), atlas[1].ravel()

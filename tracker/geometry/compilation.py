@@ -5,7 +5,7 @@ Numba refuses to cache where neither the folder of the source nor the home of th
 
 from __future__ import annotations
 
-import getpass
+import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -64,19 +64,15 @@ def _cache_of(function: Callable[..., Any]) -> RepairedCache | None:
         settings = vars(config)
         before = settings["CACHE_DIR"]
     try:
-        folder = Path(tempfile.gettempdir(), f"pilsim-numba-{_user()}")
+        user = getattr(os, "getuid", int)()
+        folder = Path(tempfile.gettempdir(), f"pilsim-numba-{user}")
         folder.mkdir(mode=0o700, exist_ok=True)
+        # A cache holds code: a folder that somebody else made under this name is not used.
+        if folder.stat().st_uid != user:
+            return None
         settings["CACHE_DIR"] = str(folder)
         return RepairedCache(function)
     except (OSError, RuntimeError):
         return None
     finally:
         settings["CACHE_DIR"] = before
-
-
-def _user() -> str:
-    """A name of the user, also where the system has none, as in containers."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError, ImportError):
-        return "unknown"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tracker.geometry.arrays import Array, Mask, frozen
+from tracker.geometry.compilation import njit
 
 
 class Ground(Protocol):
@@ -85,8 +85,8 @@ class Grid:
         return o + np.where(hit, distance, 0.0)[:, None] * d, hit
 
 
-@numba.njit(cache=True)
-def _height(heights, spacing, x, y):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _height(heights: Array, spacing: float, x: float, y: float) -> Any:
     """The height at x, y m from the grid's first point."""
     rows, columns = heights.shape
     x, y = min(max(x / spacing, 0.0), columns - 1.0), min(max(y / spacing, 0.0), rows - 1.0)
@@ -98,8 +98,8 @@ def _height(heights, spacing, x, y):  # type: ignore[no-untyped-def]
     return z00 + v * (heights[i + 1, j] - z00) + u * (z11 - heights[i + 1, j])
 
 
-@numba.njit(cache=True)
-def _march(heights, origin, spacing, top, origins, directions, limit):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _march(heights: Array, origin: Array, spacing: float, top: float, origins: Array, directions: Array, limit: float) -> Array:
     """Distance along each ray (n,) m to the ground, −1 where the ray does not meet it.
 
     A ray steps over the lines x whole, y whole and x − y whole (the diagonals) of a grid with unit cells.

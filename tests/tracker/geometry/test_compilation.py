@@ -62,3 +62,15 @@ def test_without_any_folder_for_it_the_temporary_folder_has_the_cache(folder: Pa
     places = {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "temporary")}
     assert run(folder, **places) == "42\n"
     assert list((tmp_path / "temporary").rglob("*.nbc"))
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root to give a folder to another user")
+def test_a_folder_of_another_user_is_no_cache(folder: Path, tmp_path: Path) -> None:
+    (folder / "__pycache__").write_text("")
+    (tmp_path / "home").write_text("")
+    strange = tmp_path / "temporary" / f"pilsim-numba-{os.getuid()}"
+    strange.mkdir(parents=True)
+    os.chown(strange, 12345, 12345)
+    places = {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "temporary")}
+    assert run(folder, **places) == "42\n"
+    assert not list(strange.rglob("*"))
