@@ -1,0 +1,111 @@
+"""Images of a camera: a video, or numbered image files. They are read frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from tracker.geometry import Image
+from tracker.io.image_files import decode_image
+from tracker.types import Odometry, Tick, Ticks
+
+
+class ImageSource(Protocol):
+    """The images of one camera."""
+
+    def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
+        """Yield an image (H, W, 3) uint8 RGB for each frame from 0 to `frames` − 1, or None where there is none.
+
+        size: height and width, px. Raises ValueError with the path for an image of another size, and for a video that ends too early.
+        """
+        ...
+
+    def cut(self, first: int) -> ImageSource:
+        """The source that begins at frame `first`."""
+        ...
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """A video with an image for each frame. first: index of the image of frame 0. Raises ValueError where OpenCV cannot open it, when it is read."""
+
+    path: Path
+    first: int = 0
+
+    def cut(self, first: int) -> VideoFile:
+        return replace(self, first=self.first + first)
+
+    def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
+        video = cv2.VideoCapture(str(self.path))
+        try:
+            if not video.isOpened():
+                raise ValueError(f"{self.path}: is no video that OpenCV can read")
+            for skipped in range(self.first):
+                if not video.grab():
+                    raise ValueError(f"{self.path}: has {skipped} frames, the detections go on")
+            for index in range(frames):
+                success, image = video.read()
+                if not success:
+                    raise ValueError(f"{self.path}: has {self.first + index} frames, the detections go on")
+                yield _checked(np.asarray(image, dtype=np.uint8), size, str(self.path))
+        finally:
+            video.release()
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFiles:
+    """Image files (JPEG or PNG) by frame from 0. Frames without a file have no image."""
+
+    files: Mapping[int, Path]
+
+    def cut(self, first: int) -> ImageFiles:
+        return ImageFiles({frame - first: path for frame, path in self.files.items() if frame >= first})
+
+    def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
+        for index in range(frames):
+            path = self.files.get(index)
+            if path is None:
+                yield None
+                continue
+            try:
+                image = decode_image(path.read_bytes(), size, cv2.IMREAD_COLOR)
+            except (OSError, ValueError) as error:
+                raise ValueError(f"{path}: {error}") from None
+            yield np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
+
+
+def _checked(image: Image, size: tuple[int, int], where: str) -> Image:
+    if image.shape[:2] != size:
+        raise ValueError(f"{where}: images are {image.shape[1]} x {image.shape[0]} px, the camera has {size[1]} x {size[0]}")
+    return np.ascontiguousarray(image[:, :, ::-1])
+
+
+@dataclass(frozen=True, eq=False)
+class TicksWithImages:
+    """Ticks with images that are read during iteration. sources: camera → its images; sizes: camera → height and width, px."""
+
+    ticks: Ticks
+    sources: Mapping[str, ImageSource]
+    sizes: Mapping[str, tuple[int, int]]
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    def __iter__(self) -> Iterator[Tick]:
+        with ExitStack() as stack:
+            readers = {
+                camera: stack.enter_context(closing(source.images(len(self.ticks), self.sizes[camera])))  # type: ignore[type-var]
+                for camera, source in self.sources.items()
+            }
+            for tick in self.ticks:
+                images = {camera: next(reader) for camera, reader in readers.items()}
+                yield replace(tick, views=tuple(replace(view, image=images.get(view.camera)) for view in tick.views))
+
+    def odometry(self) -> Iterator[dict[str, Odometry]]:
+        return self.ticks.odometry()

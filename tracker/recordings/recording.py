@@ -1,0 +1,232 @@
+"""A recording: calibrated cameras, boxes of people per camera and frame, and what else is known. Every foreign data set is read as one.
+
+Frames count from 0 here; files count from 1, as MOTChallenge does. Positions are in metres in a right-handed world with z up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tracker.detections.boxes import detections_from_boxes
+from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
+from tracker.geometry.ground import Flat, Ground
+from tracker.recordings.images import ImageSource, TicksWithImages
+from tracker.types import Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
+
+FrameBoxes = Mapping[int, tuple[Array, Array]]
+"""Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,). Frames without boxes may have no entry."""
+MAX_FRAMES = 1_000_000
+MAX_RATE = 1e4
+"""Frames per second."""
+STATURE = (1.4, 2.3)
+"""m: the default band of body heights, as in Setup."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingCamera:
+    """A camera: its model and its pose in body axes (x forward, y left, z up).
+
+    pose: T_world_camera of a fixed camera; T_robot_camera where `robot` names the robot that carries it.
+    """
+
+    camera: Camera
+    pose: Pose
+    robot: str | None = None
+
+    @staticmethod
+    def of_opencv(camera: Camera, R: ArrayLike, t: ArrayLike, robot: str | None = None) -> RecordingCamera:
+        """A camera whose extrinsics are those of OpenCV: x_camera = R x_world + t; x_camera right, down and ahead, metres."""
+        rotation = np.asarray(R, dtype=np.float64)
+        return RecordingCamera(camera, Pose(rotation.T @ OPTICAL_FROM_CAMERA, -rotation.T @ np.asarray(t, dtype=np.float64)), robot)
+
+    @property
+    def opencv_extrinsics(self) -> tuple[Array, Array]:
+        """R (3, 3) and t (3,) m with x_camera = R x_world + t, the inverse of of_opencv."""
+        R = OPTICAL_FROM_CAMERA @ self.pose.rotation.T
+        return R, -R @ self.pose.translation
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingRobot:
+    """A robot that carries cameras: start, or None where unknown; odometry by frame from 0; truth: true poses by frame, or None."""
+
+    start: Start | None
+    odometry: Mapping[int, Odometry] = field(default_factory=dict)
+    truth: Mapping[int, Pose] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Cameras, boxes, and what else is known of a recording.
+
+    rate: frames per second. cameras: name → RecordingCamera. detections: camera → FrameBoxes; a camera may lack an entry.
+    truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
+    area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
+    occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
+
+    Raises ValueError for a rate or height out of bounds, a robot that is missing, a fixed camera below the ground, detections of a camera
+    that is not there, and for frames out of bounds.
+    """
+
+    rate: float
+    cameras: Mapping[str, RecordingCamera]
+    detections: Mapping[str, FrameBoxes] = field(default_factory=dict)
+    truth: Mapping[int, tuple[Ints, Array]] | None = None
+    frames: int = 0
+    area: ArrayLike | None = None
+    ground: Ground = Flat()
+    height: tuple[float, float] = STATURE
+    occluders: Ground | None = None
+    pillars: Array = field(default_factory=lambda: np.zeros((0, 5)))
+    images: Mapping[str, ImageSource] = field(default_factory=dict)
+    robots: Mapping[str, RecordingRobot] = field(default_factory=dict)
+    source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rate <= MAX_RATE:
+            raise ValueError(f"rate is {self.rate}, needs more than 0 and at most {MAX_RATE:g} frames/s")
+        if not self.cameras:
+            raise ValueError("cameras is empty, needs at least one")
+        if self.area is not None:
+            object.__setattr__(self, "area", _area(self.area))
+        low, high = self.height
+        if not 0 < low < high < np.inf:
+            raise ValueError(f"height is {list(self.height)}, needs two numbers of metres above 0, the lower first")
+        for kind, named in (("detections", self.detections), ("images", self.images)):
+            if unknown := sorted(set(named) - set(self.cameras)):
+                raise ValueError(f"{kind} has camera {unknown[0]!r}, needs one of {', '.join(self.cameras)}")
+        for name, camera in self.cameras.items():
+            self._check_camera(name, camera)
+        if self.frames == 0:
+            object.__setattr__(self, "frames", self._last_frame() + 1)
+        if not self._last_frame() < self.frames <= MAX_FRAMES:
+            raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
+
+    def _check_camera(self, name: str, camera: RecordingCamera) -> None:
+        if camera.robot is not None:
+            if camera.robot not in self.robots:
+                raise ValueError(
+                    f"cameras.{name}.robot is {camera.robot!r}, needs one of {', '.join(self.robots) or 'robots.json, which is missing'}"
+                )
+            return
+        if name in self.robots:
+            raise ValueError(f"camera {name!r} is fixed and has the name of a robot, needs another name")
+        place = camera.pose.translation
+        ground = float(self.ground.height_at(place[None])[0])
+        if not place[2] > ground:
+            x, y, z = place
+            raise ValueError(
+                f"cameras.{name}.t puts the camera at ({x:.2f}, {y:.2f}, {z:.2f}) m, {ground - z:.2f} m below the ground, needs a place above it;"
+                " the convention is x_camera = R x_world + t in metres"
+            )
+
+    def _last_frame(self) -> int:
+        """The last frame that has boxes, truth or odometry; −1 without any."""
+        numbered: list[Iterable[int]] = [*self.detections.values(), self.truth or (), *(robot.odometry for robot in self.robots.values())]
+        return max((max(frames, default=-1) for frames in numbered), default=-1)
+
+    @property
+    def fixed(self) -> dict[str, RecordingCamera]:
+        """The cameras that stand still."""
+        return {name: camera for name, camera in self.cameras.items() if camera.robot is None}
+
+    def choose(self, cameras: Iterable[str]) -> Recording:
+        """The recording with these cameras alone. Raises ValueError for a camera that is not there or is named twice."""
+        names = list(cameras)
+        for name in names:
+            if name not in self.cameras:
+                raise ValueError(f"camera is {name!r}, needs one of {', '.join(self.cameras)}")
+        if len(set(names)) != len(names):
+            raise ValueError(f"cameras are {','.join(names)}, needs each once")
+        chosen = {name: self.cameras[name] for name in names}
+        carriers = {camera.robot for camera in chosen.values()}
+        return replace(
+            self,
+            cameras=chosen,
+            detections={name: self.detections[name] for name in names if name in self.detections},
+            images={name: self.images[name] for name in names if name in self.images},
+            robots={name: robot for name, robot in self.robots.items() if name in carriers},
+        )
+
+    def cut(self, first: int, end: int) -> Recording:
+        """The frames from `first` to `end` − 1; `first` becomes frame 0. Raises ValueError for frames that are not there."""
+        if not 0 <= first < end <= self.frames:
+            raise ValueError(f"frames are {first}:{end}, needs 0 to {self.frames} with the lower first")
+
+        def part(by_frame: Mapping[int, Any]) -> dict[int, Any]:
+            return {frame - first: value for frame, value in by_frame.items() if first <= frame < end}
+
+        robots = {
+            name: replace(robot, odometry=part(robot.odometry), truth=None if robot.truth is None else part(robot.truth))
+            for name, robot in self.robots.items()
+        }
+        if robots and first:
+            raise ValueError(f"frames begin at {first}, needs 0 where robots move, since their start is known at frame 0 alone")
+        return replace(
+            self,
+            detections={name: part(boxes) for name, boxes in self.detections.items()},
+            truth=None if self.truth is None else part(self.truth),
+            images={name: source.cut(first) for name, source in self.images.items()},
+            frames=end - first,
+            robots=robots,
+        )
+
+    def setup(self) -> Setup:
+        """The constant inputs of the tracker. A fixed camera is a robot of its name that never moves."""
+        mounts, starts = {}, dict[str, Start | None]()
+        for name, camera in self.cameras.items():
+            if camera.robot is None:
+                mounts[name] = Mount(camera.camera, Pose.identity(), name)
+                starts[name] = Start(camera.pose, np.zeros((6, 6)))
+            else:
+                mounts[name] = Mount(camera.camera, camera.pose, camera.robot)
+                starts[camera.robot] = self.robots[camera.robot].start
+        area = None if self.area is None else np.asarray(self.area)
+        return Setup(mounts, self.ground, starts, 1 / self.rate, area=area, height=self.height, occluders=self.occluders, pillars=self.pillars)
+
+    def sequence(self, images: bool = False) -> Sequence:
+        """The recording as the tracker takes it.
+
+        images: with the images of all cameras that have some. Cameras on robots always have theirs, as SLAM needs them.
+        Raises ValueError where images are asked for and there are none.
+        """
+        setup = self.setup()
+        ticks: Ticks = TicksInMemory(tuple(self._tick(index) for index in range(self.frames)), setup.mounts)
+        wanted = {name: source for name, source in self.images.items() if images or self.cameras[name].robot is not None}
+        if images and not wanted:
+            raise ValueError(f"{self.source.get('folder', 'the recording')}: has no images: no video/CAMERA.mp4, no images/CAMERA/")
+        if wanted:
+            ticks = TicksWithImages(ticks, wanted, {name: (self.cameras[name].camera.height, self.cameras[name].camera.width) for name in wanted})
+        return Sequence(setup, ticks, self._truth(), dict(self.source))
+
+    def _tick(self, index: int) -> Tick:
+        views = []
+        for name, camera in self.cameras.items():
+            boxes, confidence = self.detections.get(name, {}).get(index, (np.zeros((0, 4)), np.zeros(0)))
+            odometry = self.robots[camera.robot].odometry.get(index) if camera.robot is not None else None
+            views.append(View(name, detections_from_boxes(camera.camera, boxes, confidence), odometry=odometry))
+        return Tick(index, index / self.rate, tuple(views))
+
+    def _truth(self) -> tuple[Truth, ...] | None:
+        if self.truth is None:
+            return None
+        none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+        out = []
+        for index in range(self.frames):
+            ids, positions = self.truth.get(index, none)
+            poses = {name: robot.truth[index] for name, robot in self.robots.items() if robot.truth is not None and index in robot.truth}
+            out.append(Truth(index, poses, ids, positions, np.ones((len(ids), len(self.cameras)))))
+        return tuple(out)
+
+
+def _area(area: ArrayLike) -> Array:
+    corners = np.asarray(area, dtype=np.float64)
+    if corners.shape != (2, 2) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
+        raise ValueError(f"area is {corners.tolist()}, needs two corners x, y in metres, the lowest first")
+    return corners
