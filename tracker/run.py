@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from tracker.io.atomic import check_writable
+from tracker.io.progress import progress_bar
 from tracker.io.resume import OTHERWISE, check_same, holds_run, json_value
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import RUN, Results, read_results, write_results
@@ -30,7 +29,7 @@ def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters
         return there
     check_writable(folder)
     estimates = track(sequence.setup, sequence.ticks, parameters)
-    results = Results.of(tqdm(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), wanted)
+    results = Results.of(progress_bar(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), wanted)
     write_results(folder, results)
     return results
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,13 +35,12 @@ class Check:
     """Print JSON alone: {"faults": [{"file": …, "reason": …}, …], "count": …}."""
 
     def run(self) -> None:
-        from tqdm import tqdm
-
         from tracker.datasets.validation import validate
+        from tracker.io.progress import print_line, progress_bar
         from tracker.sequence.dataset import sequences
 
         def shown(items: Iterable[Any], name: str, total: int) -> Iterable[Any]:
-            return tqdm(items, desc=name, total=total, leave=False, disable=self.json or None)
+            return progress_bar(items, desc=name, total=total, leave=False, disable=self.json)
 
         faults, count = [], 0
         for fault in validate(self.source, shown):
@@ -50,7 +48,7 @@ class Check:
             if count <= SHOWN:
                 faults.append({"file": str(fault.file), "reason": fault.reason})
                 if not self.json:
-                    tqdm.write(str(fault), file=sys.stdout)
+                    print_line(str(fault))
         if self.json:
             print(json.dumps({"faults": faults, "count": count}, indent=1))
         if count:

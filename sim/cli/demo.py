@@ -68,10 +68,9 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
 
     Raises ValueError where the folder holds another run.
     """
-    from tqdm import tqdm
-
     from sim.recording.record import record
     from tracker.io.atomic import write_text
+    from tracker.io.progress import progress_bar
     from tracker.io.resume import json_value
     from tracker.metrics.evaluation import evaluate, table
     from tracker.pipeline import Parameters
@@ -82,7 +81,7 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     check_folder(scenario, out)
     folder = out / "sequence"
     if not folder.exists():
-        record(scenario, folder, partial(tqdm, desc="panoramas", unit="frame"))
+        record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"))
     sequence = read_sequence(folder)
     if (out / "track").exists() and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
         print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
@@ -113,10 +112,9 @@ def check_folder(scenario: Scenario, out: Path) -> None:
 
 def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:
     """Draw contact sheet, plan and video, where they are missing."""
-    from tqdm import tqdm
-
     from sim.visualization.overlays import annotated, contact_sheet, save_png
     from sim.visualization.plan_and_video import plan, video_frames, write_video
+    from tracker.io.progress import progress_bar
 
     people, robots = scores["targets"], scores["robots"]
     title = f"MOTA {people['mota'] or 0:.3f}, IDF1 {people['idf1'] or 0:.3f}; ATE {robots['ate_m']:.3f} m"
@@ -128,7 +126,7 @@ def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path
     if not (out / "plan.png").exists():
         plan(sequence, results, title, out / "plan.png")
     if not (out / "video.mp4").exists():
-        ticks = tqdm(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
+        ticks = progress_bar(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
         write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
 
 

@@ -44,12 +44,11 @@ class Export:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from tqdm import tqdm
-
         from tracker.export.exporting import export
+        from tracker.io.progress import progress_bar
 
         def progress(frames: Iterable[int], name: str) -> Iterable[int]:
-            return tqdm(frames, desc=name, unit="frame", disable=self.json or None)
+            return progress_bar(frames, desc=name, unit="frame", disable=self.json)
 
         found = export(self.source, self.format, self.out, progress, self.rectangles)
         if self.json:

@@ -139,10 +139,9 @@ class Generate:
     def _twin(self) -> None:
         from functools import partial
 
-        from tqdm import tqdm
-
         from sim.datasets.pets_twin import Twin, box_overlaps, generate
         from sim.datasets.pets_twin_picture import side_by_side
+        from tracker.io.progress import progress_bar
 
         if self.twin.annotations is None or self.twin.calibration is None:
             raise ValueError("a twin needs --annotations FILE and --calibration DIR")
@@ -153,7 +152,7 @@ class Generate:
             raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}; the annotation sets the rest")
         views = tuple(numbers(self.views or "1"))
         twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
-        generate(twin, self.out, progress=partial(tqdm, desc="frames", unit="frame"))
+        generate(twin, self.out, progress=partial(progress_bar, desc="frames", unit="frame"))
         print(f"{self.out}: a sequence (README.md in it); `pilsim track {self.out}` tracks it")
         if 1 in views:
             side_by_side(twin, self.out)

@@ -121,13 +121,12 @@ class Place:
 
     def _outcomes(self) -> list[EpisodeResult]:
         """The outcomes of all episodes, ordered by policy and seed."""
-        from tqdm import tqdm
-
         from sim.policies.comparison import compare
+        from tracker.io.progress import progress_bar
 
         seeds = range(self.seed, self.seed + self.episodes)
         out: list[EpisodeResult] = []
-        with tqdm(total=len(set(self.policy)) * len(seeds), unit=" episodes", leave=False, disable=None) as bar:
+        with progress_bar(total=len(set(self.policy)) * len(seeds), unit=" episodes", leave=False) as bar:
             for batch in compare(self.policy, seeds, self._options(), self.steps, self.workers):
                 out += batch
                 bar.update(len(batch))

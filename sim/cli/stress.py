@@ -98,9 +98,8 @@ class Stress:
     def run(self) -> None:
         from functools import partial
 
-        from tqdm import tqdm
-
         from sim.stress.runner import Workers, run_trials
+        from tracker.io.progress import progress_bar
         from worlds.catalogue import WORLDS
 
         if self.show:
@@ -114,7 +113,7 @@ class Stress:
         if self.world not in WORLDS:
             raise ValueError(f"--world is {self.world!r}, needs one of {', '.join(sorted(WORLDS))}")
         workers, trials = Workers(self.workers, self.machine.cluster, self.machine.limit), self._trials()
-        rows = run_trials(trials, self.out, workers, self._command(), partial(tqdm, desc="runs", unit="run", smoothing=0.1))
+        rows = run_trials(trials, self.out, workers, self._command(), partial(progress_bar, desc="runs", unit="run", smoothing=0.1))
         if self.json:
             for row in rows:
                 print(json.dumps(row))

@@ -74,34 +74,31 @@ class Study:
         return [hypothesis_count.synthetic(self.frames), *real]
 
     def _fig4(self) -> str:
-        from tqdm import tqdm
-
         from sim.studies import hypothesis_count
+        from tracker.io.progress import progress_bar
 
         materials = self._materials(("", hypothesis_count.DEGRADATION))
         total = len(materials) * self.repetitions * len(hypothesis_count.K_H) * len(hypothesis_count.I_BLS_MAX)
-        cells = list(tqdm(hypothesis_count.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
+        cells = list(progress_bar(hypothesis_count.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
         hypothesis_count.draw(cells, self.out / "fig4.png")
         return hypothesis_count.summary(cells)
 
     def _graphs(self) -> str:
-        from tqdm import tqdm
-
         from sim.studies import clique_graphs
+        from tracker.io.progress import progress_bar
 
         materials = self._materials(("",))
         total = len(materials) * self.repetitions * len(clique_graphs.FORMS) * len(clique_graphs.STARTS)
-        runs = list(tqdm(clique_graphs.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
+        runs = list(progress_bar(clique_graphs.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
         clique_graphs.draw(runs, self.out / "graphs.png")
         return clique_graphs.summary(runs)
 
     def _images(self) -> str:
-        from tqdm import tqdm
-
         from sim.studies import image_tracklets
+        from tracker.io.progress import progress_bar
 
         materials = image_tracklets.materials(self.out, self.pets)
         total = image_tracklets.count_runs(materials, self.repetitions)
-        cells = list(tqdm(image_tracklets.study(self.out, materials, self.frames, self.repetitions), total=total, unit="run"))[-1]
+        cells = list(progress_bar(image_tracklets.study(self.out, materials, self.frames, self.repetitions), total=total, unit="run"))[-1]
         image_tracklets.draw(cells, self.out / "images.png")
         return image_tracklets.summary(cells)

@@ -8,14 +8,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-
-from tqdm import tqdm
 
 from sim.datasets.generation_worker import SequenceTask, run_task
 from sim.datasets.presets import Preset
@@ -24,15 +21,12 @@ from sim.parallel.pool import Pool, WorkerLost
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
 from tracker.io.atomic import write_text
+from tracker.io.progress import progress_bar
 from tracker.io.resume import check_same, holds_run
 from tracker.sequence.dataset import FILE, Dataset, read_dataset
 from tracker.sequence.writer import ImageForm
 
 MAX_COUNT = 100_000
-REFRESH = 0.5
-"""Time between updates of the progress bar on a terminal, s."""
-LOG_REFRESH = 30
-"""Time between updates where each is kept, as in the log of a batch job, s."""
 
 
 @dataclass(frozen=True)
@@ -131,10 +125,10 @@ def _progress(tasks: list[SequenceTask]) -> Iterator[None]:
     """Show a progress bar of the frames on disk during this context. It works for local workers and for clusters."""
     total = sum(task.preset.scenario.frames for task in tasks)
     done = threading.Event()
-    with tqdm(total=total, initial=sum(task.frames for task in tasks if task.complete), desc="frames", unit="frame") as bar:
+    with progress_bar(total=total, initial=sum(task.frames for task in tasks if task.complete), desc="frames", unit="frame") as bar:
 
         def refresh() -> None:
-            while not done.wait(REFRESH if sys.stderr.isatty() else LOG_REFRESH):
+            while not done.wait(bar.period):
                 bar.n = sum(task.frames for task in tasks)
                 bar.refresh()
 

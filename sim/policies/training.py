@@ -107,11 +107,12 @@ def _save(model: Any, curve: Curve, folder: Path) -> None:
 def _learn(model: Any, envs: Any, curve: Curve, folder: Path, pause: float = 20.0) -> None:
     """Learn, with a progress bar. Adds a row to the curve whenever as many episodes as teams have ended, and saves every `pause` s."""
     from stable_baselines3.common.callbacks import BaseCallback
-    from tqdm import tqdm
+
+    from tracker.io.progress import progress_bar
 
     class Progress(BaseCallback):
         def _on_training_start(self) -> None:
-            self.bar = tqdm(total=curve.steps, unit=" decisions")
+            self.bar = progress_bar(total=curve.steps, unit=" decisions")
             self.saved = time.monotonic()
 
         def _on_step(self) -> bool:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tqdm import tqdm
-
 from sim.report.page import PageContent, page
 from sim.report.pictures import Album
 from sim.report.plots import Plot, save
@@ -13,6 +11,7 @@ from sim.report.rows import Rows, read_rows
 from sim.report.series import overview, plots_of
 from sim.report.summary import moments
 from tracker.io.atomic import write_text
+from tracker.io.progress import progress_bar
 
 
 def write_report(folder: Path, out: Path | None = None) -> Path:
@@ -29,7 +28,7 @@ def write_report(folder: Path, out: Path | None = None) -> Path:
     beside = folder / "report"
     beside.mkdir(exist_ok=True)
     target.parent.mkdir(parents=True, exist_ok=True)
-    drawn = {plot.name: save(plot, beside) for plot in tqdm(plots, desc="plots", unit="plot", disable=len(plots) < 8 or None)}
+    drawn = {plot.name: save(plot, beside) for plot in progress_bar(plots, desc="plots", unit="plot", disable=len(plots) < 8)}
     text = page(PageContent(rows, {plot.name: (plot, drawn[plot.name]) for plot in plots}, album))
     write_text(target, text)
     return target

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from sim.visualization.rerun_scene import RerunScene, SceneFrame
 from tracker.datasets.opening import open_sequence
 from tracker.datasets.pets2009 import PetsOptions
 from tracker.io.atomic import new_file
+from tracker.io.progress import progress_bar
 from tracker.pipeline import track
 from tracker.run import views_of
 from tracker.sequence.results import Results, read_results
@@ -83,7 +83,7 @@ def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path
 def _play(scene: RerunScene, sequence: Sequence, read: Results | None, tracked: bool) -> None:
     scene.log_static()
     frames = (SceneFrame(tick, None if read is None else read_frame(read, tick.index)) for tick in sequence.ticks)
-    for one in tqdm(_estimated(sequence) if tracked else frames, total=len(sequence.ticks), desc="frames", unit="frame"):
+    for one in progress_bar(_estimated(sequence) if tracked else frames, total=len(sequence.ticks), desc="frames", unit="frame"):
         scene.log_frame(one)
 
 

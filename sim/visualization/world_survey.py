@@ -6,12 +6,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from sim.scenario import Scenario
 from sim.simulation import wheel_slip
 from sim.simulation.simulation import Simulation
 from sim.visualization.world_preview import preview
+from tracker.io.progress import progress_bar
 from worlds import catalogue
 from worlds.difficulty import measure
 from worlds.export import export
@@ -61,7 +60,7 @@ def survey(name: str | None, difficulty: float, seed: int, options: SurveyOption
         raise ValueError(f"{options.pictures}: is a file, needs a folder")
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
-    for each in tqdm(names, desc="worlds", disable=len(names) == 1 or None, leave=False):
+    for each in progress_bar(names, desc="worlds", disable=len(names) == 1, leave=False):
         scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS)
         world = catalogue.build(each, scenario.stream("world"), difficulty)
         if options.file is not None:

@@ -4,6 +4,9 @@ RobotN_Odometry.dat: time s, commanded speed m/s, turn rate rad/s. RobotN_Measur
 RobotN_Groundtruth.dat: time s, x, y m, heading rad. Landmark_Groundtruth.dat: subject, x, y, their standard deviations m.
 Barcodes.dat: subject, barcode. Subjects 1 to 5 are the robots, 6 to 20 the landmarks. `#` begins a comment.
 
+Logs of real robots have rows out of order and repeated rows. Rows that step back by less than LARGEST_STEP_BACK are sorted, and rows that equal
+another in every column are merged; `UtiasDataset.repairs` counts both. Other steps back are errors.
+
 The landmark table of set 1 has landmarks 11 and 17 swapped. With the table as it is, 13 % of all measurements disagree with the ground truth.
 With the two positions exchanged, 0.01 % do. The reader recognizes the set by these positions and exchanges them (`UtiasDataset.repairs`).
 """
@@ -13,17 +16,23 @@ from __future__ import annotations
 import io
 from collections import Counter
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
 from tracker.geometry import Array, Ints
+from tracker.io.time_order import LARGEST_STEP_BACK, first_large_step_back, time_order
 
 ROBOTS = range(1, 6)
 SWAPPED = {11: (3.15071999, 2.38294871), 17: (0.03596156, -2.84396626)}
 """The swapped landmarks of set 1 and their positions in its table, m."""
 MIN_RANGE = 0.05
 """m: measurements of a smaller range are rejected."""
+MAX_TIME = 1e11
+"""s: the year 5138 as a Unix time. Larger times are milliseconds or microseconds."""
+MAX_VALUE = 1e6
+"""Largest range, position, speed and angle (m, m/s, rad, rad/s), and largest subject and barcode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +68,16 @@ def is_utias(path: Path) -> bool:
 def read_utias(path: Path) -> UtiasDataset:
     """Read a data set. A robot without any file is left out.
 
-    Raises ValueError with file and line for a missing file, an invalid number, and decreasing times in odometry or truth.
+    Raises ValueError with file and line for a missing file, an invalid number, a time that steps back by LARGEST_STEP_BACK or more, and for two
+    different true poses of one time.
     """
-    codes = _columns(path / "Barcodes.dat", 2)
-    subject_of = {int(code): int(subject) for subject, code in codes}
-    if len(subject_of) != len(codes):
-        raise ValueError(f"{path / 'Barcodes.dat'}: {len(codes)} subjects share {len(subject_of)} barcodes, needs one each")
-    table = _columns(path / "Landmark_Groundtruth.dat", 5)
-    landmarks = {int(row[0]): row[1:3] for row in table}
-    repairs = []
+    codes, table = _table(path / "Barcodes.dat", 2), _table(path / "Landmark_Groundtruth.dat", 5)
+    repairs = [codes.merge_repeated(), table.merge_repeated()]
+    subject_of = {code: subject for subject, code in codes.whole_numbers((0, 1), unique=1)}
+    landmarks = {subject: place for (subject,), place in zip(table.whole_numbers((0,), unique=0), table.values[:, 1:3], strict=True)}
+    for k, subject in enumerate(landmarks):
+        if subject in ROBOTS:
+            raise ValueError(f"{table.where(k)}: subject of a landmark is {subject}, needs at least {ROBOTS.stop}; 1 to {ROBOTS.stop - 1} are robots")
     if all(s in landmarks and np.allclose(landmarks[s], place, atol=1e-6) for s, place in SWAPPED.items()):
         landmarks[11], landmarks[17] = landmarks[17], landmarks[11]
         repairs.append("landmarks 11 and 17 of set 1 exchanged")
@@ -75,22 +85,24 @@ def read_utias(path: Path) -> UtiasDataset:
     if not present:
         raise ValueError(f"{path}: no Robot1_Odometry.dat to Robot5_Odometry.dat, needs at least one robot")
     subjects = {*present, *landmarks}
-    return UtiasDataset({n: _robot(path, n, subject_of, subjects) for n in present}, landmarks, tuple(repairs))
+    robots = {n: _robot(path, n, subject_of, subjects, repairs) for n in present}
+    return UtiasDataset(robots, landmarks, tuple(filter(None, repairs)))
 
 
-def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[int]) -> UtiasRobot:
-    odometry = _columns(path / f"Robot{number}_Odometry.dat", 3)
-    truth = _columns(path / f"Robot{number}_Groundtruth.dat", 4)
-    for name, times, least in (("Odometry", odometry[:, 0], 0.0), ("Groundtruth", truth[:, 0], 1e-9)):
-        back = np.flatnonzero(np.diff(times) < least)
-        if len(back):
-            k = int(back[0])
-            raise ValueError(f"{path / f'Robot{number}_{name}.dat'}: time is {times[k + 1]:.3f} after {times[k]:.3f}, needs ascending times")
-        if not len(times):
-            raise ValueError(f"{path / f'Robot{number}_{name}.dat'}: no rows, needs at least one")
-    raw = _columns(path / f"Robot{number}_Measurement.dat", 4)
-    raw = raw[np.argsort(raw[:, 0], kind="stable")]
-    subject = np.array([subject_of.get(int(code), -1) for code in raw[:, 1]], dtype=np.int64)
+def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[int], repairs: list[str]) -> UtiasRobot:
+    """The log of a robot; notes on what was sorted and merged are added to `repairs`."""
+    columns = {"Odometry": 3, "Groundtruth": 4, "Measurement": 4}
+    tables = {name: _table(path / f"Robot{number}_{name}.dat", count) for name, count in columns.items()}
+    repairs += [table.sort() for table in tables.values()]
+    odometry, truth, raw = (table.values for table in tables.values())
+    for name in ("Odometry", "Groundtruth"):
+        if not len(tables[name].values):
+            raise ValueError(f"{tables[name].path}: no rows, needs at least one")
+    twice = np.flatnonzero(np.diff(truth[:, 0]) <= 0)
+    if len(twice):
+        k = int(twice[0]) + 1
+        raise ValueError(f"{tables['Groundtruth'].where(k)}: time is {truth[k, 0]:.3f} for a second time with another pose, needs one pose a time")
+    subject = np.array([subject_of.get(code, -1) for code in raw[:, 1].tolist()], dtype=np.int64)
     reasons = np.full(len(raw), "", dtype="U24")
     reasons[raw[:, 2] < MIN_RANGE] = "range not above zero"
     reasons[subject == number] = "robot sees itself"
@@ -100,29 +112,85 @@ def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[in
     return UtiasRobot(odometry, raw[good][:, [0, 2, 3]], subject[good], truth, dict(Counter(reasons[~good].tolist())))
 
 
-def _columns(path: Path, columns: int) -> Array:
-    """Read a table (n, columns) of finite numbers. Raises ValueError "path:line …"."""
+@dataclass(eq=False)
+class _Table:
+    """A table (n, columns) of finite numbers. row (n,): the row in the file of each, comments and blank lines not counted."""
+
+    path: Path
+    values: Array
+    row: Ints
+
+    def where(self, k: int) -> str:
+        """Path and line of row k."""
+        lines = self.path.read_text(encoding="utf-8-sig").splitlines()
+        holding = [number for number, line in enumerate(lines, 1) if line.partition("#")[0].strip()]
+        return f"{self.path}:{holding[int(self.row[k])]}"
+
+    def sort(self) -> str:
+        """Sort by time and merge repeated rows; a note on both. Raises ValueError for a time out of bounds, and for a large step back."""
+        times = self.values[:, 0]
+        for k in np.flatnonzero(np.abs(times) > MAX_TIME)[:1].tolist():
+            raise ValueError(f"{self.where(k)}: time is {times[k]:.6g}, needs seconds, at most {MAX_TIME:.0e}")
+        if fault := first_large_step_back(times):
+            k, before = fault
+            line = self.where(before).rpartition(":")[2]
+            raise ValueError(
+                f"{self.where(k)}: time is {times[k]:.3f} after {times[before]:.3f} in line {line}, needs to step back by less than {LARGEST_STEP_BACK}"
+            )
+        order = time_order(self.values)
+        self.values, self.row = self.values[order.rows], self.row[order.rows]
+        return order.note(self.path.name)
+
+    def merge_repeated(self) -> str:
+        """Leave out rows that equal one before; a note on them."""
+        first = np.sort(np.unique(self.values, axis=0, return_index=True)[1]) if len(self.values) else self.row
+        repeated = len(self.values) - len(first)
+        self.values, self.row = self.values[first], self.row[first]
+        return f"{self.path.name}: {repeated} repeated row{'' if repeated == 1 else 's'} merged" if repeated else ""
+
+    def whole_numbers(self, columns: tuple[int, ...], unique: int) -> list[tuple[int, ...]]:
+        """The `columns` of each row as whole numbers. Raises ValueError for others, and for two rows with the same number in column `unique`."""
+        seen: dict[float, int] = {}
+        for k, row in enumerate(self.values.tolist()):
+            for column in columns:
+                if not 0 <= row[column] <= MAX_VALUE or row[column] != round(row[column]):
+                    raise ValueError(f"{self.where(k)}: value {column + 1} is {row[column]:g}, needs a whole number from 0 to {MAX_VALUE:g}")
+            if seen.setdefault(row[unique], k) != k:
+                raise ValueError(
+                    f"{self.where(k)}: value {unique + 1} is {row[unique]:g} as in line {self.where(seen[row[unique]]).rpartition(':')[2]}"
+                )
+        return [tuple(int(row[column]) for column in columns) for row in self.values.tolist()]
+
+
+def _table(path: Path, columns: int) -> _Table:
+    """Read a table of finite numbers, whose first column is a time or a subject. Raises ValueError with path and line."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
+    if not any(line.partition("#")[0].strip() for line in text.splitlines()):
+        return _Table(path, np.zeros((0, columns)), np.zeros(0, dtype=np.int64))
     try:
         values = np.loadtxt(io.StringIO(text), ndmin=2)
-        if values.size == 0:
-            return np.zeros((0, columns))
-        if values.shape[1] == columns and np.isfinite(values).all():
-            return values
+        if values.shape[1] == columns and np.isfinite(values).all() and (np.abs(values[:, 1:]) <= MAX_VALUE).all():
+            return _Table(path, values, np.arange(len(values)))
     except ValueError:
         pass
     # The fast parser does not tell the line of an error.
     for number, line in enumerate(text.splitlines(), 1):
         cells = line.partition("#")[0].split()
-        try:
-            wrong = bool(cells) and (len(cells) != columns or not np.isfinite([float(cell) for cell in cells]).all())
-        except ValueError:
-            wrong = True
-        if wrong:
-            raise ValueError(f"{path}:line {number} is {line.strip()[:60]!r}, needs {columns} finite numbers")
+        if cells and not _valid(cells, columns):
+            raise ValueError(
+                f"{path}:{number}: row is {line.strip()[:60]!r}, needs {columns} finite numbers, after the first of at most {MAX_VALUE:g}"
+            )
     raise ValueError(f"{path}: cannot be read, needs rows of {columns} numbers")
+
+
+def _valid(cells: list[str], columns: int) -> bool:
+    try:
+        numbers = [float(cell) for cell in cells]
+    except ValueError:
+        return False
+    return len(numbers) == columns and all(map(isfinite, numbers)) and max(map(abs, numbers[1:])) <= MAX_VALUE

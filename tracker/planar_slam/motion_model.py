@@ -65,12 +65,28 @@ class Sensors:
 
 
 def integrate(odometry: Array, sensors: Sensors, times: Array) -> Array:
-    """Commands (n, 3) of time s, m/s, rad/s → motion since the first one at times (m,) s.
+    """Commands (n, 3) of time s, m/s, rad/s → motion since the first one at times (m,) s, in ascending order.
 
-    Returns (m, 3): distance m, turn rad, and the sum of absolute turns, rad.
+    Returns (m, 3): distance m, turn rad, and the sum of absolute turns, rad. Memory grows with the time that commands cover, without gaps of more
+    than GAP, in which a robot stands still.
     """
+    pieces = np.split(odometry, np.flatnonzero(np.diff(odometry[:, 0]) > GAP) + 1)
+    moved = np.zeros((len(times), 3))
+    for k, piece in enumerate(pieces):
+        last = len(pieces) - 1 == k
+        # After a piece the last command runs until it times out, and the robot comes to rest.
+        end = max(piece[-1, 0], times[-1]) if last else piece[-1, 0]
+        end = min(end, piece[-1, 0] + GAP)
+        first = int(np.searchsorted(times, piece[0, 0]))
+        motion = _integrate_piece(piece, sensors, times[first:], float(end))
+        moved[first:] = moved[first:] + motion if first or k else motion
+    return moved
+
+
+def _integrate_piece(odometry: Array, sensors: Sensors, times: Array, end: float) -> Array:
+    """As `integrate`, for commands without long gaps, on a grid of times until `end`."""
     begin = odometry[0, 0]
-    fine = np.arange(begin, max(odometry[-1, 0], times[-1]) + 1, FINE)
+    fine = np.arange(begin, end + 1, FINE)
     last = np.searchsorted(odometry[:, 0], fine, side="right") - 1
     recent = fine - odometry[last, 0] <= sensors.command_timeout
     rates = np.where(recent[:, None], odometry[last, 1:], 0.0)
