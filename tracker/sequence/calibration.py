@@ -10,11 +10,17 @@ from typing import Any
 import numpy as np
 
 from tracker.geometry import Pose, quaternion_from_rotation, rotation_from_quaternion
-from tracker.geometry.cameras import Camera, Panorama, Tsai
+from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 from tracker.geometry.ground import Ground
 from tracker.types import Mount, Setup, Start
 
-MODELS: dict[str, type[Panorama | Tsai]] = {"panorama": Panorama, "tsai": Tsai}
+MODELS: dict[str, type[Panorama | Cylinder | Pinhole | Fisheye | Tsai]] = {
+    "panorama": Panorama,
+    "tsai": Tsai,
+    "pinhole": Pinhole,
+    "fisheye": Fisheye,
+    "cylinder": Cylinder,
+}
 """Name of a camera model in the file → class; the fields of the class are those in the file."""
 
 

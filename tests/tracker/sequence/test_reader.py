@@ -102,8 +102,8 @@ def test_fixed_camera_round_trip_in_both_files(tmp_path: Path) -> None:
 
 def test_unknown_camera_model_is_refused(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
-    edit(tmp_path / "s", "calibration.json", lambda text: text.replace('"panorama"', '"fisheye"', 1))
-    with pytest.raises(ValueError, match=r"calibration.json: model is 'fisheye', needs one of panorama, tsai"):
+    edit(tmp_path / "s", "calibration.json", lambda text: text.replace('"panorama"', '"omnidirectional"', 1))
+    with pytest.raises(ValueError, match=r"calibration.json: model is 'omnidirectional', needs one of panorama, tsai, pinhole, fisheye, cylinder"):
         read_sequence(tmp_path / "s")
 
 
