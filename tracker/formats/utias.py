@@ -134,9 +134,8 @@ class _Table:
         if fault := first_large_step_back(times):
             k, before = fault
             line = self.where(before).rpartition(":")[2]
-            raise ValueError(
-                f"{self.where(k)}: time is {times[k]:.3f} after {times[before]:.3f} in line {line}, needs to step back by less than {LARGEST_STEP_BACK}"
-            )
+            steps = f"time is {times[k]:.3f} after {times[before]:.3f} in line {line}"
+            raise ValueError(f"{self.where(k)}: {steps}, needs steps back of less than {LARGEST_STEP_BACK} s")
         order = time_order(self.values)
         self.values, self.row = self.values[order.rows], self.row[order.rows]
         return order.note(self.path.name)

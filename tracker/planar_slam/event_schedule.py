@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from tracker.formats.utias import UtiasDataset, UtiasRobot
 from tracker.geometry import Array
 from tracker.planar_slam.filter import EVENT, MODES, OUTPUT, ROBOT, SCAN, STEP, EventSchedule, FilterSettings, PlanarState, run_events
-from tracker.planar_slam.motion_model import Sensors, integrate, sighting_sigma, step_noise
+from tracker.planar_slam.motion_model import LONG_GAP, Sensors, integrate, sighting_sigma, step_noise
 
 GRID = 0.02  # s between output times
+MAX_SECONDS = 6 * 3600.0
+"""s: the poses of two robots then take 1 GiB. The longest UTIAS set has less than 2 h."""
+MAX_LINES = 5
+"""Gaps of which each has a line."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ class FilterInput:
     """A data set as input of the filter.
 
     robots: their numbers. times (outputs,) s: the output times. subjects: the landmarks in the order of the state. unused: numbers of
-    measurements that are left out, by reason, and of gaps in the odometry.
+    measurements that are left out, by reason, and of gaps in the odometry. left_out: a line on each stretch of time without output times.
     """
 
     robots: tuple[int, ...]
@@ -103,12 +107,14 @@ class FilterInput:
     state: PlanarState
     subjects: tuple[int, ...]
     unused: dict[str, int]
+    left_out: tuple[str, ...] = ()
 
 
 def filter_input(team: UtiasDataset, sensors: Sensors, known_map: bool, correction: bool) -> FilterInput:
     """Schedule and initial state for a data set. Each robot starts at its first true pose; with a known map the landmarks are given.
 
-    Raises ValueError if the odometry ends before the last start.
+    There are no output times in gaps of more than LONG_GAP without odometry of any robot.
+    Raises ValueError if the odometry ends before the last start, has only gaps, or covers more than MAX_SECONDS.
     """
     robots, subjects = tuple(team.robots), tuple(team.landmarks)
     begin = np.array([robot.truth[0, 0] for robot in team.robots.values()])
@@ -116,7 +122,7 @@ def filter_input(team: UtiasDataset, sensors: Sensors, known_map: bool, correcti
     last = min(robot.odometry[-1, 0] for robot in team.robots.values())
     if last <= first:
         raise ValueError(f"odometry ends at {last:.3f} s, needs to go on after {first:.3f} s, when the last robot's start is known")
-    times: Array = np.array(np.round(np.arange(first, last, GRID), 3), dtype=np.float64)
+    times, left_out = _output_times(team, first, last)
     measurements = [_measurements(team, i, sensors, begin) for i in range(len(robots))]
     z, meta = np.concatenate([s[0] for s in measurements]), np.concatenate([s[1] for s in measurements])
     late = z[:, 0] > times[-1]
@@ -128,7 +134,24 @@ def filter_input(team: UtiasDataset, sensors: Sensors, known_map: bool, correcti
     for robot in team.robots.values():
         for reason, count in robot.rejected.items():
             unused[reason] = unused.get(reason, 0) + count
-    return FilterInput(robots, times, _schedule(team, sensors, times, (z, meta)), s, subjects, {k: n for k, n in unused.items() if n})
+    return FilterInput(robots, times, _schedule(team, sensors, times, (z, meta)), s, subjects, {k: n for k, n in unused.items() if n}, left_out)
+
+
+def _output_times(team: UtiasDataset, first: float, last: float) -> tuple[Array, tuple[str, ...]]:
+    """Times (n,) s at steps of GRID from `first` to `last`, and a line on each gap that is left out."""
+    known = np.unique(np.concatenate([robot.odometry[:, 0] for robot in team.robots.values()]))
+    known = np.concatenate([[first], known[(known > first) & (known < last)], [last]])
+    gaps = np.flatnonzero(np.diff(known) > LONG_GAP)
+    begins, ends = known[np.append(0, gaps + 1)], known[np.append(gaps, len(known) - 1)]
+    if (seconds := float((ends - begins).sum())) > MAX_SECONDS:
+        raise ValueError(f"odometry covers {seconds:.0f} s without gaps, needs at most {MAX_SECONDS:.0f} s")
+    times = np.concatenate([np.round(np.arange(begin, end, GRID), 3) for begin, end in zip(begins, ends, strict=True)])
+    if not len(times):
+        raise ValueError(f"odometry has only gaps of more than {LONG_GAP:.0f} s, needs times in seconds")
+    left_out = [
+        f"no robot has odometry from {known[k]:.3f} to {known[k + 1]:.3f} s: this gap of {known[k + 1] - known[k]:.0f} s is left out" for k in gaps
+    ]
+    return times, tuple(left_out[:MAX_LINES]) + ((f"{len(left_out) - MAX_LINES} more gaps are left out",) if len(left_out) > MAX_LINES else ())
 
 
 def _measurements(team: UtiasDataset, i: int, sensors: Sensors, begin: Array) -> tuple[Array, NDArray[np.int64], int]:

@@ -15,6 +15,8 @@ from scipy.signal import lfilter
 from tracker.geometry import Array
 
 FINE = 0.01  # s: commands are sampled on this grid before they are delayed
+LONG_GAP = 60.0
+"""s: gaps between commands that are not sampled. In UTIAS sets the longest is 2 s; a longer one than this is an interrupted log or a wrong clock."""
 
 
 @dataclass(frozen=True)
@@ -65,21 +67,19 @@ class Sensors:
 
 
 def integrate(odometry: Array, sensors: Sensors, times: Array) -> Array:
-    """Commands (n, 3) of time s, m/s, rad/s → motion since the first one at times (m,) s, in ascending order.
+    """Commands (n, 3) of time s, m/s, rad/s → motion since the first one at times (m,) s, which ascend.
 
-    Returns (m, 3): distance m, turn rad, and the sum of absolute turns, rad. Memory grows with the time that commands cover, without gaps of more
-    than GAP, in which a robot stands still.
+    Returns (m, 3): distance m, turn rad, and the sum of absolute turns, rad. Memory does not grow with gaps of more than LONG_GAP, in which a
+    robot stands still.
     """
-    pieces = np.split(odometry, np.flatnonzero(np.diff(odometry[:, 0]) > GAP) + 1)
+    # Long after the last command of a piece the robot is at rest: 40 time constants of the lag leave less than the rounding of a float.
+    rest = sensors.command_timeout + 40 * sensors.lag
+    pieces = np.split(odometry, np.flatnonzero(np.diff(odometry[:, 0]) > max(LONG_GAP, rest)) + 1)
     moved = np.zeros((len(times), 3))
-    for k, piece in enumerate(pieces):
-        last = len(pieces) - 1 == k
-        # After a piece the last command runs until it times out, and the robot comes to rest.
-        end = max(piece[-1, 0], times[-1]) if last else piece[-1, 0]
-        end = min(end, piece[-1, 0] + GAP)
-        first = int(np.searchsorted(times, piece[0, 0]))
-        motion = _integrate_piece(piece, sensors, times[first:], float(end))
-        moved[first:] = moved[first:] + motion if first or k else motion
+    for piece in pieces:
+        if piece[0, 0] <= times[-1]:
+            first = int(np.searchsorted(times, piece[0, 0]))
+            moved[first:] += _integrate_piece(piece, sensors, times[first:], float(min(piece[-1, 0] + rest, times[-1])))
     return moved
 
 

@@ -115,7 +115,8 @@ def score_trajectories(team: UtiasDataset, paths: PlanarTrajectories) -> dict[st
             true.append(truth[known, :2])
             given.append(paths.poses[number][known, :2])
             consistency.append(_nees(error[known], paths.covariances[number][known]))
-        both = known[ahead:] & known[:-ahead]
+        # Rows on both sides of a gap are further apart in time.
+        both = known[ahead:] & known[:-ahead] & (np.abs(paths.times[ahead:] - paths.times[:-ahead] - STEP) < STEP / 2)
         relative.append((_went(paths.poses[number], ahead) - _went(truth, ahead))[both])
     out: dict[str, float | None] = dict.fromkeys(("ate_m", "ate_aligned_m", "rpe_m", "nees_per_dof", "map_m", "map_aligned_m"))
     if errors:

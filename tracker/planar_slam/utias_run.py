@@ -10,7 +10,8 @@ import numpy as np
 
 from tracker.formats.utias import read_utias
 from tracker.geometry import Array
-from tracker.io.atomic import check_writable
+from tracker.io.atomic import write_or_rescue
+from tracker.io.file_lock import folder_lock
 from tracker.io.resume import check_same, holds_run, json_value
 from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, filter_input, run_filter
 from tracker.planar_slam.filter import INFLATED, MATCHED, OUTLIER, ROBOT, SCAN, STARTED
@@ -22,23 +23,37 @@ from tracker.sequence.results import RUN
 def track_utias(source: Path, folder: Path, known_map: bool, parameters: PlanarParameters | None = None) -> PlanarTrajectories:
     """Track the data set in `source` and write the trajectories to `folder`, or read them if the same run is there.
 
-    Raises ValueError if the data set is damaged, the filter diverges, or `folder` holds another run.
+    Raises ValueError if the data set is damaged, the filter diverges, `folder` holds another run, or another process writes into it.
+    Raises Kept where the trajectories cannot be written there, with the place where they are instead.
     """
     parameters, sensors = parameters or PlanarParameters(), Sensors()
     described = {"map": "known" if known_map else "unknown", "parameters": parameters, "sensors": sensors, "provenance": _checksums(source)}
     run = json_value(described)
-    if holds_run(folder, RUN):
-        there = read_trajectories(folder)
-        check_same(folder, there.run, run)
+    if (there := _same_run(folder, run)) is not None:
         return there
-    check_writable(folder)
+    with folder_lock(folder):
+        return _same_run(folder, run) or _new_run(source, folder, run, parameters)
+
+
+def _same_run(folder: Path, run: dict[str, Any]) -> PlanarTrajectories | None:
+    """The trajectories of the same run in a folder; None where it holds none. Raises ValueError where it holds another one."""
+    if not holds_run(folder, RUN):
+        return None
+    there = read_trajectories(folder)
+    check_same(folder, there.run, run)
+    return there
+
+
+def _new_run(source: Path, folder: Path, run: dict[str, Any], parameters: PlanarParameters) -> PlanarTrajectories:
+    """Track the data set and write the trajectories into a folder without content."""
+    sensors, known_map = Sensors(), run["map"] == "known"
     team = read_utias(source)
     out = filter_input(team, sensors, known_map, parameters.correction)
     path, spread = run_filter(out.state, parameters.settings(), out.schedule)
     counters = {"matched": MATCHED, "outlier": OUTLIER, "reopened": INFLATED, "landmark started": STARTED}
     counted = {name: int(out.state.counts[k]) for name, k in counters.items()} | out.unused
-    paths = _paths(out, path, spread, run | {"counters": counted, "mended": list(team.repairs), "corrections": _corrections(out)})
-    write_trajectories(folder, paths)
+    paths = _paths(out, path, spread, run | {"counters": counted, "mended": [*team.repairs, *out.left_out], "corrections": _corrections(out)})
+    write_or_rescue(folder, lambda place: write_trajectories(place, paths))
     return paths
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from tests.tracker.formats.mrclam import BEGIN, SECONDS, write_set
 from tracker.formats.utias import read_utias
 from tracker.planar_slam.event_schedule import PlanarParameters, filter_input, run_filter
 from tracker.planar_slam.filter import SCAN, STEP
-from tracker.planar_slam.motion_model import Sensors
+from tracker.planar_slam.motion_model import Sensors, integrate
 
 EKF = PlanarParameters("ekf", 1, correction=False, robust=np.inf, curvature=0.0)
 
@@ -122,3 +123,38 @@ def test_a_gap_of_the_odometry_is_counted_and_bridged(tmp_path_factory: pytest.T
     truth = read_utias(folder).robots[1].truth
     x, y = (np.interp(out.times[-1], truth[:, 0], truth[:, k]) for k in (1, 2))
     assert np.hypot(estimated[-1, 0, 0] - x, estimated[-1, 0, 1] - y) < 0.1
+
+
+def test_a_late_row_takes_no_memory_and_its_gap_is_said(tmp_path_factory: pytest.TempPathFactory, ideal_sensors: Sensors) -> None:
+    """The last command of both robots is two years late; all poses before are those of the set without it."""
+    folder = write_set(tmp_path_factory.mktemp("e") / "s")
+    clean = filter_input(read_utias(folder), ideal_sensors, True, True)
+    for n in (1, 2):
+        with (folder / f"Robot{n}_Odometry.dat").open("a") as file:
+            file.write(f"{BEGIN + 6e7} 0 0\n")
+    tracemalloc.start()
+    out = filter_input(read_utias(folder), ideal_sensors, True, True)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 27
+    tracemalloc.stop()
+    assert out.left_out == ("no robot has odometry from 1059.980 to 60001000.000 s: this gap of 59999940 s is left out",)
+    np.testing.assert_array_equal(out.times, clean.times)
+    paths = [run_filter(s.state, PlanarParameters().settings(), s.schedule)[0] for s in (clean, out)]
+    np.testing.assert_array_equal(*paths)
+
+
+def test_motion_goes_on_after_a_long_gap(ideal_sensors: Sensors) -> None:
+    """Two stretches of 10 s at 1 m/s, 1000 s apart, cover 10 m each and the time until the command times out."""
+    t = np.arange(0, 10, 0.1)
+    odometry = np.array([[time, 1.0, 0.0] for time in (*t, *(1000 + t))])
+    moved = integrate(odometry, ideal_sensors, np.array([5.0, 100.0, 999.0, 1005.0, 1100.0]))
+    np.testing.assert_allclose(moved[:, 0], [5, 11.9, 11.9, 16.9, 23.8], atol=0.03)
+
+
+def test_only_gaps_or_too_much_odometry_is_an_error(tmp_path_factory: pytest.TempPathFactory, ideal_sensors: Sensors) -> None:
+    folder = write_set(tmp_path_factory.mktemp("f") / "s")
+    for scale, message in ((1e4, "odometry has only gaps of more than 60 s, needs times in seconds"), (2000.0, r"odometry covers 1199\d\d s")):
+        for n in (1, 2):
+            t = BEGIN + scale * np.arange(0, 60, 0.02)
+            np.savetxt(folder / f"Robot{n}_Odometry.dat", np.stack([t, 0 * t, 0 * t], axis=1), "%.6f")
+        with pytest.raises(ValueError, match=message):
+            filter_input(read_utias(folder), ideal_sensors, False, True)
