@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 
 from tracker.formats.motchallenge import read_mot15
-from tracker.geometry import Mask, Pose
+from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.metrics.boxes_3d import boxes_of_tracks, hota_3d
 from tracker.metrics.clear_mot import score, score_boxes
 from tracker.metrics.cramer_rao import bound_of_map
+from tracker.metrics.ground_detection import score_ground_detections
+from tracker.metrics.hota import HotaSums
 from tracker.metrics.matching import MatchingFrame
 from tracker.metrics.trajectory import score_each, score_robots
 from tracker.sequence.results import Results
@@ -19,6 +22,10 @@ from tracker.types import Sequence, Truth
 
 VISIBLE_FRACTION = 0.2  # visible fraction above which a person counts as seen
 VISIBILITY_MEMORY = 9 / 7  # s: people are evaluated for this time after they were seen (δ_a, 9 frames at 7 frames/s)
+PETS = "pets 2009"
+DETECTION_KITS = ("wildtrack", "multiviewx")
+"""Sources, in lower case, that are scored as detections too, by the rules of their kit."""
+Tracks = dict[int, tuple[Ints, Array]]
 
 
 def evaluated_people(truth: tuple[Truth, ...], period: float) -> list[Mask]:
@@ -37,6 +44,7 @@ def evaluated_people(truth: tuple[Truth, ...], period: float) -> list[Mask]:
 def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
     """Scores as JSON values: `targets`, `everybody` (no person ignored), `robots` (with `each`, a robot's own) and `dead_reckoning`, or None.
 
+    Recordings other than PETS 2009 have `hota_3d` too, on boxes of people (boxes_3d), and WILDTRACK and MultiviewX `ground_detection`.
     Raises ValueError if the sequence has no truth, or if the results belong to another source or have fewer frames.
     """
     truth = sequence.truth
@@ -46,16 +54,11 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
         raise ValueError("these results were made from another source, or from other views or files of it")
     if results.frames < len(truth):
         raise ValueError(f"results have {results.frames} frames, the truth has {len(truth)}: made from another source?")
-    no_tracks = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
     counts = evaluated_people(truth, sequence.setup.period)
-
-    def frames(by_count: bool) -> list[MatchingFrame]:
-        return [
-            MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, no_tracks), counts=counts[k] if by_count else None)
-            for k, t in enumerate(truth)
-        ]
-
-    out: dict[str, Any] = {"targets": score(frames(True)).to_dict(), "everybody": score(frames(False)).to_dict()}
+    people: Tracks = {t.index: (t.person_id, t.feet) for t in truth}
+    everybody = matching_frames(people, results.tracks)
+    out: dict[str, Any] = {"targets": score(matching_frames(people, results.tracks, counts)).to_dict(), "everybody": score(everybody).to_dict()}
+    out |= _scores_of_kits(str(sequence.provenance.get("source", PETS)).casefold(), people, results.tracks, counts)
     # The pose of a fixed camera is given and not scored.
     fixed = {robot for robot in sequence.setup.starts if sequence.setup.is_fixed(robot)}
     robots = {robot: [t.T_world_robot[robot] for t in truth] for robot in truth[0].T_world_robot if robot not in fixed} if truth else {}
@@ -69,6 +72,30 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
         out["robots"] = score_robots(robots, estimated, results.covariances).to_dict() | {"each": each}
         out["dead_reckoning"] = score_robots(robots, dead_reckoning(sequence)).to_dict()
     return out
+
+
+def matching_frames(truth: Tracks, tracks: Tracks, counts: list[Mask] | None = None) -> list[MatchingFrame]:
+    """A MatchingFrame for each frame of `truth`, in its order; tracks without an entry are none. counts: of each frame, as MatchingFrame's."""
+    none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+    return [MatchingFrame(*truth[k], *tracks.get(k, none), counts=None if counts is None else counts[n]) for n, k in enumerate(truth)]
+
+
+def _scores_of_kits(source: str, truth: Tracks, tracks: Tracks, counts: list[Mask]) -> dict[str, Any]:
+    """The scores that a kind of source has beside those of all: `hota_3d`, `ground_detection`."""
+    if source == PETS:
+        return {}
+    # The yaw of an estimate comes from the past alone, so that an online tracker stays one.
+    boxes = boxes_of_tracks(truth), boxes_of_tracks(tracks, online=True)
+    out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(matching_frames(*boxes, counts)))}
+    if source in DETECTION_KITS:
+        out["ground_detection"] = score_ground_detections(matching_frames(truth, tracks)).to_dict()
+    return out
+
+
+def hota_values(sums: HotaSums) -> dict[str, float | None]:
+    """HOTA, DetA and AssA, each the mean over α, as JSON values; None where undefined."""
+    values = {"hota": sums.hota, "deta": float(sums.deta.mean()), "assa": float(sums.assa.mean())}
+    return {name: None if np.isnan(value) else value for name, value in values.items()}
 
 
 def efficiency(sequence: Sequence, results: Results) -> dict[str, float | None]:
@@ -135,6 +162,13 @@ def table(scores: dict[str, Any]) -> str:
     ]
     if scores["everybody"] != t:
         lines.append(f"         MOTA over everybody, seen or not: {number(scores['everybody']['mota'])}")
+    if "hota_3d" in scores:
+        h = scores["hota_3d"]
+        lines.append(f"         HOTA in 3-D {number(h['hota'])} (overlap of boxes; detection {number(h['deta'])}, association {number(h['assa'])})")
+    if "ground_detection" in scores:
+        d = scores["ground_detection"]
+        cells = ", ".join(f"{name} {number(d[key])}" for name, key in (("MODP", "modp"), ("precision", "precision"), ("recall", "recall")))
+        lines.append(f"         as detections within 0.5 m: MODA {number(d['moda'])}, {cells}")
     if scores["robots"]:
         lines += _robot_lines(scores["robots"], scores["dead_reckoning"], number)
     return "\n".join(lines)
