@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from sim.cli.options import Out
 
-Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum"]
+Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "recording"]
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,15 @@ class Export:
       - coco       COCO with masks, key points and tracks
       - jrdb       JRDB: panoramas
       - tum        TUM: trajectories of robots
+      - recording  pilsim's open format (recording.json), of any source:
+                   PETS 2009, WILDTRACK, JRDB and AI City, too
 
     Examples: pilsim export runs/pilsun --format mot17 --out runs/mot17
               pilsim export runs/pilsun/pilsun-00000 --format coco --out runs/coco
     """
 
     source: Annotated[Positional[Path], arg(metavar="DIR")]
-    """A sequence, or a folder of sequences."""
+    """A sequence, a folder of sequences, or any source of `pilsim track` for --format recording."""
     format: Format
     """The format to write."""
     out: Out
@@ -44,12 +46,23 @@ class Export:
     """Print JSON alone."""
 
     def run(self) -> None:
+        from tracker.datasets.opening import is_pilsim
+        from tracker.datasets.source_options import SourceOptions
         from tracker.export.exporting import export
+        from tracker.export.recording import export_source
         from tracker.io.progress import progress_bar
 
         def progress(frames: Iterable[int], name: str) -> Iterable[int]:
             return progress_bar(frames, desc=name, unit="frame", disable=self.json)
 
+        if self.format == "recording" and self.source.is_dir() and not is_pilsim(self.source):
+            export_source(self.source, self.out, SourceOptions())
+            print(
+                json.dumps({"out": str(self.out), "format": self.format})
+                if self.json
+                else f"{self.out}: a recording; `pilsim track {self.out}` reads it"
+            )
+            return
         found = export(self.source, self.format, self.out, progress, self.rectangles)
         if self.json:
             print(json.dumps({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))

@@ -45,21 +45,19 @@ class Score:
     """These options score one MOT15 file against another, in place of two folders."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import open_sequence
-        from tracker.datasets.pets2009 import PetsOptions
-        from tracker.formats.utias import is_utias
+        from tracker.datasets.opening import UTIAS, format_of, open_sequence
+        from tracker.datasets.source_options import SourceOptions
         from tracker.metrics.evaluation import efficiency, evaluate, evaluate_files, table
         from tracker.planar_slam import trajectories, utias_run
-        from tracker.run import views_of
         from tracker.sequence.results import read_results
 
-        if self.source and is_utias(self.source) and self.results and not (self.files.truth or self.files.result or self.files.iou):
+        if self.source and self.results and self.files == Files() and format_of(self.source).name == UTIAS:
             scores = utias_run.evaluate_trajectories(self.source, self.results)
             print(json.dumps(scores, indent=1) if self.json else trajectories.table(scores))
             return
         if self.source and self.results and not (self.files.truth or self.files.result) and self.files.iou is None:
             results = read_results(self.results)
-            sequence = open_sequence(self.source, views_of(results.run), PetsOptions.of_run(results.run))
+            sequence = open_sequence(self.source, SourceOptions.of_run(results.run))
             scores = evaluate(sequence, results)
             if scores["robots"]:
                 scores["robots"] |= efficiency(sequence, results)

@@ -9,21 +9,34 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import Out, numbers, options_of, unset
+from sim.cli.options import Out, options_of, unset
 
 
 @dataclass(frozen=True)
-class PetsDetections:
-    """Detections of a PETS folder."""
+class SourceChoice:
+    """What of a source is read."""
 
+    cameras: Annotated[str, unset("NAME,...", "all")] = ""
+    """Cameras to use, as C1,C3. The number at the end of a name is enough: 1,5 are View_001 and View_005."""
+    views: Annotated[str, unset("N,...", "all")] = ""
+    """The older name of --cameras."""
+    frames: Annotated[str, unset("A:B", "all")] = ""
+    """Frames to use, counted from 0, without B: 0:100 are the first hundred."""
     detections: tyro.conf.UseAppendAction[
-        Annotated[tuple[str, ...], arg(metavar="VIEW=FILE", help_behavior_hint="(default: those of the folder; repeatable)")]
+        Annotated[tuple[str, ...], arg(metavar="NAME=FILE", help_behavior_hint="(default: those of the source; repeatable)")]
     ] = ()
-    """Other detections (MOT15) for one PETS camera; repeat it for several cameras."""
+    """Other detections (MOT15) for a camera; repeat it for several cameras. A folder with NAME.txt replaces all of them."""
     degrade: Annotated[str, unset("drop=P,clutter=N,noise=PX", "as they are")] = ""
-    """Degradation of PETS detections: probability of a loss, false boxes per view and frame, noise of the boxes in pixels."""
+    """Degradation of the detections: probability of a loss, false boxes per view and frame, noise of the boxes in pixels."""
     seed: int = 0
     """Seed of --degrade."""
+
+    @property
+    def chosen(self) -> str:
+        """The cameras by either option. Raises ValueError where both are given."""
+        if self.cameras and self.views:
+            raise ValueError("--cameras and --views are two names of one option, needs one of them")
+        return self.cameras or self.views
 
 
 @dataclass(frozen=True)
@@ -88,14 +101,17 @@ class SlamOptions:
 class Track:
     """Track people and localize the robots in a sequence.
 
-    SOURCE is one of:
-      - a sequence that pilsim wrote
-      - a PETS 2009 folder with annotations/*-cropped.xml and
-        detections/View_00N.txt (MOT15), and calibration/ in it or beside it
+    SOURCE is told by what lies in it:
+      - a sequence that pilsim wrote (manifest.json)
+      - a recording of your own (recording.json, detections/CAMERA.txt)
+      - WILDTRACK or MultiviewX (calibrations/, annotations_positions/)
+      - JRDB (labels_2d_stitched/), AI City track 1 (calibration.json)
+      - PETS 2009 (annotations/, detections/, and calibration/ in it or beside it)
       - a UTIAS set (MRCLAM), which has robots only
 
     Examples: pilsim track runs/demo/sequence --out runs/tracks
-              pilsim track PETS2009/S2.L1 --views 1,5,7 --out runs/pets
+              pilsim track my-cameras --cameras C1,C3 --frames 0:200 --out runs/mine
+              pilsim track PETS2009/S2.L1 --cameras 1,5,7 --out runs/pets
               pilsim track MRCLAM_Dataset1 --map unknown --out runs/utias
     """
 
@@ -103,18 +119,16 @@ class Track:
     """The folder to track."""
     out: Out
     """Folder of tracks.txt (MOT15, meters) and robots.csv."""
-    views: Annotated[str, unset("N,...", "all")] = ""
-    """Numbers of the PETS cameras, as in 1,5,7."""
+    part: Annotated[OmitArgPrefixes[SourceChoice], arg(name="source")] = SourceChoice()
+    """These options choose what of a source is read, and replace or degrade its detections."""
     delay: int = 0
     """Number of frames by which the output lags; later frames smooth the positions of people."""
     hypotheses: Literal["single", "multiple"] = "single"
     """Tracker of people: one best hypothesis, or multiple hypotheses by track trees and maximum-weight cliques."""
     images: bool = False
-    """Use the images, too: silhouettes, and appearance (multiple) or tracklets (single). A PETS folder needs video/View_00N.mp4 of any view."""
+    """Use the images, too: silhouettes, and appearance (multiple) or tracklets (single). A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter knows the landmarks."""
-    pets: Annotated[OmitArgPrefixes[PetsDetections], arg(name="PETS detection")] = PetsDetections()
-    """These options replace or degrade the detections of a PETS folder."""
     robots: Annotated[OmitArgPrefixes[SlamOptions], arg(name="expert SLAM")] = SlamOptions()
     """These options choose the filter that estimates the poses of the robots."""
     people: Annotated[OmitArgPrefixes[PeopleOptions], arg(name="expert tracking")] = PeopleOptions()
@@ -125,33 +139,23 @@ class Track:
     """The paper's parameters of tracklets need --images and --hypotheses single."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import open_sequence
-        from tracker.datasets.pets2009 import PetsOptions
-        from tracker.datasets.pets2009_videos import with_videos
-        from tracker.formats.utias import is_utias
+        from tracker.datasets.opening import UTIAS, format_of, open_sequence
+        from tracker.datasets.source_options import SourceOptions
         from tracker.options import OPTIONS, parameters_from
         from tracker.run import tracked
         from tracker.types import without_starts
 
-        views = numbers(self.views)
-        if is_utias(self.source):
-            if views:
-                raise ValueError(f"{self.source}: --views chooses PETS cameras; a UTIAS set has none")
-            if self.robots.unknown_start:
-                raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
-            if self.robots.persistence == "on":
-                raise ValueError(f"{self.source}: --persistence is for sequences; biases of a UTIAS set are in the correction factor")
+        if format_of(self.source).name == UTIAS:
             self._track_utias()
             return
         if self.map != "unknown":
             raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
-        options = PetsOptions.parse(self.pets.detections, self.pets.degrade, self.pets.seed)
-        sequence = open_sequence(self.source, views, options)
+        p = self.part
+        options = SourceOptions.parse(p.detections, p.degrade, p.seed, p.chosen, p.frames, self.images)
+        sequence = open_sequence(self.source, options)
         unknown = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
         sequence = without_starts(sequence, unknown)
-        if self.images:
-            sequence = with_videos(sequence, self.source)
-        run = {"source": self.source.name, "views": views} | options.to_run() | ({"unknown_start": unknown} if unknown else {})
+        run = {"source": self.source.name} | options.to_run() | ({"unknown_start": unknown} if unknown else {})
         parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
         results = tracked(sequence, self.out, run, parameters)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
@@ -161,6 +165,12 @@ class Track:
         from tracker.planar_slam.event_schedule import PlanarParameters
         from tracker.planar_slam.utias_run import track_utias
 
+        if self.part != SourceChoice():
+            raise ValueError(f"{self.source}: --cameras, --frames, --detections and --degrade choose boxes of cameras; a UTIAS set has none")
+        if self.robots.unknown_start:
+            raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
+        if self.robots.persistence == "on":
+            raise ValueError(f"{self.source}: --persistence is for sequences; biases of a UTIAS set are in the correction factor")
         asked = {"mode": self.robots.slam, "iterations": self.robots.iterations, "correction": self.robots.correction == "on"}
         parameters = PlanarParameters(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
         paths = track_utias(self.source, self.out, self.map == "known", parameters)

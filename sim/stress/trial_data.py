@@ -19,8 +19,9 @@ from sim.sensors.raycast_camera import RaycastCamera
 from sim.stress.sweeps import OWN_GOALS, Case
 from tracker.datasets.opening import open_sequence
 from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS
+from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import Array, Ints, angles_from_bearing, wrap
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera
 from tracker.types import Boxes, Detections, Setup, Tick, TicksInMemory, Truth, ViewTruth
 
 EDGE_TOLERANCE = np.radians(1.5)
@@ -112,7 +113,7 @@ def _crop_truth(frame: RaycastFrame, setup: Setup) -> RaycastFrame:
 
 def _read_pets(case: Case) -> TrialData:
     """The real sequence S2.L1, as PETS_VIEWS see it."""
-    sequence = open_sequence(Path(case.folder), PETS_VIEWS)
+    sequence = open_sequence(Path(case.folder), SourceOptions(tuple(map(str, PETS_VIEWS))))
     if sequence.truth is None:
         raise ValueError(f"{case.folder}: no truth (annotations/*-cropped.xml)")
     ticks = list(sequence.ticks)[: len(sequence.truth)]
@@ -155,11 +156,11 @@ def _angles(camera: Camera, boxes: Array) -> tuple[Array, Array, Array, Array]:
     """Azimuth and elevation of the middle, width and height, each (n,) rad, of boxes (n, 4) left, top, right, bottom px."""
     left, top, right, bottom = boxes.T - (0.5 - camera.pixel_centre)
     middle = (left + right) / 2
-    if isinstance(camera, Panorama):
+    if camera.wraps:
         middle = np.mod(middle, camera.width)
     azimuth, low = angles_from_bearing(camera.bearings_from_pixels(np.stack([middle, bottom], axis=1)))
     _, high = angles_from_bearing(camera.bearings_from_pixels(np.stack([middle, top], axis=1)))
-    if isinstance(camera, Panorama):
+    if camera.wraps:
         span = 2 * np.pi * (right - left) / camera.width
     else:
         row = (top + bottom) / 2

@@ -20,8 +20,8 @@ from scipy.stats import spearmanr
 
 from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import PETS_VIEWS, PetsOptions
-from tracker.datasets.pets2009_videos import with_videos
+from tracker.datasets.pets2009 import PETS_VIEWS
+from tracker.datasets.source_options import SourceOptions
 from tracker.io.atomic import new_file
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
@@ -80,14 +80,12 @@ class Cell:
 
 def check(folder: Path, videos: bool) -> None:
     """Raises ValueError where a PETS 2009 folder has no truth, or no videos where `videos` are needed."""
-    sequence, _ = _with_truth(folder)
-    if videos:
-        with_videos(sequence, folder)
+    _with_truth(folder, images=videos)
 
 
-def _with_truth(folder: Path, degrade: str = "") -> tuple[sequence.Sequence, tuple[Truth, ...]]:
+def _with_truth(folder: Path, degrade: str = "", images: bool = False) -> tuple[sequence.Sequence, tuple[Truth, ...]]:
     """A PETS 2009 sequence with degraded detections, and its truth. Raises ValueError where there is no truth."""
-    sequence = open_sequence(folder, PETS_VIEWS, PetsOptions.parse([], degrade, 0))
+    sequence = open_sequence(folder, SourceOptions.parse((), degrade, cameras=",".join(map(str, PETS_VIEWS)), images=images))
     if sequence.truth is None:
         raise ValueError(f"{folder}: no annotations/*-cropped.xml")
     return sequence, sequence.truth

@@ -19,8 +19,8 @@ from sim.recording.record import record
 from sim.scenario import Scenario
 from sim.studies.hypothesis_count import resumed
 from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import PETS_VIEWS, PetsOptions
-from tracker.datasets.pets2009_videos import with_videos
+from tracker.datasets.pets2009 import PETS_VIEWS
+from tracker.datasets.source_options import SourceOptions
 from tracker.detections.front_end import ImageParameters
 from tracker.detections.optical_flow import TrackletParameters
 from tracker.geometry import Array
@@ -93,7 +93,7 @@ class ImageMaterial:
             if not folder.exists():
                 record(replace(CROWD, seed=repetition, frames=frames), folder)
             return read_sequence(folder)
-        return with_videos(open_sequence(self.pets, self.views, PetsOptions.parse([], self.degrade, repetition)), self.pets)
+        return open_sequence(self.pets, SourceOptions.parse((), self.degrade, repetition, ",".join(map(str, self.views)), images=True))
 
 
 def materials(out: Path, pets: Path | None) -> list[ImageMaterial]:

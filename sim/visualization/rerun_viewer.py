@@ -18,11 +18,11 @@ import numpy as np
 
 from sim.visualization.rerun_scene import RerunScene, SceneFrame
 from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import PetsOptions
+from tracker.datasets.source_options import SourceOptions
 from tracker.io.atomic import new_file
+from tracker.io.file_lock import output_file_lock
 from tracker.io.progress import progress_bar
 from tracker.pipeline import track
-from tracker.run import views_of
 from tracker.sequence.results import Results, read_results
 from tracker.types import Estimate, Sequence, Tick
 
@@ -50,7 +50,7 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
     if tracked and results is not None:
         raise ValueError("--results and --track exclude each other: tracks are read, or made now")
     read = read_results(given) if given is not None and not tracked else None
-    sequence = open_sequence(source, views_of(read.run) if read else [], PetsOptions.of_run(read.run) if read else PetsOptions())
+    sequence = open_sequence(source, SourceOptions.of_run(read.run) if read else None)
     if read is not None and read.run.get("provenance", sequence.provenance) != sequence.provenance:
         raise ValueError(f"{given}: these tracks were made from another source than {source}")
     stream = module.RecordingStream("pilsim")
@@ -59,11 +59,11 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
         stream.spawn(default_blueprint=scene.blueprint())
         _play(scene, sequence, read, tracked)
         return
-    _write(scene, sequence, save, (read, tracked))
+    with output_file_lock(save):
+        _write(scene, sequence, save, (read, tracked))
 
 
 def _write(scene: RerunScene, sequence: Sequence, save: Path, what: tuple[Results | None, bool]) -> None:
-    save.parent.mkdir(parents=True, exist_ok=True)
     with new_file(save) as part:
         scene.stream.save(part, default_blueprint=scene.blueprint())
         _play(scene, sequence, *what)

@@ -22,6 +22,7 @@ from tracker.clique.branch_and_bound import exact
 from tracker.clique.local_search import Graph
 from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
+from tracker.datasets.source_options import SourceOptions
 from tracker.formats.dimacs import read_graph
 from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
@@ -111,7 +112,7 @@ def main() -> None:
         cells = [f"{per_frame(people, v, single, frames):8.1f} /{per_frame(people, v, many, frames):8.1f}" for v in VIEWS]
         print(f"{people:>8}" + "".join(f"{cell:>20}" for cell in cells), flush=True)
     if (DATA / "pets2009").is_dir():
-        sequence = open_sequence(DATA / "pets2009" / "S2.L1", [1, 5, 7])
+        sequence = open_sequence(DATA / "pets2009" / "S2.L1", SourceOptions(("1", "5", "7")))
         ticks = list(itertools.islice(iter(sequence.ticks), 10 * frames))
         print("\nPETS 2009 S2.L1, views 1, 5, 7: " + " / ".join(f"{spent(sequence.setup, ticks, p):.1f}" for p in (single, many)), flush=True)
     print("\nK_H and i_bls^max, a graph for each hypothesis, 30 people, 3 views")

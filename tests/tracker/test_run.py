@@ -11,7 +11,7 @@ import pytest
 
 from tests.tracker import sequences
 from tracker.pipeline import Parameters
-from tracker.run import tracked, views_of
+from tracker.run import tracked
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import read_results
 from tracker.types import Sequence
@@ -53,10 +53,3 @@ def test_a_folder_without_a_run_is_refused(sequence: Sequence, tmp_path: Path) -
     (tmp_path / "r" / "mine.txt").write_text("dear")
     with pytest.raises(ValueError, match=r"r: holds mine\.txt and no run\.json; choose another --out"):
         tracked(sequence, tmp_path / "r", RUN)
-
-
-def test_views_are_a_list_of_numbers() -> None:
-    assert views_of({}) == []
-    assert views_of({"views": [1, 5]}) == [1, 5]
-    with pytest.raises(ValueError, match=r"run\.json: views is '1,5', needs a list of numbers"):
-        views_of({"views": "1,5"})

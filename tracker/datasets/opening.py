@@ -1,33 +1,127 @@
-"""Opening a folder as a sequence: a recording of pilsim, or PETS 2009."""
+"""Opening a folder by what lies in it. This is the only place that knows all formats of sources."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+import zlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from tracker.datasets.pets2009 import PetsOptions, read_pets
+import numpy as np
+
+from tracker.datasets.pets2009 import is_pets, read_pets
+from tracker.datasets.selection import selected
+from tracker.datasets.source_options import SourceOptions, camera_named
+from tracker.formats.utias import is_utias
+from tracker.recordings import Recording
+from tracker.recordings.degradation import Degradation
+from tracker.recordings.folder import is_recording, read_boxes, read_recording
+from tracker.sequence.dataset import FILE as DATASET
 from tracker.sequence.reader import read_sequence
 from tracker.types import Sequence
 
+PILSIM, UTIAS = "pilsim", "utias"
 
-def open_sequence(path: Path, views: Iterable[int] = (), options: PetsOptions | None = None) -> Sequence:
-    """Open the sequence in the folder `path`.
 
-    views: numbers of the PETS 2009 cameras to use; empty for all. options: how a PETS 2009 folder is read.
-    Raises ValueError for an unknown folder, invalid content, and options of PETS 2009 for a recording of pilsim.
+@dataclass(frozen=True)
+class SourceFormat:
+    """A format of sources.
+
+    name: short, as in --json. title: what it is and by which files it is told. matches: whether a folder holds it.
+    read: the reader of a recording; None for a sequence of pilsim, and for UTIAS, which has robots alone.
     """
-    options = options or PetsOptions()
+
+    name: str
+    title: str
+    matches: Callable[[Path], bool]
+    read: Callable[[Path, SourceOptions], Recording] | None = None
+
+
+def _is_sequence(path: Path) -> bool:
+    return (path / "manifest.json").is_file()
+
+
+FORMATS = (
+    SourceFormat(PILSIM, "a sequence of pilsim (manifest.json)", _is_sequence),
+    SourceFormat("recording", "a recording of one's own (recording.json, detections/)", is_recording, lambda path, _: read_recording(path)),
+    SourceFormat(UTIAS, "a UTIAS set (Barcodes.dat)", is_utias),
+    SourceFormat("pets2009", "PETS 2009 (annotations/ or detections/, calibration/ in it or beside it)", is_pets, read_pets),
+)
+"""All formats, in the order in which a folder is compared with them."""
+
+
+def is_pilsim(path: Path) -> bool:
+    """Whether a folder is a sequence of pilsim or a dataset of them."""
+    return _is_sequence(path) or (path / DATASET).is_file()
+
+
+def format_of(path: Path) -> SourceFormat:
+    """The format of a folder. Raises ValueError, which lists all formats, where it is none of them."""
     if not path.is_dir():
         raise ValueError(f"{path}: no such folder")
-    wanted = list(views)
-    if len(set(wanted)) != len(wanted):
-        raise ValueError(f"--views {','.join(map(str, wanted))} names a view twice")
-    if (path / "manifest.json").is_file():
-        if not options.is_default:
-            raise ValueError(f"{path}: --detections and --degrade are for PETS folders")
-        if wanted:
-            raise ValueError(f"{path}: --views chooses PETS cameras; a generated sequence is tracked with all its robots")
-        return read_sequence(path)
-    if (path / "annotations").is_dir() or (path / "detections").is_dir():
-        return read_pets(path, wanted, options)
-    raise ValueError(f"{path}: neither a sequence (manifest.json) nor a PETS 2009 folder (annotations/, detections/)")
+    for form in FORMATS:
+        if form.matches(path):
+            return form
+    raise ValueError(f"{path}: holds nothing that pilsim opens, needs one of: {'; '.join(form.title for form in FORMATS)}")
+
+
+def open_recording(path: Path, options: SourceOptions | None = None, strict: bool = True) -> Recording:
+    """Open a folder of any format but pilsim's own sequences and UTIAS sets.
+
+    strict: see read_recording. Raises ValueError for an unknown folder, invalid content, and for options that do not fit it.
+    """
+    options, form = options or SourceOptions(), format_of(path)
+    if form.read is None:
+        raise ValueError(f"{path}: is {form.title}, needs a source with cameras and boxes: {', '.join(f.name for f in FORMATS if f.read)}")
+    recording = form.read(path, options) if strict or form.name != "recording" else read_recording(path, strict=False)
+    return _with_options(path, recording, options)
+
+
+def open_sequence(path: Path, options: SourceOptions | None = None) -> Sequence:
+    """Open a folder of any format as the tracker takes it. Raises ValueError as open_recording, and for UTIAS sets, which have no cameras."""
+    options, form = options or SourceOptions(), format_of(path)
+    if form.name == UTIAS:
+        raise ValueError(f"{path}: is {form.title}, which has robots and no cameras; `track` and `score` read it")
+    if form.name == PILSIM:
+        if options.degradation != Degradation():
+            raise ValueError(f"{path}: --degrade is for recordings; generate the sequence with another detector")
+        return selected(read_sequence(path), options)
+    recording = open_recording(path, options)
+    try:
+        return recording.sequence(options.images)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _with_options(path: Path, recording: Recording, options: SourceOptions) -> Recording:
+    source = dict(recording.source)
+    files = options.detection_files(list(recording.cameras))
+    recording = recording.with_detections({name: read_boxes(file) for name, file in files.items()})
+    if files:
+        source["files"] = source.get("files", {}) | {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files.values()}
+    if options.cameras:
+        recording = recording.choose([camera_named(text, recording.cameras) for text in options.cameras])
+    if options.frames is not None:
+        first, end = options.frames
+        recording = recording.cut(first, recording.frames if end is None else min(end, recording.frames))
+        source["frames"] = [first, first + recording.frames]
+    if options.degradation != Degradation():
+        recording = _degraded(path, recording, options)
+        source |= {"degradation": asdict(options.degradation), "seed": options.seed}
+    return replace(recording, source=source)
+
+
+def _degraded(path: Path, recording: Recording, options: SourceOptions) -> Recording:
+    """The recording with degraded detections: each camera has a random stream of its own, by its name."""
+    area: Any = recording.area
+    if options.degradation.clutter and (area is None or recording.robots):
+        raise ValueError(f"{path}: --degrade clutter needs fixed cameras and an area for the false people")
+    detections = {}
+    for name, camera in recording.cameras.items():
+        rng = np.random.default_rng([options.seed, zlib.crc32(name.encode())])
+        given = {frame + 1: boxes for frame, boxes in recording.detections.get(name, {}).items()}
+        worse = options.degradation.apply(given, recording.frames, (camera.camera, camera.pose), (area, recording.ground), rng)
+        detections[name] = {frame - 1: boxes for frame, boxes in worse.items()}
+    return recording.with_detections(detections)

@@ -1,142 +1,98 @@
-"""Reading a PETS 2009 folder as a sequence: cameras, detections and ground truth."""
+"""Reading a PETS 2009 folder as a recording: cameras, detections, ground truth and videos."""
 
 from __future__ import annotations
 
 import hashlib
 import re
-import zlib
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from tracker.datasets.degradation import Degradation
-from tracker.detections.boxes import detections_from_boxes
+from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.formats.pets2009 import AREA, FILE, RATE, TERRAIN, Site, ground_truth, read_annotations, read_camera, read_detections, read_site
-from tracker.geometry import Array, Pose
-from tracker.geometry.cameras import Camera
-from tracker.types import Mount, Sequence, Setup, Start, Tick, TicksInMemory, Truth, View
+from tracker.geometry import Array, Ints
+from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings.images import VideoFile
 
 PETS_AREA, PETS_RATE = AREA, RATE
 
 PETS_VIEWS = (1, 5, 7)
-"""Default views of S2.L1."""
+"""Numbers of the views of S2.L1 that the literature uses."""
 
 MAX_FRAMES = 1_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class PetsOptions:
-    """How a PETS 2009 folder is read.
+def is_pets(path: Path) -> bool:
+    """Whether a folder is laid out as PETS 2009: detections or annotations, and calibrations as View_00N.xml in it or beside it."""
+    folder = _calibration(path)
+    named = folder is not None and any(folder.glob("View_*.xml"))
+    return named and ((path / "annotations").is_dir() or (path / "detections").is_dir())
 
-    detections: view number → another file of detections. degradation: of all detections, with a seed.
+
+def _calibration(path: Path) -> Path | None:
+    return next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
+
+
+def read_pets(path: Path, options: SourceOptions) -> Recording:
+    """Read a PETS 2009 folder; calibration/ lies in it or beside it. Of `options`, cameras and the names in detections count here.
+
+    A camera whose detections are replaced needs no file of its own. Raises ValueError with the path for missing or invalid content.
     """
-
-    detections: Mapping[int, Path] = field(default_factory=dict)
-    degradation: Degradation = Degradation()
-    seed: int = 0
-
-    @property
-    def is_default(self) -> bool:
-        """Whether the folder is read without changes."""
-        return not self.detections and self.degradation == Degradation()
-
-    @staticmethod
-    def parse(detections: Iterable[str], degrade: str, seed: int) -> PetsOptions:
-        """Parse command line options. detections: each VIEW=FILE. degrade: see Degradation.parse. Raises ValueError for an invalid value."""
-        files: dict[int, Path] = {}
-        for text in detections:
-            number, _, file = text.partition("=")
-            if not number.isdecimal() or not file or int(number) in files:
-                raise ValueError(f"--detections is {text!r}, needs VIEW=FILE, each view once")
-            if not Path(file).is_file():
-                raise ValueError(f"{file}: no such file")
-            files[int(number)] = Path(file)
-        if seed < 0:
-            raise ValueError(f"--seed is {seed}, needs 0 or more")
-        return PetsOptions(files, Degradation.parse(degrade), seed)
-
-    def to_run(self) -> dict[str, Any]:
-        """As entries of run.json; none for the default."""
-        if self.is_default:
-            return {}
-        d = self.degradation
-        files = [f"{number}={file.resolve()}" for number, file in self.detections.items()]
-        return {"detections": files, "degrade": f"drop={d.drop},clutter={d.clutter},noise={d.noise}", "seed": self.seed}
-
-    @staticmethod
-    def of_run(run: dict[str, Any]) -> PetsOptions:
-        """The options that to_run wrote. Raises ValueError for other content."""
-        detections, degrade, seed = run.get("detections", []), run.get("degrade", ""), run.get("seed", 0)
-        if not isinstance(detections, list) or not isinstance(degrade, str) or not isinstance(seed, int):
-            raise ValueError("run.json: detections, degrade and seed need to be a list, a text and a whole number")
-        return PetsOptions.parse(map(str, detections), degrade, seed)
-
-
-def read_pets(path: Path, wanted: list[int], options: PetsOptions) -> Sequence:
-    """Read a PETS 2009 folder; calibration/ lies in it or beside it. wanted: view numbers, empty for all.
-
-    Raises ValueError with the path for missing or invalid content.
-    """
-    calibration = next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
+    calibration = _calibration(path)
     if calibration is None:
         raise ValueError(f"{path}: no calibration/ in it or beside it")
-    found = _detection_files(path, wanted, options)
-    cameras: dict[str, tuple[Camera, Pose]] = {}
-    boxes: dict[str, dict[int, tuple[Array, Array]]] = {}
-    for number in wanted or list(found):
-        name = f"View_{number:03d}"
+    found = _detection_files(path, calibration, options)
+    cameras, detections = {}, dict[str, FrameBoxes]()
+    for name, file in found.items():
         _, camera, pose = read_camera(calibration / f"{name}.xml")
-        cameras[name], boxes[name] = (camera, pose), read_detections(found[number])
+        cameras[name] = RecordingCamera(camera, pose)
+        if file is not None:
+            detections[name] = {frame - 1: boxes for frame, boxes in read_detections(file).items()}
     site = read_site(path)
-    truth = _pets_truth(path, calibration, len(cameras), site)
-    frames = max([max(by_frame, default=0) for by_frame in boxes.values()] + [len(truth or ())])
+    truth = _pets_truth(path, calibration, site)
+    frames = max([max(by_frame, default=-1) for by_frame in detections.values()] + [max(truth or {}, default=-1)]) + 1
     if frames > MAX_FRAMES:
         raise ValueError(f"{path}: frame {frames}, needs at most {MAX_FRAMES}")
-    if options.degradation != Degradation():
-        for name, view in cameras.items():
-            rng = np.random.default_rng([options.seed, zlib.crc32(name.encode())])
-            boxes[name] = options.degradation.apply(boxes[name], frames, view, site.area, rng)
-    mounts = {name: Mount(camera, Pose.identity(), name) for name, (camera, _) in cameras.items()}
-    starts: dict[str, Start | None] = {name: Start(pose, np.zeros((6, 6))) for name, (_, pose) in cameras.items()}
-    setup = Setup(mounts, site.ground, starts, 1 / site.rate, area=site.area, occluders=site.occluders, pillars=site.pillars)
-    ticks = TicksInMemory(tuple(_pets_tick(index, index / site.rate, cameras, boxes) for index in range(frames)), mounts)
-    files = [found[n] for n in wanted or found] + sorted((path / "annotations").glob("*-cropped.xml"))
+    files = [file for file in found.values() if file is not None] + sorted((path / "annotations").glob("*-cropped.xml"))
     files += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]
     sums = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
-    provenance: dict[str, object] = {"source": "PETS 2009", "views": list(cameras), "files": sums}
-    if options.degradation != Degradation():
-        provenance |= {"degradation": asdict(options.degradation), "seed": options.seed}
-    return Sequence(setup, ticks, truth, provenance)
+    videos = {name: path / "video" / f"{name}.mp4" for name in cameras}
+    return Recording(
+        site.rate,
+        cameras,
+        detections,
+        truth,
+        frames=frames,
+        area=site.area,
+        ground=site.ground,
+        occluders=site.occluders,
+        pillars=site.pillars,
+        images={name: VideoFile(video) for name, video in videos.items() if video.is_file()},
+        source={"source": "PETS 2009", "views": list(cameras), "files": sums},
+    )
 
 
-def _detection_files(path: Path, wanted: list[int], options: PetsOptions) -> dict[int, Path]:
-    """View number → file of its detections, of all views. Raises ValueError where the file of a wanted view is missing."""
-    found = {int(m[1]): p for p in sorted((path / "detections").glob("*.txt")) if (m := re.fullmatch(r"View_0*(\d+)\.txt", p.name))}
-    for number, file in options.detections.items():
-        if wanted and number not in wanted:
-            raise ValueError(f"--detections names view {number}, --views has {','.join(map(str, wanted))}")
-        found[number] = file
-    for number in wanted:
-        if number not in found:
-            raise ValueError(f"{path / 'detections' / f'View_{number:03d}.txt'}: no such file; there are views {','.join(map(str, found))}")
+def _detection_files(path: Path, calibration: Path, options: SourceOptions) -> dict[str, Path | None]:
+    """Camera → file of its detections, None where `options` replace it. Raises ValueError where the file of a wanted view is missing."""
+    found: dict[str, Path | None] = {}
+    for file in sorted((path / "detections").glob("*.txt")):
+        if match := re.fullmatch(r"View_0*(\d+)\.txt", file.name):
+            found[f"View_{int(match[1]):03d}"] = file
+    calibrated = [file.stem for file in sorted(calibration.glob("View_*.xml"))]
+    wanted = [camera_named(text, calibrated) for text in options.cameras]
+    for text in filter(None, options.detections):
+        name = camera_named(text, calibrated)
+        if wanted and name not in wanted:
+            raise ValueError(f"--detections names {name}, --cameras has {','.join(options.cameras)}")
+        found[name] = None
+    for name in wanted:
+        if name not in found and not options.detections.get(""):
+            raise ValueError(f"{path / 'detections' / name}.txt: no such file; there are {', '.join(found) or 'none'}")
     if not found:
         raise ValueError(f"{path / 'detections'}: no View_00N.txt")
-    return found
+    return {name: found.get(name) for name in wanted or found}
 
 
-def _pets_tick(index: int, time: float, cameras: dict[str, tuple[Camera, Pose]], boxes: dict[str, dict[int, tuple[Array, Array]]]) -> Tick:
-    views = []
-    for name, (camera, _) in cameras.items():
-        box, confidence = boxes[name].get(index + 1, (np.zeros((0, 4)), np.zeros(0)))
-        views.append(View(name, detections_from_boxes(camera, box, confidence)))
-    return Tick(index, time, tuple(views))
-
-
-def _pets_truth(path: Path, calibration: Path, cameras: int, site: Site) -> tuple[Truth, ...] | None:
-    """Ground truth from the cropped annotation, which is in the image of View_001."""
+def _pets_truth(path: Path, calibration: Path, site: Site) -> dict[int, tuple[Ints, Array]] | None:
+    """Ground truth from the cropped annotation, which is in the image of View_001: frame from 0 → ids and feet; None without annotation."""
     files = sorted((path / "annotations").glob("*-cropped.xml"))
     if not files:
         return None
@@ -144,11 +100,6 @@ def _pets_truth(path: Path, calibration: Path, cameras: int, site: Site) -> tupl
         raise ValueError(f"{path / 'annotations'}: {len(files)} files *-cropped.xml, needs one")
     _, camera, pose = read_camera(calibration / "View_001.xml")
     people = ground_truth(read_annotations(files[0]), camera, pose, site.ground)
-    out = []
-    last = max(people, default=-1)
-    if last >= MAX_FRAMES:
-        raise ValueError(f"{files[0]}: frame {last}, needs less than {MAX_FRAMES}")
-    for index in range(last + 1):
-        ids, feet = people.get(index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
-        out.append(Truth(index, {}, ids, feet, np.ones((len(ids), cameras))))
-    return tuple(out)
+    if max(people, default=-1) >= MAX_FRAMES:
+        raise ValueError(f"{files[0]}: frame {max(people)}, needs less than {MAX_FRAMES}")
+    return people

@@ -15,11 +15,14 @@ from tracker.export.motchallenge import README15, README17, export_mot15, export
 from tracker.export.pets2009 import README as README_PETS
 from tracker.export.pets2009 import export_pets
 from tracker.export.recorded_sequence import Progress, RecordedSequence
+from tracker.export.recording import README as README_RECORDING
+from tracker.export.recording import export_recording
 from tracker.export.tum import README as README_TUM
 from tracker.export.tum import export_tum
 from tracker.export.wildtrack import README as README_WILDTRACK
 from tracker.export.wildtrack import export_wildtrack
-from tracker.io.atomic import check_writable, new_folder, write_text
+from tracker.io.atomic import is_free, new_folder, write_text
+from tracker.io.file_lock import folder_lock
 from tracker.sequence.dataset import sequences
 
 
@@ -39,6 +42,7 @@ FORMATS = {
     "wildtrack": ExportFormat("WILDTRACK and MultiviewX", README_WILDTRACK, export_wildtrack),
     "coco": ExportFormat("COCO", README_COCO, export_coco),
     "jrdb": ExportFormat("JRDB", README_JRDB, export_jrdb),
+    "recording": ExportFormat("A recording of one's own", README_RECORDING, export_recording),
     "tum": ExportFormat("TUM trajectories", README_TUM, export_tum),
 }
 
@@ -48,7 +52,8 @@ def export(folder: Path, form: str, out: Path, progress: Progress | None = None,
 
     form: a key of FORMATS. rectangles: also write rectangles.pom, for wildtrack only.
     Raises ValueError for an unknown format, a folder without sequences, and an `out` that is not empty or lies in `folder`.
-    Raises ValueError where a sequence lacks what the format needs.
+    Raises ValueError where a sequence lacks what the format needs, and where another process writes into `out`.
+    Raises Kept where the disk is full, with the place of what was made.
     """
     if form not in FORMATS:
         raise ValueError(f"format is {form!r}, needs one of {', '.join(FORMATS)}")
@@ -58,8 +63,9 @@ def export(folder: Path, form: str, out: Path, progress: Progress | None = None,
     found = sequences(folder)
     if out.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
-    check_writable(out)
-    with new_folder(out) as unfinished:
+    if not is_free(out):
+        raise ValueError(f"{out}: is there already")
+    with folder_lock(out), new_folder(out) as unfinished:
         notes = write(unfinished, (RecordedSequence.open(path, progress) for path in found))
         names = ", ".join(path.resolve().name for path in found)
         head = f"# {FORMATS[form].title}, exported by pilsim\n\nFrom: {names}. Synthetic: people, places and images were made by a program.\n"

@@ -22,7 +22,8 @@ class ImageSource(Protocol):
     def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
         """Yield an image (H, W, 3) uint8 RGB for each frame from 0 to `frames` − 1, or None where there is none.
 
-        size: height and width, px. Raises ValueError with the path for an image of another size, and for a video that ends too early.
+        size: height and width of image files, px. A video may be scaled. Raises ValueError with the path for an image file of another size,
+        and for a video that ends too early.
         """
         ...
 
@@ -53,7 +54,7 @@ class VideoFile:
                 success, image = video.read()
                 if not success:
                     raise ValueError(f"{self.path}: has {self.first + index} frames, the detections go on")
-                yield _checked(np.asarray(image, dtype=np.uint8), size, str(self.path))
+                yield np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
         finally:
             video.release()
 
@@ -78,12 +79,6 @@ class ImageFiles:
             except (OSError, ValueError) as error:
                 raise ValueError(f"{path}: {error}") from None
             yield np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
-
-
-def _checked(image: Image, size: tuple[int, int], where: str) -> Image:
-    if image.shape[:2] != size:
-        raise ValueError(f"{where}: images are {image.shape[1]} x {image.shape[0]} px, the camera has {size[1]} x {size[0]}")
-    return np.ascontiguousarray(image[:, :, ::-1])
 
 
 @dataclass(frozen=True, eq=False)

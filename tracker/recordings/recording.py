@@ -16,7 +16,7 @@ from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
 from tracker.geometry.ground import Flat, Ground
-from tracker.recordings.images import ImageSource, TicksWithImages
+from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
 from tracker.types import Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
 
 FrameBoxes = Mapping[int, tuple[Array, Array]]
@@ -70,8 +70,8 @@ class Recording:
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
 
-    Raises ValueError for a rate or height out of bounds, a robot that is missing, a fixed camera below the ground, detections of a camera
-    that is not there, and for frames out of bounds.
+    Raises ValueError for a rate or height out of bounds, a robot that is missing, detections of a camera that is not there, and for frames
+    out of bounds.
     """
 
     rate: float
@@ -102,39 +102,43 @@ class Recording:
             if unknown := sorted(set(named) - set(self.cameras)):
                 raise ValueError(f"{kind} has camera {unknown[0]!r}, needs one of {', '.join(self.cameras)}")
         for name, camera in self.cameras.items():
-            self._check_camera(name, camera)
+            if camera.robot is not None and camera.robot not in self.robots:
+                raise ValueError(
+                    f"cameras.{name}.robot is {camera.robot!r}, needs one of {', '.join(self.robots) or 'robots.json, which is missing'}"
+                )
+            if camera.robot is None and name in self.robots:
+                raise ValueError(f"camera {name!r} is fixed and has the name of a robot, needs another name")
         if self.frames == 0:
             object.__setattr__(self, "frames", self._last_frame() + 1)
         if not self._last_frame() < self.frames <= MAX_FRAMES:
             raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
 
-    def _check_camera(self, name: str, camera: RecordingCamera) -> None:
-        if camera.robot is not None:
-            if camera.robot not in self.robots:
+    def check_heights(self) -> None:
+        """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and says why."""
+        for name, camera in self.fixed.items():
+            x, y, z = camera.pose.translation
+            ground = float(self.ground.height_at(camera.pose.translation[None])[0])
+            if not z > ground:
                 raise ValueError(
-                    f"cameras.{name}.robot is {camera.robot!r}, needs one of {', '.join(self.robots) or 'robots.json, which is missing'}"
+                    f"cameras.{name}.t puts the camera at ({x:.2f}, {y:.2f}, {z:.2f}) m, {ground - z:.2f} m below the ground, needs a place above it;"
+                    " x_camera = R x_world + t in metres; `pilsim check` tells what is wrong"
                 )
-            return
-        if name in self.robots:
-            raise ValueError(f"camera {name!r} is fixed and has the name of a robot, needs another name")
-        place = camera.pose.translation
-        ground = float(self.ground.height_at(place[None])[0])
-        if not place[2] > ground:
-            x, y, z = place
-            raise ValueError(
-                f"cameras.{name}.t puts the camera at ({x:.2f}, {y:.2f}, {z:.2f}) m, {ground - z:.2f} m below the ground, needs a place above it;"
-                " the convention is x_camera = R x_world + t in metres"
-            )
 
     def _last_frame(self) -> int:
-        """The last frame that has boxes, truth or odometry; −1 without any."""
+        """The last frame that has boxes, an image file, truth or odometry; −1 without any."""
         numbered: list[Iterable[int]] = [*self.detections.values(), self.truth or (), *(robot.odometry for robot in self.robots.values())]
+        numbered += [source.files for source in self.images.values() if isinstance(source, ImageFiles)]
         return max((max(frames, default=-1) for frames in numbered), default=-1)
 
     @property
     def fixed(self) -> dict[str, RecordingCamera]:
         """The cameras that stand still."""
         return {name: camera for name, camera in self.cameras.items() if camera.robot is None}
+
+    def with_detections(self, detections: Mapping[str, FrameBoxes]) -> Recording:
+        """The recording with other detections of the named cameras. It has at least as many frames as before."""
+        changed = replace(self, frames=0, detections={**self.detections, **detections})
+        return replace(changed, frames=max(self.frames, changed.frames))
 
     def choose(self, cameras: Iterable[str]) -> Recording:
         """The recording with these cameras alone. Raises ValueError for a camera that is not there or is named twice."""
@@ -178,7 +182,8 @@ class Recording:
         )
 
     def setup(self) -> Setup:
-        """The constant inputs of the tracker. A fixed camera is a robot of its name that never moves."""
+        """The constant inputs of the tracker. A fixed camera is a robot of its name that never moves. Raises ValueError as check_heights."""
+        self.check_heights()
         mounts, starts = {}, dict[str, Start | None]()
         for name, camera in self.cameras.items():
             if camera.robot is None:
@@ -200,7 +205,7 @@ class Recording:
         ticks: Ticks = TicksInMemory(tuple(self._tick(index) for index in range(self.frames)), setup.mounts)
         wanted = {name: source for name, source in self.images.items() if images or self.cameras[name].robot is not None}
         if images and not wanted:
-            raise ValueError(f"{self.source.get('folder', 'the recording')}: has no images: no video/CAMERA.mp4, no images/CAMERA/")
+            raise ValueError(f"no images, neither video/CAMERA.mp4 nor images/CAMERA/, of {', '.join(self.cameras)}")
         if wanted:
             ticks = TicksWithImages(ticks, wanted, {name: (self.cameras[name].camera.height, self.cameras[name].camera.width) for name in wanted})
         return Sequence(setup, ticks, self._truth(), dict(self.source))
@@ -214,11 +219,12 @@ class Recording:
         return Tick(index, index / self.rate, tuple(views))
 
     def _truth(self) -> tuple[Truth, ...] | None:
+        """The truth of frames 0 to the last that has an entry. Later frames are not labeled."""
         if self.truth is None:
             return None
         none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
         out = []
-        for index in range(self.frames):
+        for index in range(max(self.truth, default=-1) + 1):
             ids, positions = self.truth.get(index, none)
             poses = {name: robot.truth[index] for name, robot in self.robots.items() if robot.truth is not None and index in robot.truth}
             out.append(Truth(index, poses, ids, positions, np.ones((len(ids), len(self.cameras)))))

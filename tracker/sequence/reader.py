@@ -98,7 +98,7 @@ class _DiskTicks:
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
         for k in range(self.count):
-            yield {row["robot"]: _odometry(row) for row in self._odometry.get(k, [])}
+            yield {row["robot"]: odometry_from(row) for row in self._odometry.get(k, [])}
 
     def __iter__(self) -> Iterator[Tick]:
         for k, odometry in enumerate(self.odometry()):
@@ -153,7 +153,8 @@ def read_robot_detections(folder: Path, setup: Setup, count: int) -> dict[tuple[
     return out
 
 
-def _odometry(row: dict[str, Any]) -> Odometry:
+def odometry_from(row: dict[str, Any]) -> Odometry:
+    """The odometry of a row that writer.odometry_row made."""
     covariance = np.zeros((6, 6))
     for i, j in UPPER_TRIANGLE:
         covariance[i, j] = covariance[j, i] = row[f"c{i}{j}"]

@@ -20,7 +20,7 @@ from tracker.formats.pets2009 import write_camera
 from tracker.geometry import Image
 from tracker.geometry.cameras import Tsai
 from tracker.geometry.ground import Grid
-from tracker.io.atomic import begin_folder, discard_folder, finish_folder, partial_path
+from tracker.io.atomic import Kept, begin_folder, discard_folder, finish_folder, unfinished_path
 from tracker.io.csv_tables import write_arrays, write_table
 from tracker.io.image_files import JPEG, PNG, PNG_RUN_LENGTH, RANGE, ImageWriter, range_counts
 from tracker.io.video_files import VideoWriters
@@ -41,7 +41,7 @@ from tracker.sequence.schema import (
     people_columns,
 )
 from tracker.sequence.truth_tables import box_rows, camera_row, joint_rows, keypoint_rows
-from tracker.types import Setup, Tick, Truth, View, ViewTruth
+from tracker.types import Odometry, Setup, Tick, Truth, View, ViewTruth
 
 LARGE = 250_000
 """A table with more values than this is also written as NPZ."""
@@ -78,15 +78,22 @@ class Layers:
     classes: Mapping[str, NDArray[np.uint8]] | None = None
 
 
+def odometry_row(frame: int, robot: str, odometry: Odometry) -> list[object]:
+    """A row of odometry.csv, in the order of schema.ODOMETRY; up is 0 where gravity is unknown."""
+    up = [*map(float, odometry.gravity), odometry.gravity_sigma] if odometry.gravity is not None else [0.0, 0.0, 0.0, 0.0]
+    return [frame, robot, *pose_row(odometry.T_before_now), *up, *(float(odometry.covariance[i, j]) for i, j in UPPER_TRIANGLE)]
+
+
 class SequenceWriter:
     """Writes a sequence under a temporary name until `finish` renames it. As a context manager it removes unfinished files.
 
+    Unfinished files stay after an OSError, for instance of a full disk. The context raises Kept then, which names their place.
     tops: height map of walls and furniture on the grid of the ground.
     """
 
     def __init__(self, folder: Path, setup: Setup, tops: Grid, form: ImageForm | None = None) -> None:
         self.folder, self.setup, self.form = folder, setup, form or ImageForm()
-        self.partial = partial_path(folder)
+        self.partial = unfinished_path(folder)
         self.tops = tops
         self._image_writer = ImageWriter(self.partial)
         self._videos = VideoWriters(self.partial / "videos", 1 / setup.period) if self.form.video else None
@@ -114,7 +121,9 @@ class SequenceWriter:
         self._image_writer.close()
         if self._videos:
             self._videos.close()
-        discard_folder(self.folder)
+        if isinstance(error, OSError) and self.partial.is_dir():
+            raise Kept.of(error, self.partial) from error
+        discard_folder(self.partial)
 
     def add(self, tick: Tick, truth: Truth, layers: Layers, views: Mapping[str, ViewTruth]) -> None:
         """Append one tick with its truth and layers. views: camera → ground truth of the view.
@@ -141,9 +150,7 @@ class SequenceWriter:
     def _add_measurements(self, k: int, view: View) -> None:
         """Add the rows of odometry, detections and robot detections of a view."""
         if view.odometry is not None:
-            o, robot = view.odometry, self.setup.mounts[view.camera].robot
-            up = [*map(float, o.gravity), o.gravity_sigma] if o.gravity is not None else [0.0, 0.0, 0.0, 0.0]
-            self._rows["odometry"].append([k, robot, *pose_row(o.T_before_now), *up, *(float(o.covariance[i, j]) for i, j in UPPER_TRIANGLE)])
+            self._rows["odometry"].append(odometry_row(k, self.setup.mounts[view.camera].robot, view.odometry))
         d = view.detections
         for b, e, c, s in zip(d.bearing, d.extent, d.confidence, d.covariance, strict=True):
             self._rows["detections"].append([k, view.camera, *map(float, [*b, *e, c, s[0, 0], s[0, 1], s[1, 1]])])
@@ -192,7 +199,7 @@ class SequenceWriter:
         files = {name: {"sha256": sha256, "bytes": size} for name, (sha256, size) in sums.items()}
         manifest = {"schema": SCHEMA, "versions": versions, "files": files}
         _write_json(root / "manifest.json", manifest | {"sum": manifest_checksum(manifest)})
-        finish_folder(self.folder)
+        finish_folder(self.folder, self.partial)
 
     def _write_calibrations(self) -> None:
         """Write a calibration file of PETS 2009 for each fixed Tsai camera."""

@@ -9,13 +9,13 @@ import pytest
 
 from tests.tracker import sequences
 from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import PetsOptions
+from tracker.datasets.source_options import SourceOptions
 from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import angles_from_bearing
 
 
 def test_pets(data: Callable[..., Path]) -> None:
-    sequence = open_sequence(data("pets2009", "S2.L1"), [1, 5, 7])
+    sequence = open_sequence(data("pets2009", "S2.L1"), SourceOptions(("1", "5", "7")))
     assert list(sequence.setup.mounts) == ["View_001", "View_005", "View_007"]
     assert len(sequence.ticks) == 795
     assert sequence.truth is not None
@@ -29,7 +29,7 @@ def test_all_views_are_the_default(data: Callable[..., Path]) -> None:
 
 def test_detection_keeps_its_foot_point(data: Callable[..., Path]) -> None:
     """The lower edge of the angular box goes through the middle of the lower edge of the pixel box, to the pixel."""
-    sequence = open_sequence(data("pets2009", "S2.L1"), [1])
+    sequence = open_sequence(data("pets2009", "S2.L1"), SourceOptions(("View_001",)))
     camera = sequence.setup.mounts["View_001"].camera
     boxes = np.array([[640.0, 240.0, 43.0, 80.0], [100.0, 400.0, 60.0, 150.0]])
     found = detections_from_boxes(camera, boxes, np.ones(2))
@@ -44,8 +44,8 @@ def test_detection_keeps_its_foot_point(data: Callable[..., Path]) -> None:
 def test_a_generated_sequence(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     assert len(open_sequence(tmp_path / "s").ticks) == sequences.FRAMES
-    with pytest.raises(ValueError, match="--views chooses PETS cameras"):
-        open_sequence(tmp_path / "s", [1])
+    with pytest.raises(ValueError, match="camera is 'View_001', needs one of"):
+        open_sequence(tmp_path / "s", SourceOptions(("View_001",)))
 
 
 def copy_of_pets(data: Callable[..., Path], folder: Path) -> Path:
@@ -70,7 +70,7 @@ def test_errors_name_the_file(data: Callable[..., Path], tmp_path: Path, name: s
     (folder / name).unlink()
     (folder / name).write_text(text)
     with pytest.raises(ValueError, match=message):
-        open_sequence(folder, [1])
+        open_sequence(folder, SourceOptions(("1",)))
 
 
 def test_repeated_frame_is_refused(data: Callable[..., Path], tmp_path: Path) -> None:
@@ -78,47 +78,47 @@ def test_repeated_frame_is_refused(data: Callable[..., Path], tmp_path: Path) ->
     path = folder / "annotations" / "PETS2009-S2L1-cropped.xml"
     path.write_text(path.read_text().replace('<frame number="7">', '<frame number="6">'))
     with pytest.raises(ValueError, match=r"cropped.xml:line \d+: .*6"):
-        open_sequence(folder, [1])
+        open_sequence(folder, SourceOptions(("1",)))
 
 
 def test_unknown_folders_are_refused(tmp_path: Path, data: Callable[..., Path]) -> None:
     with pytest.raises(ValueError, match="no such folder"):
         open_sequence(tmp_path / "nowhere")
-    with pytest.raises(ValueError, match="neither a sequence"):
+    with pytest.raises(ValueError, match="holds nothing that pilsim opens, needs one of: a sequence of pilsim"):
         open_sequence(tmp_path)
     (tmp_path / "detections").mkdir()
-    with pytest.raises(ValueError, match="no calibration/ in it or beside it"):
+    with pytest.raises(ValueError, match="calibration/ in it or beside it"):
         open_sequence(tmp_path)
-    with pytest.raises(ValueError, match=r"View_002.txt: no such file; there are views 1,3,4,5,6,7,8"):
-        open_sequence(data("pets2009", "S2.L1"), [2])
-    with pytest.raises(ValueError, match="names a view twice"):
-        open_sequence(data("pets2009", "S2.L1"), [1, 1])
+    with pytest.raises(ValueError, match=r"View_002.txt: no such file; there are View_001, View_003"):
+        open_sequence(data("pets2009", "S2.L1"), SourceOptions(("2",)))
+    with pytest.raises(ValueError, match="names a camera twice"):
+        SourceOptions.parse(cameras="1,1")
 
 
 def test_other_and_degraded_detections(data: Callable[..., Path]) -> None:
     folder, other = data("pets2009", "S2.L1"), data("pets2009", "S2.L1", "mot15", "det.txt")
-    choice = PetsOptions.parse([f"1={other}"], "drop=0.5,clutter=1", 3)
-    assert PetsOptions.of_run(choice.to_run()).degradation == choice.degradation
-    worse, again = open_sequence(folder, [1, 5], choice), open_sequence(folder, [1, 5], PetsOptions.of_run(choice.to_run()))
-    assert worse.provenance == again.provenance != open_sequence(folder, [1, 5]).provenance
+    choice = SourceOptions.parse([f"1={other}"], "drop=0.5,clutter=1", 3, cameras="1,5")
+    assert SourceOptions.of_run(choice.to_run()).degradation == choice.degradation
+    worse, again = open_sequence(folder, choice), open_sequence(folder, SourceOptions.of_run(choice.to_run()))
+    assert worse.provenance == again.provenance != open_sequence(folder, SourceOptions(("1", "5"))).provenance
     for a, b in zip(list(worse.ticks)[:20], list(again.ticks)[:20], strict=True):
         for v, w in zip(a.views, b.views, strict=True):
             np.testing.assert_array_equal(v.detections.bearing, w.detections.bearing)
     # A view draws from a stream of its own: one more view does not change what another loses.
-    alone = open_sequence(folder, [5], PetsOptions.parse([], "drop=0.5,clutter=1", 3))
+    alone = open_sequence(folder, SourceOptions.parse((), "drop=0.5,clutter=1", 3, cameras="5"))
     np.testing.assert_array_equal(list(alone.ticks)[7].views[0].detections.bearing, list(worse.ticks)[7].views[1].detections.bearing)
 
 
 def test_invalid_options_are_refused(data: Callable[..., Path], tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="needs VIEW=FILE"):
-        PetsOptions.parse(["one"], "", 0)
+    with pytest.raises(ValueError, match="needs CAMERA=FILE"):
+        SourceOptions.parse(["one"])
     with pytest.raises(ValueError, match="no such file"):
-        PetsOptions.parse(["1=/nowhere/det.txt"], "", 0)
+        SourceOptions.parse(["1=/nowhere/det.txt"])
     with pytest.raises(ValueError, match="--seed is -1"):
-        PetsOptions.parse([], "", -1)
+        SourceOptions.parse(seed=-1)
     other = data("pets2009", "S2.L1", "mot15", "det.txt")
-    with pytest.raises(ValueError, match="--detections names view 1, --views has 5"):
-        open_sequence(data("pets2009", "S2.L1"), [5], PetsOptions.parse([f"1={other}"], "", 0))
+    with pytest.raises(ValueError, match="--detections names View_001, --cameras has 5"):
+        open_sequence(data("pets2009", "S2.L1"), SourceOptions.parse([f"1={other}"], cameras="5"))
     sequences.write(tmp_path / "s")
-    with pytest.raises(ValueError, match="--detections and --degrade are for PETS folders"):
-        open_sequence(tmp_path / "s", [], PetsOptions.parse([], "drop=0.5", 0))
+    with pytest.raises(ValueError, match="--degrade is for recordings"):
+        open_sequence(tmp_path / "s", SourceOptions.parse(degrade="drop=0.5"))

@@ -28,7 +28,7 @@ def results(tracks: dict[int, tuple[Ints, Array]], robots: dict[str, list[object
 
 
 def test_reader_recovers_the_sequence(sequence: Path, exported: Exported) -> None:
-    source, again = read_sequence(sequence), open_sequence(exported("pets") / "plaza", [])
+    source, again = read_sequence(sequence), open_sequence(exported("pets") / "plaza")
     assert list(again.setup.mounts) == ["View_001", "View_002", "View_003"]
     assert again.setup.period == 1 / RATE
     assert isinstance(again.setup.ground, Grid)
@@ -56,7 +56,7 @@ def test_reader_recovers_the_sequence(sequence: Path, exported: Exported) -> Non
 
 def test_export_scores_as_the_sequence(sequence: Path, exported: Exported) -> None:
     """View_001 sees everybody here. A tracker that misses, drifts and swaps gets the same numbers from both."""
-    source, again, rng = read_sequence(sequence), open_sequence(exported("pets") / "plaza", []), np.random.default_rng(9)
+    source, again, rng = read_sequence(sequence), open_sequence(exported("pets") / "plaza"), np.random.default_rng(9)
     tracks = {}
     for truth in source.truth or ():
         kept = rng.random(len(truth.person_id)) < 0.85
@@ -71,7 +71,7 @@ def test_export_scores_as_the_sequence(sequence: Path, exported: Exported) -> No
 
 
 def test_tracker_runs_on_an_export(exported: Exported) -> None:
-    source = open_sequence(exported("pets") / "plaza", [])
+    source = open_sequence(exported("pets") / "plaza")
     found = list(track(source.setup, source.ticks))
     assert len(found) == FRAMES
     assert len(found[-1].position)
@@ -121,4 +121,4 @@ def test_invalid_site_is_refused(exported: Exported, tmp_path: Path, change: dic
     content = json.loads((root / "site.json").read_text())
     (tmp_path / "site.json").write_text(json.dumps(content | change))
     with pytest.raises(ValueError, match=rf"site.json: {message}"):
-        open_sequence(tmp_path, [])
+        open_sequence(tmp_path)

@@ -15,7 +15,7 @@ import pytest
 
 from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import PetsOptions
+from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import angles_from_bearing
 from tracker.gnn.tracker import GnnTracker
 from tracker.metrics.evaluation import evaluate
@@ -42,7 +42,7 @@ def test_people_keep_their_ids_on_pets(data: Callable[..., Path], views: list[in
     other = [f"{views[0]}={folder / 'mot15' / 'det.txt'}"] if poor else []
     found = []
     for seed in range(3 if degrade else 1):
-        sequence = open_sequence(folder, views, PetsOptions.parse(other, degrade, seed))
+        sequence = open_sequence(folder, SourceOptions.parse(other, degrade, seed, ",".join(map(str, views))))
         assert sequence.truth is not None
         ticks = TicksInMemory(tuple(itertools.islice(iter(sequence.ticks), FRAMES)), sequence.setup.mounts)
         half = replace(sequence, ticks=ticks, truth=sequence.truth[:FRAMES])

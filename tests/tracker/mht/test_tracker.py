@@ -10,6 +10,7 @@ import pytest
 
 from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
+from tracker.datasets.source_options import SourceOptions
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
@@ -88,7 +89,7 @@ def test_two_people_close_together_in_many_views_keep_their_ids(seed: int) -> No
 
 def test_a_person_who_leaves_all_views_is_reported_up_to_the_last_box(data: Callable[..., Path]) -> None:
     """Person 19 leaves views 5 and 6 at frame 71. The track is deleted some frames later, before the last frames are reported."""
-    source = open_sequence(data("pets2009", "S2.L1"), [5, 6])
+    source = open_sequence(data("pets2009", "S2.L1"), SourceOptions(("5", "6")))
     assert source.truth is not None
     reported = {e.index: e.position for e in track(source.setup, [t for t in source.ticks if t.index < 85], replace(MHT, delay=10))}
     for frame in range(60, 72):

@@ -8,6 +8,7 @@ import numpy as np
 
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Camera
+from tracker.geometry.ground import Ground
 
 HEIGHTS = (1.5, 2.0)
 """m: lowest and highest stature for false boxes."""
@@ -54,10 +55,10 @@ class Degradation:
                 raise ValueError(f"--degrade has {part!r}, needs a {'whole ' if name == 'clutter' else ''}number") from None
         return Degradation(given.get("drop", 0.0), int(given.get("clutter", 0)), given.get("noise", 0.0))
 
-    def apply(self, boxes: Boxes, frames: int, view: tuple[Camera, Pose], area: Array, rng: np.random.Generator) -> Boxes:
+    def apply(self, boxes: Boxes, frames: int, view: tuple[Camera, Pose], place: tuple[Array | None, Ground], rng: np.random.Generator) -> Boxes:
         """The degraded boxes of frames 1 to `frames` of a view (camera model, T_world_camera).
 
-        False boxes have feet uniform in `area` (2, 2) m on the plane z = 0, and statures uniform in HEIGHTS.
+        place: area (2, 2) m and ground. False boxes have feet uniform in the area on the ground, and statures uniform in HEIGHTS.
         Their confidences are drawn from those of the given boxes, of at least 0.5 where possible.
         A position outside the image is drawn again, up to MAX_TRIES times.
         """
@@ -69,7 +70,7 @@ class Degradation:
             box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
             kept = rng.random(len(box)) >= self.drop
             box = box[kept] + np.column_stack([rng.normal(0.0, 1.0, (int(kept.sum()), 2)) * self.noise, np.zeros((int(kept.sum()), 2))])
-            false = [b for _ in range(self.clutter) if (b := _false_box(view, area, rng)) is not None]
+            false = [b for _ in range(self.clutter) if (b := _false_box(view, place, rng)) is not None]
             degraded[frame] = (
                 np.concatenate([box, np.array(false).reshape(-1, 4)]),
                 np.concatenate([confidence[kept], rng.choice(likely, len(false))]),
@@ -77,12 +78,15 @@ class Degradation:
         return degraded
 
 
-def _false_box(view: tuple[Camera, Pose], area: Array, rng: np.random.Generator) -> Array | None:
+def _false_box(view: tuple[Camera, Pose], place: tuple[Array | None, Ground], rng: np.random.Generator) -> Array | None:
     """A false box (4,) px; None where no drawn position lies in the image."""
-    camera, pose = view
+    (camera, pose), (area, ground) = view, place
+    if area is None:
+        raise ValueError("area is unknown, needs one for false boxes")
     for _ in range(MAX_TRIES):
         x, y = rng.uniform(area[0], area[1])
-        rays = np.array([[x, y, 0.0], [x, y, rng.uniform(*HEIGHTS)]]) - pose.translation
+        z = float(ground.height_at([[x, y]])[0])
+        rays = np.array([[x, y, z], [x, y, z + rng.uniform(*HEIGHTS)]]) - pose.translation
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         pixels, inside = camera.pixels_from_bearings(rays @ pose.rotation)
         height = pixels[0, 1] - pixels[1, 1]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tracker.datasets.degradation import HEIGHTS, Boxes, Degradation
 from tracker.geometry import Pose
 from tracker.geometry.cameras import pinhole
 from tracker.geometry.ground import Flat
+from tracker.recordings.degradation import HEIGHTS, Boxes, Degradation
 
 FRAMES = 400
 AREA = np.array([[3.0, -2.0], [9.0, 2.0]])
@@ -19,7 +19,7 @@ def boxes() -> Boxes:
 
 
 def worse(degradation: Degradation, seed: int = 1) -> Boxes:
-    return degradation.apply(boxes(), FRAMES, VIEW, AREA, np.random.default_rng(seed))
+    return degradation.apply(boxes(), FRAMES, VIEW, (AREA, Flat()), np.random.default_rng(seed))
 
 
 def test_default_changes_nothing() -> None:

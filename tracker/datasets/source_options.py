@@ -1,0 +1,125 @@
+"""How a source is read: which cameras and frames, and which detections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tracker.recordings.degradation import Degradation
+
+
+@dataclass(frozen=True, eq=False)
+class SourceOptions:
+    """How a source is read.
+
+    cameras: names, or numbers at their ends, as 5 for View_005; empty for all. detections: camera → another MOT15 file of its detections; the
+    camera "" stands for a folder with a file CAMERA.txt for each. frames: the first one and the end, as in Python's slices; None for all.
+    degradation: of all detections, with a seed. images: whether images are read, too.
+    """
+
+    cameras: tuple[str, ...] = ()
+    detections: Mapping[str, Path] = field(default_factory=dict)
+    frames: tuple[int, int | None] | None = None
+    degradation: Degradation = Degradation()
+    seed: int = 0
+    images: bool = False
+
+    @staticmethod
+    def parse(
+        detections: Iterable[str] = (), degrade: str = "", seed: int = 0, cameras: str = "", frames: str = "", images: bool = False
+    ) -> SourceOptions:
+        """Parse command line options. detections: each CAMERA=FILE, or one folder. degrade: see Degradation.parse. cameras: as C1,C3. frames: A:B.
+
+        Raises ValueError for an invalid value, and for a file or folder of detections that is not there.
+        """
+        if seed < 0:
+            raise ValueError(f"--seed is {seed}, needs 0 or more")
+        return SourceOptions(_names(cameras), _files(detections), _slice(frames), Degradation.parse(degrade), seed, images)
+
+    def to_run(self) -> dict[str, Any]:
+        """As entries of run.json; none for the default. Images are left out, since scores do not need them."""
+        out: dict[str, Any] = {}
+        if self.cameras:
+            out["cameras"] = list(self.cameras)
+        if self.frames is not None:
+            first, end = self.frames
+            out["frames_read"] = f"{first}:{'' if end is None else end}"
+        if self.detections or self.degradation != Degradation():
+            d = self.degradation
+            out["detections"] = [f"{name}={file.resolve()}" if name else str(file.resolve()) for name, file in self.detections.items()]
+            out |= {"degrade": f"drop={d.drop},clutter={d.clutter},noise={d.noise}", "seed": self.seed}
+        return out
+
+    def detection_files(self, cameras: list[str]) -> dict[str, Path]:
+        """Camera → its other file of detections, those of a folder included. Raises ValueError for a camera that is not in `cameras`."""
+        named = {camera_named(text, cameras): file for text, file in self.detections.items() if text}
+        folder = self.detections.get("")
+        if folder is None:
+            return named
+        found = {name: file for name in cameras if (file := folder / f"{name}.txt").is_file()}
+        if not found:
+            raise ValueError(f"{folder}: no CAMERA.txt of {', '.join(cameras)}")
+        return found | named
+
+    @staticmethod
+    def of_run(run: Mapping[str, Any]) -> SourceOptions:
+        """The options that to_run wrote, or pilsim 0.3.0 with its numbers of views. Raises ValueError for other content."""
+        cameras, detections = run.get("cameras", run.get("views", [])), run.get("detections", [])
+        degrade, seed, frames = run.get("degrade", ""), run.get("seed", 0), run.get("frames_read", "")
+        if not isinstance(cameras, list) or not isinstance(detections, list):
+            raise ValueError("run.json: cameras and detections need to be lists")
+        if not isinstance(degrade, str) or not isinstance(seed, int) or not isinstance(frames, str):
+            raise ValueError("run.json: degrade, frames_read and seed need to be two texts and a whole number")
+        return SourceOptions.parse(map(str, detections), degrade, seed, ",".join(map(str, cameras)), frames)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(part.strip() for part in text.split(",") if part.strip())
+    if len(set(names)) != len(names):
+        raise ValueError(f"--cameras {text} names a camera twice")
+    return names
+
+
+def _files(texts: Iterable[str]) -> dict[str, Path]:
+    files: dict[str, Path] = {}
+    for text in texts:
+        name, equals, file = text.partition("=")
+        if not equals and Path(text).is_dir():
+            name, file = "", text
+        if (not name and equals) or not file or name in files:
+            raise ValueError(f"--detections is {text!r}, needs CAMERA=FILE, each camera once, or a folder with CAMERA.txt")
+        if not (Path(file).is_file() or (name == "" and Path(file).is_dir())):
+            raise ValueError(f"{file}: no such file")
+        files[name] = Path(file)
+    return files
+
+
+def _slice(text: str) -> tuple[int, int | None] | None:
+    if not text:
+        return None
+    first, colon, end = text.partition(":")
+    try:
+        cut = int(first or 0), int(end) if end else None
+    except ValueError:
+        cut = -1, None
+    if not colon or cut[0] < 0 or (cut[1] is not None and cut[1] <= cut[0]):
+        raise ValueError(f"--frames is {text!r}, needs FIRST:END as in 0:100, counted from 0, END left out of them")
+    return cut
+
+
+def camera_named(text: str, names: Iterable[str]) -> str:
+    """The one of `names` that is `text`, or that ends in the number `text`. Raises ValueError with all names where there is not exactly one."""
+    known = list(names)
+    if text in known:
+        return text
+    found = [name for name in known if text.isdecimal() and _number_of(name) == int(text)]
+    if len(found) != 1:
+        raise ValueError(f"camera is {text!r}, needs one of {', '.join(known)}")
+    return found[0]
+
+
+def _number_of(name: str) -> int | None:
+    digits = name[len(name.rstrip("0123456789")) :]
+    return int(digits) if digits else None

@@ -1,0 +1,108 @@
+"""Export as a recording of one's own (recording.json): of a sequence of pilsim, and of any other source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from tracker.datasets.opening import open_recording
+from tracker.datasets.source_options import SourceOptions
+from tracker.export.recorded_sequence import JPEG, PNG, RecordedSequence
+from tracker.geometry import Array, Pose
+from tracker.io.atomic import is_free, new_folder, write_text
+from tracker.io.file_lock import folder_lock
+from tracker.recordings import FrameBoxes, Recording, RecordingCamera, RecordingRobot
+from tracker.recordings.folder import write_recording
+from tracker.recordings.images import ImageFiles
+from tracker.types import Odometry
+
+README = """
+    SEQUENCE/recording.json               rate [1/s], area [m], ground [m, or terrain.npz], height [m], frames, and the cameras
+    SEQUENCE/detections/CAMERA.txt        MOT15, frames from 1: frame, -1, left, top, width, height [px], confidence, -1, -1, -1
+    SEQUENCE/truth.txt                    MOT15, frames from 1: frame, id, -1, -1, -1, -1, 1, x, y, z [m, the ground under the body]
+    SEQUENCE/images/CAMERA/000001.jpg     images, frames from 1; or video/CAMERA.mp4
+    SEQUENCE/robots.json                  robots that carry cameras: where they start (position [m], quaternion w, x, y, z; covariance 6 x 6)
+    SEQUENCE/odometry.csv                 their motion since the frame before, frames from 1, columns as in a sequence of pilsim
+    SEQUENCE/robot_truth.csv              their true poses, frames from 1
+
+Cameras: x_camera = R x_world + t [m], x right, y down, z ahead; on a robot, x_camera = R x_robot + t with x ahead, y left, z up of the robot.
+K and distortion are OpenCV's, for the first pixel's centre at (0, 0). An equirectangular or cylindrical image begins at its corner (0, 0).
+World: right-handed, z up. Boxes may lie partly outside the image.
+
+A recording does not hold: masks, key points, visibility of people, what robots see of each other, and the detector's own covariances.
+"""
+
+
+def export_recording(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write each sequence as a recording into out/NAME. Returns no notes."""
+    for sequence in recordings:
+        (out / sequence.name).mkdir()
+        write_recording(out / sequence.name, recording_of(sequence))
+    return []
+
+
+def export_source(source: Path, out: Path, options: SourceOptions) -> None:
+    """Write a source of any format but pilsim's own as a recording into `out` atomically.
+
+    options: what of the source is written. Raises ValueError as open_recording, for an `out` that is not empty or lies in `source`, and where
+    another process writes into it.
+    """
+    recording = open_recording(source, options)
+    if out.resolve().is_relative_to(source.resolve()):
+        raise ValueError(f"{out}: lies in {source}, needs a place outside it")
+    if not is_free(out):
+        raise ValueError(f"{out}: is there already")
+    with folder_lock(out), new_folder(out) as unfinished:
+        write_recording(unfinished, recording)
+        write_text(unfinished / "README.md", f"# A recording, exported by pilsim\n\nFrom: {source.resolve().name}.\n{README}")
+
+
+def recording_of(sequence: RecordedSequence) -> Recording:
+    """A sequence of pilsim as a recording. Boxes of detections are recovered from their angles."""
+    setup = sequence.setup
+    cameras, robots = {}, {}
+    for name, mount in setup.mounts.items():
+        start = setup.starts[mount.robot]
+        if setup.is_fixed(mount.robot):
+            assert start is not None
+            cameras[name] = RecordingCamera(mount.camera, start.T_world_robot @ mount.T_body_camera)
+        else:
+            cameras[name] = RecordingCamera(mount.camera, mount.T_body_camera, mount.robot)
+    moved = list(sequence.sequence.ticks.odometry())
+    for robot in setup.moving_robots:
+        odometry: dict[int, Odometry] = {frame: of_frame[robot] for frame, of_frame in enumerate(moved) if robot in of_frame}
+        truth: dict[int, Pose] = {t.index: t.T_world_robot[robot] for t in sequence.truth}
+        robots[robot] = RecordingRobot(setup.starts[robot], odometry, truth)
+    frames = len(sequence.truth)
+    return Recording(
+        sequence.rate,
+        cameras,
+        {name: _boxes(sequence, name, frames) for name in cameras},
+        {t.index: (t.person_id, t.feet) for t in sequence.truth},
+        frames=frames,
+        area=setup.area,
+        ground=setup.ground,
+        height=setup.height,
+        occluders=setup.occluders,
+        pillars=setup.pillars,
+        images={name: images for name in cameras if (images := _images(sequence, name, frames)).files},
+        robots=robots,
+    )
+
+
+def _boxes(sequence: RecordedSequence, camera: str, frames: int) -> FrameBoxes:
+    found: dict[int, tuple[Array, Array]] = {}
+    shift = np.array([0.5 - sequence.cameras[camera].pixel_centre] * 2 + [0.0, 0.0])
+    for frame in range(frames):
+        boxes, confidence = sequence.detection_boxes(frame, camera)
+        if len(boxes):
+            # Boxes of an export count from the corner of the image, those of a recording from where the camera model does.
+            found[frame] = boxes - shift, confidence
+    return found
+
+
+def _images(sequence: RecordedSequence, camera: str, frames: int) -> ImageFiles:
+    files = {frame: sequence.folder / "images" / camera / f"{frame:06d}" for frame in range(frames)}
+    return ImageFiles({k: file.with_suffix(end) for k, file in files.items() for end in (JPEG, PNG) if file.with_suffix(end).is_file()})

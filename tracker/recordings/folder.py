@@ -1,0 +1,324 @@
+"""The folder of a recording: recording.json, detections, optional truth, images, videos and robots; reader and writer.
+
+recording.json            rate, cameras, and optional: format, area, ground, height, frames
+detections/CAMERA.txt     MOT15: frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1
+truth.txt                 optional, MOT15: frame from 1, id, -1, -1, -1, -1, 1, x, y, z [m]
+video/CAMERA.mp4          optional: one image for each frame
+images/CAMERA/000001.jpg  optional, in place of the video; or .png; frames from 1
+robots.json               optional: robots that carry cameras, with their start poses
+odometry.csv              with robots: motion since the frame before, columns as in a sequence of pilsim, but frames from 1
+robot_truth.csv           optional, with robots: true poses, frames from 1
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.formats.motchallenge import Mot15Rows, read_mot15, rows_from_tracks, write_mot15
+from tracker.formats.pets2009 import read_detections
+from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.ground import Flat, Ground
+from tracker.io.atomic import write_text
+from tracker.io.csv_tables import rows_by_frame, write_table
+from tracker.io.json_files import read_json
+from tracker.io.terrain_file import read_terrain
+from tracker.recordings.camera_json import camera_from, camera_to
+from tracker.recordings.images import ImageFiles, ImageSource, VideoFile
+from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, Recording, RecordingCamera, RecordingRobot
+from tracker.sequence.calibration import pose_from, pose_row
+from tracker.sequence.reader import odometry_from
+from tracker.sequence.schema import ODOMETRY, POSE
+from tracker.sequence.writer import odometry_row
+from tracker.types import Start
+
+FILE = "recording.json"
+FORMAT = "pilsim-recording/1"
+ROBOT_TRUTH = "robot_truth.csv"
+KEYS = ("format", "rate", "area", "ground", "height", "frames", "cameras")
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv")
+PICTURES = (".jpg", ".jpeg", ".png")
+OUTSIDE = 1.0
+"""m: true people may be this far outside the area. Farther ones tell of a wrong unit or a wrong area."""
+START_SIGMA = 1e-3
+"""m and rad: standard deviation of a robot's start pose that has no covariance."""
+MAX_CAMERAS = 1000
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a folder holds recording.json."""
+    return (path / FILE).is_file()
+
+
+def read_recording(path: Path, strict: bool = True) -> Recording:
+    """Read a recording. strict: whether truth must lie in the area and within the frames of the cameras; `pilsim check` reads without.
+
+    Raises ValueError with file and field or line for missing or invalid content.
+    """
+    file = path / FILE
+    content = _content(file)
+    cameras = {name: camera_from(entry, f"{file}: cameras.{name}") for name, entry in content["cameras"].items()}
+    detections = _detections(path, cameras)
+    area, ground, occluders = content.get("area"), *_ground(path, content.get("ground", 0.0))
+    height = content.get("height", list(STATURE))
+    robots, frames = _robots(path), content.get("frames", 0)
+    if not isinstance(frames, int) or not 0 <= frames <= MAX_FRAMES:
+        raise ValueError(f"{file}: frames is {frames!r}, needs a whole number up to {MAX_FRAMES}")
+    try:
+        low, high = height
+        recording = Recording(
+            float(content["rate"]),
+            cameras,
+            detections,
+            frames=frames,
+            area=area,
+            ground=ground,
+            height=(float(low), float(high)),
+            occluders=occluders,
+            images=_images(path, cameras),
+            robots=robots,
+            source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
+        )
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{file}: {error}") from None
+    if strict:
+        try:
+            recording.check_heights()
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}") from None
+    return _with_truth(path, recording, strict)
+
+
+def _content(file: Path) -> dict[str, Any]:
+    content = read_json(file)
+    if not isinstance(content, dict):
+        raise ValueError(f"{file}: is a {type(content).__name__}, needs an object with rate and cameras")
+    if unknown := sorted(set(content) - set(KEYS)):
+        raise ValueError(f"{file}: field {unknown[0]!r} is unknown, needs one of {', '.join(KEYS)}")
+    if content.get("format", FORMAT) != FORMAT:
+        raise ValueError(f"{file}: format is {str(content['format'])[:80]!r}, needs {FORMAT!r}")
+    rate, cameras = content.get("rate"), content.get("cameras")
+    if isinstance(rate, bool) or not isinstance(rate, int | float):
+        raise ValueError(f"{file}: rate is {str(rate)[:40]}, needs a number of frames per second")
+    if not isinstance(cameras, dict) or not 0 < len(cameras) <= MAX_CAMERAS:
+        raise ValueError(f"{file}: cameras is missing or empty, needs an object with an entry for each camera, at most {MAX_CAMERAS}")
+    for name in cameras:
+        if not re.fullmatch(r"[^\s/\\,=:]+", name):
+            raise ValueError(f"{file}: camera {name[:40]!r} needs a name without blanks and any of / \\ , = :")
+    return content
+
+
+def _ground(path: Path, ground: Any) -> tuple[Ground, Ground | None]:
+    if isinstance(ground, int | float) and not isinstance(ground, bool) and abs(ground) < 1e6:
+        return Flat(float(ground)), None
+    if isinstance(ground, str) and Path(ground).name == ground and ground.endswith(".npz"):
+        return read_terrain(path / ground)
+    raise ValueError(f"{path / FILE}: ground is {str(ground)[:80]!r}, needs a height in metres or the name of a terrain file (.npz) in the folder")
+
+
+def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str, FrameBoxes]:
+    found: dict[str, FrameBoxes] = {}
+    for file in sorted((path / "detections").glob("*.txt")):
+        if file.stem not in cameras:
+            raise ValueError(f"{file}: is of camera {file.stem!r}, {FILE} has {', '.join(cameras)}")
+        found[file.stem] = read_boxes(file)
+    return found
+
+
+def read_boxes(file: Path) -> dict[int, tuple[Array, Array]]:
+    """Detections of a camera (MOT15) → frame from 0 → boxes (n, 4) px and confidence (n,). Raises ValueError with file and line."""
+    boxes = read_detections(file)
+    if max(boxes, default=0) > MAX_FRAMES:
+        raise ValueError(f"{file}: frame is {max(boxes)}, needs at most {MAX_FRAMES}")
+    return {frame - 1: of_frame for frame, of_frame in boxes.items()}
+
+
+def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
+    """The recording with truth.txt, where there is one. Frames without a row in it have nobody."""
+    file = path / "truth.txt"
+    if not file.is_file():
+        return recording
+    rows = read_mot15(file, tracks=True)
+    if not rows.has_position.all():
+        raise ValueError(f"{file}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z, needs the place on the ground in metres")
+    if strict:
+        _check_truth(file, rows, recording)
+    last = int(rows.frame.max()) if len(rows) else 0
+    if last > MAX_FRAMES:
+        raise ValueError(f"{file}: frame is {last}, needs at most {MAX_FRAMES}")
+    counted = rows.confidence != 0
+    truth: dict[int, tuple[Ints, Array]] = {frame: (np.zeros(0, dtype=np.int64), np.zeros((0, 3))) for frame in range(max(last, recording.frames))}
+    for frame, of_frame in rows.by_frame().items():
+        kept = of_frame[counted[of_frame]]
+        truth[frame - 1] = rows.id[kept], rows.position[kept]
+    return replace(recording, truth=truth, frames=max(last, recording.frames))
+
+
+def _check_truth(file: Path, rows: Mot15Rows, recording: Recording) -> None:
+    """Raises ValueError for true people outside the area, and in frames that no camera has."""
+    setup = recording.setup()
+    beyond = setup.distance_beyond(rows.position)
+    if (beyond > OUTSIDE).any():
+        k = int(np.argmax(beyond > OUTSIDE))
+        x, y = rows.position[k, :2]
+        raise ValueError(
+            f"{file}: frame {rows.frame[k]}, id {rows.id[k]}: x, y are ({x:g}, {y:g}) m, {beyond[k]:.3g} m outside the area of {FILE},"
+            f" needs at most {OUTSIDE:g} m ({int((beyond > OUTSIDE).sum())} rows); `pilsim check` tells whether a unit is wrong"
+        )
+    late = rows.frame > recording.frames
+    if recording.frames and late.any():
+        k = int(np.argmax(late))
+        raise ValueError(
+            f"{file}: frame is {rows.frame[k]}, which no camera has, needs at most {recording.frames}, the last frame with detections or images"
+            f" (or frames in {FILE}); `pilsim check` tells whether frames are numbered otherwise"
+        )
+
+
+def _images(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str, ImageSource]:
+    found: dict[str, ImageSource] = {}
+    for name in cameras:
+        videos = [path / "video" / f"{name}{ending}" for ending in VIDEOS]
+        if video := next((file for file in videos if file.is_file()), None):
+            found[name] = VideoFile(video)
+        elif (path / "images" / name).is_dir():
+            files = {file for file in (path / "images" / name).iterdir() if file.suffix.lower() in PICTURES and file.stem.isdecimal()}
+            numbered = {int(file.stem) - 1: file for file in sorted(files) if 0 < int(file.stem) <= MAX_FRAMES}
+            if numbered:
+                found[name] = ImageFiles(numbered)
+    return found
+
+
+def _robots(path: Path) -> dict[str, RecordingRobot]:
+    file = path / "robots.json"
+    if not file.is_file():
+        return {}
+    content = read_json(file)
+    if not isinstance(content, dict):
+        raise ValueError(f"{file}: is a {type(content).__name__}, needs an object with an entry for each robot")
+    starts = {name: _start(entry, f"{file}: {name}") for name, entry in content.items()}
+    known = {"robot": starts}
+    odometry, truth = rows_by_frame(path / "odometry.csv", ODOMETRY, ("robot",), known), None
+    if (path / ROBOT_TRUTH).is_file():
+        truth = rows_by_frame(path / ROBOT_TRUTH, {"frame": int, "robot": str, **dict.fromkeys(POSE, float)}, ("robot",), known)
+    for name, rows in (("odometry.csv", odometry), (ROBOT_TRUTH, truth or {})):
+        if rows and not (min(rows) >= 1 and max(rows) <= MAX_FRAMES):
+            raise ValueError(f"{path / name}: frames are {min(rows)} to {max(rows)}, needs 1 to {MAX_FRAMES}")
+    return {
+        name: RecordingRobot(
+            start,
+            {frame - 1: odometry_from(row) for frame, rows in odometry.items() for row in rows if row["robot"] == name},
+            None
+            if truth is None
+            else {f - 1: pose_from([row[c] for c in POSE]) for f, rows in truth.items() for row in rows if row["robot"] == name},
+        )
+        for name, start in starts.items()
+    }
+
+
+def _start(entry: Any, where: str) -> Start | None:
+    """{"start": null or {"position": [x, y, z], "quaternion": [w, x, y, z], "covariance": (6, 6), optional}}."""
+    try:
+        start = entry["start"]
+        if start is None:
+            return None
+        row = [float(value) for value in (*start["position"], *start["quaternion"])]
+        covariance = np.array(start.get("covariance", (START_SIGMA**2 * np.eye(6)).tolist()), dtype=np.float64)
+        if len(row) != 7 or not np.isfinite(row).all():
+            raise ValueError("position and quaternion need three and four finite numbers")
+        if not covariance.any():
+            raise ValueError("covariance is zero, needs more than that: the robot moves")
+        return Start(pose_from(row), covariance)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f'{where}: field {error} is missing or of the wrong kind, needs {{"start": {{"position": …, "quaternion": …}}}}') from None
+    except ValueError as error:
+        raise ValueError(f"{where}: start: {error}") from None
+
+
+def _checksums(path: Path) -> dict[str, str]:
+    beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH)
+    files = [path / FILE, *sorted((path / "detections").glob("*.txt")), *(path / name for name in beside)]
+    return {file.relative_to(path).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()}
+
+
+def write_recording(folder: Path, recording: Recording) -> None:
+    """Write a recording into an existing empty folder; read_recording reads the same. Images and videos are copied.
+
+    Raises ValueError for terrain that is neither flat nor a height map, and for a camera model that the format cannot hold.
+    """
+    content: dict[str, Any] = {"format": FORMAT, "rate": recording.rate, "frames": recording.frames}
+    if recording.area is not None:
+        content["area"] = np.asarray(recording.area).tolist()
+    content["ground"] = _write_ground(folder, recording)
+    content["height"] = list(recording.height)
+    content["cameras"] = {name: camera_to(camera) for name, camera in recording.cameras.items()}
+    write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    (folder / "detections").mkdir()
+    for name, boxes in recording.detections.items():
+        write_mot15(folder / "detections" / f"{name}.txt", _rows(boxes))
+    if recording.truth is not None:
+        write_mot15(folder / "truth.txt", rows_from_tracks({frame + 1: people for frame, people in recording.truth.items()}))
+    if recording.robots:
+        _write_robots(folder, recording)
+    for name, source in recording.images.items():
+        _copy_images(folder, name, source)
+
+
+def _write_ground(folder: Path, recording: Recording) -> float | str:
+    ground, tops = recording.ground, recording.occluders
+    if isinstance(ground, Flat) and tops is None:
+        return ground.level
+    heights = getattr(ground, "heights", None)
+    if heights is None:
+        raise ValueError(f"ground is a {type(ground).__name__}, needs flat ground or a height map")
+    with (folder / "terrain.npz").open("wb") as file:
+        np.savez_compressed(file, heights=heights, origin=ground.origin, spacing=ground.spacing, tops=heights if tops is None else tops.heights)  # type: ignore[attr-defined]
+    return "terrain.npz"
+
+
+def _rows(boxes: FrameBoxes) -> Mot15Rows:
+    frames = np.concatenate([np.zeros(0, dtype=np.int64), *(np.full(len(box), frame + 1) for frame, (box, _) in boxes.items())])
+    n = len(frames)
+    box = np.concatenate([np.zeros((0, 4)), *(box for box, _ in boxes.values())])
+    confidence = np.concatenate([np.zeros(0), *(confidence for _, confidence in boxes.values())])
+    return Mot15Rows(frames, np.full(n, -1), box, confidence, np.full((n, 3), -1.0))
+
+
+def _write_robots(folder: Path, recording: Recording) -> None:
+    entries: dict[str, Any] = {}
+    for name, robot in recording.robots.items():
+        if robot.start is None:
+            entries[name] = {"start": None}
+            continue
+        row = pose_row(robot.start.T_world_robot)
+        entries[name] = {"start": {"position": row[:3], "quaternion": row[3:], "covariance": robot.start.covariance.tolist()}}
+    write_text(folder / "robots.json", json.dumps(entries, indent=1, allow_nan=False) + "\n")
+    motions = [(f, name, odometry) for name, robot in recording.robots.items() for f, odometry in robot.odometry.items()]
+    write_table(
+        folder / "odometry.csv", list(ODOMETRY), [odometry_row(f + 1, name, odometry) for f, name, odometry in sorted(motions, key=lambda m: m[:2])]
+    )
+    poses: list[tuple[int, str, Pose]] = [
+        (f, name, pose) for name, robot in recording.robots.items() if robot.truth is not None for f, pose in robot.truth.items()
+    ]
+    if poses:
+        rows = [[f + 1, name, *pose_row(pose)] for f, name, pose in sorted(poses, key=lambda p: p[:2])]
+        write_table(folder / ROBOT_TRUTH, ["frame", "robot", *POSE], rows)
+
+
+def _copy_images(folder: Path, name: str, source: ImageSource) -> None:
+    if isinstance(source, VideoFile) and source.first == 0:
+        (folder / "video").mkdir(exist_ok=True)
+        shutil.copyfile(source.path, folder / "video" / f"{name}{source.path.suffix}")
+        return
+    if not isinstance(source, ImageFiles):
+        raise ValueError(f"images of {name} begin in the middle of a video, which cannot be copied; export the whole recording")
+    (folder / "images" / name).mkdir(parents=True)
+    for frame, path in source.files.items():
+        shutil.copyfile(path, folder / "images" / name / f"{frame + 1:06d}{path.suffix}")
