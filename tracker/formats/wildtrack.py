@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Array, Ints, Pose, set_array
-from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Tsai
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
+from tracker.geometry.lens_conversion import opencv_intrinsics
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 
@@ -26,8 +27,6 @@ HIDDEN = (-1, -1, -1, -1)
 """Box of a person in a view that does not show the person."""
 LARGEST = 2**53
 """Ids from here on are not exact in JSON readers that use floats."""
-SAMPLES = 40
-"""Points along each side of the image at which the distortion is fitted."""
 _EDGES = ("xmin", "ymin", "xmax", "ymax")
 
 
@@ -94,21 +93,31 @@ def write_positions(path: Path, people: Iterable[WildtrackPosition]) -> None:
 
 
 def read_positions(path: Path) -> list[WildtrackPosition]:
-    """Read the annotation of one frame. Raises ValueError with the path for missing fields and views not numbered from 0."""
-    out = []
+    """Read the annotation of one frame. A person without `views` has boxes (0, 4).
+
+    Raises ValueError with the path for missing or wrong fields, and views not numbered from 0.
+    """
+    out: list[WildtrackPosition] = []
     try:
         for entry in read_json(path):
-            views = sorted(entry["views"], key=lambda view: int(view["viewNum"]))
+            views = sorted(entry.get("views", []), key=lambda view: int(view["viewNum"]))
             if [view["viewNum"] for view in views] != list(range(len(views))):
                 raise ValueError(f"person {entry['personID']}: views are not numbered from 0 to {len(views) - 1}")
             boxes = np.array([[view[name] for name in _EDGES] for view in views], dtype=np.int64).reshape(-1, 4)
             feet = np.array(entry["feet"], dtype=np.float64) if "feet" in entry else None
-            out.append(WildtrackPosition(int(entry["personID"]), int(entry["positionID"]), boxes, feet))
+            out.append(WildtrackPosition(_whole(entry, "personID"), _whole(entry, "positionID"), boxes, feet))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: field {error} is missing or of the wrong kind") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return out
+
+
+def _whole(entry: Mapping[str, Any], name: str) -> int:
+    value = entry[name]
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) >= LARGEST:
+        raise ValueError(f"{name} is {str(value)[:40]}, needs a whole number below 2^53")
+    return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,29 +134,15 @@ class OpenCvCamera:
             set_array(self, name, shape)
 
     @staticmethod
-    def from_tsai(camera: Tsai, T_world_camera: Pose) -> tuple[OpenCvCamera, float]:
-        """The best approximation of a Tsai camera, and its largest error over the image, px.
+    def of(camera: Camera, T_world_camera: Pose) -> tuple[OpenCvCamera, float]:
+        """The same camera, or the best approximation of a Tsai camera with distortion, and its largest error over the image, px.
 
-        The distortion of OpenCV is the inverse of Tsai's. Least squares fit k1, k2, k3 of distorted = undistorted (1 + k1 r² + k2 r⁴ + k3 r⁶)
-        to undistorted = distorted (1 + κ1 r²).
+        Raises ValueError for a camera that is no pinhole.
         """
-        fx, fy = camera.focal * camera.sx / camera.dpx, camera.focal / camera.dpy
-        matrix = np.array([[fx, 0.0, camera.cx], [0.0, fy, camera.cy], [0.0, 0.0, 1.0]])
-        u, v = np.meshgrid(np.linspace(0, camera.width - 1, SAMPLES), np.linspace(0, camera.height - 1, SAMPLES))
-        pixels = np.column_stack([u.ravel(), v.ravel()])
-        optical = camera.bearings_from_pixels(pixels) @ OPTICAL_FROM_CAMERA.T
-        straight = optical[:, :2] / optical[:, 2:]
-        bent = (pixels - [camera.cx, camera.cy]) / [fx, fy]
-        square = (straight**2).sum(axis=1)
-        distortion = np.zeros(5)
-        if camera.kappa1:
-            columns = np.concatenate([straight[:, [axis]] * np.stack([square, square**2, square**3], axis=1) for axis in (0, 1)])
-            distortion[[0, 1, 4]] = np.linalg.lstsq(columns, (bent - straight).T.ravel(), rcond=None)[0]
+        matrix, distortion, error = opencv_intrinsics(camera)
         rotation = OPTICAL_FROM_CAMERA @ T_world_camera.rotation.T
         rvec = np.asarray(cv2.Rodrigues(rotation)[0], dtype=np.float64).ravel()
-        found = OpenCvCamera(matrix, distortion, rvec, -rotation @ T_world_camera.translation)
-        again = cv2.projectPoints(optical, np.zeros(3), np.zeros(3), matrix, distortion)[0].reshape(-1, 2)
-        return found, float(np.linalg.norm(again - pixels, axis=1).max())
+        return OpenCvCamera(matrix, distortion, rvec, -rotation @ T_world_camera.translation), error
 
     def depths(self, points: Array) -> Array:
         """World points (n, 3) m → depths (n,) m along the optical axis."""
@@ -175,35 +170,54 @@ def _store(path: Path, matrices: Mapping[str, Array]) -> None:
     storage.release()
 
 
-def read_calibration(folder: Path, name: str) -> OpenCvCamera:
-    """Read the files of write_calibration. Raises ValueError with the path where a file or a matrix is missing or has another shape."""
-    intrinsic, extrinsic = folder / "intrinsic" / f"intr_{name}.xml", folder / "extrinsic" / f"extr_{name}.xml"
-    matrix, distortion = _stored(intrinsic, ("camera_matrix", "distortion_coefficients"))
-    rvec, tvec = _stored(extrinsic, ("rvec", "tvec"))
-    try:
-        return OpenCvCamera(matrix, distortion.ravel(), rvec.ravel(), tvec.ravel())
-    except ValueError as error:
-        raise ValueError(f"{intrinsic} or {extrinsic}: {error}") from None
+def read_calibration(folder: Path, name: str, intrinsics: str = "intrinsic", unit: float = 1.0) -> OpenCvCamera:
+    """Read INTRINSICS/intr_NAME.xml and extrinsic/extr_NAME.xml in `folder`. unit: of the translation in the file, m.
+
+    Raises ValueError with file and field where a file or a matrix is missing, has another shape, or holds numbers that are not finite.
+    """
+    intrinsic, extrinsic = folder / intrinsics / f"intr_{name}.xml", folder / "extrinsic" / f"extr_{name}.xml"
+    matrix, distortion = _stored(intrinsic, {"camera_matrix": (3, 3), "distortion_coefficients": (5,)})
+    rvec, tvec = _stored(extrinsic, {"rvec": (3,), "tvec": (3,)})
+    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0) or matrix[0, 1] or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
+        raise ValueError(f"{intrinsic}: camera_matrix is {matrix.tolist()}, needs [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] px with fx, fy above 0")
+    return OpenCvCamera(matrix, distortion, rvec, unit * tvec)
 
 
-def _stored(path: Path, names: tuple[str, ...]) -> list[Array]:
+def _stored(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[Array]:
+    """The matrices of a file by name and shape; vectors may be rows, columns, or plain numbers, as WILDTRACK has them."""
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        found = [storage.getNode(name).mat() for name in names]
+        found = {name: _values(storage.getNode(name)) for name in shapes}
         storage.release()
     except (cv2.error, SystemError):  # the constructor of OpenCV raises either
         raise ValueError(f"{path}: is not a file of OpenCV's FileStorage") from None
-    missing = [name for name, matrix in zip(names, found, strict=True) if matrix is None]
-    if missing:
-        raise ValueError(f"{path}: has no matrix {missing[0]}")
-    return [np.asarray(matrix, dtype=np.float64) for matrix in found]
+    out = []
+    for name, shape in shapes.items():
+        values = found[name]
+        if values is None:
+            raise ValueError(f"{path}: has no matrix {name}")
+        if values.size != np.prod(shape) or (len(shape) == 2 and values.shape != shape):
+            raise ValueError(f"{path}: {name} has shape {values.shape}, needs {' x '.join(map(str, shape))} numbers")
+        if not np.isfinite(values).all():
+            raise ValueError(f"{path}: {name} is {values.ravel().tolist()}, needs finite numbers")
+        out.append(values.reshape(shape))
+    return out
 
 
-def write_config(path: Path, grid: GroundGrid, cameras: int, frames: int, size: tuple[int, int]) -> None:
-    """Write config.json as GMVD does. size: height, width px."""
-    content = {
+def _values(node: cv2.FileNode) -> Array | None:
+    """A matrix or a list of numbers; None for anything else."""
+    if node.isSeq():
+        items = [node.at(k) for k in range(node.size())]
+        return np.array([item.real() for item in items]) if all(item.isReal() or item.isInt() for item in items) else None
+    matrix = node.mat()
+    return None if matrix is None else np.asarray(matrix, dtype=np.float64)
+
+
+def write_config(path: Path, grid: GroundGrid, cameras: int, frames: int, size: tuple[int, int], rate: float | None = None) -> None:
+    """Write config.json as GMVD does. size: height, width px. rate: frames per second, a field of pilsim; None to leave it out."""
+    content: dict[str, Any] = {
         "Dataset": "pilsim",
         "num_cam": cameras,
         "num_frames": frames,
@@ -213,6 +227,8 @@ def write_config(path: Path, grid: GroundGrid, cameras: int, frames: int, size: 
         "origin": grid.origin.tolist(),
         "region_size": [grid.rows * grid.cell, grid.columns * grid.cell],
     }
+    if rate is not None:
+        content["rate"] = rate
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
