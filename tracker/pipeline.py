@@ -6,7 +6,7 @@ after it. A fixed camera is a robot that never moves. Nothing here distinguishes
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -14,6 +14,7 @@ from typing import Protocol
 from tracker.detections.front_end import FrontEnd, ImageParameters
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Viewpoint
+from tracker.detections.rejections import BOXES, NO_POSE, count_rejections
 from tracker.gnn.tracker import GnnTracker
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.tracker import MhtTracker
@@ -72,6 +73,7 @@ class Tracker:
         self._people: PeopleTracker = GnnTracker(extended, gnn, delay) if mht is None else MhtTracker(extended, mht, delay)
         self._track_ids = TrackIds(setup)
         self._waiting: deque[Estimate] = deque()
+        self._rejections: Counter[str] = Counter()
         self._last = -1
 
     def step(self, tick: Tick) -> Estimate | None:
@@ -81,9 +83,11 @@ class Tracker:
         # Robots with an unknown start have no pose until they are localized in the map of the team.
         poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.is_localized(robot)}
         known, covariances = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
-        estimate = Estimate.of_robots(tick.index, known, covariances, dict(self.slam.counters))
+        feet, cameras = self._front_end.step(tick, poses)
+        self._count_rejections(tick, feet)
+        estimate = Estimate.of_robots(tick.index, known, covariances, self.slam.counters | dict(self._rejections))
         self._waiting.append(replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)))
-        return self._completed(self._people.step(*self._front_end.step(tick, poses)))
+        return self._completed(self._people.step(feet, cameras))
 
     def finish(self) -> Estimate | None:
         """The estimate of the oldest tick that is waiting, after the last tick; None where none is."""
@@ -95,6 +99,14 @@ class Tracker:
             return None
         ids, position, covariance = self._track_ids.report(people)
         return replace(self._waiting.popleft(), target_id=ids, position=position, covariance=covariance)
+
+    def _count_rejections(self, tick: Tick, feet: list[GroundDetections]) -> None:
+        """Add the boxes of a tick to the counts of boxes by the gate that stops them. Silhouettes are no boxes of the input."""
+        q = self.parameters.multiple or self.parameters.targets
+        given = [f for f in feet if f.camera in self.setup.mounts]
+        self._rejections.update(count_rejections(given, self.setup, q.initiation_confidence, q.fusion))
+        if lost := sum(len(view.detections) for view in tick.views) - sum(map(len, given)):
+            self._rejections.update({BOXES: lost, NO_POSE: lost})
 
     def _check(self, tick: Tick) -> None:
         if tick.index <= self._last:

@@ -141,6 +141,7 @@ class Track:
     def run(self) -> None:
         from tracker.datasets.opening import UTIAS, format_of, open_sequence
         from tracker.datasets.source_options import SourceOptions
+        from tracker.detections.rejections import explain_few_people
         from tracker.options import OPTIONS, parameters_from
         from tracker.run import tracked
         from tracker.types import without_starts
@@ -160,6 +161,9 @@ class Track:
         results = tracked(sequence, self.out, run, parameters)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
+        q, places = parameters.multiple or parameters.targets, sum(len(ids) for ids, _ in results.tracks.values())
+        if why := explain_few_people(results.run.get("counters", {}), places, sequence.setup, q.initiation_confidence, q.fusion):
+            print(why)
 
     def _track_utias(self) -> None:
         from tracker.planar_slam.event_schedule import PlanarParameters
