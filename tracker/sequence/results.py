@@ -48,7 +48,10 @@ class Results:
 
     @staticmethod
     def of(estimates: Iterable[Estimate], run: dict[str, Any]) -> Results:
-        """Collect estimates of consecutive frames. Robots whose covariance is always zero are fixed cameras and are left out."""
+        """Collect estimates of consecutive frames. Robots whose covariance is always zero are fixed cameras and are left out.
+
+        The counters of the last estimate are added to the run.
+        """
         listed = list(estimates)
         robots = {r for e in listed for r, P in e.robot_covariance.items() if P.any()}
         names = [r for r in dict.fromkeys(r for e in listed for r in e.T_world_robot) if r in robots]
@@ -57,7 +60,7 @@ class Results:
             {e.index: (e.target_id, e.position) for e in listed},
             {r: [e.T_world_robot.get(r) for e in listed] for r in names},
             {r: [e.robot_covariance.get(r) for e in listed] for r in names},
-            run,
+            run | ({"counters": listed[-1].counters} if listed and listed[-1].counters else {}),
             landmark_history_of(listed),
         )
 
