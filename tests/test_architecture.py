@@ -22,15 +22,16 @@ MOST_FILES, MOST_COMMANDS, MOST_LINES = 15, 30, 600
 
 LAYERS: dict[str, dict[str, set[str]]] = {
     "worlds": {
-        "terrain": set(),
-        "textures": {"terrain"},
-        "props": {"terrain", "textures"},
-        "world": {"terrain"},
-        "triangles": {"world", "terrain"},
-        "scenes": {"terrain", "textures", "props", "world"},
+        "engine": set(),
+        "terrain": {"engine"},
+        "textures": {"engine", "terrain"},
+        "props": {"engine", "terrain", "textures"},
+        "world": {"engine", "terrain"},
+        "triangles": {"engine", "world", "terrain"},
+        "scenes": {"engine", "terrain", "textures", "props", "world"},
         "semantics": set(),
         "catalogue": {"scenes", "world"},
-        "export": {"semantics", "terrain", "textures", "triangles", "world"},
+        "export": {"engine", "semantics", "terrain", "textures", "triangles", "world"},
         "difficulty": {"terrain", "triangles", "world"},
     },
     "tracker": {

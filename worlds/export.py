@@ -8,10 +8,10 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from PIL import Image
 
+from worlds.engine import mujoco
 from worlds.terrain.heightfield import Array
 from worlds.triangles import scenery
 from worlds.world import World

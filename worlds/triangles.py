@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from trimesh.visual.color import ColorVisuals
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
+from worlds.engine import mujoco
 from worlds.terrain.heightfield import Array
 
 DRAWN_GROUPS = (0, 1, 2, 3)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import mujoco
 import numpy as np
 
+from worlds.engine import mujoco
 from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.walk_surface import Decks, Terrain

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from sim.recording.tracker_setup import FixedCamera
 from tracker.geometry import Array, Pose, rotation_z
 from tracker.geometry.cameras import Tsai, pinhole
+from worlds.engine import mujoco
 from worlds.world import World
 
 FIELD_OF_VIEW = math.radians(75.0)

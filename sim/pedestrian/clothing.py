@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import mujoco
 import numpy as np
 
 from sim.pedestrian import body_mesh, clothing_textures
@@ -18,6 +17,7 @@ from sim.pedestrian.body_mesh import Outfit
 from sim.pedestrian.loft import LEVELS, Part, Skin
 from sim.pedestrian.skeleton import LIMBS, RADIUS, head_size, trunk_size
 from tracker.geometry import Array
+from worlds.engine import mujoco
 
 _GIRTH = (0.92, 1.12)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array
+from worlds.engine import mujoco
 from worlds.terrain.noise import Pattern, fractal, noise
 
 NAME = "people"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sim.pedestrian import clothing, clothing_textures, gait, skeleton
@@ -16,6 +15,7 @@ from sim.robots import rover
 from sim.scenario import Scenario
 from tracker.geometry import Array, Image, quaternion_from_rotation
 from tracker.geometry.cameras import Panorama
+from worlds.engine import mujoco
 
 
 class CameraViews:

@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering.geometry import DRAWN, G, ShapeBuffers
 from tracker.geometry import Array, Pose
+from worlds.engine import mujoco
 
 Indices = NDArray[np.int64]
 

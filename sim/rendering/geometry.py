@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array
+from worlds.engine import mujoco
 
 CELLS = 8
 """Cells along the edge of a tile. Smaller tiles are culled better, larger tiles need fewer draw commands."""

@@ -137,9 +137,15 @@ def open_context() -> Any:
         context.make_current()
     # Depending on what is missing, backends raise ImportError, RuntimeError, AttributeError or errors of PyOpenGL.
     except Exception as error:
-        raise GLUnavailable(f"{INSTALL} (MUJOCO_GL={backend}: {' '.join(str(error).split())[:200]})") from error
+        raise GLUnavailable(f"{INSTALL} (MUJOCO_GL={backend}: {_reason(error)})") from error
     _check(backend)
     return context
+
+
+def _reason(error: Exception) -> str:
+    """Why a backend cannot be loaded, in one line. PyOpenGL takes functions of None where it finds no library."""
+    said = " ".join(str(error).split())
+    return "its library is not found" if isinstance(error, AttributeError) and "NoneType" in said else said[:200]
 
 
 def _check(backend: str) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering.gl_context import GLUnavailable
+from worlds.engine import mujoco
 
 NEEDED = ("GL_ARB_multi_draw_indirect", "GL_ARB_clip_control", "GL_ARB_base_instance", "GL_ARB_shading_language_420pack")
 

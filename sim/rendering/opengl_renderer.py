@@ -10,7 +10,6 @@ import ctypes
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from sim.rendering.face_atlas import Atlas
 from sim.rendering.gl_context import largest_buffer, use_reversed_depth
 from sim.rendering.shaders import Lights
 from tracker.geometry import Array
+from worlds.engine import mujoco
 
 SHADOW_SIZE = 2048
 """Texels along the edge of a shadow map. It is drawn once a frame for all cameras."""

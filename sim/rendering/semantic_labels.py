@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering.draw_list import ABSENT, GROUPS
+from worlds.engine import mujoco
 from worlds.semantics import CLASSES, class_of
 
 

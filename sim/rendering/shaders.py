@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering.draw_list import CUBE_MAPPED, FACETS, PLAIN, TEXTURED, TEXTURED_FACETS
 from tracker.geometry import Array, Pose
+from worlds.engine import mujoco
 
 MOST_LIGHTS = 8
 """Largest number of lights, as in MuJoCo."""

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-import mujoco
 import numpy as np
 
 from tracker.geometry import Array, Pose
+from worlds.engine import mujoco
 
 WHEEL_RADIUS = 0.12
 """m: wheels collide as spheres and are drawn as cylinders."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +9,7 @@ from sim.rendering.draw_list import GROUPS
 from sim.simulation.simulation import ABSENT, Simulation
 from tracker.geometry import Array, Mask
 from tracker.geometry.ground import Grid
+from worlds.engine import mujoco
 
 DRAWN_GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
 """Geom groups that rays hit: those that are drawn."""

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sim.crowd.crowd import CrowdState, Obstacles, PedestrianModel
@@ -21,6 +20,7 @@ from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_p
 from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
 from tracker.types import Odometry
 from worlds import catalogue
+from worlds.engine import mujoco
 from worlds.world import World
 
 CROWD_STEP = 0.05

@@ -9,7 +9,6 @@ import matplotlib
 import matplotlib.colors
 import matplotlib.figure
 import matplotlib.patches
-import mujoco
 import numpy as np
 
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
@@ -19,6 +18,7 @@ from sim.visualization.overlays import save_png
 from tracker.geometry import Image, Pose, rotation_z
 from tracker.geometry.cameras import Panorama, pinhole
 from worlds.difficulty import Measures, measure
+from worlds.engine import mujoco
 from worlds.world import World
 
 PANORAMA = Panorama(2048, 1024)

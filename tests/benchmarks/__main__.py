@@ -9,6 +9,8 @@ import importlib
 import importlib.util
 import sys
 
+from sim.rendering.gl_context import GLUnavailable
+
 NAMES = ("crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement")
 LONG = ("space", "crowds")
 
@@ -21,7 +23,11 @@ def main() -> int:
         return 2
     for name in chosen:
         print(f"\n== {name}\n", flush=True)
-        importlib.import_module(f"tests.benchmarks.{name}").main()
+        try:
+            importlib.import_module(f"tests.benchmarks.{name}").main()
+        except GLUnavailable as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
     return 0
 
 

@@ -15,17 +15,17 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.rendering.cubemap import CUBE
-from sim.rendering.gl_context import choose_gl
+from sim.rendering.gl_context import GLUnavailable, open_context
 from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
+from worlds.engine import mujoco
 
 CAMERA = Panorama(1024, 512)
 SIDE, FINE = 256, 4
@@ -165,13 +165,18 @@ def main() -> None:
         if importlib.util.find_spec("py360convert") is None:
             print("py360convert is not installed: pip install --no-deps py360convert")
             return
+        try:
+            open_context().free()
+        except GLUnavailable as error:
+            print(f"{sys.argv[1]}: {error}")
+            return
         compare_renderers(sys.argv[1])
         return
+    open_context().free()
     kept = {key: value for key, value in os.environ.items() if key != "PYOPENGL_PLATFORM"} | {"LP_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     for backend in ("egl", "osmesa"):
         subprocess.run([sys.executable, "-m", "tests.benchmarks.panorama", backend], env=kept | {"MUJOCO_GL": backend}, check=False)
     os.environ["LP_NUM_THREADS"] = "1"
-    choose_gl()
     rates()
 
 

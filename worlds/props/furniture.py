@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from worlds.engine import mujoco
 from worlds.props.shapes import Shape, box, column
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.polygons import rectangle, turned

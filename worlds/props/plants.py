@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
 
+from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD, wrapped
 from worlds.props.shapes import Shape
 from worlds.terrain.heightfield import Array

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from worlds.engine import mujoco
 from worlds.props.shapes import Shape, box, prism
 from worlds.terrain.heightfield import Array
 from worlds.terrain.polygons import offset

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from worlds.engine import mujoco
 from worlds.terrain.heightfield import Array
 from worlds.textures.furniture_atlas import Surface, crop
 

@@ -6,9 +6,9 @@ difficulty the lawns rise over kerbs, which are lowered here and there. The grou
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
+from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD
 from worlds.scenes import campus_plan as plan
 from worlds.scenes.campus_objects import CampusSite, Colour, buildings, furniture, posts, ramp, surroundings, trees

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD, hull, tilted, wedge
 from worlds.props.shapes import Shape
 from worlds.scenes import campus_plan as plan

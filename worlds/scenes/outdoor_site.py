@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
+from worlds.engine import mujoco
 from worlds.props.plants import Plant
 from worlds.props.shapes import Shape
 from worlds.terrain.free_space import FEET, WHEELS, free_space

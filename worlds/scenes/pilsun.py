@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import mujoco
 import numpy as np
 
+from worlds.engine import mujoco
 from worlds.props import furniture
 from worlds.props.furniture import Piece
 from worlds.props.furniture_layout import Furnishing, Place

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD, arch, hull, slab, tilted, wedge
 from worlds.props.shapes import Shape
 from worlds.scenes.ruins_plan import COURT, RING, SPRING, THICKNESS, RuinsPlan, draw

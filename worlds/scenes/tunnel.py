@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
+from worlds.engine import mujoco
 from worlds.props.meshes import Ceiling, hull, ledge, slab
 from worlds.props.shapes import Shape
 from worlds.scenes.tunnel_plan import TunnelPlan, draw

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from worlds.engine import mujoco
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import mujoco
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from worlds.engine import mujoco
 from worlds.terrain.heightfield import Array, Heightfield
 
 Index = NDArray[np.int64]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from worlds.engine import mujoco
 from worlds.textures.canvas import Canvas
 
 
