@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from sim.cli.options import Out
+from sim.cli.options import Out, unset
 
-Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "recording"]
+Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording"]
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class Export:
       - coco       COCO with masks, key points and tracks
       - jrdb       JRDB: panoramas
       - tum        TUM: trajectories of robots
+      - aicity     AI City Challenge, track 1 (fixed pinhole cameras only); of the
+                   results of `track`: the one text file of a submission
       - recording  pilsim's open format (recording.json), of any source:
                    PETS 2009, WILDTRACK, JRDB and AI City, too
 
@@ -42,12 +44,15 @@ class Export:
     """Folder of the result; it must not exist yet."""
     rectangles: bool = False
     """wildtrack: write rectangles.pom too, a line for every camera and cell (millions of lines)."""
+    scene: Annotated[int | None, unset("INT", "the number in the name of what was tracked")] = None
+    """aicity, of results: scene_id of the file."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
         from tracker.datasets.opening import is_pilsim
         from tracker.datasets.source_options import SourceOptions
+        from tracker.export.aicity import export_results, is_results
         from tracker.export.exporting import export
         from tracker.export.recording import export_source
         from tracker.io.progress import progress_bar
@@ -55,6 +60,15 @@ class Export:
         def progress(frames: Iterable[int], name: str) -> Iterable[int]:
             return progress_bar(frames, desc=name, unit="frame", disable=self.json)
 
+        results = self.format == "aicity" and is_results(self.source)
+        if self.scene is not None and not results:
+            raise ValueError("--scene is for the results of `track` with --format aicity")
+        if results:
+            scene = export_results(self.source, self.out, self.scene)
+            print(
+                json.dumps({"out": str(self.out), "format": self.format, "scene": scene}) if self.json else f"{self.out}: track1.txt of scene {scene}"
+            )
+            return
         if self.format == "recording" and self.source.is_dir() and not is_pilsim(self.source):
             export_source(self.source, self.out, SourceOptions())
             print(

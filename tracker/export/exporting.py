@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from tracker.export.aicity import README as README_AICITY
+from tracker.export.aicity import export_aicity
 from tracker.export.coco import README as README_COCO
 from tracker.export.coco import export_coco
 from tracker.export.jrdb import README as README_JRDB
@@ -42,6 +44,7 @@ FORMATS = {
     "wildtrack": ExportFormat("WILDTRACK and MultiviewX", README_WILDTRACK, export_wildtrack),
     "coco": ExportFormat("COCO", README_COCO, export_coco),
     "jrdb": ExportFormat("JRDB", README_JRDB, export_jrdb),
+    "aicity": ExportFormat("AI City Challenge, track 1", README_AICITY, export_aicity),
     "recording": ExportFormat("A recording of one's own", README_RECORDING, export_recording),
     "tum": ExportFormat("TUM trajectories", README_TUM, export_tum),
 }
