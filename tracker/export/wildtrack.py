@@ -1,4 +1,4 @@
-"""Export to WILDTRACK in the variant of MultiviewX and GMVD: fixed cameras, and ground positions of people."""
+"""Export to WILDTRACK in the variant of MultiviewX and GMVD: fixed cameras, ground positions of people, and detections."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.export.recorded_sequence import PNG, RecordedSequence
+from tracker.export.recorded_sequence import PNG, FixedView, RecordedSequence
+from tracker.formats.motchallenge import ABSENT, Mot15Rows, write_mot15
 from tracker.formats.pom import write_rectangles
 from tracker.formats.wildtrack import HIDDEN, GroundGrid, OpenCvCamera, WildtrackPosition, write_calibration, write_config, write_positions
 
@@ -17,13 +18,17 @@ README = """
     SEQUENCE/calibrations/intrinsic/intr_Camera1.xml camera_matrix [px], distortion_coefficients (k1, k2, p1, p2, k3), as OpenCV has them
     SEQUENCE/calibrations/extrinsic/extr_Camera1.xml rvec [rad], tvec [m] from the world to the camera (x right, y down, z forward)
     SEQUENCE/config.json                             as GMVD's: img_shape [height, width] px, grid_shape [rows along y, columns along x],
-                                                     grid_cell [m], origin [x, y] m of cell 0, region_size [y, x] m
+                                                     grid_cell [m], origin [x, y] m of cell 0, region_size [y, x] m; rate [1/s] is ours
+    SEQUENCE/detections/C1.txt                       ours: what the simulated detector reported
 
 Annotations: personID: pilsim's, the same in all views and at all times. positionID = gx + columns · gy counts the points of a grid along x first;
 x = origin x + grid_cell · gx, y = origin y + grid_cell · gy: the place to 12.5 mm. feet (ours): x, y, z [m], the ground under the middle of the body,
 in pilsim's world (right-handed, z up). views: viewNum from 0 (view 0 is C1), xmin, ymin, xmax, ymax [px]: the first and the last column and row
 of the whole body, as if nothing were before it, the part in the image; the first pixel is 0. All are −1 in a view that does not show the person.
 Who is in no view is left out.
+
+detections: MOT15, frames from 1 (frame k is annotation k − 1): frame, −1, left, top, width, height [px], confidence, −1, −1, −1. The first
+pixel has its centre at (0, 0), so that a box of it has left −0.5 and width 1. `pilsim track SEQUENCE` reads this folder with them.
 
 SEQUENCE/rectangles.pom, only where it was asked for (--rectangles): "RECTANGLE camera cell left top right bottom" [px], the first and the last column
 and row, or "RECTANGLE camera cell notvisible": what a cylinder of 1.75 m and 0.25 m radius that stands on the ground of that cell covers of the
@@ -37,7 +42,7 @@ def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangl
     """Write the sequences. The notes tell which camera is which, the errors of the calibrations, and the relief of the ground.
 
     rectangles: also write rectangles.pom, with a line for each camera and cell.
-    Raises ValueError where a sequence has no fixed pinhole camera, or fixed cameras of different image sizes.
+    Raises ValueError where a sequence has no fixed camera, fixed cameras of different image sizes, or one that is no pinhole.
     """
     notes = []
     for recording in recordings:
@@ -48,14 +53,17 @@ def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangl
         root, camera_notes = out / recording.name, []
         cameras = []
         for number, (camera, view) in enumerate(fixed.items(), 1):
-            calibrated, error = OpenCvCamera.from_tsai(view.camera, view.T_world_camera)
+            calibrated, error = _calibration(recording, camera, view)
             cameras.append(calibrated)
             write_calibration(root / "calibrations", f"Camera{number}", calibrated)
-            camera_notes.append(f"C{number} is {camera}" + (f" (its distortion is fitted to {error:.2g} px)" if view.camera.kappa1 else ""))
+            camera_notes.append(
+                f"C{number} is {camera}" + (f" (its distortion is fitted to {error:.2g} px)" if error and calibrated.distortion.any() else "")
+            )
             (root / "Image_subsets" / f"C{number}").mkdir(parents=True)
+        _write_detections(root / "detections", recording)
         feet = np.concatenate([t.feet for t in recording.truth]).reshape(-1, 3)
         grid = GroundGrid.around(feet[:, :2])
-        write_config(root / "config.json", grid, len(fixed), len(recording.truth), next(iter(sizes)))
+        write_config(root / "config.json", grid, len(fixed), len(recording.truth), next(iter(sizes)), recording.rate)
         if rectangles:
             write_rectangles(root / "rectangles.pom", grid, cameras, next(iter(sizes)), recording.sequence.setup.ground.height_at)
         (root / "annotations_positions").mkdir()
@@ -66,6 +74,26 @@ def export_wildtrack(out: Path, recordings: Iterable[RecordedSequence], rectangl
         height = float(np.abs(feet[:, 2]).max(initial=0.0))
         notes.append(f"{recording.name}: {', '.join(camera_notes)}. People stand at most {height:.2f} m above or below z = 0.")
     return notes
+
+
+def _calibration(recording: RecordedSequence, camera: str, view: FixedView) -> tuple[OpenCvCamera, float]:
+    try:
+        return OpenCvCamera.of(view.camera, view.T_world_camera)
+    except ValueError as error:
+        raise ValueError(f"{recording.folder}: {camera}: {error}, which wildtrack can hold") from None
+
+
+def _write_detections(folder: Path, recording: RecordedSequence) -> None:
+    """Write C1.txt and so on, in the order of the fixed cameras."""
+    folder.mkdir()
+    for number, camera in enumerate(recording.fixed, 1):
+        # Boxes of an export count from the corner of the first pixel, those of OpenCV from its centre.
+        corner = np.array([0.5, 0.5, 0.0, 0.0])
+        found = [recording.detection_boxes(k, camera) for k in range(len(recording.truth))]
+        frame = np.concatenate([np.full(len(confidence), k, dtype=np.int64) for k, (_, confidence) in enumerate(found, 1)])
+        boxes, n = np.concatenate([boxes for boxes, _ in found]).reshape(-1, 4) - corner, len(frame)
+        confidence = np.concatenate([confidence for _, confidence in found])
+        write_mot15(folder / f"C{number}.txt", Mot15Rows(frame, np.full(n, -1), boxes, confidence, np.full((n, 3), ABSENT)))
 
 
 def positions_in_frame(recording: RecordedSequence, frame: int, grid: GroundGrid) -> list[WildtrackPosition]:

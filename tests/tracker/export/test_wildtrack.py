@@ -1,7 +1,9 @@
 """WILDTRACK export: OpenCV reads the calibrations, and true feet project onto the boxes."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,11 +11,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES
+from tracker.datasets.wildtrack import read_wildtrack
 from tracker.export.exporting import export
+from tracker.export.recorded_sequence import RecordedSequence
 from tracker.formats.pom import read_rectangles
 from tracker.formats.wildtrack import HIDDEN, read_calibration, read_ground_grid, read_positions
+from tracker.metrics.evaluation import evaluate
+from tracker.pipeline import track
 from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import Results
 from tracker.sequence.truth_tables import read_boxes
+from tracker.types import Sequence, TicksInMemory
 
 Exported = Callable[[str], Path]
 
@@ -95,3 +103,32 @@ def test_rectangles_contain_the_boxes_of_people(sequence: Path, tmp_path: Path) 
     assert checked > 5
     with pytest.raises(ValueError, match="rectangles is set for coco, needs wildtrack"):
         export(sequence, "coco", tmp_path / "other", rectangles=True)
+
+
+def test_an_export_read_back_has_the_same_truth_detections_and_scores(sequence: Path, exported: Exported) -> None:
+    original, again = RecordedSequence.open(sequence), read_wildtrack(exported("wildtrack") / "plaza")
+    assert again.rate == original.rate
+    assert list(again.cameras) == ["C1", "C2", "C3"]
+    for truth in original.truth:
+        ids, feet = again.truth[truth.index]  # type: ignore[index]
+        assert_array_equal(ids, truth.person_id)
+        assert_array_equal(feet, truth.feet)
+    for name, camera in zip(again.cameras, original.fixed, strict=True):
+        for k in range(FRAMES):
+            boxes, confidence = original.detection_boxes(k, camera)
+            found, found_confidence = again.detections[name].get(k, (np.zeros((0, 4)), np.zeros(0)))
+            assert_allclose(found + [0.5, 0.5, 0.0, 0.0], boxes, atol=1e-9)
+            assert_array_equal(found_confidence, confidence)
+    assert len(list(again.images["C1"].images(FRAMES, (240, 320)))) == FRAMES
+
+    def scores(source: Sequence) -> dict[str, Any]:
+        return evaluate(source, Results.of(track(source.setup, source.ticks), run={}))["targets"]
+
+    setup = original.setup
+    mounts = {name: mount for name, mount in setup.mounts.items() if name in original.fixed}
+    fixed = replace(setup, mounts=mounts, starts={mount.robot: setup.starts[mount.robot] for mount in mounts.values()})
+    ticks = tuple(replace(tick, views=tuple(view for view in tick.views if view.camera in mounts)) for tick in original.sequence.ticks)
+    truth = tuple(replace(t, T_world_robot={}, visible=np.ones((len(t.person_id), 3))) for t in original.truth)
+    one, other = scores(Sequence(fixed, TicksInMemory(ticks, mounts), truth, {})), scores(again.sequence())
+    for count in ("truths", "misses", "false_positives", "switches"):
+        assert one[count] == other[count]
