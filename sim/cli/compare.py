@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -41,14 +42,16 @@ class Compare:
 
     def run(self) -> None:
         from sim.report.comparison import compare_paired, comparison_text, to_json
+        from tracker.io.file_lock import output_file_lock
 
         if self.out is not None and self.out.suffix.lower() != ".png":
             raise ValueError(f"--out is {self.out}, needs a name that ends in .png")
         if not self.folders:
             raise ValueError("compare needs folders of results, the first as the reference")
-        found = compare_paired(self.folders)
-        if self.out is not None:
-            from sim.report.comparison_plot import draw
+        with nullcontext() if self.out is None else output_file_lock(self.out):
+            found = compare_paired(self.folders)
+            print(json.dumps(to_json(found), indent=1) if self.json else comparison_text(found))
+            if self.out is not None:
+                from sim.report.comparison_plot import draw
 
-            draw(found, self.out)
-        print(json.dumps(to_json(found), indent=1) if self.json else comparison_text(found))
+                draw(found, self.out)

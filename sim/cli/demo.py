@@ -60,16 +60,21 @@ class Demo:
             frames=self.frames,
             width=self.width,
         )
-        run_demo(scenario, self.out)
+        from tracker.io.file_lock import folder_lock
+
+        check_folder(scenario, self.out)
+        # The lock is taken before the imports of the renderer and the tracker, which take seconds.
+        with folder_lock(self.out):
+            run_demo(scenario, self.out)
 
 
 def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     """Run the whole pipeline into a folder, and return the scores. Parts of the same scenario in the folder are reused.
 
-    Raises ValueError where the folder holds another run.
+    Hold the lock of the folder. Raises ValueError where it holds another run.
     """
     from sim.recording.record import record
-    from tracker.io.atomic import write_text
+    from tracker.io.atomic import is_free, write_text
     from tracker.io.progress import progress_bar
     from tracker.io.resume import json_value
     from tracker.metrics.evaluation import evaluate, table
@@ -83,7 +88,7 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     if not folder.exists():
         record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"))
     sequence = read_sequence(folder)
-    if (out / "track").exists() and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
+    if not is_free(out / "track") and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
         print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
         for name in PICTURES:
             (out / name).unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from sim.cli.options import Out, numbers, unset
 from sim.cli.scenario_options import DetectorSettings, Number, ScenarioSettings, Whole, Word, given
 
 if TYPE_CHECKING:
+    from sim.datasets.pets_twin import Twin
     from sim.datasets.presets import Preset
 
 _COMMON = ("world", "difficulty", "seed", "robots", "people", "frames", "width")
@@ -65,7 +66,7 @@ class Generate:
     preset: Positional[Literal["pilsun", "s2l1", "s2l2", "s2l3", "twin"]]
     """The kind of sequences."""
     out: Out
-    """Folder of the dataset; complete sequences in it are kept. The folder of a twin must not exist yet."""
+    """Folder of the dataset; complete sequences in it are kept. The folder of a twin must be new or empty."""
     count: int = 1
     """Number of sequences; sequence n has the seed + n, and so another world, other people and other paths."""
     seed: Whole = None
@@ -139,8 +140,9 @@ class Generate:
     def _twin(self) -> None:
         from functools import partial
 
-        from sim.datasets.pets_twin import Twin, box_overlaps, generate
-        from sim.datasets.pets_twin_picture import side_by_side
+        from sim.datasets.pets_twin import Twin, generate
+        from sim.recording.record import check_absent
+        from tracker.io.file_lock import folder_lock
         from tracker.io.progress import progress_bar
 
         if self.twin.annotations is None or self.twin.calibration is None:
@@ -152,9 +154,18 @@ class Generate:
             raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}; the annotation sets the rest")
         views = tuple(numbers(self.views or "1"))
         twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
-        generate(twin, self.out, progress=partial(progress_bar, desc="frames", unit="frame"))
+        check_absent(self.out)
+        with folder_lock(self.out):
+            generate(twin, self.out, progress=partial(progress_bar, desc="frames", unit="frame"))
+            self._compare(twin)
+
+    def _compare(self, twin: Twin) -> None:
+        """Print where the twin is, and compare its boxes with the annotated ones."""
+        from sim.datasets.pets_twin import box_overlaps
+        from sim.datasets.pets_twin_picture import side_by_side
+
         print(f"{self.out}: a sequence (README.md in it); `pilsim track {self.out}` tracks it")
-        if 1 in views:
+        if 1 in twin.views:
             side_by_side(twin, self.out)
             alike = sorted(box_overlaps(twin, self.out).tolist())
             median = alike[len(alike) // 2]

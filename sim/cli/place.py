@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,8 +91,8 @@ class Place:
 
     def run(self) -> None:
         import sim  # noqa: F401
-        from sim.policies.comparison import differences, draw, text
-        from sim.policies.rollouts import policy_of, table
+        from sim.policies.rollouts import policy_of
+        from tracker.io.file_lock import output_file_lock
 
         for name, value in (("episodes", self.episodes), ("steps", self.steps), ("train", self.training.train), ("workers", self.workers)):
             if value is not None and value < 1:
@@ -109,6 +110,14 @@ class Place:
             raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, ppo:FILE")
         for name in self.policy:
             policy_of(name)
+        with nullcontext() if self.picture is None else output_file_lock(self.picture):
+            self._compare()
+
+    def _compare(self) -> None:
+        """Play the episodes, print the tables, and draw the picture."""
+        from sim.policies.comparison import differences, draw, text
+        from sim.policies.rollouts import table
+
         outcomes = self._outcomes()
         found, less = table(outcomes), differences(outcomes)
         if self.json:

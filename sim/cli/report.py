@@ -29,6 +29,10 @@ class Report:
 
     def run(self) -> None:
         from sim.report.report import write_report
+        from tracker.io.file_lock import folder_lock, output_file_lock
 
-        path = write_report(self.folder, self.out)
+        if not self.folder.is_dir():
+            raise ValueError(f"{self.folder}: no such folder")
+        with folder_lock(self.folder / "report"), output_file_lock(self.out or self.folder / "report.html"):
+            path = write_report(self.folder, self.out)
         print(f"{path}: the page ({path.stat().st_size / 1e6:.1f} MB); plots as PNG and CSV in {self.folder / 'report'}")

@@ -49,7 +49,8 @@ class Study:
     """Frames of each run."""
 
     def run(self) -> None:
-        from sim.studies import hypothesis_count, image_tracklets
+        from sim.studies import hypothesis_count
+        from tracker.io.file_lock import folder_lock
 
         for name in ("repetitions", "frames"):
             if getattr(self, name) < 1:
@@ -57,15 +58,22 @@ class Study:
         if self.pets is not None:
             # A bad folder is refused before the first run, which takes long.
             hypothesis_count.check(self.pets, self.name == "images")
-        self.out.mkdir(parents=True, exist_ok=True)
+        with folder_lock(self.out):
+            self._run()
+
+    def _run(self) -> None:
+        """Run the study in its folder, whose lock is held."""
+        from sim.studies import hypothesis_count, image_tracklets
+        from tracker.io.atomic import write_text
+
         people = image_tracklets.CROWD.people if self.name == "images" else hypothesis_count.PEOPLE
         asked, note = f"frames {self.frames}, searches as they are, {people} people\n", self.out / "frames.txt"
         if note.is_file() and note.read_text() != asked:
             raise ValueError(f"{self.out}: holds another study ({note.read_text().strip()} there, {asked.strip()} asked for)")
-        note.write_text(asked)
+        write_text(note, asked)
         text = {"fig4": self._fig4, "graphs": self._graphs, "images": self._images}[self.name]()
-        (self.out / f"{self.name}.txt").write_text(text + "\n")
         print(text)
+        write_text(self.out / f"{self.name}.txt", text + "\n")
 
     def _materials(self, degradations: tuple[str, ...]) -> list[Material]:
         from sim.studies import hypothesis_count

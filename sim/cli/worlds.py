@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -38,6 +39,12 @@ class Worlds:
 
     def run(self) -> None:
         from sim.visualization.world_survey import SurveyOptions, describe, survey
+        from tracker.io.file_lock import folder_lock, output_file_lock
 
-        rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip))
+        with ExitStack() as locks:
+            if self.preview is not None:
+                locks.enter_context(folder_lock(self.preview))
+            if self.export is not None:
+                locks.enter_context(output_file_lock(self.export))
+            rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip))
         print(json.dumps(rows, indent=1) if self.json else describe(rows))

@@ -16,11 +16,11 @@ from pathlib import Path
 
 from sim.datasets.generation_worker import SequenceTask, run_task
 from sim.datasets.presets import Preset
-from sim.parallel.file_lock import file_lock
 from sim.parallel.pool import Pool, WorkerLost
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
-from tracker.io.atomic import write_text
+from tracker.io.atomic import Kept, write_text
+from tracker.io.file_lock import folder_lock
 from tracker.io.progress import progress_bar
 from tracker.io.resume import check_same, holds_run
 from tracker.sequence.dataset import FILE, Dataset, read_dataset
@@ -74,8 +74,7 @@ def generate(plan: Plan) -> int:
     does not fit into its world. Raises OSError where a worker is lost, the disk is full, or the cluster does not answer.
     """
     _check_free(plan)
-    plan.out.mkdir(parents=True, exist_ok=True)
-    with file_lock(plan.out / ".lock"):
+    with folder_lock(plan.out):
         _check_free(plan)
         tasks = plan.tasks()
         for task in tasks:
@@ -84,21 +83,32 @@ def generate(plan: Plan) -> int:
         write_text(plan.out / FILE, plan.dataset.to_json())
         missing = [task for task in tasks if not task.complete]
         if missing:
-            try:
-                with _progress(tasks):
-                    _run(plan, missing)
-            finally:
-                for task in missing:
-                    task.remove_leftovers()
-                if new and not any(task.complete for task in tasks):
-                    # No sequence was made: the folder stays free for another dataset.
-                    (plan.out / FILE).unlink()
+            _make(plan, tasks, missing, new)
         lost = [task.folder for task in tasks if not task.complete]
         if lost:
             raise OSError(f"{lost[0]}: was made by the cluster, but is not here: the cluster must see this folder under the same path")
         write_card(plan.out)
         write_croissant(plan.out)
     return len(missing)
+
+
+def _make(plan: Plan, tasks: list[SequenceTask], missing: list[SequenceTask], new: bool) -> None:
+    """Make the missing sequences of all tasks. new: whether the dataset is."""
+    named = False
+    try:
+        with _progress(tasks):
+            _run(plan, missing)
+    except Kept:
+        # The message names the files of the sequence that could not be finished. The next run removes them.
+        named = True
+        raise
+    finally:
+        for task in missing:
+            if not named:
+                task.remove_leftovers()
+        if new and not any(task.complete for task in tasks):
+            # No sequence was made: the folder stays free for another dataset.
+            (plan.out / FILE).unlink(missing_ok=True)
 
 
 def _check_free(plan: Plan) -> None:

@@ -13,7 +13,9 @@ import numpy as np
 
 from sim.policies.ppo import needed
 from sim.policies.waypoints import CHOICES, FEATURES, HOLD
-from tracker.io.atomic import finish_folder, new_file, partial_path, write_text
+from tracker.io.atomic import finish_folder, is_free, new_file, partial_path, unfinished_path, write_text
+from tracker.io.file_lock import folder_lock
+from tracker.io.csv_tables import read_table
 from tracker.io.json_files import read_json
 from tracker.io.resume import check_same
 
@@ -24,6 +26,7 @@ BASELINES = ("random", "static", "lloyd", "greedy")
 LEARNING_RATE = 1e-3
 """Initial learning rate, which decreases linearly to 0."""
 MODEL, RUN, CURVE = "ppo.zip", "order.json", "curve.csv"
+CURVE_COLUMNS: dict[str, type] = {"decisions": int, "reward": float, "standard_error": float}
 
 
 @dataclass(eq=False)
@@ -42,29 +45,37 @@ class Curve:
 
     def write(self, file: Path) -> None:
         with new_file(file) as part, part.open("w", newline="", encoding="utf-8") as out:
-            csv.writer(out).writerows([("decisions", "reward", "standard_error"), *self.rows])
+            csv.writer(out).writerows([tuple(CURVE_COLUMNS), *self.rows])
 
     @staticmethod
     def read(file: Path, steps: int) -> Curve:
-        rows = list(csv.reader(file.open(encoding="utf-8", newline="")))[1:]
-        return Curve(steps, [(int(a), float(b), float(c)) for a, b, c in rows])
+        """The curve that `write` wrote. Raises ValueError with file and line."""
+        table = read_table(file, CURVE_COLUMNS)
+        return Curve(steps, list(zip(*(table[name].tolist() for name in CURVE_COLUMNS), strict=True)))
 
 
 def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> Path:
-    """Train for `steps` decisions. Writes ppo.zip, curve.csv (the rows of Curve) and curve.png into a new folder.
+    """Train for `steps` decisions. Writes ppo.zip, curve.csv (the rows of Curve) and curve.png into a new or empty folder.
 
-    The same seed gives the same policy. Unfinished training is kept in a hidden folder beside `folder`. After an interruption the same call
+    The same seed gives the same policy. Unfinished training is kept in a hidden folder in `folder`. After an interruption the same call
     resumes from the last saved state, on new episodes. Returns the path of ppo.zip.
-    Raises ValueError where stable-baselines3 is missing, the folder exists, or another training was interrupted there.
+    Raises ValueError where stable-baselines3 is missing, the folder holds something, another process writes it, or another training was interrupted there.
     """
     needed()
+    if not is_free(folder):
+        raise ValueError(f"{folder}: exists already, needs a new folder")
+    with folder_lock(folder):
+        _train(options, steps, folder, seed)
+    return folder / MODEL
+
+
+def _train(options: dict[str, Any], steps: int, folder: Path, seed: int) -> None:
     import torch
 
     from sim.policies.vector_env import TeamVecEnv
 
-    if folder.exists():
-        raise ValueError(f"{folder}: exists already, needs a new folder")
-    part, run = partial_path(folder), {"options": options, "steps": steps, "seed": seed}
+    # Versions up to 0.3.0 kept unfinished training beside the folder.
+    part, run = partial_path(folder) if partial_path(folder).is_dir() else unfinished_path(folder), {"options": options, "steps": steps, "seed": seed}
     if (part / RUN).exists():
         check_same(part, read_json(part / RUN), run, "another training, which was interrupted")
     torch.set_num_threads(1)
@@ -76,8 +87,7 @@ def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> P
     envs.close()
     _save(model, curve, part)
     draw(curve, _baseline_rewards(options), part / "curve.png")
-    finish_folder(folder)
-    return folder / MODEL
+    finish_folder(folder, part)
 
 
 def _new_or_resumed(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any, Curve]:

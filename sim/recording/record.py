@@ -27,6 +27,7 @@ from sim.sensors.robot_detector import RobotDetector
 from sim.simulation.simulation import Simulation
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Grid
+from tracker.io.atomic import is_free
 from tracker.sequence.writer import ImageForm, Layers, SequenceWriter
 from tracker.types import Setup, Tick, Truth, View, ViewTruth
 from worlds.export import export
@@ -108,18 +109,18 @@ class Recording:
 
 
 def record(scenario: Scenario, folder: Path, progress: Any = None) -> None:
-    """Write the sequence of a scenario into the new folder `folder`. Nothing is left there after an error.
+    """Write the sequence of a scenario into the new or empty folder `folder`. Nothing is left there after an error, but for an OSError.
 
     progress: wraps the iterator of frames (tqdm, for example), or None.
-    Raises ValueError if the folder exists, or if robots or people do not fit into the world.
+    Raises Kept for an OSError, with the place of unfinished files. Raises ValueError if the folder is not empty, or if robots or people do not fit into the world.
     """
     check_absent(folder)
     write_recording(Recording.of(scenario), folder, progress)
 
 
 def check_absent(folder: Path) -> None:
-    """Raises ValueError if `folder` exists."""
-    if folder.exists():
+    """Raises ValueError if `folder` exists and is no empty folder."""
+    if not is_free(folder):
         raise ValueError(f"{folder}: is there already")
 
 

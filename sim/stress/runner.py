@@ -11,15 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sim.parallel.file_lock import file_lock, holder_file
 from sim.parallel.pool import Pool
 from sim.recording.record import versions
 from sim.stress.trial import SCHEMA, Trial, empty_row
 from sim.stress.worker import Worker
 from tracker.io.atomic import write_text
+from tracker.io.file_lock import folder_lock
+from tracker.io.json_files import parse_json
 from tracker.io.resume import check_same, holds_run
+from tracker.io.text_files import shown
 
-RESULTS, RUN, LOCK = "results.jsonl", "run.json", ".lock"
+RESULTS, RUN = "results.jsonl", "run.json"
 Key = tuple[str, int, str]
 
 _workers: dict[tuple[int, float], Worker] = {}
@@ -55,9 +57,6 @@ def run_trials(
     command: the command line, for run.json. progress: wraps the rows as they come, like tqdm. Raises ValueError where the folder is a file, holds
     something else or results of another version, and where another process writes into it.
     """
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder}: is a file, needs a folder")
-    folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder):
         rows = {key_of(row): row for row in _read_rows(folder)}
         wanted = list(trials)
@@ -125,7 +124,7 @@ def close_workers() -> None:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Lock a folder against other processes that write rows."""
-    with file_lock(folder / LOCK):
+    with folder_lock(folder):
         try:
             yield
         finally:
@@ -135,23 +134,33 @@ def _locked(folder: Path) -> Iterator[None]:
 def _read_rows(folder: Path) -> list[dict[str, Any]]:
     """The rows of a folder. A last line that is cut off is left out. Raises ValueError for any other line that is no row."""
     path = folder / RESULTS
-    if not holds_run(folder, RESULTS, (LOCK, holder_file(folder / LOCK).name, RUN, "moments")):
+    if not holds_run(folder, RESULTS, (RUN, "moments")):
         return []
     lines = path.read_bytes().split(b"\n")
     out = []
     for number, line in enumerate(lines, 1):
-        if not line:
+        if not line.strip():
             continue
         try:
-            row = json.loads(line)
-        except ValueError:
+            row = parse_json(line.decode("utf-8-sig"), f"{path}:{number}")
+        except ValueError as error:
             if number == len(lines):
                 continue
-            raise ValueError(f"{path}:{number}: not JSON") from None
+            raise ValueError(f"{path}:{number}: not JSON in UTF-8") from None if isinstance(error, UnicodeDecodeError) else error
         if not isinstance(row, dict) or row.get("schema") != SCHEMA:
-            raise ValueError(f"{path}:{number}: schema is {row.get('schema') if isinstance(row, dict) else None}, this version reads {SCHEMA}")
+            found = row.get("schema") if isinstance(row, dict) else None
+            raise ValueError(f"{path}:{number}: schema is {shown(str(found))[1:-1]}, this version reads {SCHEMA}")
+        if not _is_row(row):
+            raise ValueError(f"{path}:{number}: id, seed, tracker, error or ladder is missing or of the wrong kind")
         out.append(row)
     return out
+
+
+def _is_row(row: dict[str, Any]) -> bool:
+    """Whether a row has what this module reads of it."""
+    tracker = row.get("tracker")
+    named = isinstance(tracker, dict) and isinstance(tracker.get("name"), str)
+    return named and isinstance(row.get("id"), str) and type(row.get("seed")) is int and {"error", "ladder"} <= set(row)
 
 
 def _write_rows(folder: Path, rows: list[dict[str, Any]]) -> None:

@@ -1,41 +1,82 @@
-"""Atomic writing of files and folders: they are written under a temporary name in the same folder, then renamed."""
+"""Atomic writing of files and folders: they are written under a temporary name, then renamed. What cannot be finished is kept and named."""
 
 from __future__ import annotations
 
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import final
 
 INSIDE = ".partial"
 """Name of the temporary folder inside a folder that exists already."""
-LAST = "run.json"
-"""The file that marks results as complete: it moves into an existing folder after all others."""
+LOCK = ".lock"
+"""Name of the lock of a folder, in it; `file_lock.py` uses it. Names that begin with it and a point belong to the lock, too."""
+LAST = ("README.md", "manifest.json", "run.json")
+"""Files that mark a folder as complete, in the order in which they move into an existing folder after all others."""
+
+
+@final
+class Kept(OSError):
+    """An output could not be finished. The message names the place of what was made."""
+
+    @staticmethod
+    def of(error: Exception, place: Path, what: str = "what was made") -> Kept:
+        """The same error, with the place of what was made in its message. place: a folder or a file."""
+        text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        name = error.filename if isinstance(error, OSError) and error.filename is not None else None
+        number = error.errno if isinstance(error, OSError) and error.errno is not None else errno.EIO
+        message = f"{text}; {what} is in {place}"
+        return Kept(number, message) if name is None else Kept(number, message, str(name))
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a name in an output folder is that of the temporary folder or of a lock. Such names do not count as content."""
+    return name in (INSIDE, LOCK) or name.startswith(f"{LOCK}.")
+
+
+def is_free(path: Path) -> bool:
+    """Whether `path` does not exist, or is a folder without content."""
+    return not (path.exists() or path.is_symlink()) or (path.is_dir() and all(is_temporary(entry.name) for entry in path.iterdir()))
 
 
 def partial_path(path: Path) -> Path:
-    """The temporary name under which the folder `path` is written; it lies in the same parent folder."""
+    """The temporary name under which a folder `path` that does not exist is written; it lies in the same parent folder."""
     return path.with_name(f".{path.name}.partial")
 
 
+def unfinished_path(path: Path) -> Path:
+    """The temporary folder for `path`: inside it where it exists, since a mount point or a link cannot be replaced; else beside it."""
+    return path / INSIDE if path.is_dir() else partial_path(path)
+
+
 def begin_folder(path: Path) -> Path:
-    """Make an empty folder under the temporary name of `path` and return it. What an interrupted run left there is removed."""
-    discard_folder(path)
-    partial_path(path).mkdir(parents=True)
-    return partial_path(path)
+    """Make an empty temporary folder for `path` and return it. What an interrupted run left, in `path` or beside it, is removed."""
+    partial = unfinished_path(path)
+    discard_folder(partial)
+    if path.name not in ("", ".."):
+        discard_folder(partial_path(path))
+    partial.mkdir(parents=True)
+    return partial
 
 
-def finish_folder(path: Path) -> None:
-    """Rename the folder under the temporary name to `path`."""
-    partial_path(path).rename(path)
+def finish_folder(path: Path, partial: Path) -> None:
+    """Rename the temporary folder `partial` to `path`, or move its content into the folder `path` where that exists."""
+    if not path.is_dir():
+        partial.rename(path)
+        return
+    for entry in sorted(partial.iterdir(), key=lambda entry: (LAST.index(entry.name) if entry.name in LAST else -1, entry.name)):
+        entry.rename(path / entry.name)
+    partial.rmdir()
 
 
-def discard_folder(path: Path) -> None:
-    """Remove the folder under the temporary name, if it exists."""
-    if partial_path(path).exists():
-        shutil.rmtree(partial_path(path))
+def discard_folder(partial: Path) -> None:
+    """Remove a temporary folder, if it exists."""
+    if partial.exists():
+        shutil.rmtree(partial)
 
 
 @contextmanager
@@ -44,32 +85,40 @@ def new_folder(path: Path) -> Iterator[Path]:
 
     An empty folder `path` stays and is filled, since it may be a mount point or a link, which cannot be replaced.
     What an interrupted run left under the temporary name is removed first. Raises ValueError where `path` exists and is no empty folder.
+    Raises Kept for an OSError, for instance of a full disk: the temporary folder stays.
     """
-    if path.exists():
-        with _inside(path) as partial:
-            yield partial
-        return
-    try:
-        yield begin_folder(path)
-        finish_folder(path)
-    finally:
-        discard_folder(path)
-
-
-@contextmanager
-def _inside(path: Path) -> Iterator[Path]:
-    """Yields a temporary folder inside the empty folder `path`, whose files move to `path` when the block ends."""
-    if not path.is_dir() or any(entry.name != INSIDE for entry in path.iterdir()):
+    if not is_free(path):
         raise ValueError(f"{path}: is there already")
-    partial = path / INSIDE
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
+    partial = begin_folder(path)
     try:
         yield partial
-        for entry in sorted(partial.iterdir(), key=lambda entry: (entry.name == LAST, entry.name)):
-            entry.rename(path / entry.name)
-    finally:
-        shutil.rmtree(partial)
+        finish_folder(path, partial)
+    except Exception as error:
+        if isinstance(error, OSError) and partial.is_dir():
+            raise Kept.of(error, partial) from error
+        discard_folder(partial)
+        raise
+    except BaseException:
+        discard_folder(partial)
+        raise
+
+
+def write_or_rescue(folder: Path, write: Callable[[Path], None]) -> None:
+    """Call write(folder). Where that fails, write into the temporary folder of the system instead, and raise Kept, which names the place.
+
+    write: writes a folder atomically; it raises OSError or ValueError where that is impossible. Its error is raised where no place can be written.
+    """
+    try:
+        write(folder)
+    except (OSError, ValueError) as error:
+        first = error.__cause__ if isinstance(error, Kept) and isinstance(error.__cause__, OSError) else error
+        try:
+            spare = Path(tempfile.mkdtemp(prefix="pilsim-")) / "results"
+            write(spare)
+        except (OSError, ValueError):
+            raise error from None
+        shutil.rmtree(unfinished_path(folder), ignore_errors=True)
+        raise Kept.of(first, spare, "the result") from first
 
 
 def check_writable(path: Path) -> None:
@@ -85,14 +134,28 @@ def check_writable(path: Path) -> None:
 def new_file(path: Path) -> Iterator[Path]:
     """Yields a temporary file name with the same suffix. It becomes `path` when the block ends, and replaces an existing file.
 
-    A block that fails leaves the existing file as it is.
+    A block that fails leaves the existing file as it is. A link stays a link, and its target is replaced. A device or pipe is written directly.
     """
-    partial = path.with_name(f".{path.stem}.part{path.suffix}")
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file() and not target.is_dir():
+        yield target
+        return
+    partial = target.with_name(f".{target.stem}.part{target.suffix}")
+    if target.is_file() and not os.access(target.parent, os.W_OK):
+        partial = Path(tempfile.mkdtemp(prefix="pilsim-")) / target.name
     try:
         yield partial
-        partial.replace(path)
+        try:
+            partial.replace(target)
+        except OSError as error:
+            # EBUSY: the file is a mount point, as a file that is given to a container. EXDEV: it lies on another file system.
+            if error.errno not in (errno.EBUSY, errno.EXDEV):
+                raise
+            shutil.copyfile(partial, target)
     finally:
         partial.unlink(missing_ok=True)
+        if partial.parent != target.parent:
+            partial.parent.rmdir()
 
 
 def write_text(path: Path, text: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.io.atomic import INSIDE
+from tracker.io.atomic import is_temporary
 
 OTHERWISE = "choose another --out or remove it"
 LONGEST = 80
@@ -36,7 +36,7 @@ def holds_run(folder: Path, statement: str, ignored: Collection[str] = ()) -> bo
         raise ValueError(f"{folder}: is a file, needs a folder")
     if (folder / statement).exists():
         return True
-    names = sorted(path.name for path in folder.iterdir() if path.name != INSIDE)
+    names = sorted(path.name for path in folder.iterdir() if not is_temporary(path.name))
     others = [name for name in names if not any(fnmatch(name, pattern) for pattern in ignored)]
     if others:
         raise ValueError(f"{folder}: holds {others[0]} and no {statement}; {OTHERWISE}")

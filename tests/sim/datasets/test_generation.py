@@ -97,7 +97,7 @@ def test_another_dataset_or_run_in_the_folder_is_refused(dataset: Path, tmp_path
         generate(*same, "--seed", "5", out=dataset)
     with pytest.raises(ValueError, match="is a dataset of 2 sequences, --count is 1"):
         generate(*same, "--count", "1", out=dataset)
-    with file_lock(dataset / ".lock"), pytest.raises(ValueError, match=rf"another run \(process {os.getpid()}\) writes into it"):
+    with file_lock(dataset / ".lock"), pytest.raises(ValueError, match=rf"is being written by another pilsim \(process {os.getpid()} on "):
         generate(*same, out=dataset)
     (tmp_path / "diary.txt").write_text("dear diary")
     with pytest.raises(ValueError, match=r"and no dataset\.json; choose another --out"):
@@ -205,7 +205,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(dataset: Path,
             assert time.monotonic() < deadline
             assert run.poll() is None
             time.sleep(0.05)
-        holders = [int(path.read_text()) for path in tmp_path.glob("D/.pilsun-*.lock.pid")]
+        holders = [int(path.read_text().split()[0]) for path in tmp_path.glob("D/.pilsun-*.lock.pid")]
         assert set(holders) <= set(pids)
         os.kill(holders[0], signal.SIGKILL)
         _, said = run.communicate(timeout=400)
@@ -220,6 +220,6 @@ def test_two_runs_into_one_folder(tmp_path: Path) -> None:
     while not (tmp_path / "D" / "dataset.json").exists():
         assert first.poll() is None
         time.sleep(0.05)
-    assert "writes into it" in last_line(pilsim(*arguments))
+    assert "is being written by another pilsim" in last_line(pilsim(*arguments))
     assert first.wait(timeout=400) == 0
     assert not list(validate(tmp_path / "D"))

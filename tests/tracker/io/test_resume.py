@@ -16,9 +16,12 @@ def test_folder_holds_a_statement_or_is_empty(tmp_path: Path) -> None:
     assert not holds_run(folder, "run.json")
     folder.mkdir()
     assert not holds_run(folder, "run.json")
-    (folder / ".lock").touch()
+    for name in (".lock", ".lock.pid"):
+        (folder / name).touch()
+    assert not holds_run(folder, "run.json")
+    (folder / ".notes").touch()
     assert not holds_run(folder, "run.json", (".*",))
-    with pytest.raises(ValueError, match=r"out: holds \.lock and no run\.json; choose another --out or remove it"):
+    with pytest.raises(ValueError, match=r"out: holds \.notes and no run\.json; choose another --out or remove it"):
         holds_run(folder, "run.json")
     (folder / "run.json").touch()
     assert holds_run(folder, "run.json")

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from sim.parallel.file_lock import Locked, file_lock, holder_file
+from tracker.io.file_lock import Locked, file_lock, holder_file
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from sim.parallel.file_lock import file_lock
+from tracker.io.file_lock import file_lock
 with file_lock(Path(sys.argv[1]), wait=True):
     print("held", flush=True)
     time.sleep({})
@@ -21,7 +21,7 @@ with file_lock(Path(sys.argv[1]), wait=True):
 COUNT = """
 import sys
 from pathlib import Path
-from sim.parallel.file_lock import file_lock
+from tracker.io.file_lock import file_lock
 count = Path(sys.argv[2])
 for _ in range(100):
     with file_lock(Path(sys.argv[1]), wait=True):
@@ -41,7 +41,7 @@ def holder(path: Path, seconds: float) -> subprocess.Popen[str]:
 def test_a_second_process_is_refused_until_the_first_is_killed(tmp_path: Path) -> None:
     path = tmp_path / ".lock"
     with holder(path, 60) as first:
-        with pytest.raises(Locked, match=rf"another run \(process {first.pid}\) writes into it"), file_lock(path):
+        with pytest.raises(Locked, match=rf"is being written by another pilsim \(process {first.pid} on .*, since 20"), file_lock(path):
             pass
         first.kill()
         first.wait()
@@ -79,7 +79,7 @@ def test_an_error_releases_the_lock(tmp_path: Path) -> None:
 
 def test_a_holder_that_has_not_written_its_id_yet_is_unknown(tmp_path: Path) -> None:
     path = tmp_path / ".lock"
-    with FileLock(path), pytest.raises(Locked, match=r"another run \(process unknown\) writes into it") as error, file_lock(path):
+    with FileLock(path), pytest.raises(Locked, match=r"is being written by another pilsim \(process unknown\)") as error, file_lock(path):
         pass
     assert "\n" not in str(error.value)
     assert not holder_file(path).exists()

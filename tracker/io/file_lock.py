@@ -1,0 +1,243 @@
+"""Locks on outputs: one process writes a folder or a file at a time. The operating system releases a lock when its process ends.
+
+The lock of a folder lies in it, so that every path to the folder leads to the same lock: a link, a mount point, the same volume in two containers.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime
+from pathlib import Path
+
+from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
+
+from tracker.io.atomic import LOCK, Kept, check_writable, is_free
+
+LONGEST = 200
+"""Most characters that are read from the file that names the holder of a lock."""
+FOLDER, FILE = "--out", "file"
+"""What to choose another one of."""
+_WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
+_held: set[tuple[int, str]] = set()
+"""Threads and the real paths of the folders that they hold."""
+
+
+class Locked(ValueError):  # noqa: N818  the name states the condition; the message is one line for the user
+    """Another process holds the lock."""
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Hold the lock of an output folder during this context. A missing folder is made first, and removed at the end where it is empty then.
+
+    A thread that holds the lock of the folder already shares it.
+    Raises Locked (one line) where another process holds it, ValueError where `folder` is a file, and OSError where nothing can be written there.
+    Raises Kept for an OSError in the context where the folder has content then.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: is a file, needs a folder")
+    real = Path(os.path.realpath(folder))
+    key = threading.get_ident(), str(real)
+    if key in _held:
+        yield
+        return
+    made: list[Path] = []
+    try:
+        with _cannot_be_written(folder, FOLDER):
+            check_writable(real)
+            _make(real, made)
+            lock = _hold(real / LOCK, False, folder)
+        _held.add(key)
+        try:
+            yield
+        except OSError as error:
+            raise _kept(error, folder) from error
+        finally:
+            _held.discard(key)
+            lock()
+    finally:
+        for each in reversed(made):
+            with suppress(OSError):
+                each.rmdir()
+
+
+@contextmanager
+def output_file_lock(file: Path) -> Iterator[None]:
+    """Hold the lock of an output file during this context. Its missing folders are made first, and removed at the end where they are empty then.
+
+    Raises Locked (one line) where another process holds it, ValueError where `file` is a folder, and OSError where it cannot be written.
+    """
+    if file.is_dir():
+        raise ValueError(f"{file}: is a folder, needs a file name")
+    real = Path(os.path.realpath(file))
+    if real.exists() and os.access(real, os.W_OK) and not (real.is_file() and os.access(real.parent, os.W_OK)):
+        # A device, or a file in a folder that cannot be written: it has no place for a lock.
+        yield
+        return
+    made: list[Path] = []
+    try:
+        with _cannot_be_written(file, FILE):
+            check_writable(real.parent)
+            _make(real.parent, made)
+            lock = _hold(real.with_name(f".{real.name}{LOCK}"), False, file)
+        try:
+            yield
+        finally:
+            lock()
+    finally:
+        for each in reversed(made):
+            with suppress(OSError):
+                each.rmdir()
+
+
+@contextmanager
+def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
+    """Hold the lock on the file `path` during this context. The file is removed at the end.
+
+    The holder's process, host and time stand in a second file, `path` with `.pid` appended. It serves messages alone: the operating system
+    keeps the lock. Where a file system has no locks, a file that names the holder replaces them.
+
+    wait: wait until the lock is free. Without it, raises Locked (one line) where another process holds the lock.
+    Raises FileNotFoundError where the folder does not exist.
+    """
+    release = _hold(path, wait, path.parent)
+    try:
+        yield
+    finally:
+        release()
+
+
+def holder_file(path: Path) -> Path:
+    """The file that names the process that holds the lock on `path`."""
+    return path.with_name(f"{path.name}.pid")
+
+
+def _hold(path: Path, wait: bool, subject: Path) -> Callable[[], None]:
+    """Acquire the lock on `path` and return the function that releases it. subject: what is locked, for messages."""
+    holder, place = holder_file(path), _Place(path.parent)
+    try:
+        lock = _acquired(path, wait)
+    except Timeout:
+        place.close()
+        message = f"{subject}: is being written by another pilsim ({_holder(holder)}); wait for it, or choose another place"
+        raise Locked(message) from None
+    except BaseException:
+        place.close()
+        raise
+
+    def release() -> None:
+        # Both files are removed while the lock is held: after the release they may belong to the next process.
+        place.remove(holder.name)
+        # On POSIX a waiting process finds, once it has locked this file, that the file has no name, and opens a new one.
+        # Windows cannot remove a file that is open: filelock removes it there.
+        if os.name == "posix":
+            place.remove(path.name)
+        place.close()
+        with suppress(OSError):
+            lock.release()
+
+    try:
+        _warn_of_another_host(holder, subject)
+        holder.write_text(f"{os.getpid()} {socket.gethostname()} {datetime.now():%Y-%m-%d %H:%M:%S}\n", encoding="utf-8")
+    except BaseException:
+        release()
+        raise
+    return release
+
+
+def _acquired(path: Path, wait: bool) -> BaseFileLock:
+    """The lock on `path`, acquired. Raises Timeout where another process holds it."""
+    lock: BaseFileLock = FileLock(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Without locks of the file system, filelock warns, and goes on with a file.
+        try:
+            lock.acquire(blocking=wait)
+        except OSError as error:
+            if isinstance(error, Timeout) or error.errno not in _WITHOUT_LOCKS:
+                raise
+            lock = SoftFileLock(path.with_name(f"{path.name}.soft"))
+            lock.acquire(blocking=wait)
+    return lock
+
+
+class _Place:
+    """The folder of a lock. Files are removed from it even where it was renamed meanwhile."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.stat()  # FileLock would make the folder.
+        self.folder = folder
+        self._descriptor = os.open(folder, getattr(os, "O_PATH", os.O_RDONLY)) if os.unlink in os.supports_dir_fd else None
+
+    def remove(self, name: str) -> None:
+        with suppress(OSError):
+            if self._descriptor is None:
+                os.unlink(self.folder / name)
+            else:
+                os.unlink(name, dir_fd=self._descriptor)
+
+    def close(self) -> None:
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+
+
+def _holder(path: Path) -> str:
+    """The process in this file, as `process 7 on host, since 2026-01-31 12:00:00`; unknown where it is not written yet or is being removed."""
+    words = _words(path)
+    if len(words) < 3:
+        return "process unknown"
+    return f"process {words[0]} on {words[1]}, since {' '.join(words[2:])}"
+
+
+def _words(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")[:LONGEST].split()
+    except OSError:
+        return []
+
+
+def _warn_of_another_host(holder: Path, subject: Path) -> None:
+    """Say on standard error that another host began to write and did not end: some shared file systems have locks of each host alone."""
+    words = _words(holder)
+    if len(words) >= 3 and words[1] != socket.gethostname() and sys.stderr is not None:
+        print(f"note: {subject}: {_holder(holder)}, did not end its work here; if it still runs, stop one of the two", file=sys.stderr)
+
+
+@contextmanager
+def _cannot_be_written(output: Path, other: str) -> Iterator[None]:
+    """Errors of the system during this context name the output and say what to do."""
+    try:
+        yield
+    except OSError as error:
+        number = error.errno or errno.EACCES
+        raise OSError(number, f"cannot be written ({os.strerror(number)}); choose another {other}", str(output)) from None
+
+
+def _make(folder: Path, made: list[Path]) -> None:
+    """Make a folder and its missing parents, and append those that were made."""
+    missing = [folder] if not folder.exists() else []
+    while missing and not missing[-1].parent.exists():
+        missing.append(missing[-1].parent)
+    for each in reversed(missing):
+        with suppress(FileExistsError):
+            each.mkdir()
+            made.append(each)
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
+
+
+def _kept(error: OSError, folder: Path) -> OSError:
+    """The error, with the place of what was made where its message does not name it."""
+    if isinstance(error, Kept):
+        return error
+    if not folder.is_dir():
+        return OSError(errno.ENOENT, "was removed or renamed while pilsim wrote into it", str(folder))
+    if is_free(folder):
+        return error
+    return Kept.of(error, folder, "what was made so far")
