@@ -177,9 +177,9 @@ def _check_unit(camera: RecordingCamera, layout: WildtrackLayout, file: Path) ->
     diagonal, away = float(np.linalg.norm(high - low)), float(np.linalg.norm(place[:2] - (low + high) / 2))
     unit = "centimetres" if layout.unit == 0.01 else "metres"
     if not LEAST_HEIGHT < place[2] < MOST_DISTANCE * diagonal or away > MOST_DISTANCE * diagonal:
-        x, y, z = place
+        x, y, z = place.round(3) + 0.0
         raise ValueError(
-            f"{file}: rvec and tvec put the camera at ({x:.4g}, {y:.4g}, {z:.4g}) m, needs a place {LEAST_HEIGHT:g} m or more above the ground"
+            f"{file}: rvec and tvec put the camera at ({x:g}, {y:g}, {z:g}) m, needs a place {LEAST_HEIGHT:g} m or more above the ground"
             f" and within {MOST_DISTANCE * diagonal:.0f} m of the grid; the unit of {layout.name} is {unit}, and x_camera = R x_world + t"
         )
 

@@ -117,7 +117,7 @@ def test_an_export_read_back_has_the_same_truth_detections_and_scores(sequence: 
         for k in range(FRAMES):
             boxes, confidence = original.detection_boxes(k, camera)
             found, found_confidence = again.detections[name].get(k, (np.zeros((0, 4)), np.zeros(0)))
-            assert_allclose(found + [0.5, 0.5, 0.0, 0.0], boxes, atol=1e-9)
+            assert_allclose(found + np.array([0.5, 0.5, 0.0, 0.0]), boxes, atol=1e-9)
             assert_array_equal(found_confidence, confidence)
     assert len(list(again.images["C1"].images(FRAMES, (240, 320)))) == FRAMES
 
