@@ -61,6 +61,7 @@ class Stress:
               pilsim stress --sweep density filter --ladder --workers 2 --out runs/two
               pilsim stress --sweep robots/2 --slam ekf --correction off --seeds 20 --no-render --out runs/ekf
               pilsim stress --pets data/pets2009/S2.L1 --out runs/pets
+              pilsim stress --recording my-cameras --seeds 3 --out runs/mine
               pilsim stress --sweep misses --tracker mine:track --out runs/mine
     """
 
@@ -88,6 +89,8 @@ class Stress:
     """Ablation: run each case with stages replaced by the truth, in all 16 combinations, and attribute the loss to the stages."""
     pets: Annotated[Path | None, unset("DIR", "none")] = None
     """A PETS 2009 sequence (as for `pilsim track`) to run with its twin, or alone where no sweep is named."""
+    recording: Annotated[Path | None, unset("DIR", "none")] = None
+    """A recording with truth (as for `pilsim track`) to test in place of simulated runs: fewer boxes, false boxes, fewer cameras."""
     subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
     """These options choose the tracker under test, for every run."""
     workers: int = 1
@@ -126,11 +129,17 @@ class Stress:
             print(f"and {len(failed) - 10} more")
 
     def _cases(self) -> list[Case]:
-        from sim.stress.sweeps import cases, default_scenario, pets_cases
+        from sim.stress.sweeps import cases, default_scenario, pets_cases, recording_cases
+        from tracker.datasets.opening import open_recording
 
         if self.pets is not None and not self.pets.is_dir():
             raise ValueError(f"{self.pets}: no such folder")
         start = replace(default_scenario(self.frames, self.width), world=self.world)
+        if self.recording is not None:
+            if self.pets is not None:
+                raise ValueError("--recording and --pets exclude each other")
+            cameras = len(open_recording(self.recording).cameras)
+            return recording_cases(self.sweep, str(self.recording.resolve()), cameras, start)
         alone = self.pets is not None and not self.sweep
         chosen = [] if alone else cases(self.sweep, start)
         return chosen + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))
@@ -161,13 +170,13 @@ class Stress:
         return made
 
     def _show(self) -> None:
-        from sim.stress.sweeps import SWEEPS
+        from sim.stress.sweeps import KNOWN_SWEEPS
 
         if self.json:
             for case in self._cases():
                 print(case.to_json())
             return
-        for sweep in SWEEPS.values():
+        for sweep in KNOWN_SWEEPS.values():
             values = ", ".join(map(str, sweep.values)) if not isinstance(sweep.values[0], str) else "; ".join(map(str, sweep.values))
             print(f"{sweep.name:12} {sweep.about}\n{'':12} {sweep.parameter}{f' ({sweep.unit})' if sweep.unit else ''}: {values}")
 

@@ -15,7 +15,7 @@ import numpy as np
 from sim.confidence_intervals import Interval, bounds_of, mean_interval, paired, student_interval
 from sim.report.glossary import BROKEN, CAUSES
 from sim.report.rows import KINDS, STAGES, Row, Rows, Setting, SweepRows
-from sim.stress.sweeps import SWEEPS
+from sim.stress.sweeps import KNOWN_SWEEPS
 
 REAL = "pets"
 """The sweep that compares a real sequence, PETS 2009 S2.L1, with its simulated twin."""
@@ -71,7 +71,7 @@ def at(setting: Setting) -> str:
 
 def at_row(row: Row) -> str:
     """The setting of one run in words, as `at` gives it."""
-    value, known = row.value, SWEEPS.get(row.sweep)
+    value, known = row.value, KNOWN_SWEEPS.get(row.sweep)
     if known and isinstance(value, str) == isinstance(known.values[0], str):
         return known.wording.format(value)
     return f"{row.parameter} = {f'{value:g}' if isinstance(value, float) else value}"

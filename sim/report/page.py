@@ -39,7 +39,7 @@ from sim.report.rows import STAGES, Row, Rows, Setting, SweepRows
 from sim.report.series import name_of
 from sim.report.style import STYLE
 from sim.report.summary import headline, summary
-from sim.stress.sweeps import SWEEPS
+from sim.stress.sweeps import KNOWN_SWEEPS
 
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
 MOST_FAILED = 30
@@ -176,7 +176,7 @@ def _title(sweep: SweepRows) -> str:
 
 
 def _sweep(content: PageContent, sweep: SweepRows) -> PageSweep:
-    sentences = [f"The sweep: {SWEEPS[sweep.name].about}."] if sweep.name in SWEEPS else []
+    sentences = [f"The sweep: {KNOWN_SWEEPS[sweep.name].about}."] if sweep.name in KNOWN_SWEEPS else []
     for tracker in content.rows.trackers:
         found = finding(sweep, tracker)
         if found is None:

@@ -11,7 +11,7 @@ from sim.confidence_intervals import Interval, bounds_of, mean_interval
 from sim.report.findings import causes_of, findings, stages
 from sim.report.plots import Bars, Line, Plot, Spans
 from sim.report.rows import KINDS, STAGES, Rows, Setting, SweepRows
-from sim.stress.sweeps import SWEEPS
+from sim.stress.sweeps import KNOWN_SWEEPS
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def overview(rows: Rows) -> list[Plot]:
 
 def axis_of(sweep: SweepRows) -> str:
     """The label of the axis: the parameter, with its unit where the sweep is known."""
-    known = SWEEPS.get(sweep.name)
+    known = KNOWN_SWEEPS.get(sweep.name)
     name = sweep.parameter.replace("_", " ")
     return f"{name} [{known.unit}]" if known and known.unit else name
 

@@ -16,6 +16,7 @@ from sim.stress.faults import KNOWLEDGE, Faults
 
 Value = int | float | str
 
+RECORDED = "recording"
 OWN_GOALS = "own goals"
 POLICIES = (OWN_GOALS, "random", "static", "lloyd", "greedy")
 """Policies that place the robots (sim.policies.rollouts). With "own goals", each robot tours goals of its own, as in all other sweeps."""
@@ -65,6 +66,20 @@ SWEEPS: dict[str, Sweep] = {
     )
 }  # fmt: skip
 
+RECORDING_SWEEPS: dict[str, Sweep] = {
+    sweep.name: sweep
+    for sweep in (
+        Sweep("recorded_misses", "boxes of the recording that are dropped", "drop", (0.0, 0.1, 0.3, 0.5), "{:.0%} dropped", "share"),
+        Sweep("recorded_clutter", "false boxes that are added to the recording", "clutter", (0, 1, 2, 4), "{} added", "boxes a view and frame"),
+        Sweep("recorded_noise", "noise that is added to the boxes of the recording", "noise", (0.0, 2.0, 5.0, 10.0), "{:g} px", "pixels"),
+        Sweep("recorded_dropout", "views of the recording that are absent for about five frames at a time", "dropout", (0.0, 0.1, 0.3, 0.5),
+            "{:.0%} of views absent", "share of frames"),
+        Sweep("recorded_cameras", "fewer cameras of the recording", "fewer", (0, 1, 2, 3), "{} cameras fewer", "cameras"),
+    )
+}  # fmt: skip
+"""Sweeps of a recording. Values of 0 are the recording as it is. Cameras are left out from the last one on."""
+KNOWN_SWEEPS = SWEEPS | RECORDING_SWEEPS
+
 FAULT_SWEEPS = ("dropout", "slip", "skew", "terrain", "kidnapped")
 TRACKER_SWEEPS = ("filter", "hypotheses", "moves")
 
@@ -74,7 +89,7 @@ class Case:
     """One value of one sweep: a Scenario, faults, and options of the tracker (TrackerUnderTest) as JSON values. `with_seed` sets the seed.
 
     policy: one of POLICIES in the sweep over policies, "" in all others. source: "" for a simulated run, "pets" for the PETS 2009 sequence in
-    `folder`, "twin" for its twin.
+    `folder`, "twin" for its twin, "recording" for any other recording in `folder`, with its first `scenario.frames` frames.
     """
 
     id: str
@@ -155,6 +170,25 @@ def _options(sweep: str, value: Value) -> dict[str, Value]:
         out: dict[str, Value] = {"slam": mode, "correction": "on" if "correction" in rest else "off"}
         return out | ({"iterations": 2} if mode != "ekf" else {})
     return {"hypotheses": "multiple", "k_h" if sweep == "hypotheses" else "i_bls_max": value}
+
+
+def recording_cases(names: Iterable[str], folder: str, cameras: int, start: Scenario) -> list[Case]:
+    """The cases of RECORDING_SWEEPS for the recording in `folder` with so many cameras. names: of sweeps or single cases; empty for all sweeps.
+
+    Raises ValueError for an unknown name. Cases that would leave no camera are left out.
+    """
+    out: dict[str, Case] = {}
+    for name in list(names) or list(RECORDING_SWEEPS):
+        sweep, _, number = name.partition("/")
+        values = RECORDING_SWEEPS[sweep].values if sweep in RECORDING_SWEEPS else ()
+        if not values or (number and not (number.isdecimal() and int(number) < len(values))):
+            raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(RECORDING_SWEEPS)} with --recording")
+        for k in [int(number)] if number else range(len(values)):
+            value, parameter = values[k], RECORDING_SWEEPS[sweep].parameter
+            if parameter != "fewer" or int(value) < cameras:
+                faults = Faults(dropout=float(value)) if parameter == "dropout" else Faults()
+                out[f"{sweep}/{k}"] = Case(f"{sweep}/{k}", sweep, parameter, value, start, faults, source=RECORDED, folder=folder)
+    return list(out.values())
 
 
 def pets_cases(folder: str, start: Scenario) -> list[Case]:

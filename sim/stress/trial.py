@@ -14,7 +14,7 @@ import numpy as np
 from sim.recording.record import versions
 from sim.stress import ablation, bounds, error_causes, worst_moments
 from sim.stress.map_truth import map_score
-from sim.stress.sweeps import Case
+from sim.stress.sweeps import RECORDED, Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial_data import TrialData, simulate_case
 from tracker.metrics.clear_mot import score
@@ -52,7 +52,7 @@ class Trial:
     @property
     def can_ablate(self) -> bool:
         """Whether an ablation is asked for and possible: not with a real sequence, and with pilsim's own tracker only."""
-        return self.ablation and self.case.source != "pets" and not self.tracker.function and not self.tracker.results
+        return self.ablation and self.case.source not in ("pets", RECORDED) and not self.tracker.function and not self.tracker.results
 
     def to_json(self) -> str:
         """One line of JSON, for another process."""

@@ -16,12 +16,13 @@ from sim.recording.record import Recording, open_renderer
 from sim.recording.record import run as run_rendered
 from sim.recording.tracker_setup import make_setup
 from sim.sensors.raycast_camera import RaycastCamera
-from sim.stress.sweeps import OWN_GOALS, Case
-from tracker.datasets.opening import open_sequence
+from sim.stress.sweeps import OWN_GOALS, RECORDED, Case
+from tracker.datasets.opening import open_recording, open_sequence
 from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import Array, Ints, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
+from tracker.recordings.degradation import Degradation
 from tracker.types import Boxes, Detections, Setup, Tick, TicksInMemory, Truth, ViewTruth
 
 EDGE_TOLERANCE = np.radians(1.5)
@@ -63,6 +64,8 @@ def simulate_case(case: Case, rendered: bool) -> TrialData:
     """
     if case.source == "pets":
         return _read_pets(case)
+    if case.source == RECORDED:
+        return _read_recording(case)
     recording = _recording_of(case)
     setup = make_setup(recording.scenario, recording.simulation, recording.fixed)
     if case.source:
@@ -118,6 +121,22 @@ def _read_pets(case: Case) -> TrialData:
         raise ValueError(f"{case.folder}: no truth (annotations/*-cropped.xml)")
     ticks = list(sequence.ticks)[: len(sequence.truth)]
     return TrialData(case, sequence.setup, ticks, sequence.truth, [{} for _ in ticks], sequence.setup, ticks, {})
+
+
+def _read_recording(case: Case) -> TrialData:
+    """The first frames of a recording, as the case changes it."""
+    degraded = case.parameter in ("drop", "clutter", "noise")
+    degrade = Degradation.parse(f"{case.parameter}={case.value}") if degraded else Degradation()
+    folder, cameras = Path(case.folder), tuple[str, ...]()
+    if case.parameter == "fewer":
+        names = list(open_recording(folder).cameras)
+        cameras = tuple(names[: len(names) - int(case.value)])
+    sequence = open_sequence(folder, SourceOptions(cameras, frames=(0, case.scenario.frames), degradation=degrade, seed=case.scenario.seed))
+    if sequence.truth is None:
+        raise ValueError(f"{folder}: no truth, which a stress test needs")
+    recorded = list(sequence.ticks)[: len(sequence.truth)]
+    ticks = case.faults.degraded_ticks(sequence.setup, recorded, case.scenario.seed)
+    return TrialData(case, sequence.setup, recorded, sequence.truth, [{} for _ in ticks], sequence.setup, ticks, {})
 
 
 def _twin_recording(case: Case) -> Recording:

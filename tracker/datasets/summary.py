@@ -1,4 +1,4 @@
-"""Summary of a dataset: sequences, frames, cameras, people, boxes, crowd density and file sizes."""
+"""Summary of a dataset or a recording: frames, cameras, people, boxes, crowd density and file sizes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from tracker.datasets.opening import UTIAS, format_of, is_pilsim, open_recording
+from tracker.formats.utias import read_utias
 from tracker.io.csv_tables import read_table
 from tracker.io.json_files import read_json
+from tracker.recordings import Recording
 from tracker.sequence.dataset import sequences
 from tracker.sequence.manifest import read_manifest
 from tracker.sequence.reader import read_contents
@@ -20,10 +23,14 @@ SEEN = 0.2
 
 
 def summarize(folder: Path) -> dict[str, Any]:
-    """Summarize a sequence or a dataset as JSON values: `sequences`, a list with one entry each, and `total`. Checksums are not verified.
+    """Summarize a source as JSON values. Checksums are not verified.
 
+    Of sequences of pilsim: `sequences`, a list with one entry each, and `total`. Of a recording and of UTIAS: `format` and its figures.
     Raises ValueError with the path for missing or invalid content.
     """
+    if not is_pilsim(folder):
+        form = format_of(folder)
+        return {"folder": str(folder), "format": form.name} | (_of_utias(folder) if form.name == UTIAS else _of_recording(open_recording(folder)))
     rows = [_of_sequence(path) for path in sequences(folder)]
     total = {name: sum(row[name] for row in rows) for name in ("frames", "images", "boxes", "seen", "files", "bytes")}
     kinds: Counter[str] = Counter()
@@ -66,6 +73,37 @@ def _of_sequence(folder: Path) -> dict[str, Any]:
     }
 
 
+def _of_recording(recording: Recording) -> dict[str, Any]:
+    boxes = {name: sum(len(box) for box, _ in recording.detections.get(name, {}).values()) for name in recording.cameras}
+    people = list((recording.truth or {}).values())
+    places = np.concatenate([np.zeros((0, 3)), *(positions for _, positions in people)])
+    truth = {
+        "people": len({person for ids, _ in people for person in ids.tolist()}),
+        "at_once": max((len(ids) for ids, _ in people), default=0),
+        "a_square_metre": round(len(places) / max(1, len(people)) / _bounding_area(places[:, 0], places[:, 1]), 4) if len(places) else 0.0,
+    }
+    return {
+        "frames": recording.frames,
+        "seconds": round(recording.frames / recording.rate, 6),
+        "rate": round(recording.rate, 6),
+        "cameras": {name: f"{type(c.camera).__name__.lower()} {c.camera.width} x {c.camera.height}" for name, c in recording.cameras.items()},
+        "robots": list(recording.robots),
+        "boxes": boxes,
+        "images": sorted(recording.images),
+        "truth": truth if recording.truth is not None else None,
+    }
+
+
+def _of_utias(folder: Path) -> dict[str, Any]:
+    team = read_utias(folder)
+    seconds = max(robot.odometry[-1, 0] for robot in team.robots.values()) - min(robot.odometry[0, 0] for robot in team.robots.values())
+    return {
+        "seconds": round(float(seconds), 3),
+        "robots": {f"Robot{n}": {"odometry": len(robot.odometry), "measurements": len(robot.measurements)} for n, robot in team.robots.items()},
+        "landmarks": len(team.landmarks),
+    }
+
+
 def _bounding_area(x: Any, y: Any) -> float:
     """Area m² of the bounding box of all feet, at least 1 m²."""
     return max(1.0, float(np.ptp(x) * np.ptp(y)))
@@ -73,6 +111,8 @@ def _bounding_area(x: Any, y: Any) -> float:
 
 def summary_text(summary: dict[str, Any]) -> str:
     """The result of `summarize` as text: a line for each sequence and one for the total."""
+    if "format" in summary:
+        return _source_text(summary)
     lines = []
     for row in summary["sequences"]:
         kinds = Counter(row["cameras"].values())
@@ -88,3 +128,20 @@ def summary_text(summary: dict[str, Any]) -> str:
         f" {total['files']} files, {total['bytes'] / 1e6:.1f} MB ({sizes})"
     )
     return "\n".join(lines)
+
+
+def _source_text(summary: dict[str, Any]) -> str:
+    """A recording or a UTIAS set as text: a line for the whole and one for each camera or robot."""
+    if summary["format"] == UTIAS:
+        rows = [f"  {name}: {row['odometry']} rows of odometry, {row['measurements']} measurements" for name, row in summary["robots"].items()]
+        return "\n".join([f"{summary['folder']}: {UTIAS}, {summary['seconds']:g} s, {summary['landmarks']} landmarks", *rows])
+    truth = summary["truth"]
+    known = "no truth"
+    if truth is not None:
+        known = f"truth of {truth['people']} people, up to {truth['at_once']} at once, {truth['a_square_metre']:g} a m²"
+    head = f"{summary['folder']}: {summary['format']}, {summary['frames']} frames at {summary['rate']:g}/s ({summary['seconds']:g} s); {known}"
+    rows = [
+        f"  {name}: {kind}, {summary['boxes'][name]} boxes{', images' if name in summary['images'] else ''}"
+        for name, kind in summary["cameras"].items()
+    ]
+    return "\n".join([head, *rows])

@@ -1,11 +1,16 @@
 """Sweeps as data: ids, what each sweep changes, and cases as JSON."""
 
+from pathlib import Path
+
 import pytest
 
 from sim.policies.rollouts import BUILT_IN_POLICIES
 from sim.scenario import Scenario
-from sim.stress.sweeps import OWN_GOALS, POLICIES, SWEEPS, Case, cases, default_scenario
+from sim.stress.sweeps import OWN_GOALS, POLICIES, RECORDING_SWEEPS, SWEEPS, Case, cases, default_scenario, recording_cases
+from sim.stress.trial_data import simulate_case
+from tests.tracker.recordings.test_folder import small
 from tracker.options import parameters_from
+from tracker.recordings.folder import write_recording
 
 
 def test_ids_are_unique_and_name_a_value() -> None:
@@ -46,3 +51,27 @@ def test_single_cases_and_unknown_names() -> None:
         cases(["weather"], default_scenario())
     with pytest.raises(ValueError, match=r"needs slip/0 to slip/4"):
         cases(["slip/5"], default_scenario())
+
+
+def test_sweeps_of_a_recording(tmp_path: Path) -> None:
+    start = default_scenario(5)
+    every = recording_cases([], str(tmp_path), 2, start)
+    assert {case.sweep for case in every} == set(RECORDING_SWEEPS)
+    assert [case.value for case in every if case.sweep == "recorded_cameras"] == [0, 1]
+    assert all(Case.from_json(case.to_json()) == case for case in every)
+    assert [case.id for case in recording_cases(["recorded_misses/2"], str(tmp_path), 2, start)] == ["recorded_misses/2"]
+    with pytest.raises(ValueError, match="--sweep is 'density', needs one of recorded_misses"):
+        recording_cases(["density"], str(tmp_path), 2, start)
+
+
+def test_a_recording_is_changed_as_its_case_says(tmp_path: Path) -> None:
+    write_recording(tmp_path, small())
+    counts = {}
+    for case in recording_cases(["recorded_misses", "recorded_cameras", "recorded_clutter"], str(tmp_path), 2, default_scenario(3)):
+        data = simulate_case(case, rendered=False)
+        counts[case.id] = len(data.tracker_setup.mounts), sum(len(view.detections) for tick in data.ticks for view in tick.views)
+        assert len(data.truth) == len(data.ticks) == 3
+    assert counts["recorded_misses/0"] == (2, 3)
+    assert counts["recorded_misses/3"][1] < 3
+    assert counts["recorded_cameras/1"] == (1, 3)
+    assert counts["recorded_clutter/3"][1] > 10
