@@ -1,11 +1,9 @@
 """A scene of the AI City Challenge, track 1 (formats/aicity.py), as a Recording of its people.
 
-    calibration.json         cameras
-    ground_truth.json        optional: objects of all classes; people alone are taken
-    detections/CAMERA.txt    optional, not of the challenge: MOT15, frames from 1
-    videos/CAMERA.mp4        optional: one image for each frame
+calibration.json has the cameras. ground_truth.json is optional; of its objects people alone are taken. videos/CAMERA.mp4 is optional, with an
+image for each frame. detections/CAMERA.txt is optional and not of the challenge: MOT15, frames from 1, px from the centre of the first pixel.
 
-The challenge names the videos Camera_0000, Camera_0001, … where the ids of the cameras are Camera, Camera_01, …: both names are found.
+The challenge names the videos Camera_0000, Camera_0001, … where the ids of the cameras are Camera, Camera_01, …. Both names are found.
 """
 
 from __future__ import annotations

@@ -290,7 +290,7 @@ def write_ground_truth(path: Path, truth: Mapping[int, Iterable[AiCityObject]]) 
         str(frame): [
             {
                 "object type": one.kind,
-                "object id": one.id,
+                "object id": int(one.id),
                 "3d location": np.asarray(one.centre).tolist(),
                 "3d bounding box scale": np.asarray(one.size).tolist(),
                 "3d bounding box rotation": np.asarray(one.rotation).tolist(),

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from tracker.formats.aicity import CLASSES, PERSON, read_ground_truth, read_results
 from tracker.formats.motchallenge import read_mot15
 from tracker.geometry import Array, Ints, Mask, Pose
-from tracker.metrics.boxes_3d import boxes_of_tracks, hota_3d
+from tracker.metrics.boxes_3d import BOX, boxes_of_tracks, hota_3d
 from tracker.metrics.clear_mot import score, score_boxes
 from tracker.metrics.cramer_rao import bound_of_map
 from tracker.metrics.ground_detection import score_ground_detections
@@ -116,9 +117,14 @@ def efficiency(sequence: Sequence, results: Results) -> dict[str, float | None]:
 def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, Any]:
     """Scores of one MOT15 file against another: boxes that overlap by `iou`, or positions within 1 m if it is None.
 
+    A truth that is the ground_truth.json of AI City is compared with a result file of that challenge, as evaluate_aicity.
     Rows of the truth with confidence 0 are people that are not evaluated: as positions they are ignored both ways. As boxes they are evaluated
     like all others, as in the published scores of S2.L1. Raises ValueError if positions are needed and a row has none.
     """
+    if truth.suffix == ".json":
+        if iou is not None:
+            raise ValueError(f"{truth}: --iou is for boxes in images, and this is the truth of a scene in 3-D")
+        return evaluate_aicity(truth, result)
     true, estimated = read_mot15(truth, tracks=True), read_mot15(result, tracks=True)
     for path, rows in ((truth, true), (result, estimated)):
         if iou is None and not rows.has_position.all():
@@ -134,6 +140,33 @@ def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, An
             frames.append(MatchingFrame(true.id[t], true.position[t], estimated.id[e], estimated.position[e], counts=true.confidence[t] != 0))
     targets = (score(frames) if iou is None else score_boxes(frames, iou=iou)).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None}
+
+
+def evaluate_aicity(truth: Path, result: Path) -> dict[str, Any]:
+    """Scores of a result file of AI City against ground_truth.json: `targets` on the ground, `hota_3d` on the boxes of both files.
+
+    People are scored alone: the rows of class 0, and the objects of that name. Frames are those of the truth.
+    Raises ValueError as both readers, for rows of several scenes, and for a row in a frame that the truth has not.
+    """
+    true: Tracks = {}
+    for frame, objects in read_ground_truth(truth).items():
+        here = [one for one in objects if one.kind == PERSON]
+        boxes = np.array([[*one.centre, *one.size, one.rotation[2]] for one in here]).reshape(-1, BOX)
+        true[frame] = np.array([one.id for one in here], dtype=np.int64), boxes
+    rows = read_results(result)
+    scenes = np.unique(rows.scene).tolist()
+    if len(scenes) > 1:
+        raise ValueError(f"{result}: scene_id is {scenes[0]} and {scenes[1]}, needs one scene, that of {truth.name}")
+    if len(rows) and (unknown := sorted(set(rows.frame.tolist()) - set(true))):
+        raise ValueError(f"{result}: frame_id is {unknown[0]}, needs a frame of {truth.name}, which has {len(true)}")
+    chosen = np.flatnonzero(rows.category == CLASSES.index(PERSON))
+    chosen = chosen[np.argsort(rows.frame[chosen], kind="stable")]
+    found, first = np.unique(rows.frame[chosen], return_index=True)
+    parts = np.split(chosen, first[1:])[: len(found)]
+    estimated: Tracks = {k: (rows.id[part], rows.boxes[part]) for k, part in zip(found.tolist(), parts, strict=True)}
+    frames = matching_frames(true, estimated)
+    targets = score(frames).to_dict()
+    return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None, "hota_3d": hota_values(hota_3d(frames))}
 
 
 def dead_reckoning(sequence: Sequence) -> dict[str, list[Pose | None]]:

@@ -1,4 +1,4 @@
-"""Evaluated people, scores of a sequence, dead reckoning, and scores of files."""
+"""Evaluated people, scores of a sequence and of recordings, dead reckoning, and scores of files."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
-from tracker.geometry import Pose
+from tracker.formats.aicity import AiCityObject, AiCityRows, write_ground_truth, write_results
+from tracker.geometry import Array, Ints, Pose
 from tracker.metrics.evaluation import dead_reckoning, efficiency, evaluate, evaluate_files, evaluated_people, table
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results
-from tracker.types import LandmarkHistory, Start, Truth
+from tracker.types import LandmarkHistory, Sequence, Start, Truth
 
 
 def test_a_person_is_evaluated_for_nine_frames_after_being_seen() -> None:
@@ -94,3 +95,80 @@ def test_too_few_frames_are_an_error(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     with pytest.raises(ValueError, match="results have 2 frames, the truth has 3"):
         evaluate(read_sequence(tmp_path / "s"), Results(2, {}, {}, {}, {}))
+
+
+def walkers(frames: int = 20) -> dict[int, tuple[Ints, Array]]:
+    """Two people, one of whom walks along the diagonal."""
+    return {k: (np.array([3, 8]), np.array([[0.1 * k, 0.1 * k, 0.0], [5.0, 5.0, 0.0]])) for k in range(frames)}
+
+
+def sequence_of(tmp_path: Path, source: str) -> Sequence:
+    """A sequence with the truth of `walkers` and no robots, of a kind of source."""
+    sequences.write(tmp_path / "s")
+    truth = tuple(Truth(k, {}, ids, feet, np.ones((2, 2))) for k, (ids, feet) in walkers().items())
+    return replace(read_sequence(tmp_path / "s"), truth=truth, provenance={"source": source})
+
+
+@pytest.mark.parametrize(
+    ("source", "kits"),
+    [("PETS 2009", set()), ("recording", {"hota_3d"}), ("JRDB", {"hota_3d"}), ("WILDTRACK", {"hota_3d", "ground_detection"})],
+)
+def test_recordings_have_the_scores_of_their_kits(tmp_path: Path, source: str, kits: set[str]) -> None:
+    tracks = {k: (ids, feet + np.array([0.0, 0.3, 0.0])) for k, (ids, feet) in walkers().items() if k}
+    scores = evaluate(sequence_of(tmp_path, source), Results(20, tracks, {}, {}, {}))
+    assert set(scores) == {"targets", "everybody", "robots", "dead_reckoning"} | kits
+    text = table(scores)
+    assert ("HOTA in 3-D" in text, "as detections within 0.5 m" in text) == ("hota_3d" in kits, "ground_detection" in kits)
+    if "ground_detection" in kits:
+        # The kit leaves out the first frame, which has no detection.
+        assert scores["ground_detection"] == {
+            "moda": 1.0, "modp": pytest.approx(0.4), "precision": 1.0, "recall": 1.0, "truths": 38, "detections": 38, "skipped": 1,
+        }  # fmt: skip
+        assert scores["targets"]["moda"] == pytest.approx(0.95)
+    if kits:
+        # Who stands shares a third of the union, at 6 of 19 thresholds; who walks is a box at 45°, which shares about as much.
+        assert 0.25 < scores["hota_3d"]["hota"] < 0.32
+        assert set(scores["hota_3d"]) == {"hota", "deta", "assa"}
+
+
+def aicity_files(tmp_path: Path, shift: float, scenes: tuple[int, ...] = (5,)) -> tuple[Path, Path]:
+    """Truth of two people and a forklift, and rows that are moved along x by `shift`, sizes and yaw those of the truth."""
+    size, yaw = np.array([0.5, 0.7, 1.8]), 0.4
+    people = {
+        k: [AiCityObject("Person", int(i), feet + np.array([0.0, 0.0, 0.9]), size, np.array([0, 0, yaw])) for i, feet in zip(*of, strict=True)]
+        for k, of in walkers(5).items()
+    }
+    for objects in people.values():
+        objects.append(AiCityObject("Forklift", 3, np.array([9.0, 0.0, 1.0]), np.array([1.0, 2.0, 2.0]), np.zeros(3)))
+    write_ground_truth(tmp_path / "ground_truth.json", people)
+    listed = [(scene, int(one.kind != "Person"), one.id, k, one) for scene in scenes for k, objects in people.items() for one in objects]
+    scene_id, category, identity, frame = np.array([row[:4] for row in listed], dtype=np.int64).T
+    centre = np.array([row[4].centre + np.array([shift, 0.0, 0.0]) for row in listed])
+    rows = AiCityRows(
+        scene_id, category, identity, frame, centre, np.array([row[4].size for row in listed]), np.array([row[4].rotation[2] for row in listed])
+    )
+    write_results(tmp_path / "track1.txt", rows)
+    return tmp_path / "ground_truth.json", tmp_path / "track1.txt"
+
+
+def test_a_result_file_of_aicity_is_scored_on_its_boxes(tmp_path: Path) -> None:
+    truth, result = aicity_files(tmp_path, 0.0)
+    scores = evaluate_files(truth, result, None)
+    assert scores["targets"]["mota"] == scores["hota_3d"]["hota"] == 1
+    assert scores["targets"]["truths"] == 10  # people alone
+    shifted = evaluate_files(*aicity_files(tmp_path, 0.25), None)
+    assert shifted["targets"]["mota"] == 1
+    assert 0.2 < shifted["hota_3d"]["hota"] < 0.5
+    (tmp_path / "track1.txt").write_text("")
+    assert evaluate_files(truth, result, None)["targets"]["misses"] == 10
+
+
+def test_a_result_file_of_other_scenes_or_frames_is_refused(tmp_path: Path) -> None:
+    truth, result = aicity_files(tmp_path, 0.0, (5, 6))
+    with pytest.raises(ValueError, match=r"track1.txt: scene_id is 5 and 6, needs one scene"):
+        evaluate_files(truth, result, None)
+    with pytest.raises(ValueError, match=r"ground_truth.json: --iou is for boxes in images"):
+        evaluate_files(truth, result, 0.5)
+    result.write_text("5 0 1 77 0 0 1 1 1 1 0\n")
+    with pytest.raises(ValueError, match=r"track1.txt: frame_id is 77, needs a frame of ground_truth.json, which has 5"):
+        evaluate_files(truth, result, None)
