@@ -157,14 +157,12 @@ class FaceTable:
 def _strips(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator[tuple[slice, Array, Mask]]:
     """Strips of rows, the bearings of their pixel centres, shifted by a fraction of a pixel, and which pixels are blind."""
     rows = max(1, STRIP // camera.width)
-    # Tsai's pixels have their centres at whole numbers.
-    half = 0.0 if isinstance(camera, Tsai) else 0.5
+    half = camera.pixel_centre
     for first in range(0, camera.height, rows):
         last = min(first + rows, camera.height)
         u, v = np.meshgrid(np.arange(camera.width) + half, np.arange(first, last) + half)
         pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-        blind = camera.folded(pixels) if isinstance(camera, Tsai) else np.zeros(len(pixels), dtype=bool)
-        yield slice(first, last), camera.bearings_from_pixels(pixels + shift), blind
+        yield slice(first, last), camera.bearings_from_pixels(pixels + shift), camera.blind(pixels)
 
 
 def _faces(camera: Camera, density: float) -> tuple[Face, ...]:

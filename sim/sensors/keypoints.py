@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, Ints, Mask, Pose
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera
 from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Keypoints
 
 DEPTH_IN_BODY = {"nose": 0.05, "eye": 0.06, "ear": 0.07, "shoulder": 0.12, "elbow": 0.08, "wrist": 0.07, "hip": 0.17, "knee": 0.10, "ankle": 0.10}
@@ -62,7 +62,7 @@ def _unoccluded(image: InstanceImage, pixels: Array, owner: Ints, distance: Arra
     for across in (-1, 0, 1):
         for down in (-1, 0, 1):
             u = column + across
-            u = u % width if isinstance(image.camera, Panorama) else np.clip(u, 0, width - 1)
+            u = u % width if image.camera.wraps else np.clip(u, 0, width - 1)
             v = np.clip(row + down, 0, height - 1)
             surface = image.range[v, u]
             beside |= (image.instances[v, u] == owner) & (surface > distance - depth) & (surface < distance + depth + DEPTH_MARGIN)

@@ -17,7 +17,7 @@ from sim.scenario import Scenario
 from sim.sensors.keypoints import InstanceImage, true_keypoints
 from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import Array, Ints, angles_from_bearing, bearing_from_angles
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera, PanoramicCamera
 from tracker.types import KEYPOINT_NAMES, Boxes, Detections, Keypoints, ViewTruth
 from worlds.world import World
 
@@ -55,7 +55,7 @@ def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[Unoccl
     unoccluded (m,): extent of each person without occlusion. In a panorama a box across the seam has left in [0, W) and right > W.
     visible: visible pixels over unoccluded pixels. People without an unoccluded pixel are left out.
     """
-    seam = image.instances.shape[1] if isinstance(image.camera, Panorama) else None
+    seam = image.instances.shape[1] if image.camera.wraps else None
     rows, columns = np.nonzero(image.instances)
     owner = image.instances[rows, columns]
     order = np.argsort(owner, kind="stable")
@@ -109,13 +109,13 @@ class Detector:
         n = len(boxes.person)
         found = (rng.random(n) >= self.misses) & (boxes.visible >= self.min_visible) & (boxes.seen[:, 2] > boxes.seen[:, 0])
         noise, scores = rng.normal(0.0, self.noise, (n, 4)), np.clip(rng.normal(0.9, 0.08, n), 0.5, 1.0)
-        if isinstance(camera, Panorama):
+        if isinstance(camera, PanoramicCamera):
             edges = np.concatenate([(_edge_angles(camera, boxes.seen) + noise)[found], self._clutter(rng, view)])
         else:
             edges = np.concatenate([_shifted(camera, boxes.seen, noise)[found], self._pixel_clutter(rng, camera, view)])
         confidence = np.concatenate([scores[found], rng.uniform(0.3, 1.0, len(edges) - found.sum())])
         order = rng.permutation(len(edges))
-        if isinstance(camera, Panorama):
+        if isinstance(camera, PanoramicCamera):
             return self._detections(camera, edges[order], confidence[order])
         return self._pixel_detections(camera, edges[order], confidence[order])
 
@@ -140,13 +140,13 @@ class Detector:
         half = CLUTTER_WIDTH / 2 * (places[near, 1] - high)
         return np.stack([places[near, 0] - half, high, places[near, 0] + half, places[near, 1]], axis=1) + (0.5 - camera.pixel_centre)
 
-    def _detections(self, camera: Panorama, edges: Array, confidence: Array) -> Detections:
+    def _detections(self, camera: PanoramicCamera, edges: Array, confidence: Array) -> Detections:
         if not len(edges):
             return Detections.none()
         left, top, right, bottom = edges.T
         bearing = bearing_from_angles((left + right) / 2, (top + bottom) / 2)
         extent = np.maximum(np.stack([left - right, top - bottom], axis=1), 1e-4)
-        pixel = np.pi / camera.height
+        pixel = 2 * np.pi / camera.width
         edge = self.noise**2 + pixel**2 / 12
         # The centre of two edges has half their variance; azimuth is scaled to the circle of the elevation.
         azimuth = edge / 2 * np.cos((top + bottom) / 2) ** 2
@@ -179,12 +179,12 @@ def _shifted(camera: Camera, boxes: Array, noise: Array) -> Array:
     return boxes + noise / _pixel_angle(camera, boxes)
 
 
-def _edge_angles(camera: Panorama, boxes: Array) -> Array:
+def _edge_angles(camera: PanoramicCamera, boxes: Array) -> Array:
     """Pixel boxes (n, 4) left, top, right, bottom → azimuth of left, elevation of top, azimuth of right, elevation of bottom, radians.
 
     Azimuths are unwrapped: the right edge is below the left one by the span.
     """
     left, top = angles_from_bearing(camera.bearings_from_pixels(boxes[:, :2]))
-    bottom = np.pi / 2 - np.pi * boxes[:, 3] / camera.height
+    bottom = camera.elevations_from_rows(boxes[:, 3])
     span = 2 * np.pi * (boxes[:, 2] - boxes[:, 0]) / camera.width
     return np.stack([left, top, left - span, bottom], axis=1)

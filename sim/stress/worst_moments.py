@@ -20,7 +20,7 @@ from sim.stress.trial_data import TrialData
 from sim.visualization.overlays import BODY, colour_of, save_png
 from sim.visualization.plan_and_video import TerrainImage
 from tracker.geometry import Array, Image, Pose, angles_from_bearing
-from tracker.geometry.cameras import Panorama
+from tracker.geometry.cameras import PanoramicCamera
 from tracker.geometry.ground import Grid
 from tracker.sequence.results import Results
 from tracker.types import Sequence as Recorded
@@ -252,7 +252,7 @@ def _draw_crops(moment: WorstMoment, number: int, data: TrialData, results: Resu
     ranked = []
     for view in data.ticks[number].views:
         mount = data.setup.mounts[view.camera]
-        if view.image is None or not isinstance(mount.camera, Panorama):
+        if view.image is None or not isinstance(mount.camera, PanoramicCamera):
             continue
         true = data.views[number][view.camera]
         shown = float(true.boxes.visible[true.boxes.person == (moment.middle.person or 0)].max(initial=0.0))
@@ -262,7 +262,7 @@ def _draw_crops(moment: WorstMoment, number: int, data: TrialData, results: Resu
     for _, _, view in sorted(ranked, key=lambda r: r[:2])[:2]:
         mount, true = data.setup.mounts[view.camera], data.views[number][view.camera]
         assert view.image is not None
-        assert isinstance(mount.camera, Panorama)
+        assert isinstance(mount.camera, PanoramicCamera)
         part = _Crop.about(mount.camera, true.T_world_camera, place)
         panel = part.apply(view.image)
         there = true.boxes.visible > 0
@@ -280,7 +280,7 @@ def _draw_crops(moment: WorstMoment, number: int, data: TrialData, results: Resu
     return out
 
 
-def _body_box(camera: Panorama, T_world_camera: Pose, place: Array) -> Array:
+def _body_box(camera: PanoramicCamera, T_world_camera: Pose, place: Array) -> Array:
     """Left, top, right, bottom px of a person who stands at a position (3,) m."""
     ray = place - T_world_camera.translation
     side = np.cross([0.0, 0.0, 1.0], ray / max(float(np.linalg.norm(ray)), 1e-6)) * BODY[0] / 2
@@ -301,13 +301,13 @@ class _Crop:
     rows: int
 
     @staticmethod
-    def about(camera: Panorama, T_world_camera: Pose, place: Array) -> _Crop:
+    def about(camera: PanoramicCamera, T_world_camera: Pose, place: Array) -> _Crop:
         """The crop whose middle is the middle of a person at a position (3,) m."""
         ray = T_world_camera.inverse().apply(place[None] + np.array([0.0, 0.0, 0.9]))
         azimuth, elevation = (float(a[0]) for a in angles_from_bearing(ray))
         columns = round(CROP_ANGLE / (2 * np.pi) * camera.width)
         rows = round(columns * CROP_SIZE[1] / CROP_SIZE[0])
-        u, v = (np.pi - azimuth) * camera.width / (2 * np.pi), (np.pi / 2 - elevation) * camera.height / np.pi
+        u, v = (np.pi - azimuth) * camera.width / (2 * np.pi), float(camera.rows_from_elevations(np.array(elevation)))
         top = int(np.clip(round(v - rows / 2), 0, camera.height - rows))
         return _Crop(camera.width, round(u - columns / 2), top, columns, rows)
 

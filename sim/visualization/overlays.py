@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 
 from tracker.geometry import Array, Image, Pose
-from tracker.geometry.cameras import Panorama
+from tracker.geometry.cameras import Camera
 from tracker.io.atomic import new_file
 from tracker.sequence.results import Results
 from tracker.types import Mount, Sequence, Tick
@@ -29,10 +29,10 @@ def colour_of(identity: int) -> tuple[int, int, int]:
     return int(255 * rgb[0]), int(255 * rgb[1]), int(255 * rgb[2])
 
 
-def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterable[int], places: Array) -> Image:
-    """Draw the id of every estimate and the box of a person at its place (n, 3) m, world. Boxes may cross the seam.
+def draw_boxes(image: Image, camera: Camera, T_world_camera: Pose, ids: Iterable[int], places: Array) -> Image:
+    """Draw the id of every estimate and the box of a person at its place (n, 3) m, world. Boxes may cross the seam of an image that wraps.
 
-    A contiguous image is drawn on in place.
+    People who are out of view of the camera, or partly behind it, are not drawn. A contiguous image is drawn on in place.
     """
     out = np.ascontiguousarray(image)
     width, thick = camera.width, max(1, camera.width // 512)
@@ -41,10 +41,16 @@ def draw_boxes(image: Image, camera: Panorama, T_world_camera: Pose, ids: Iterab
         side = np.cross([0.0, 0.0, 1.0], sight / max(float(np.linalg.norm(sight)), 1e-6)) * BODY[0] / 2
         corners = np.array([place + s * side + [0.0, 0.0, h] for s in (-1, 1) for h in (0.0, BODY[1])])
         bearings = T_world_camera.inverse().apply(corners)
-        pixels, _ = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
-        u = pixels[0, 0] + np.mod(pixels[:, 0] - pixels[0, 0] + width / 2, width) - width / 2
+        pixels, inside = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
+        if not (inside.any() and np.isfinite(pixels).all()):
+            continue
+        # OpenCV draws with 32-bit numbers; a corner beside the camera may lie farther out.
+        pixels = np.clip(pixels, -16 * width, 16 * width)
+        u = pixels[:, 0]
+        if camera.wraps:
+            u = u[0] + np.mod(u - u[0] + width / 2, width) - width / 2
         low, high = np.array([u.min(), pixels[:, 1].min()]), np.array([u.max(), pixels[:, 1].max()])
-        for shift in (-width, 0, width):
+        for shift in (-width, 0, width) if camera.wraps else (0,):
             a, b = ((corner + np.array([shift, 0.0])).round().astype(int).tolist() for corner in (low, high))
             if b[0] >= 0 and a[0] < width:
                 cv2.rectangle(out, a, b, colour_of(identity), thick, cv2.LINE_AA)
@@ -66,7 +72,7 @@ def annotated(sequence: Sequence, results: Results, tick: Tick) -> dict[str, Ima
     for view in tick.views:
         mount: Mount = sequence.setup.mounts[view.camera]
         pose = results.poses[mount.robot][tick.index]
-        if view.image is not None and pose is not None and isinstance(mount.camera, Panorama):
+        if view.image is not None and pose is not None and mount.camera.wraps:
             out[view.camera] = draw_boxes(view.image, mount.camera, pose @ mount.T_body_camera, ids.tolist(), places)
     return out
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from sim.visualization.overlays import STANDING, colour_of, draw_boxes
 from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation
-from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid
 from tracker.types import Estimate, Sequence, Tick, Truth
 
@@ -160,7 +159,7 @@ class RerunScene:
                 continue
             mount, image = self.sequence.setup.mounts[view.camera], view.image
             pose = estimate.T_world_robot.get(mount.robot) if estimate else truth.T_world_robot.get(mount.robot) if truth else None
-            if estimate is not None and pose is not None and isinstance(mount.camera, Panorama):
+            if estimate is not None and pose is not None:
                 image = draw_boxes(image.copy(), mount.camera, pose @ mount.T_body_camera, estimate.target_id.tolist(), estimate.position)
             _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
             self._log(f"panoramas/{view.camera}", self.rerun.EncodedImage(contents=data.tobytes(), media_type="image/jpeg"))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tracker.ekf.gaussian import mahalanobis2
 from tracker.ekf.measurement_models import residual
 from tracker.geometry import Array, Ints
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera
 from tracker.io.image_files import decode_image
 from tracker.sequence.reader import read_robot_detections
 from tracker.sequence.schema import LAYERS
@@ -163,11 +163,11 @@ def _projected(folder: Path, tables: _Tables, key: tuple[int, str], camera: Came
         points = view.T_world_camera.inverse().apply(joints[rows[person]][seen])
         expected, _ = camera.pixels_from_bearings(points / np.linalg.norm(points, axis=1, keepdims=True))
         deviation = np.abs(expected + 0.5 - camera.pixel_centre - pixels[seen])
-        if isinstance(camera, Panorama):
+        if camera.wraps:
             deviation[:, 0] = np.minimum(deviation[:, 0], camera.width - deviation[:, 0])
-        focal = camera.height / np.pi if isinstance(camera, Panorama) else camera.width
+        focal = camera.width / (2 * np.pi) if camera.wraps else camera.width
         # Columns of a panorama are narrower towards its poles.
-        distance = np.maximum(np.hypot(points[:, 0], points[:, 1]), 0.05) if isinstance(camera, Panorama) else np.maximum(points[:, 0], 0.05)
+        distance = np.maximum(np.hypot(points[:, 0], points[:, 1]), 0.05) if camera.wraps else np.maximum(points[:, 0], 0.05)
         if not (deviation <= (PIXEL_STEP + 4 * focal * JOINT_STEP / distance)[:, None]).all():
             where = f"frame {key[0]} of {key[1]}"
             yield folder / "truth" / "keypoints.csv", f"{where}: person {person} is {np.nanmax(deviation):.2f} px from the projection of joints.csv"
@@ -175,7 +175,7 @@ def _projected(folder: Path, tables: _Tables, key: tuple[int, str], camera: Came
 
 def _on_instances(folder: Path, view: ViewTruth, where: str, camera: Camera, instances: NDArray[np.uint16]) -> Iterator[Finding]:
     """Boxes must bound the pixels of the same people, and visible key points must lie on their person."""
-    panorama, path = isinstance(camera, Panorama), folder / "truth" / "boxes.csv"
+    path = folder / "truth" / "boxes.csv"
     shown = set(np.unique(instances).tolist()) - {0}
     boxes = view.boxes
     if shown != set(boxes.person[boxes.visible > 0].tolist()):
@@ -186,14 +186,14 @@ def _on_instances(folder: Path, view: ViewTruth, where: str, camera: Camera, ins
             continue
         mask = instances == person
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if panorama:
+        if camera.wraps:
             columns = np.mod(columns - box[0], camera.width) + box[0]
         if [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1] != box.tolist():
             yield path, f"{where}: the box of person {person} is not that of the instances"
         u, v = np.floor(pixels[visibility == VISIBLE]).astype(np.int64).T
         for x, y in zip(u.tolist(), v.tolist(), strict=True):
             across = np.arange(x - PIXEL_TOLERANCE, x + PIXEL_TOLERANCE + 1)
-            across = across % camera.width if panorama else across[(across >= 0) & (across < camera.width)]
+            across = across % camera.width if camera.wraps else across[(across >= 0) & (across < camera.width)]
             if not mask[max(y - PIXEL_TOLERANCE, 0) : y + PIXEL_TOLERANCE + 1, across].any():
                 yield folder / "truth" / "keypoints.csv", f"{where}: a visible key point of person {person} at ({x}, {y}) is not on that person"
                 break

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tracker.geometry import Array, angles_from_bearing, bearing_from_angles
-from tracker.geometry.cameras import Camera, Panorama, Tsai
+from tracker.geometry.cameras import Camera, Tsai
 from tracker.types import Detections
 
 EDGE_PIXELS = 2.0
@@ -22,6 +22,7 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
     """Detections of pixel boxes (n, 4): left, top, width, height; confidence (n,) is clipped to [0, 1].
 
     The azimuth is that of the middle of the lower edge. The covariance is that of the same point.
+    In an image that wraps, left may be anywhere, and left + width may pass the seam.
     """
     if not len(boxes):
         return Detections.none()
@@ -33,9 +34,9 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
 
     azimuth, low = angles(middle, bottom)
     _, high = angles(middle, top)
-    span = angles(left, waist)[0] - angles(left + width, waist)[0]
+    span = _turned(camera, angles(left, waist)[0] - angles(left + width, waist)[0])
     sigma = EDGE_PIXELS + EDGE_SHARE * height
-    by_side = (angles(middle - sigma, bottom)[0] - angles(middle + sigma, bottom)[0]) / 2 * np.cos(low)
+    by_side = _turned(camera, angles(middle - sigma, bottom)[0] - angles(middle + sigma, bottom)[0]) / 2 * np.cos(low)
     by_height = (angles(middle, bottom - sigma)[1] - angles(middle, bottom + sigma)[1]) / 2
     covariance = np.zeros((len(boxes), 2, 2))
     covariance[:, 0, 0], covariance[:, 1, 1] = by_side**2, by_height**2
@@ -46,6 +47,11 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
     bearing = bearing_from_angles(azimuth, (low + high) / 2)
     extent = np.stack([span, high - low], axis=1)
     return Detections(bearing, extent, np.clip(confidence, 0.0, 1.0), covariance, np.zeros((len(boxes), 0)))
+
+
+def _turned(camera: Camera, turn: Array) -> Array:
+    """Angles (n,) rad from a left to a right azimuth in (−2π, 2π); across the seam of an image that wraps they are negative without a full turn."""
+    return np.where(turn < 0, turn + 2 * np.pi, turn) if camera.wraps else turn
 
 
 def approximate_pixel_boxes(camera: Camera, detections: Detections) -> tuple[Array, Array]:
@@ -62,7 +68,7 @@ def approximate_pixel_boxes(camera: Camera, detections: Detections) -> tuple[Arr
     middle = pixels(0.0, 0.0)
     across = np.abs(pixels(half[:, 0], 0.0)[:, 0] - pixels(-half[:, 0], 0.0)[:, 0])
     up = np.abs(pixels(0.0, half[:, 1])[:, 1] - pixels(0.0, -half[:, 1])[:, 1])
-    if isinstance(camera, Panorama):
+    if camera.wraps:
         across = np.minimum(across, camera.width - across)
     size = np.stack([across, up], axis=1)
     middle[~((size > 0) & np.isfinite(size)).all(axis=1)] = np.nan

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tracker.detections.boxes import approximate_pixel_boxes
 from tracker.geometry import Array, Image, Ints
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera
 from tracker.types import Detections
 
 Gray = NDArray[np.uint8]
@@ -89,7 +89,6 @@ class KltTracklets:
 
     def __init__(self, camera: Camera, parameters: TrackletParameters | None = None) -> None:
         self.camera, self.parameters = camera, parameters or TrackletParameters()
-        self._panorama = isinstance(camera, Panorama)
         self._past: deque[Frame] = deque(maxlen=self.parameters.l_c)
 
     def step(self, image: Image | None, detections: Detections) -> tuple[Array, ...]:
@@ -113,7 +112,7 @@ class KltTracklets:
         scale = np.array([width // 2 / self.camera.width, height // 2 / self.camera.height])
         middle, size = (scale * pixels for pixels in approximate_pixel_boxes(self.camera, detections))
         turn = np.inf
-        if self._panorama:
+        if self.camera.wraps:
             turn, pad = float(width // 2), int(PAD * (width // 2))
             middle[:, 0] += pad
             gray = cv2.copyMakeBorder(gray, 0, 0, pad, pad, cv2.BORDER_WRAP)

@@ -12,7 +12,9 @@ from tracker.export.recorded_sequence import FixedView, RecordedSequence, ltwh_f
 from tracker.formats.motchallenge import ABSENT, Mot15Rows, write_mot15
 from tracker.formats.pets2009 import TERRAIN, Annotations, Site, ground_truth, write_annotations, write_camera, write_site
 from tracker.geometry import Array, Ints
+from tracker.geometry.cameras import Tsai
 from tracker.geometry.ground import Grid
+from tracker.geometry.lens_conversion import tsai_of
 
 MAX_FEET_ERROR = 0.05
 """m: the cropped annotation holds people whose feet, projected to the ground, are this close to the truth."""
@@ -50,7 +52,7 @@ def export_pets(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
         for folder in ("annotations", "detections", "calibration", *names.values()):
             (root / folder).mkdir(parents=True)
         for camera, view in recording.fixed.items():
-            write_camera(root / "calibration" / f"{names[camera]}.xml", names[camera], view.camera, view.T_world_camera)
+            write_camera(root / "calibration" / f"{names[camera]}.xml", names[camera], _calibration(recording, camera), view.T_world_camera)
             _write_detections(root / "detections" / f"{names[camera]}.txt", recording, camera)
         first = next(camera for camera, name in names.items() if name == "View_001")
         annotations = annotations_of(recording, first)
@@ -63,6 +65,13 @@ def export_pets(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
         renamed = [f"{name} is {camera}" for camera, name in names.items() if name != camera]
         notes += [f"{recording.name}: {', '.join(renamed)}."] if renamed else []
     return notes
+
+
+def _calibration(recording: RecordedSequence, camera: str) -> Tsai:
+    try:
+        return tsai_of(recording.fixed[camera].camera)
+    except ValueError as error:
+        raise ValueError(f"{recording.folder}: {camera}: {error}, which pets can hold") from None
 
 
 def view_names(cameras: list[str]) -> dict[str, str]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
-from tracker.geometry.cameras import Camera, Panorama, Tsai
+from tracker.geometry.cameras import Camera, PanoramicCamera
 from tracker.io import image_files
 from tracker.io.csv_tables import read_table
 from tracker.io.image_files import decode_image
@@ -32,9 +32,9 @@ ITERATIONS = 60
 
 @dataclass(frozen=True, eq=False)
 class FixedView:
-    """A fixed pinhole camera."""
+    """A fixed camera that is no panorama."""
 
-    camera: Tsai
+    camera: Camera
     T_world_camera: Pose
 
 
@@ -84,11 +84,11 @@ class RecordedSequence:
 
     @cached_property
     def fixed(self) -> dict[str, FixedView]:
-        """The fixed pinhole cameras, in the order of the sequence."""
+        """The fixed cameras that are no panoramas, in the order of the sequence."""
         out = {}
         for name, mount in self.setup.mounts.items():
             start = self.setup.starts[mount.robot]
-            if isinstance(mount.camera, Tsai) and start is not None and self.setup.is_fixed(mount.robot):
+            if not mount.camera.wraps and start is not None and self.setup.is_fixed(mount.robot):
                 out[name] = FixedView(mount.camera, start.T_world_robot @ mount.T_body_camera)
         return out
 
@@ -170,17 +170,18 @@ _OPTIONS = {JPEG: image_files.JPEG, PNG: image_files.PNG}
 def boxes_of_detections(camera: Camera, detections: Detections) -> Array:
     """Boxes (n, 4) left, top, width, height px from the corner of the image; the inverse of boxes.detections_from_boxes.
 
-    In a panorama left lies in [0, W), and left + width may exceed W. In a pinhole image the bearing gives the middle column of the box.
+    In an image that wraps, left lies in [0, W), and left + width may exceed W. In another image the bearing gives the middle column of the box.
     Its width is the one that spans the detected azimuth at the middle of its height.
     """
     if not len(detections):
         return np.zeros((0, 4))
     azimuth, elevation = angles_from_bearing(detections.bearing)
     span, rise = detections.extent.T
-    if isinstance(camera, Panorama):
-        per_radian = camera.height / np.pi
+    if isinstance(camera, PanoramicCamera):
+        per_radian = camera.width / (2 * np.pi)
         left = np.mod((np.pi - azimuth - span / 2) * per_radian, camera.width)
-        return np.column_stack([left, (np.pi / 2 - elevation - rise / 2) * per_radian, span * per_radian, rise * per_radian])
+        top, height = camera.edges_from_spans(elevation, rise)
+        return np.column_stack([left, top, span * per_radian, height])
     pixels = [camera.pixels_from_bearings(bearing_from_angles(azimuth, elevation + side * rise / 2))[0] for side in (-1, 1)]
     # Where the distortion has no inverse, the upper edge is outside the image.
     (u, bottom), top = pixels[0].T, np.nan_to_num(pixels[1][:, 1], nan=camera.pixel_centre - 0.5)

@@ -16,6 +16,9 @@ OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0
 
 OPTICAL_FROM_CAMERA.flags.writeable = False
 
+MAX_SIDE = 1 << 15
+"""px. A file of unknown origin that claims a larger image would take the memory."""
+
 
 class Camera(Protocol):
     """The interface of a camera. Bearings are unit directions in the camera's frame."""
@@ -50,6 +53,8 @@ class Camera(Protocol):
 
 
 def check_size(width: int, height: int) -> None:
-    """Raises ValueError for an image without pixels."""
-    if width < 1 or height < 1:
-        raise ValueError(f"image size is {width} x {height}, needs at least 1 x 1")
+    """Raises ValueError for an image without pixels, or with more than MAX_SIDE a side."""
+    if not (isinstance(width, int | np.integer) and isinstance(height, int | np.integer)):
+        raise ValueError(f"image size is {str(width)[:40]} x {str(height)[:40]}, needs whole numbers")
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
+        raise ValueError(f"image size is {width} x {height}, needs at least 1 x 1 and at most {MAX_SIDE} a side")

@@ -42,6 +42,11 @@ class PanoramicCamera(ABC):
     def rows_from_elevations(self, elevations: Array) -> Array:
         """Elevations (n,) rad → rows v (n,)."""
 
+    def edges_from_spans(self, elevation: Array, rise: Array) -> tuple[Array, Array]:
+        """Rows of the upper edge (n,) and heights (n,) px of spans with the middle at `elevation` (n,) rad that are `rise` (n,) rad high."""
+        top, bottom = self.rows_from_elevations(elevation + rise / 2), self.rows_from_elevations(elevation - rise / 2)
+        return top, np.asarray(bottom - top)
+
     def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
         p = np.asarray(pixels, dtype=np.float64)
         return bearing_from_angles(np.pi - 2 * np.pi * p[:, 0] / self.width, self.elevations_from_rows(p[:, 1]))
@@ -71,6 +76,10 @@ class Panorama(PanoramicCamera):
 
     def rows_from_elevations(self, elevations: Array) -> Array:
         return np.asarray((np.pi / 2 - elevations) * self.height / np.pi)
+
+    def edges_from_spans(self, elevation: Array, rise: Array) -> tuple[Array, Array]:
+        per_radian = self.height / np.pi
+        return np.asarray((np.pi / 2 - elevation - rise / 2) * per_radian), np.asarray(rise * per_radian)
 
     def pixels_from_bearings(self, bearings: ArrayLike) -> tuple[Array, Mask]:
         azimuth, elevation = angles_from_bearing(bearings)

@@ -73,7 +73,7 @@ def test_position_ids_count_along_x_first() -> None:
 
 def test_pinhole_equals_opencv_camera(tmp_path: Path) -> None:
     camera, T = pinhole(320, 240, 1.1), Pose.planar(3, -2, 0.7, 2.5)
-    calibrated, error = OpenCvCamera.from_tsai(camera, T)
+    calibrated, error = OpenCvCamera.of(camera, T)
     assert error < 1e-9
     assert not calibrated.distortion.any()
     write_calibration(tmp_path, "Camera1", calibrated)
@@ -87,7 +87,7 @@ def test_pinhole_equals_opencv_camera(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("view", "bound"), [(1, 0.002), (2, 1.5), (3, 0.05), (4, 1e-6), (5, 0.6), (6, 0.8), (8, 8.0)])
 def test_real_cameras_are_approximated_within_the_stated_error(data: Any, view: int, bound: float) -> None:
     _, camera, T = read_camera(data("pets2009", "calibration", f"View_00{view}.xml"))
-    calibrated, error = OpenCvCamera.from_tsai(camera, T)
+    calibrated, error = OpenCvCamera.of(camera, T)
     assert error < bound
     pixels = np.random.default_rng(view).uniform([0, 0], [camera.width - 1, camera.height - 1], (300, 2))
     points = T.apply(10 * camera.bearings_from_pixels(pixels))
@@ -118,7 +118,7 @@ def test_invalid_files_and_ids_are_refused(tmp_path: Path) -> None:
         write_positions(tmp_path / "0.json", [WildtrackPosition(2**53, 0, np.zeros((0, 4), dtype=np.int64))])
     with pytest.raises(ValueError, match=r"intr_Camera1\.xml: no such file"):
         read_calibration(tmp_path, "Camera1")
-    calibrated, _ = OpenCvCamera.from_tsai(pinhole(320, 240, 1.1), Pose.identity())
+    calibrated, _ = OpenCvCamera.of(pinhole(320, 240, 1.1), Pose.identity())
     write_calibration(tmp_path, "Camera1", calibrated)
     (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text('<?xml version="1.0"?>\n<opencv_storage>\n<rvec>3</rvec></opencv_storage>\n')
     with pytest.raises(ValueError, match=r"extr_Camera1\.xml: "):
