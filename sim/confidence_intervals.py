@@ -38,6 +38,12 @@ def bounds_of(figure: str) -> Bounds:
     return _BOUNDS.get(figure, UNBOUNDED)
 
 
+def difference_bounds_of(figure: str) -> Bounds:
+    """The bounds of a difference of two values of a figure: (-1, 1) for a share, none for a figure that has fewer than two bounds."""
+    low, high = bounds_of(figure)
+    return UNBOUNDED if low is None or high is None else (low - high, high - low)
+
+
 @dataclass(frozen=True)
 class Interval:
     """The mean of `count` independent values, and its confidence interval from low to high.
@@ -103,14 +109,14 @@ def student_interval(values: Sequence[float], confidence: float = 0.95, bounds: 
     return _around(array, low if bounds[0] is None else max(low, bounds[0]), high if bounds[1] is None else min(high, bounds[1]))
 
 
-def paired(first: Mapping[int, float], second: Mapping[int, float], confidence: float = 0.95) -> Interval | None:
+def paired(first: Mapping[int, float], second: Mapping[int, float], confidence: float = 0.95, bounds: Bounds = UNBOUNDED) -> Interval | None:
     """The second less the first, seed by seed, over the seeds that both have. None where they share none.
 
-    The interval is Student's t. Differences of paired runs have no bounds to leave and are nearly symmetric, so t covers 95 % of true
-    differences from 3 seeds on. It also holds at the high confidences of a Bonferroni correction, where the bootstrap ends at the extremes.
+    The interval is Student's t, cut at `bounds`. Differences of paired runs are nearly symmetric, so t covers 95 % of true differences from
+    3 seeds on. It also holds at the high confidences of a Bonferroni correction, where the bootstrap ends at the extremes.
     """
     seeds = sorted(set(first) & set(second))
-    return student_interval([second[seed] - first[seed] for seed in seeds], confidence) if seeds else None
+    return student_interval([second[seed] - first[seed] for seed in seeds], confidence, bounds) if seeds else None
 
 
 def _checked(values: Sequence[float]) -> NDArray[np.float64]:

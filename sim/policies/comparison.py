@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from sim.confidence_intervals import Interval, paired
+from sim.confidence_intervals import Interval, difference_bounds_of, paired
 from sim.parallel.pool import Pool
 from sim.placement.config import SEEDS_PER_MAP
 from sim.policies.rollouts import EpisodeResult, run_episodes
@@ -55,7 +55,7 @@ def differences(results: Sequence[EpisodeResult]) -> dict[str, dict[str, Interva
         out[name] = {}
         for measure in next(iter(by_policy[name].values())):
             one, other = ({seed: values[measure] for seed, values in by_policy[which].items()} for which in (first, name))
-            difference = paired(one, other)
+            difference = paired(one, other, bounds=difference_bounds_of(measure))
             if difference is not None:
                 out[name][measure] = difference
     return out

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.confidence_intervals import Interval, student_interval
+from sim.confidence_intervals import Interval, difference_bounds_of, student_interval
 from sim.report.rows import Row, Rows, read_rows
 
 Key = tuple[str, int]
@@ -151,7 +151,7 @@ def _difference(group: str, measure: ComparedMeasure, reference: ComparedTracker
     by_seed: dict[int, list[float]] = {}
     for seed, a, b in known:
         by_seed.setdefault(seed, []).append(b - a)
-    interval = student_interval([float(np.mean(values)) for values in by_seed.values()])
+    interval = student_interval([float(np.mean(values)) for values in by_seed.values()], bounds=difference_bounds_of(measure.name))
     before, after = (float(np.mean([row[k] for row in known])) for k in (1, 2))
     return ScoreDifference(group, measure, before, after, interval, len(known))
 

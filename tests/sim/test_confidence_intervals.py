@@ -9,7 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.confidence_intervals import AT_LEAST_ZERO, AT_MOST_ONE, FEWEST_RESAMPLED, SHARE, Bounds, bounds_of, mean_interval, paired, student_interval
+from sim.confidence_intervals import (
+    AT_LEAST_ZERO,
+    AT_MOST_ONE,
+    FEWEST_RESAMPLED,
+    SHARE,
+    Bounds,
+    bounds_of,
+    difference_bounds_of,
+    mean_interval,
+    paired,
+    student_interval,
+)
 
 SHARES = st.lists(st.floats(0, 1, allow_subnormal=False), min_size=2, max_size=12)
 
@@ -143,3 +154,10 @@ def test_more_confidence_is_a_wider_interval(values: list[float]) -> None:
     assert wide.low is not None
     assert narrow.low is not None
     assert wide.low < narrow.low
+
+
+def test_bounds_of_differences() -> None:
+    assert [difference_bounds_of(name) for name in ("idf1", "mota", "ate_m")] == [(-1.0, 1.0), (None, None), (None, None)]
+    found = paired({0: 0.0, 1: 0.0}, {0: 0.9, 1: 0.5}, bounds=difference_bounds_of("idf1"))
+    assert found is not None
+    assert (found.low, found.high) == (-1.0, 1.0)

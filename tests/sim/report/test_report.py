@@ -97,6 +97,25 @@ def test_plots_lie_beside_it_as_pictures_and_figures(folder: Path) -> None:
     assert shares["100", "occluded"] == pytest.approx(100 * 0.7 * 0.6 * 0.8, rel=0.05)
 
 
+def test_no_interval_leaves_the_range_of_its_figure(tmp_path: Path) -> None:
+    """Three seeds with scores near the ends of their ranges: uncut intervals would reach from -0.02 m and to a MOTA of 1.1."""
+    rows = [stress_rows.row("density", k, value, seed) for k, value in enumerate(stress_rows.PEOPLE) for seed in range(3)]
+    for row in rows:
+        near = 1e-3 if row["seed"] else 0.2
+        row["scores"] |= dict.fromkeys(("mota", "mota_all", "idf1", "hota", "map_complete"), 1 - near)
+        row["scores"] |= dict.fromkeys(("ate_m", "motp_m", "map_aligned_m", "efficiency"), near)
+    write_report(stress_rows.write(tmp_path, rows))
+    checked = 0
+    for name in ("mota", "mota_all", "idf1", "map_complete", "ate_m", "motp_m", "map_aligned_m", "efficiency"):
+        low, high = bounds_of(name)
+        with (tmp_path / "report" / f"density-{name.replace('_', '-')}.csv").open() as file:
+            for found in csv.DictReader(file):
+                assert low is None or float(found["low"]) >= low, (name, found)
+                assert high is None or float(found["high"]) <= high, (name, found)
+                checked += 1
+    assert checked >= 8 * len(stress_rows.PEOPLE)
+
+
 def test_the_same_rows_are_the_same_bytes(tmp_path: Path) -> None:
     rows = [stress_rows.row("density", k, 5 * k, 0, ladder=None, causes=None) for k in range(2)]
     first = write_report(stress_rows.write(tmp_path / "same", rows)).read_bytes()
