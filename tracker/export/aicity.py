@@ -1,4 +1,4 @@
-"""Export to track 1 of the AI City Challenge: scenes of fixed cameras with truth, and the results of `track` as the one file of a submission."""
+"""Export to track 1 of the AI City Challenge: scenes of fixed cameras with truth, and results as the one file of a submission."""
 
 from __future__ import annotations
 
