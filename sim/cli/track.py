@@ -26,10 +26,12 @@ class SourceChoice:
         Annotated[tuple[str, ...], arg(metavar="NAME=FILE", help_behavior_hint="(default: those of the source; repeatable)")]
     ] = ()
     """Other detections (MOT15) for a camera; repeat it for several cameras. A folder with NAME.txt replaces all of them."""
+    project: Annotated[str | None, unset("misses=P,edges=S", "boxes are read")] = None
+    """Boxes of upright bodies (1.75 x 0.5 m) at the true places of all cameras, with this share missing and edges off by this share of the box."""
     degrade: Annotated[str, unset("drop=P,clutter=N,noise=PX", "as they are")] = ""
     """Degradation of the detections: probability of a loss, false boxes per view and frame, noise of the boxes in pixels."""
     seed: int = 0
-    """Seed of --degrade."""
+    """Seed of --degrade and --project."""
 
     @property
     def chosen(self) -> str:
@@ -152,8 +154,11 @@ class Track:
         if self.map != "unknown":
             raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
         p = self.part
-        options = SourceOptions.parse(p.detections, p.degrade, p.seed, p.chosen, p.frames, self.images)
+        options = SourceOptions.parse(p.detections, p.degrade, p.seed, p.chosen, p.frames, self.images, p.project)
         sequence = open_sequence(self.source, options)
+        first = next(iter(sequence.ticks), None)
+        if first is None or not first.views:
+            raise ValueError(f"{self.source}: no detections of any camera, needs detections/CAMERA.txt (MOT15), --detections or --project")
         unknown = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
         sequence = without_starts(sequence, unknown)
         run = {"source": self.source.name} | options.to_run() | ({"unknown_start": unknown} if unknown else {})

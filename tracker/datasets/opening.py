@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from tracker.datasets.aicity import is_aicity, read_aicity
 from tracker.datasets.pets2009 import is_pets, read_pets
+from tracker.datasets.projected_boxes import projected_boxes
 from tracker.datasets.selection import selected
 from tracker.datasets.source_options import SourceOptions, camera_named
+from tracker.datasets.wildtrack import is_wildtrack, read_wildtrack
 from tracker.formats.utias import is_utias
 from tracker.recordings import Recording
 from tracker.recordings.degradation import Degradation
@@ -47,6 +50,8 @@ FORMATS = (
     SourceFormat(PILSIM, "a sequence of pilsim (manifest.json)", _is_sequence),
     SourceFormat("recording", "a recording of one's own (recording.json, detections/)", is_recording, lambda path, _: read_recording(path)),
     SourceFormat(UTIAS, "a UTIAS set (Barcodes.dat)", is_utias),
+    SourceFormat("wildtrack", "WILDTRACK or MultiviewX (calibrations/, annotations_positions/)", is_wildtrack, lambda path, _: read_wildtrack(path)),
+    SourceFormat("aicity", "AI City track 1 (calibration.json, ground_truth.json)", is_aicity, lambda path, _: read_aicity(path)),
     SourceFormat("pets2009", "PETS 2009 (annotations/ or detections/, calibration/ in it or beside it)", is_pets, read_pets),
 )
 """All formats, in the order in which a folder is compared with them."""
@@ -85,8 +90,8 @@ def open_sequence(path: Path, options: SourceOptions | None = None) -> Sequence:
     if form.name == UTIAS:
         raise ValueError(f"{path}: is {form.title}, which has robots and no cameras; `track` and `score` read it")
     if form.name == PILSIM:
-        if options.degradation != Degradation():
-            raise ValueError(f"{path}: --degrade is for recordings; generate the sequence with another detector")
+        if options.degradation != Degradation() or options.projected is not None:
+            raise ValueError(f"{path}: --degrade and --project are for recordings; generate the sequence with another detector")
         return selected(read_sequence(path), options)
     recording = open_recording(path, options)
     try:
@@ -101,6 +106,9 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
     recording = recording.with_detections({name: read_boxes(file) for name, file in files.items()})
     if files:
         source["files"] = source.get("files", {}) | {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files.values()}
+    if options.projected is not None:
+        recording = projected_boxes(recording, options.projected, options.seed)
+        source = dict(recording.source)
     if options.cameras:
         recording = recording.choose([camera_named(text, recording.cameras) for text in options.cameras])
     if options.frames is not None:

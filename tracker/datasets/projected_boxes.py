@@ -35,6 +35,24 @@ class BoxNoise:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs 0 to 1")
 
+    @staticmethod
+    def parse(text: str) -> BoxNoise:
+        """Parse misses=P,edges=S in any order, each at most once. Raises ValueError that names the invalid part."""
+        given: dict[str, float] = {}
+        for part in filter(None, (p.strip() for p in text.split(","))):
+            name, _, value = part.partition("=")
+            try:
+                number = float(value)
+            except ValueError:
+                number = float("nan")
+            if name not in ("misses", "edges") or name in given or not 0 <= number <= 1:
+                raise ValueError(f"--project has {part!r}, needs misses=P,edges=S, each once and from 0 to 1")
+            given[name] = number
+        return BoxNoise(**given)
+
+    def __str__(self) -> str:
+        return f"misses={self.misses},edges={self.edges}"
+
     def apply(self, boxes: FrameBoxes, camera: Camera, rng: np.random.Generator) -> dict[int, tuple[Array, Array]]:
         """The boxes with misses and noise, within the image."""
         out = {}

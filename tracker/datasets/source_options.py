@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tracker.datasets.projected_boxes import BoxNoise
 from tracker.recordings.degradation import Degradation
 
 
@@ -16,7 +17,8 @@ class SourceOptions:
 
     cameras: names, or numbers at their ends, as 5 for View_005; empty for all. detections: camera → another MOT15 file of its detections; the
     camera "" stands for a folder with a file CAMERA.txt for each. frames: the first one and the end, as in Python's slices; None for all.
-    degradation: of all detections, with a seed. images: whether images are read, too.
+    degradation: of all detections, with a seed. images: whether images are read, too. projected: the errors of boxes that are projected from the
+    truth in place of the detections, None for the detections.
     """
 
     cameras: tuple[str, ...] = ()
@@ -25,18 +27,30 @@ class SourceOptions:
     degradation: Degradation = Degradation()
     seed: int = 0
     images: bool = False
+    projected: BoxNoise | None = None
 
     @staticmethod
     def parse(
-        detections: Iterable[str] = (), degrade: str = "", seed: int = 0, cameras: str = "", frames: str = "", images: bool = False
+        detections: Iterable[str] = (),
+        degrade: str = "",
+        seed: int = 0,
+        cameras: str = "",
+        frames: str = "",
+        images: bool = False,
+        project: str | None = None,
     ) -> SourceOptions:
         """Parse command line options. detections: each CAMERA=FILE, or one folder. degrade: see Degradation.parse. cameras: as C1,C3. frames: A:B.
+        project: see BoxNoise.parse.
 
         Raises ValueError for an invalid value, and for a file or folder of detections that is not there.
         """
         if seed < 0:
             raise ValueError(f"--seed is {seed}, needs 0 or more")
-        return SourceOptions(_names(cameras), _files(detections), _slice(frames), Degradation.parse(degrade), seed, images)
+        noise = None if project is None else BoxNoise.parse(project)
+        given = list(detections)
+        if given and noise is not None:
+            raise ValueError("--detections and --project exclude each other: boxes are read, or projected from the truth")
+        return SourceOptions(_names(cameras), _files(given), _slice(frames), Degradation.parse(degrade), seed, images, noise)
 
     def to_run(self) -> dict[str, Any]:
         """As entries of run.json; none for the default. Images are left out, since scores do not need them."""
@@ -50,6 +64,8 @@ class SourceOptions:
             d = self.degradation
             out["detections"] = [f"{name}={file.resolve()}" if name else str(file.resolve()) for name, file in self.detections.items()]
             out |= {"degrade": f"drop={d.drop},clutter={d.clutter},noise={d.noise}", "seed": self.seed}
+        if self.projected is not None:
+            out |= {"project": str(self.projected), "seed": self.seed}
         return out
 
     def detection_files(self, cameras: list[str]) -> dict[str, Path]:
@@ -72,7 +88,10 @@ class SourceOptions:
             raise ValueError("run.json: cameras and detections need to be lists")
         if not isinstance(degrade, str) or not isinstance(seed, int) or not isinstance(frames, str):
             raise ValueError("run.json: degrade, frames_read and seed need to be two texts and a whole number")
-        return SourceOptions.parse(map(str, detections), degrade, seed, ",".join(map(str, cameras)), frames)
+        project = run.get("project")
+        if not (project is None or isinstance(project, str)):
+            raise ValueError(f"run.json: project is {project!r}, needs a text")
+        return SourceOptions.parse(map(str, detections), degrade, seed, ",".join(map(str, cameras)), frames, project=project)
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -65,7 +65,7 @@ class RecordingRobot:
 class Recording:
     """Cameras, boxes, and what else is known of a recording.
 
-    rate: frames per second. cameras: name → RecordingCamera. detections: camera → FrameBoxes; a camera may lack an entry.
+    rate: frames per second. cameras: name → RecordingCamera. detections: camera → FrameBoxes; a fixed camera without an entry has no views.
     truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
@@ -213,6 +213,8 @@ class Recording:
     def _tick(self, index: int) -> Tick:
         views = []
         for name, camera in self.cameras.items():
+            if camera.robot is None and name not in self.detections:
+                continue  # an empty view would say that the camera sees nobody
             boxes, confidence = self.detections.get(name, {}).get(index, (np.zeros((0, 4)), np.zeros(0)))
             odometry = self.robots[camera.robot].odometry.get(index) if camera.robot is not None else None
             views.append(View(name, detections_from_boxes(camera.camera, boxes, confidence), odometry=odometry))

@@ -120,5 +120,5 @@ def test_invalid_options_are_refused(data: Callable[..., Path], tmp_path: Path) 
     with pytest.raises(ValueError, match="--detections names View_001, --cameras has 5"):
         open_sequence(data("pets2009", "S2.L1"), SourceOptions.parse([f"1={other}"], cameras="5"))
     sequences.write(tmp_path / "s")
-    with pytest.raises(ValueError, match="--degrade is for recordings"):
+    with pytest.raises(ValueError, match="--degrade and --project are for recordings"):
         open_sequence(tmp_path / "s", SourceOptions.parse(degrade="drop=0.5"))

@@ -188,3 +188,22 @@ def test_parts_of_a_recording(tmp_path: Path) -> None:
             open_recording(tmp_path, options)
     with pytest.raises(ValueError, match="--frames is '3:2', needs FIRST:END"):
         SourceOptions.parse(frames="3:2")
+
+
+def test_cameras_without_detections_say_nothing(tmp_path: Path) -> None:
+    """An empty view would be evidence that nobody is there."""
+    write_recording(tmp_path, replace(small(), detections={"C1": small().detections["C1"]}))
+    assert [[view.camera for view in tick.views] for tick in open_sequence(tmp_path).ticks] == [["C1"]] * 3
+
+
+def test_boxes_are_projected_from_the_truth(tmp_path: Path) -> None:
+    write_recording(tmp_path, small())
+    options = SourceOptions.parse(project="misses=0,edges=0.01", seed=4)
+    boxes = open_recording(tmp_path, options).detections
+    assert [len(boxes["C1"][frame][0]) for frame in range(3)] == [2, 2, 2]
+    again = open_recording(tmp_path, SourceOptions.of_run(options.to_run())).detections
+    np.testing.assert_array_equal(boxes["C2"][1][0], again["C2"][1][0])
+    with pytest.raises(ValueError, match="--project has 'misses=2', needs misses=P,edges=S"):
+        SourceOptions.parse(project="misses=2")
+    with pytest.raises(ValueError, match="--detections and --project exclude each other"):
+        SourceOptions.parse([str(tmp_path)], project="")
