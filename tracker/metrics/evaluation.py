@@ -23,9 +23,9 @@ from tracker.types import Sequence, Truth
 
 VISIBLE_FRACTION = 0.2  # visible fraction above which a person counts as seen
 VISIBILITY_MEMORY = 9 / 7  # s: people are evaluated for this time after they were seen (δ_a, 9 frames at 7 frames/s)
-PETS = "pets 2009"
-DETECTION_KITS = ("wildtrack", "multiviewx")
-"""Sources, in lower case, that are scored as detections too, by the rules of their kit."""
+PETS = "PETS 2009"
+GRID_TRUTH = "annotations_positions"
+"""The truth of WILDTRACK, MultiviewX and GMVD by its name in a provenance: these are scored as detections too, by the rules of their kit."""
 Tracks = dict[int, tuple[Ints, Array]]
 
 
@@ -45,7 +45,7 @@ def evaluated_people(truth: tuple[Truth, ...], period: float) -> list[Mask]:
 def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
     """Scores as JSON values: `targets`, `everybody` (no person ignored), `robots` (with `each`, a robot's own) and `dead_reckoning`, or None.
 
-    Recordings other than PETS 2009 have `hota_3d` too, on boxes of people (boxes_3d), and WILDTRACK and MultiviewX `ground_detection`.
+    Recordings other than PETS 2009 have `hota_3d` too, on boxes of people (boxes_3d), and WILDTRACK, MultiviewX and GMVD `ground_detection`.
     Raises ValueError if the sequence has no truth, or if the results belong to another source or have fewer frames.
     """
     truth = sequence.truth
@@ -59,7 +59,7 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
     people: Tracks = {t.index: (t.person_id, t.feet) for t in truth}
     everybody = matching_frames(people, results.tracks)
     out: dict[str, Any] = {"targets": score(matching_frames(people, results.tracks, counts)).to_dict(), "everybody": score(everybody).to_dict()}
-    out |= _scores_of_kits(str(sequence.provenance.get("source", PETS)).casefold(), people, results.tracks, counts)
+    out |= _scores_of_kits(sequence.provenance, people, results.tracks, counts)
     # The pose of a fixed camera is given and not scored.
     fixed = {robot for robot in sequence.setup.starts if sequence.setup.is_fixed(robot)}
     robots = {robot: [t.T_world_robot[robot] for t in truth] for robot in truth[0].T_world_robot if robot not in fixed} if truth else {}
@@ -81,14 +81,14 @@ def matching_frames(truth: Tracks, tracks: Tracks, counts: list[Mask] | None = N
     return [MatchingFrame(*truth[k], *tracks.get(k, none), counts=None if counts is None else counts[n]) for n, k in enumerate(truth)]
 
 
-def _scores_of_kits(source: str, truth: Tracks, tracks: Tracks, counts: list[Mask]) -> dict[str, Any]:
+def _scores_of_kits(provenance: dict[str, Any], truth: Tracks, tracks: Tracks, counts: list[Mask]) -> dict[str, Any]:
     """The scores that a kind of source has beside those of all: `hota_3d`, `ground_detection`."""
-    if source == PETS:
+    if provenance.get("source", PETS) == PETS:
         return {}
     # The yaw of an estimate comes from the past alone, so that an online tracker stays one.
     boxes = boxes_of_tracks(truth), boxes_of_tracks(tracks, online=True)
     out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(matching_frames(*boxes, counts)))}
-    if source in DETECTION_KITS:
+    if GRID_TRUTH in provenance.get("files", {}):
         out["ground_detection"] = score_ground_detections(matching_frames(truth, tracks)).to_dict()
     return out
 

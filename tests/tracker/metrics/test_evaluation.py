@@ -106,7 +106,8 @@ def sequence_of(tmp_path: Path, source: str) -> Sequence:
     """A sequence with the truth of `walkers` and no robots, of a kind of source."""
     sequences.write(tmp_path / "s")
     truth = tuple(Truth(k, {}, ids, feet, np.ones((2, 2))) for k, (ids, feet) in walkers().items())
-    return replace(read_sequence(tmp_path / "s"), truth=truth, provenance={"source": source})
+    files = {"annotations_positions": "0"} if source == "WILDTRACK" else {"truth.txt": "0"}
+    return replace(read_sequence(tmp_path / "s"), truth=truth, provenance={"source": source, "files": files})
 
 
 @pytest.mark.parametrize(
