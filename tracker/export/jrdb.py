@@ -1,4 +1,4 @@
-"""Export to JRDB: the panoramas of the robots with 2-D and 3-D boxes of people."""
+"""Export to JRDB: the panoramas of the robots with 2-D and 3-D boxes of people, and detections."""
 
 from __future__ import annotations
 
@@ -8,9 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from tracker.export.recorded_sequence import RecordedSequence, ltwh_from_edges
-from tracker.formats.jrdb import Label2d, Label3d, write_labels_2d, write_labels_3d
+from tracker.formats.jrdb import (
+    DETECTIONS,
+    LABELS_2D,
+    LABELS_3D,
+    Label2d,
+    Label3d,
+    PanoramaNote,
+    write_detections_2d,
+    write_labels_2d,
+    write_labels_3d,
+)
 from tracker.geometry import Array
-from tracker.geometry.cameras import Panorama
+from tracker.geometry.cameras import Cylinder
 from tracker.sequence.truth_tables import read_joints
 from tracker.types import KEYPOINT_NAMES
 
@@ -24,6 +34,7 @@ README = """
     images/image_stitched/SEQUENCE-CAMERA/000000.jpg  panoramas, RGB, frames from 0
     labels/labels_2d_stitched/SEQUENCE-CAMERA.json    boxes in the panorama
     labels/labels_3d/SEQUENCE-CAMERA.json             boxes in space
+    detections/detections_2d_stitched/SEQUENCE-CAMERA.json  boxes that the simulated detector reported
 
 A panorama of width W and height H = W/2 is all of the sphere: azimuth = π − 2πu/W, elevation = π/2 − πv/H, ahead is the middle, the seam is behind.
 There are no point clouds; labels_3d has keys 000000.pcd nevertheless, because tools look for them.
@@ -34,19 +45,26 @@ where a body lies over the seam: `wraps` is true there, and modulo W is where th
 nothing is. visibility in [0, 1]: pixels seen / pixels that the body would cover alone. attributes: occlusion (Fully_visible from visibility 0.95,
 Mostly_visible from 0.5, Severely_occluded above 0, else Fully_occluded), area [px²] of box, no_eval: nothing is seen, truncated, interpolated: false.
 
+Beside the labels the file has a field `pilsim` (ours): rate [1/s], width and height [px] of the panoramas, above_ground [m], the median height of the
+camera above the ground, and for cylinders horizon and focal [px].
+
+detections_2d_stitched: frame → list. label_id: `person:` and a running number; box as above, score in [0, 1].
+
 labels_3d: frame → list. box: cx, cy, cz [m] its centre, l [m] along the heading, w [m] across, h [m] up, rot_z [rad] the heading about z,
 anticlockwise from x, in the camera's frame: x forward (the panorama's middle), y left, z up as the robot has it (which on a slope is not upright).
 The box is put around the key points and the feet (to a few centimetres). attributes: distance [m] of the centre, num_points: −1 (unknown).
 observation_angle [rad]: rot_z less the azimuth of the centre.
+
+`pilsim track` reads a sequence in the camera's frame of each tick: the layout has no odometry, so a robot that moves makes people seem to move.
 """
 
 
 def export_jrdb(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
     """Write panoramas and labels. Raises ValueError where a sequence has no panorama."""
-    for folder in ("labels_2d_stitched", "labels_3d"):
-        (out / "labels" / folder).mkdir(parents=True)
+    for folder in (LABELS_2D, LABELS_3D, DETECTIONS):
+        (out / folder).mkdir(parents=True)
     for recording in recordings:
-        panoramas = {name: camera for name, camera in recording.cameras.items() if isinstance(camera, Panorama)}
+        panoramas = {name: camera for name, camera in recording.cameras.items() if camera.wraps}
         if not panoramas:
             raise ValueError(f"{recording.folder}: has no panorama, which jrdb needs; export fixed views as mot17, coco or wildtrack")
         for name in panoramas:
@@ -55,9 +73,20 @@ def export_jrdb(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
             for name in panoramas:
                 (out / "images" / "image_stitched" / f"{recording.name}-{name}" / f"{k:06d}.jpg").write_bytes(recording.image(k, name))
         for name, camera in panoramas.items():
-            write_labels_2d(out / "labels" / "labels_2d_stitched" / f"{recording.name}-{name}.json", _labels_2d(recording, name), camera.width)
-            write_labels_3d(out / "labels" / "labels_3d" / f"{recording.name}-{name}.json", _labels_3d(recording, name))
+            file = f"{recording.name}-{name}.json"
+            write_labels_2d(out / LABELS_2D / file, _labels_2d(recording, name), camera.width, _note(recording, name))
+            write_labels_3d(out / LABELS_3D / file, _labels_3d(recording, name))
+            found = {k: recording.detection_boxes(k, name) for k in range(len(recording.truth))}
+            write_detections_2d(out / DETECTIONS / file, found)
     return []
+
+
+def _note(recording: RecordedSequence, name: str) -> PanoramaNote:
+    camera = recording.cameras[name]
+    places = np.array([recording.views[k, name].T_world_camera.translation for k in range(len(recording.truth))]).reshape(-1, 3)
+    above = float(np.median(places[:, 2] - recording.setup.ground.height_at(places))) if len(places) else 1.0
+    horizon, focal = (camera.horizon, camera.focal) if isinstance(camera, Cylinder) else (None, None)
+    return PanoramaNote(recording.rate, camera.width, camera.height, above, horizon, focal)
 
 
 def _labels_2d(recording: RecordedSequence, camera: str) -> dict[int, list[Label2d]]:

@@ -1,4 +1,4 @@
-"""JRDB (Martín-Martín et al. 2021): 2-D labels in stitched panoramas and 3-D labels in the camera's frame; writer and reader.
+"""JRDB (Martín-Martín et al. 2021): 2-D labels and detections in stitched panoramas, 3-D labels in the camera's frame; writer and reader.
 
 2-D boxes are in pixels from the corner of the image. left lies in [0, W); left + width may exceed W over the seam, where `wraps` is true.
 3-D boxes are in the camera's frame: x forward, y left, z up, metres. rot_z is the heading about z, anticlockwise from x.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,15 @@ from tracker.geometry import Array, set_array, wrap
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 
+LABELS_2D, LABELS_3D, DETECTIONS = "labels/labels_2d_stitched", "labels/labels_3d", "detections/detections_2d_stitched"
+"""Folders of files SEQUENCE.json."""
 OCCLUSION = ((0.95, "Fully_visible"), (0.5, "Mostly_visible"), (0.0, "Severely_occluded"))
 """Least visible fraction → name of the occlusion; a person without visible pixels is HIDDEN."""
 HIDDEN = "Fully_occluded"
 LARGEST = 2**53
 """Ids from here on are not exact in JSON readers that use floats."""
 _LABEL = "pedestrian:"
+_DETECTION = "person:"
 _SPACE = ("cx", "cy", "cz", "l", "w", "h", "rot_z")
 
 
@@ -77,14 +80,57 @@ def _check_person(person: int) -> None:
         raise ValueError(f"person is {person}, needs 0 to less than 2^53")
 
 
+@dataclass(frozen=True)
+class PanoramaNote:
+    """What JRDB's layout does not hold, a field of pilsim in labels_2d_stitched.
+
+    rate: frames per second. width, height: of the images, px. above_ground: height, m, of the camera above the ground.
+    horizon, focal: of cylinders, px; None for equirectangular images. Raises ValueError for a value out of bounds.
+    """
+
+    rate: float
+    width: int
+    height: int
+    above_ground: float
+    horizon: float | None = None
+    focal: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "width", "height", "above_ground", "horizon", "focal"):
+            value = getattr(self, name)
+            if value is None and name in ("horizon", "focal"):
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e6:
+                raise ValueError(f"{name} is {str(value)[:40]}, needs a number above 0 and below 1e6")
+        if (self.horizon is None) != (self.focal is None):
+            raise ValueError(f"horizon is {self.horizon} and focal is {self.focal}, needs both or neither")
+
+
 Labels2d = Mapping[int, Sequence[Label2d]]
 Labels3d = Mapping[int, Sequence[Label3d]]
 
 
-def write_labels_2d(path: Path, labels: Labels2d, width: int) -> None:
-    """Write frame → labels as a file of labels_2d_stitched. width: of the panorama, px."""
+def write_labels_2d(path: Path, labels: Labels2d, width: int, note: PanoramaNote | None = None) -> None:
+    """Write frame → labels as a file of labels_2d_stitched. width: of the panorama, px. note: a field of pilsim, None to leave it out."""
     frames = {f"{frame:06d}.jpg": [_json_2d(label, width) | {"file_id": f"{frame:06d}.jpg"} for label in labels[frame]] for frame in sorted(labels)}
-    write_text(path, json.dumps({"labels": frames}, allow_nan=False) + "\n")
+    content: dict[str, Any] = {"labels": frames}
+    if note is not None:
+        content["pilsim"] = asdict(note)
+    write_text(path, json.dumps(content, allow_nan=False) + "\n")
+
+
+def read_note(path: Path) -> PanoramaNote | None:
+    """Read the note of a file by write_labels_2d, None in a file of JRDB itself. Raises ValueError with path and field for other content."""
+    content = read_json(path)
+    note = content.get("pilsim") if isinstance(content, dict) else None
+    if note is None:
+        return None
+    try:
+        return PanoramaNote(note["rate"], int(note["width"]), int(note["height"]), note["above_ground"], note.get("horizon"), note.get("focal"))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path}: pilsim: field {error} is missing or of the wrong kind") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: pilsim: {error}") from None
 
 
 def _json_2d(label: Label2d, width: int) -> dict[str, Any]:
@@ -143,6 +189,38 @@ def _label_3d(entry: dict[str, Any], where: str) -> Label3d:
         raise ValueError(f"{where}: {error}") from None
 
 
+def write_detections_2d(path: Path, detections: Mapping[int, tuple[Array, Array]]) -> None:
+    """Write frame → boxes (n, 4) left, top, width, height px and scores (n,) as a file of detections_2d_stitched."""
+    frames = {}
+    for frame in sorted(detections):
+        boxes, scores = detections[frame]
+        pairs = enumerate(zip(boxes.tolist(), scores.tolist(), strict=True))
+        name = f"{frame:06d}.jpg"
+        frames[name] = [{"box": box, "file_id": name, "label_id": f"{_DETECTION}{k}", "score": score} for k, (box, score) in pairs]
+    write_text(path, json.dumps({"detections": frames}, allow_nan=False) + "\n")
+
+
+def read_detections_2d(path: Path) -> dict[int, tuple[Array, Array]]:
+    """Read frame → boxes (n, 4) left, top, width, height px and scores (n,) of the people in a file of detections_2d_stitched.
+
+    Raises ValueError with path, frame and field for missing or wrong fields, and for a negative width or height.
+    """
+    out = {}
+    for frame, entries in _frames(path, ".jpg", "detections").items():
+        try:
+            people = [entry for entry in entries if str(entry["label_id"]).startswith(_DETECTION)]
+            boxes = np.array([entry["box"] for entry in people], dtype=np.float64).reshape(len(people), 4)
+            scores = np.array([entry["score"] for entry in people], dtype=np.float64).reshape(len(people))
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{path}: frame {frame}: field {error} is missing or of the wrong kind") from None
+        except ValueError as error:
+            raise ValueError(f"{path}: frame {frame}: box needs left, top, width, height, and score a number ({error})") from None
+        if not np.isfinite(boxes).all() or not np.isfinite(scores).all() or (boxes[:, 2:] < 0).any():
+            raise ValueError(f"{path}: frame {frame}: box and score need finite numbers, width and height at least 0")
+        out[frame] = boxes, scores
+    return out
+
+
 def _person(entry: dict[str, Any]) -> int:
     label = entry["label_id"]
     if not isinstance(label, str) or not label.startswith(_LABEL) or not label.removeprefix(_LABEL).isdecimal():
@@ -150,15 +228,15 @@ def _person(entry: dict[str, Any]) -> int:
     return int(label.removeprefix(_LABEL))
 
 
-def _frames(path: Path, suffix: str) -> dict[int, list[dict[str, Any]]]:
+def _frames(path: Path, suffix: str, key: str = "labels") -> dict[int, list[dict[str, Any]]]:
     content = read_json(path)
-    frames = content.get("labels") if isinstance(content, dict) else None
+    frames = content.get(key) if isinstance(content, dict) else None
     if not isinstance(frames, dict):
-        raise ValueError(f"{path}: has no labels")
+        raise ValueError(f"{path}: has no {key}")
     out = {}
     for name, entries in frames.items():
         stem = name.removesuffix(suffix)
         if stem == name or not stem.isdecimal() or not isinstance(entries, list):
-            raise ValueError(f"{path}: labels of {name[:80]!r}, needs NUMBER{suffix} and a list")
+            raise ValueError(f"{path}: {key} of {name[:80]!r}, needs NUMBER{suffix} and a list")
         out[int(stem)] = entries
     return out

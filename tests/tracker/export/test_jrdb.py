@@ -8,7 +8,9 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES, PEOPLE, positions
+from tracker.datasets.jrdb import CAMERA, read_jrdb
 from tracker.export.jrdb import label_3d
+from tracker.export.recorded_sequence import RecordedSequence
 from tracker.formats.jrdb import read_labels_2d, read_labels_3d
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes, read_views
@@ -65,3 +67,23 @@ def test_label_3d_bounds_the_key_points() -> None:
     assert box.heading == np.pi / 2
     assert_allclose(box.size, [0.1 + 0.2, 0.4 + 0.2, 1.65 / 0.921])
     assert_allclose(box.centre, [3.0, 1.05, 1.65 / 0.921 / 2])
+
+
+def test_an_export_read_back_has_people_and_detections_in_the_robots_frame(sequence: Path, exported: Exported) -> None:
+    original, again = RecordedSequence.open(sequence), read_jrdb(exported("jrdb"))
+    camera = original.cameras["robot_0_camera"]
+    assert (again.rate, again.frames, again.cameras[CAMERA].camera) == (original.rate, FRAMES, camera)
+    for truth in original.truth:
+        view = original.views[truth.index, "robot_0_camera"]
+        ids, places = (again.truth or {})[truth.index]
+        assert ids.tolist() == view.boxes.person.tolist()
+        # The camera's frame, lowered to the ground. A label's middle is that of the limbs, which are beside the feet.
+        present = truth.person_id.tolist()
+        feet = view.T_world_camera.inverse().apply(truth.feet[[present.index(one) for one in ids.tolist()]])
+        assert np.linalg.norm(places[:, :2] - feet[:, :2], axis=1).max() < 0.25
+        assert_allclose(places[:, 2], feet[:, 2] + again.cameras[CAMERA].pose.translation[2], atol=0.05)
+        boxes, confidence = original.detection_boxes(truth.index, "robot_0_camera")
+        assert_array_equal(again.detections[CAMERA][truth.index][0], boxes)
+        assert_array_equal(again.detections[CAMERA][truth.index][1], confidence)
+    assert abs(again.cameras[CAMERA].pose.translation[2] - original.views[0, "robot_0_camera"].T_world_camera.translation[2]) < 0.05
+    assert len(list(again.images[CAMERA].images(FRAMES, (camera.height, camera.width)))) == FRAMES
