@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,19 @@ def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters
     wanted = json_value({**run, "provenance": sequence.provenance, "parameters": parameters or Parameters()})
     if (there := _same_run(folder, wanted)) is not None:
         return there
-    with folder_lock(folder):
+    graphs = parameters.multiple.graphs if parameters is not None and parameters.multiple is not None else None
+    if graphs is not None and graphs.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"{graphs}: lies in {folder}, needs a place outside it for the graphs")
+    with folder_lock(folder), nullcontext() if graphs is None else folder_lock(graphs):
         # Another process may have written the results before the lock was free.
         return _same_run(folder, wanted) or _new_run(sequence, folder, wanted, parameters)
+
+
+def check_output(folder: Path) -> None:
+    """Raises as `tracked` does where nothing can be written into `folder`. Call it before a sequence is opened, which may take long."""
+    if not holds_run(folder, RUN):
+        with folder_lock(folder):
+            pass
 
 
 def _same_run(folder: Path, wanted: Mapping[str, Any]) -> Results | None:

@@ -145,9 +145,10 @@ class Track:
         from tracker.datasets.source_options import SourceOptions
         from tracker.detections.rejections import explain_few_people
         from tracker.options import OPTIONS, parameters_from
-        from tracker.run import tracked
+        from tracker.run import check_output, tracked
         from tracker.types import without_starts
 
+        check_output(self.out)
         if format_of(self.source).name == UTIAS:
             self._track_utias()
             return

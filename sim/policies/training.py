@@ -14,8 +14,8 @@ import numpy as np
 from sim.policies.ppo import needed
 from sim.policies.waypoints import CHOICES, FEATURES, HOLD
 from tracker.io.atomic import finish_folder, is_free, new_file, partial_path, unfinished_path, write_text
-from tracker.io.file_lock import folder_lock
 from tracker.io.csv_tables import read_table
+from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import read_json
 from tracker.io.resume import check_same
 

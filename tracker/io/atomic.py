@@ -20,17 +20,17 @@ LAST = ("README.md", "manifest.json", "run.json")
 
 
 @final
-class Kept(OSError):
+class Kept(OSError):  # noqa: N818  the name states the condition; the message is one line for the user
     """An output could not be finished. The message names the place of what was made."""
 
     @staticmethod
     def of(error: Exception, place: Path, what: str = "what was made") -> Kept:
         """The same error, with the place of what was made in its message. place: a folder or a file."""
         text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        name = error.filename if isinstance(error, OSError) and error.filename is not None else None
-        number = error.errno if isinstance(error, OSError) and error.errno is not None else errno.EIO
         message = f"{text}; {what} is in {place}"
-        return Kept(number, message) if name is None else Kept(number, message, str(name))
+        if not isinstance(error, OSError) or error.errno is None:
+            return Kept(message)
+        return Kept(error.errno, message) if error.filename is None else Kept(error.errno, message, str(error.filename))
 
 
 def is_temporary(name: str) -> bool:
@@ -45,7 +45,8 @@ def is_free(path: Path) -> bool:
 
 def partial_path(path: Path) -> Path:
     """The temporary name under which a folder `path` that does not exist is written; it lies in the same parent folder."""
-    return path.with_name(f".{path.name}.partial")
+    real = path if path.name not in ("", "..") else path.resolve()
+    return real.with_name(f".{real.name}.partial")
 
 
 def unfinished_path(path: Path) -> Path:
@@ -57,8 +58,7 @@ def begin_folder(path: Path) -> Path:
     """Make an empty temporary folder for `path` and return it. What an interrupted run left, in `path` or beside it, is removed."""
     partial = unfinished_path(path)
     discard_folder(partial)
-    if path.name not in ("", ".."):
-        discard_folder(partial_path(path))
+    discard_folder(partial_path(path))
     partial.mkdir(parents=True)
     return partial
 
