@@ -5,9 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.tracker import sequences
+from tracker.sequence.results import Results, write_results
 
 PILSIM = Path(sys.executable).parent / "pilsim"
 
@@ -49,3 +51,14 @@ def test_errors_are_one_line(tmp_path: Path, arguments: tuple[str, ...], message
     assert done.stderr.startswith(message)
     assert len(done.stderr.splitlines()) == 1
     assert [p.name for p in tmp_path.iterdir()] == ["s"]
+
+
+def test_results_become_the_file_of_an_aicity_submission(tmp_path: Path) -> None:
+    write_results(tmp_path / "run", Results(2, {1: (np.array([3]), np.array([[1.0, 2.0, 0.0]]))}, {}, {}, {"source": "Warehouse_017"}))
+    done = pilsim("run", "--format", "aicity", "--out", "out", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, "out: track1.txt of scene 17\n"), done.stderr
+    assert (tmp_path / "out" / "track1.txt").read_text() == "17 0 3 1 1 2 0.875 0.6 0.6 1.75 0\n"
+    done = pilsim("run", "--format", "aicity", "--out", "other", "--scene", "4", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout) == {"out": "other", "format": "aicity", "scene": 4}
+    done = pilsim("run", "--format", "tum", "--out", "tum", "--scene", "4", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "error: --scene is for the results of `track` with --format aicity\n")
