@@ -50,11 +50,7 @@ def read_aicity(path: Path, strict: bool = True) -> Recording:
     if len(rates) > 1:
         raise ValueError(f"{path / CALIBRATION}: fps is {rates[0]:g} and {rates[1]:g}, needs the same of all cameras")
     cameras = {camera.name: _camera(camera, path / CALIBRATION) for camera in listed}
-    files = {stem: path / DETECTIONS / f"{stem}.txt" for stem in sorted(file.stem for file in (path / DETECTIONS).glob("*.txt"))}
-    named = {name: found for name in cameras if (found := _of_camera(name, files)) is not None}
-    unknown = [file for file in files.values() if file not in named.values()]
-    if unknown:
-        raise ValueError(f"{unknown[0]}: is of camera {unknown[0].stem!r}, {CALIBRATION} has {', '.join(cameras)}")
+    named = _detections(path / DETECTIONS, list(cameras))
     truth, left_out = None, Counter[str]()
     if (path / TRUTH).is_file():
         truth, left_out = people(read_ground_truth(path / TRUTH))
@@ -87,6 +83,16 @@ def _camera(camera: AiCityCamera, file: Path) -> RecordingCamera:
         return RecordingCamera.of_opencv(model, camera.R, camera.t)
     except ValueError as error:
         raise ValueError(f"{file}: camera {camera.name}: {error}") from None
+
+
+def _detections(folder: Path, cameras: list[str]) -> dict[str, Path]:
+    """Camera → its file of detections. Raises ValueError for a file of no camera."""
+    files = {file.stem: file for file in sorted(folder.glob("*.txt"))}
+    named = {name: found for name in cameras if (found := _of_camera(name, files)) is not None}
+    unknown = [file for file in files.values() if file not in named.values()]
+    if unknown:
+        raise ValueError(f"{unknown[0]}: is of camera {unknown[0].stem!r}, {CALIBRATION} has {', '.join(cameras)}")
+    return named
 
 
 def _of_camera(name: str, files: dict[str, Path]) -> Path | None:
