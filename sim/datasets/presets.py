@@ -17,6 +17,7 @@ from scipy import ndimage
 from sim.scenario import Scenario
 from tracker.geometry import Array
 from tracker.io.json_files import read_json
+from tracker.io.text_files import read_text, shown
 from worlds.catalogue import WORLDS
 from worlds.semantics import CLASSES
 from worlds.terrain.free_space import FreeSpace
@@ -75,13 +76,13 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
     unknown = sorted(set(changes) - {*fields, "views"})
     if unknown:
         similar = difflib.get_close_matches(unknown[0], fields, 1, 0.75)
-        raise ValueError(f"setting is {unknown[0]!r}{f' ({similar[0]}?)' if similar else ''}, needs one of views, {', '.join(fields)}")
+        raise ValueError(f"setting is {shown(unknown[0])}{f' ({similar[0]}?)' if similar else ''}, needs one of views, {', '.join(fields)}")
     views = changes.get("views", preset.views)
     if not isinstance(views, int) or isinstance(views, bool) or not 0 <= views <= 32:
-        raise ValueError(f"views is {views!r}, needs a whole number in [0, 32]")
+        raise ValueError(f"views is {shown(repr(views))[1:-1]}, needs a whole number in [0, 32]")
     world = changes.get("world", preset.scenario.world)
-    if world not in WORLDS:
-        raise ValueError(f"world is {world!r}, needs one of {', '.join(sorted(WORLDS))}")
+    if not isinstance(world, str) or world not in WORLDS:
+        raise ValueError(f"world is {repr(world)[:60]}, needs one of {', '.join(sorted(WORLDS))}")
     scenario = dataclasses.replace(preset.scenario, **{key: value for key, value in changes.items() if key != "views"})
     return dataclasses.replace(preset, scenario=scenario, views=views)
 
@@ -96,9 +97,11 @@ def read_settings(path: Path) -> dict[str, Any]:
         content = read_json(path)
     elif path.suffix == ".toml":
         try:
-            content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ValueError(f"{path}: not TOML ({error})") from None
+            content = tomllib.loads(read_text(path, MAX_BYTES))
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{path}: not TOML ({shown(str(error))[1:-1]})") from None
+        except RecursionError:
+            raise ValueError(f"{path}: nested too deep") from None
     else:
         raise ValueError(f"{path}: needs an ending of .toml or .json")
     if not isinstance(content, dict):

@@ -9,8 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tracker.io.json_files import parse_json
+from tracker.io.text_files import read_text, shown
+
 SCHEMA = 1
 ROWS = "results.jsonl"
+LARGEST = 1 << 28
+"""Bytes."""
 SCORES = (
     "mota", "mota_all", "idf1", "hota", "motp_m", "false_positives", "misses", "switches", "truths", "ate_m", "dead_reckoning_m",
 )  # fmt: skip
@@ -131,7 +136,7 @@ def _settings(settings: dict[str, list[Row]]) -> Iterator[Setting]:
 
 def _number(id: str) -> float:
     tail = id.rpartition("/")[2]
-    return int(tail) if tail.isdecimal() else math.inf
+    return int(tail) if tail.isdecimal() and len(tail) < 10 else math.inf
 
 
 def read_rows(folder: Path) -> Rows:
@@ -144,11 +149,7 @@ def read_rows(folder: Path) -> Rows:
         raise ValueError(f"{folder}: no such folder")
     if not path.is_file():
         raise ValueError(f"{path}: no such file; `pilsim stress --out {folder}` writes it")
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
-    *lines, last = text.split("\n")
+    *lines, last = read_text(path, LARGEST).split("\n")
     rows = tuple(_row(line, f"{path}:{k}") for k, line in enumerate(lines, 1) if line.strip())
     if not rows:
         raise ValueError(f"{path}: holds no {'whole ' if last else ''}row")
@@ -165,21 +166,12 @@ def _check_unique(rows: Iterable[Row]) -> None:
         seen[key] = row.where
 
 
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no JSON number")
-
-
 def _row(line: str, where: str) -> Row:
-    try:
-        content = json.loads(line, parse_constant=_no_number)
-    except RecursionError:
-        raise ValueError(f"{where}: nested too deep") from None
-    except ValueError as error:
-        raise ValueError(f"{where}: not JSON ({error}); torn or damaged") from None
+    content = parse_json(line, where)
     if not isinstance(content, dict):
         raise ValueError(f"{where}: a JSON {type(content).__name__}, needs an object")
     if content.get("schema") != SCHEMA:
-        raise ValueError(f"{where}: schema is {content.get('schema')}, this version reads {SCHEMA}")
+        raise ValueError(f"{where}: schema is {shown(str(content.get('schema')))[1:-1]}, this version reads {SCHEMA}")
     fields = _Fields(content, where)
     tracker = fields.a("tracker", dict)
     if not isinstance(tracker.get("name"), str):
@@ -244,5 +236,5 @@ def _numbers(values: dict[str, Any], where: str) -> dict[str, float]:
     """The numbers that are not null. Raises ValueError for a value that is not a finite number."""
     for name, value in values.items():
         if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)):
-            raise ValueError(f"{where}: {name} is {value!r}, needs a finite number or null")
+            raise ValueError(f"{where}: {shown(name)[1:-1]} is {shown(str(value))}, needs a finite number or null")
     return {name: value for name, value in values.items() if value is not None}

@@ -23,6 +23,7 @@ from tracker.datasets.opening import open_sequence
 from tracker.datasets.pets2009 import PETS_VIEWS
 from tracker.datasets.source_options import SourceOptions
 from tracker.io.atomic import new_file
+from tracker.io.text_files import read_lines
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
 from tracker.mht.parameters import MhtParameters
@@ -137,13 +138,15 @@ def read_cells(path: Path, kind: type[Row]) -> list[Row]:
     if not path.is_file():
         return []
     columns = get_type_hints(kind)
-    with path.open() as file:
-        out = []
-        for number, row in enumerate(csv.DictReader(file), 2):
-            try:
-                out.append(kind(**{name: column(row[name]) for name, column in columns.items()}))
-            except (KeyError, TypeError, ValueError):
-                raise ValueError(f"{path}:line {number}: is no cell, needs {', '.join(columns)}") from None
+    lines = read_lines(path)
+    names = next((line.split(",") for _, line in lines), [])
+    out = []
+    for number, line in lines:
+        row = dict(zip(names, next(csv.reader([line])), strict=False))
+        try:
+            out.append(kind(**{name: column(row[name]) for name, column in columns.items()}))
+        except (KeyError, TypeError, ValueError):
+            raise ValueError(f"{path}:line {number}: is no cell, needs {', '.join(columns)}") from None
     return out
 
 

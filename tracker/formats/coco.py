@@ -30,6 +30,8 @@ PERSON = 1
 """Category id."""
 CENTRE = 0.5
 """px: centre of the first pixel, from the corner of the image."""
+MOST_PIXELS = 1 << 27
+"""Of a mask."""
 LARGEST = 2**53
 """Ids from here on are not exact in JSON readers that use floats."""
 
@@ -49,6 +51,8 @@ class Rle:
 
     def decode(self) -> NDArray[np.bool_]:
         """The mask (height, width). Raises ValueError where the counts do not fit the size."""
+        if not 0 <= self.height * self.width <= MOST_PIXELS:
+            raise ValueError(f"mask is {self.height} x {self.width}, needs at most {MOST_PIXELS} pixels")
         if sum(self.counts) != self.height * self.width or min(self.counts, default=0) < 0:
             raise ValueError(f"run lengths add up to {sum(self.counts)}, need {self.height} x {self.width} and none below 0")
         flat = np.repeat(np.arange(len(self.counts)) % 2 == 1, self.counts)

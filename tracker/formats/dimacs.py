@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from tracker.clique.local_search import Graph
+from tracker.geometry import Array, Ints
 from tracker.io.atomic import write_text
+from tracker.io.text_files import parse_integer, parse_number, read_lines, shown
 
 MOST_VERTICES = 20_000
 """The adjacency matrix of this many vertices takes 400 MB."""
+MOST_CONFLICTS = 1 << 25
+"""Graph stores the pairs without an edge, each twice, 8 bytes each."""
 
 
 def read_graph(path: Path) -> Graph:
@@ -19,22 +23,23 @@ def read_graph(path: Path) -> Graph:
     Raises ValueError with file and line for another kind of line, a wrong count, a self-loop, or a weight that is not above 0.
     Raises FileNotFoundError where the file does not exist.
     """
-    weight: np.ndarray | None = None
+    weight: Array | None = None
     count = 0
     edges: list[tuple[int, int]] = []
-    for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1):
+    for number, line in read_lines(path, errors="replace"):
         words = line.split()
-        if not words or words[0] == "c":
+        if words[0] == "c":
             continue
         try:
             if words[0] == "p" and weight is None and len(words) == 4:
-                if not 1 <= int(words[2]) <= MOST_VERTICES:
-                    raise ValueError(f"has {words[2]} vertices, needs 1 to {MOST_VERTICES}")
-                weight, count = np.ones(int(words[2])), int(words[3])
+                vertices, count = parse_integer(words[2], "number of vertices"), parse_integer(words[3], "number of edges")
+                if not 1 <= vertices <= MOST_VERTICES:
+                    raise ValueError(f"has {vertices} vertices, needs 1 to {MOST_VERTICES}")
+                weight = np.ones(vertices)
             elif words[0] == "n" and weight is not None and len(words) == 3:
                 vertex = _vertex(words[1], len(weight))
-                weight[vertex] = float(words[2])
-                if not 0 < weight[vertex] < np.inf:
+                weight[vertex] = parse_number(words[2], "weight")
+                if not weight[vertex] > 0:
                     raise ValueError(f"weight is {words[2]}, needs more than 0")
             elif words[0] == "e" and weight is not None and len(words) == 3:
                 a, b = (_vertex(word, len(weight)) for word in words[1:3])
@@ -42,14 +47,27 @@ def read_graph(path: Path) -> Graph:
                     raise ValueError(f"vertex {words[1]} has an edge to itself")
                 edges.append((a, b))
             else:
-                raise ValueError(f"{line!r} is none of `p edge N M` (first, once), `n VERTEX WEIGHT`, `e A B`, `c …`")
+                raise ValueError(f"{shown(line)} is none of `p edge N M` (first, once), `n VERTEX WEIGHT`, `e A B`, `c …`")
         except (ValueError, IndexError) as error:
             raise ValueError(f"{path}, line {number}: {error}") from None
     if weight is None:
         raise ValueError(f"{path}: has no line `p edge N M`")
     if len(edges) != count:
         raise ValueError(f"{path}: has {len(edges)} edges, its line `p` says {count}")
-    return Graph.from_edges(weight, np.array(edges, dtype=np.int64).reshape(-1, 2))
+    return _graph(path, weight, np.array(edges, dtype=np.int64).reshape(-1, 2))
+
+
+def _graph(path: Path, weight: Array, edges: Ints) -> Graph:
+    """As Graph.from_edges, with less memory and a bound on it."""
+    apart = np.ones((len(weight), len(weight)), dtype=np.bool_)
+    np.fill_diagonal(apart, False)
+    apart[edges[:, 0], edges[:, 1]] = apart[edges[:, 1], edges[:, 0]] = False
+    degree = np.count_nonzero(apart, axis=1)
+    if degree.sum() > MOST_CONFLICTS:
+        raise ValueError(f"{path}: {degree.sum() // 2} pairs of its {len(weight)} vertices have no edge, needs at most {MOST_CONFLICTS // 2}")
+    column = np.flatnonzero(apart)
+    column %= len(weight)
+    return Graph.from_rows(weight, degree, column)
 
 
 def write_graph(path: Path, graph: Graph) -> None:
@@ -69,7 +87,7 @@ def write_graph(path: Path, graph: Graph) -> None:
 
 
 def _vertex(word: str, count: int) -> int:
-    vertex = int(word)
+    vertex = parse_integer(word, "vertex")
     if not 1 <= vertex <= count:
         raise ValueError(f"vertex is {vertex}, needs 1 to {count}")
     return vertex - 1

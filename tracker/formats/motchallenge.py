@@ -12,6 +12,7 @@ A row with consider 0 does not count, and class 1 is a pedestrian. MOTSynth adds
 from __future__ import annotations
 
 import configparser
+import itertools
 import os
 from collections import defaultdict
 from collections.abc import Iterable
@@ -22,6 +23,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array, set_ints
 from tracker.io.atomic import write_text
+from tracker.io.text_files import LONGEST_SHOWN, parse_integer, parse_number, read_lines, read_text
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
 
@@ -124,10 +126,9 @@ def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: 
     """
     values: list[list[float]] = []
     lines: list[int] = []
-    for count, line in enumerate(_text(path).splitlines(), start=1):
-        if line.strip():
-            values.append(_values(line, f"{path}:line {count}", columns, integers))
-            lines.append(count)
+    for count, line in read_lines(path):
+        values.append(_values(line, f"{path}:line {count}", columns, integers))
+        lines.append(count)
     table = np.array(values, dtype=np.float64).reshape(-1, len(columns))
     frame, ids = table[:, :2].astype(np.int64).T
     if tracks and (ids < 0).any():
@@ -139,11 +140,9 @@ def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: 
     return table
 
 
-def _text(path: str | os.PathLike[str]) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
+def place_of_row(path: str | os.PathLike[str], row: int) -> str:
+    """The place of a row, counted from 0, for an error message: "path:line N". The file is read again."""
+    return f"{path}:line {next(itertools.islice(read_lines(path), row, None))[0]}"
 
 
 def _values(line: str, where: str, columns: tuple[str, ...], integers: tuple[str, ...]) -> list[float]:
@@ -152,14 +151,9 @@ def _values(line: str, where: str, columns: tuple[str, ...], integers: tuple[str
         raise ValueError(f"{where}: {len(parts)} values, needs {len(columns)}")
     out: list[float] = []
     for name, part in zip(columns, parts, strict=True):
-        try:
-            value = float(part)
-        except ValueError:
-            raise ValueError(f"{where}: {name} is {part.strip()!r}, needs a number") from None
-        if not np.isfinite(value):
-            raise ValueError(f"{where}: {name} is {value}, needs a finite number")
+        value = parse_number(part, f"{where}: {name}")
         if name in integers and (value != round(value) or abs(value) >= LARGEST):
-            raise ValueError(f"{where}: {name} is {part.strip()}, needs a whole number below 2^53")
+            raise ValueError(f"{where}: {name} is {part.strip()[:LONGEST_SHOWN]}, needs a whole number below 2^53")
         out.append(value)
     return out
 
@@ -210,8 +204,14 @@ INTEGER_COLUMNS = ("frame", "id", "consider", "class")
 
 PEDESTRIAN = 1
 
+LARGEST_SEQINFO = 1 << 16
+"""Bytes."""
+
 CLASSES = 13
 """Number of classes in MOT16, counted from 1."""
+
+MOT17_BOUNDS = {"consider": (0, 1), "category": (1, CLASSES), "visibility": (0, 1)}
+"""Lowest and highest value of each, both included."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,8 +241,7 @@ class Mot17Rows:
         fault = first_fault(self.frame, self.id, self.box)
         if fault is not None:
             raise ValueError(f"row {fault[0]}: {fault[1]}")
-        bounds = {"consider": (0, 1), "category": (1, CLASSES), "visibility": (0, 1)}
-        for name, (low, high) in bounds.items():
+        for name, (low, high) in MOT17_BOUNDS.items():
             values = getattr(self, name)
             bad = (values < low) | (values > high)
             if bad.any():
@@ -264,15 +263,16 @@ def write_mot17(path: Path, rows: Mot17Rows) -> None:
 
 def read_mot17(path: str | os.PathLike[str]) -> Mot17Rows:
     """Read a truth file of nine or twelve values a row, as in the first row. Raises ValueError as read_mot15."""
-    with Path(path).open(encoding="utf-8-sig", errors="replace") as file:
-        values = file.readline(1 << 12).count(",") + 1
+    values = next((line.count(",") + 1 for _, line in read_lines(path)), 0)
     columns = MOT17_COLUMNS + POSITION_COLUMNS if values == len(MOT17_COLUMNS + POSITION_COLUMNS) else MOT17_COLUMNS
     table = read_rows(path, columns, INTEGER_COLUMNS)
     frame, ids, consider, category = table[:, [0, 1, 6, 7]].astype(np.int64).T
-    try:
-        return Mot17Rows(frame, ids, table[:, 2:6], consider, category, table[:, 8], table[:, 9:] if len(columns) > len(MOT17_COLUMNS) else None)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    for name, (low, high) in MOT17_BOUNDS.items():
+        values = {"consider": consider, "category": category, "visibility": table[:, 8]}[name]
+        bad = (values < low) | (values > high)
+        if bad.any():
+            raise ValueError(f"{place_of_row(path, int(np.argmax(bad)))}: {name} is {values[np.argmax(bad)]}, needs {low} to {high}")
+    return Mot17Rows(frame, ids, table[:, 2:6], consider, category, table[:, 8], table[:, 9:] if len(columns) > len(MOT17_COLUMNS) else None)
 
 
 @dataclass(frozen=True)
@@ -307,14 +307,22 @@ def read_seqinfo(path: Path) -> SeqInfo:
     """Read seqinfo.ini. Raises ValueError with the path where the file or a field is missing, or the file is no INI file."""
     parser = configparser.ConfigParser(interpolation=None)
     try:
-        parser.read_string(path.read_text(encoding="utf-8-sig"), str(path))
+        parser.read_string(read_text(path, LARGEST_SEQINFO), str(path))
         s = parser["Sequence"]
-        frames, width, height = (int(s[key]) for key in ("seqLength", "imWidth", "imHeight"))
-        return SeqInfo(s["name"], float(s["frameRate"]), frames, width, height, s["imExt"], s["imDir"])
+        frames, width, height = (parse_integer(s[key], f"{path}: {key}", 31) for key in ("seqLength", "imWidth", "imHeight"))
+        return SeqInfo(s["name"], parse_number(s["frameRate"], f"{path}: frameRate"), frames, width, height, s["imExt"], s["imDir"])
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
-    except (configparser.Error, KeyError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from None
+    except KeyError as error:
+        raise ValueError(f"{path}: {error} is missing") from None
+    except configparser.Error as error:
+        raise ValueError(f"{path}: is no INI file ({_first_words(error)})") from None
+
+
+def _first_words(error: configparser.Error) -> str:
+    """The message of an error on one line, with the line of the file, without its text."""
+    place = getattr(error, "lineno", None) or next((number for number, _ in getattr(error, "errors", ())), None)
+    return type(error).__name__ + (f" in line {place}" if place else "")
 
 
 def write_seqmap(path: Path, names: Iterable[str]) -> None:

@@ -20,12 +20,14 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from tracker.formats.motchallenge import number, read_mot15
+from tracker.formats.motchallenge import number, place_of_row, read_mot15
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Tsai
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import write_text
+from tracker.io.json_files import read_json
 from tracker.io.terrain_file import read_terrain
+from tracker.io.text_files import shown
 from tracker.io.xml_files import Element, parse
 
 MM = 1e-3
@@ -33,6 +35,15 @@ MM = 1e-3
 
 MAX_RANGE = 500.0
 """m: a ray longer than this does not meet the ground."""
+
+FOLD_SAMPLES = 1 << 22
+"""Most pixels in which the distortion is tested."""
+
+MAX_RATE, MIN_RATE = 1e4, 1e-4
+"""Frames per second. A period beyond these bounds overflows what the tracker computes from it."""
+
+MAX_FRAME = 1_000_000
+"""Highest number of a frame: sequences hold a value for each frame up to the last."""
 
 MAX_FOLDED_SHARE = 0.01
 """Largest share of the image that may lie where the distortion has no inverse. In View_007 it is 0.5 %, in the left corners."""
@@ -68,7 +79,9 @@ def read_camera(path: str | os.PathLike[str]) -> tuple[str, Tsai, Pose]:
 
 
 def _check_fold(path: str | os.PathLike[str], line: int, model: Tsai) -> None:
-    u, v = np.meshgrid(np.arange(model.width), np.arange(model.height))
+    # Of a large image only some pixels are tested, evenly spread, to bound memory and time.
+    step = max(1, int(np.ceil(np.sqrt(model.width * model.height / FOLD_SAMPLES))))
+    u, v = np.meshgrid(np.arange(0, model.width, step), np.arange(0, model.height, step))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     folded = model.folded(pixels)
     if folded.mean() > MAX_FOLDED_SHARE:
@@ -119,7 +132,10 @@ def read_detections(path: str | os.PathLike[str]) -> dict[int, tuple[Array, Arra
     """
     rows = read_mot15(path)
     if not rows.has_box.all():
-        raise ValueError(f"{path}: frame {rows.frame[np.argmin(rows.has_box)]} has a detection without a box, needs width and height")
+        row = int(np.argmin(rows.has_box))
+        raise ValueError(f"{place_of_row(path, row)}: frame {rows.frame[row]} has a detection without a box, needs width and height")
+    if len(rows) and rows.frame.max() > MAX_FRAME:
+        raise ValueError(f"{place_of_row(path, int(np.argmax(rows.frame)))}: frame is {rows.frame.max()}, needs at most {MAX_FRAME}")
     return {frame: (rows.box[k], rows.confidence[k]) for frame, k in rows.by_frame().items()}
 
 
@@ -153,8 +169,8 @@ def read_annotations(path: str | os.PathLike[str]) -> Annotations:
     out: Annotations = {}
     for frame in parse(path, "dataset").find_all("frame"):
         number = frame.integer("number")
-        if number < 0 or number in out:
-            fault = "occurs twice" if number in out else "is below 0"
+        if not 0 <= number <= MAX_FRAME or number in out:
+            fault = "occurs twice" if number in out else "is below 0" if number < 0 else f"is above {MAX_FRAME}"
             raise ValueError(f"{path}:line {frame.line}: field frame.number {number} {fault}")
         objects = [o for group in frame.find_all("objectlist") for o in group.find_all("object")]
         ids: list[int] = []
@@ -200,9 +216,6 @@ PILLARS = ((-13.708, -10.623, 0.07, 0.0, 2.4), (-13.708, -10.623, 0.24, 2.4, 3.0
 RATE = 7.0
 """Frames per second of PETS 2009."""
 
-MAX_RATE = 1e4
-"""Frames per second."""
-
 
 @dataclass(frozen=True, eq=False)
 class Site:
@@ -221,12 +234,14 @@ def read_site(folder: Path) -> Site:
     if not path.is_file():
         return Site(RATE, np.array(AREA), Flat(), pillars=np.array(PILLARS))
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = read_json(path)
         rate, area, terrain = float(content["rate"]), np.array(content["area"], dtype=np.float64), content["terrain"]
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise ValueError(f"{path}: needs rate, area and terrain in JSON ({error})") from None
-    if not 0 < rate <= MAX_RATE:
-        raise ValueError(f"{path}: rate is {rate}, needs more than 0 and at most {MAX_RATE:g}")
+    except (TypeError, KeyError, ValueError) as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise ValueError(f"{path}: needs rate, area and terrain in JSON ({shown(str(error))})") from None
+    if not MIN_RATE <= rate <= MAX_RATE:
+        raise ValueError(f"{path}: rate is {rate}, needs {MIN_RATE:g} to {MAX_RATE:g}")
     if area.shape != (2, 2) or not np.isfinite(area).all() or not (area[0] < area[1]).all():
         raise ValueError(f"{path}: area is {str(content['area'])[:80]}, needs two corners x, y m, the lowest first")
     pillars = _pillars(path, content.get("pillars", []))

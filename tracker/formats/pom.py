@@ -13,11 +13,14 @@ import numpy as np
 
 from tracker.formats.wildtrack import HIDDEN, GroundGrid, OpenCvCamera
 from tracker.geometry import Array, Ints
+from tracker.io.text_files import read_lines
 
 HEIGHT, RADIUS = 1.75, 0.25
 """m: of the upright cylinder that models a person."""
 CORNERS = 8
 """Points around each end of the cylinder."""
+MOST_RECTANGLES = 1 << 24
+"""Cameras times cells that are read at once; each takes 32 bytes."""
 MIN_DEPTH = 0.2
 """m: a cylinder with a point of smaller depth is not visible."""
 CELLS_AT_ONCE = 50_000
@@ -65,18 +68,20 @@ def read_rectangles(path: Path, cameras: int, cells: int) -> Ints:
 
     Raises ValueError with file and line for an invalid line, and where a cell is missing.
     """
+    if not 0 < cameras * cells <= MOST_RECTANGLES:
+        raise ValueError(f"{path}: {cameras} cameras and {cells} cells, needs 1 to {MOST_RECTANGLES} rectangles")
     out = np.full((cameras, cells, 4), -2, dtype=np.int64)
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            words = line.split()
-            try:
-                camera, cell, edges = int(words[1]), int(words[2]), [int(word) for word in words[3:]] if words[3] != "notvisible" else list(HIDDEN)
-                if words[0] != "RECTANGLE" or len(edges) != 4 or not (0 <= camera < cameras and 0 <= cell < cells):
-                    raise ValueError
-                out[camera, cell] = edges
-            except (ValueError, IndexError):
-                raise ValueError(f"{path}: line {number} is {line.strip()[:60]!r}, needs RECTANGLE camera cell left top right bottom") from None
-    missing = np.argwhere(out[..., 0] == -2)
-    if len(missing):
-        raise ValueError(f"{path}: has no line of camera {missing[0][0]} and cell {missing[0][1]}")
+    for number, line in read_lines(path):
+        words = line.split()
+        try:
+            camera, cell, edges = int(words[1]), int(words[2]), [int(word) for word in words[3:]] if words[3] != "notvisible" else list(HIDDEN)
+            if words[0] != "RECTANGLE" or len(edges) != 4 or not (0 <= camera < cameras and 0 <= cell < cells):
+                raise ValueError
+            out[camera, cell] = edges
+        except (ValueError, IndexError, OverflowError):
+            raise ValueError(f"{path}: line {number} is {line.strip()[:60]!r}, needs RECTANGLE camera cell left top right bottom") from None
+    missing = out[..., 0] == -2
+    if missing.any():
+        camera, cell = divmod(int(np.argmax(missing)), cells)
+        raise ValueError(f"{path}: has no line of camera {camera} and cell {cell}")
     return out

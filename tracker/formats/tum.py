@@ -10,19 +10,16 @@ import numpy as np
 
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.io.atomic import write_text
+from tracker.io.text_files import parse_number, read_lines
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
 def read_tum(path: str | os.PathLike[str]) -> tuple[Array, list[Pose]]:
     """Read times (n,) s, strictly ascending, and n poses. Raises ValueError with file and line."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
     times: list[float] = []
     poses: list[Pose] = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in read_lines(path):
         content = line.partition("#")[0].split()
         if content:
             time, pose = _pose(content, f"{path}:line {number}")
@@ -36,12 +33,7 @@ def read_tum(path: str | os.PathLike[str]) -> tuple[Array, list[Pose]]:
 def _pose(parts: list[str], where: str) -> tuple[float, Pose]:
     if len(parts) != len(COLUMNS):
         raise ValueError(f"{where}: {len(parts)} values, needs {len(COLUMNS)}")
-    try:
-        values = np.array([float(part) for part in parts])
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    if not np.isfinite(values).all():
-        raise ValueError(f"{where}: {COLUMNS[int(np.argmin(np.isfinite(values)))]} is not a finite number")
+    values = np.array([parse_number(part, f"{where}: {name}") for name, part in zip(COLUMNS, parts, strict=True)])
     if not abs(np.linalg.norm(values[4:]) - 1) < 1e-3:
         raise ValueError(f"{where}: the quaternion has length {np.linalg.norm(values[4:]):.6g}, needs 1")
     return float(values[0]), Pose(rotation_from_quaternion(values[[7, 4, 5, 6]]), values[1:4])

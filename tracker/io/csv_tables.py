@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import lzma
 import math
 import re
+import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
@@ -15,11 +18,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.io.text_files import LARGEST_NUMBER, LONGEST_SHOWN, parse_integer, parse_number, read_lines, shown
+
+_ARRAY_FAULTS = (
+    OSError, EOFError, KeyError, ValueError, TypeError, OverflowError, SyntaxError, RecursionError, NotImplementedError, RuntimeError, Warning,
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, tokenize.TokenError,
+)  # fmt: skip
+"""What zipfile and numpy raise for damaged files."""
 _QUOTED = re.compile(r"[\"\r]|\n.")
-LONGEST_LINE = 1 << 16
-"""Characters; a file of unknown origin must not fill the memory."""
-LARGEST_ARRAYS = 1 << 30
-"""Bytes."""
+LARGEST_ARRAYS = 1 << 28
+"""Bytes. While an array is read, it takes three times as much."""
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -57,53 +65,75 @@ def read_arrays(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
             claimed = {info.filename: info.file_size for info in archive.infolist()}
             if sum(claimed.values()) > LARGEST_ARRAYS:
                 raise ValueError(f"{sum(claimed.values())} bytes when unpacked, needs at most {LARGEST_ARRAYS}")
-            arrays = {}
-            for name in names:
-                # The member is read whole first, since the header of an array may claim any size.
-                arrays[name] = np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
-                if arrays[name].dtype.kind not in "iuf" or not np.isfinite(arrays[name]).all():
-                    raise ValueError(f"{name} is {arrays[name].dtype}, needs finite numbers")
-    except (OSError, EOFError, KeyError, ValueError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: {error}") from None
-    return arrays
+            return {name: _array(archive, name) for name in names}
+    except _ARRAY_FAULTS as error:
+        raise ValueError(f"{path}: {' '.join(str(error).split())[:200] or type(error).__name__}") from None
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """One array of finite numbers of at most LARGEST_NUMBER. The member is read whole first, since the header of an array may claim any size."""
+    data = io.BytesIO(archive.read(f"{name}.npy"))
+    with warnings.catch_warnings():
+        # numpy warns of headers that Python 2 wrote, and of deprecated types.
+        warnings.simplefilter("error")
+        version = np.lib.format.read_magic(data)
+        header = np.lib.format.read_array_header_2_0 if version == (2, 0) else np.lib.format.read_array_header_1_0
+        shape, by_columns, dtype = header(data)
+    if dtype.hasobject:
+        raise ValueError(f"{name} holds objects, which need allow_pickle and are refused")
+    if dtype.kind not in "iuf" or dtype.itemsize > 8:
+        raise ValueError(f"{name} is {dtype}, needs finite numbers")
+    count, there = math.prod(shape), len(data.getbuffer()) - data.tell()
+    if count * dtype.itemsize != there or min(shape, default=0) < 0:
+        raise ValueError(f"{name} has shape {shape} of {dtype}, which is not the {there} bytes that it has")
+    array = np.frombuffer(data.getbuffer(), dtype, count, data.tell()).reshape(shape, order="F" if by_columns else "C")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} holds NaN or infinity, needs finite numbers")
+    if array.size and not max(abs(float(array.max())), abs(float(array.min()))) <= LARGEST_NUMBER:
+        raise ValueError(f"{name} reaches from {array.min():g} to {array.max():g}, needs numbers of at most {LARGEST_NUMBER:g}")
+    return array
 
 
 def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any]]:
     """Read a table that must have exactly these columns (name → int, float or str) in this order → name → array.
 
-    Raises ValueError "path:line: …" for other columns, a row of another length, and for a cell that is no finite number.
+    Blanks around cells and blank lines do not count. Raises ValueError "path:line: …" for other columns, a row of another length, and for a cell
+    that is no finite number.
     """
+    return read_numbered_table(path, columns)[1]
+
+
+def read_numbered_table(path: Path, columns: Mapping[str, type]) -> tuple[list[int], dict[str, NDArray[Any]]]:
+    """As read_table, with the line of each row before the table."""
     lists: dict[str, list[Any]] = {name: [] for name in columns}
-    number = 0
-    for number, line in enumerate(_lines(path), 1):
-        cells = next(csv.reader([line]), [])
-        if number == 1:
+    numbers: list[int] = []
+    header = False
+    for number, line in _lines(path):
+        cells = [cell.strip() for cell in line.split(",")] if '"' not in line else next(csv.reader([line]), [])
+        if not header:
+            header = True
             if cells != list(columns):
-                raise ValueError(f"{path}:1: columns are {','.join(cells)[:200]}, need {','.join(columns)}")
+                raise ValueError(f"{path}:{number}: columns are {_listed(cells)}, need {_listed(columns)}")
             continue
         if len(cells) != len(columns):
             raise ValueError(f"{path}:{number}: {len(cells)} values, needs {len(columns)}")
         for (name, kind), cell in zip(columns.items(), cells, strict=True):
             lists[name].append(_parse(kind, cell, f"{path}:{number}: {name}"))
-    if not number:
+        numbers.append(number)
+    if not header:
         raise ValueError(f"{path}: empty, needs a header")
-    return {name: np.array(values, dtype=str if columns[name] is str and not values else None) for name, values in lists.items()}
+    return numbers, {name: np.array(values, dtype=str if columns[name] is str and not values else None) for name, values in lists.items()}
 
 
-def _lines(path: Path) -> Iterator[str]:
-    """Lines without line ends. Raises ValueError where the file is no text, or before a line of more than LONGEST_LINE is read."""
+def _listed(names: Iterable[str]) -> str:
+    return repr(",".join(names))[1:-1][:200]
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            number = 0
-            while line := file.readline(LONGEST_LINE + 1):
-                number += 1
-                if len(line) > LONGEST_LINE:
-                    raise ValueError(f"{path}:{number}: a line of more than {LONGEST_LINE} characters")
-                yield line.rstrip("\n")
+        yield from read_lines(path)
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file ({error.reason} at byte {error.start})") from None
 
 
 def rows_by_frame(
@@ -114,18 +144,18 @@ def rows_by_frame(
     key: columns that identify a row within its frame. known_values: column → allowed values.
     Raises ValueError with path and line as `read_table`, for two rows of a frame with the same key, and for other values.
     """
-    table = read_table(path, columns)
+    lines, table = read_numbered_table(path, columns)
     frames: dict[int, list[dict[str, Any]]] = {}
     seen = set()
-    for line, values in enumerate(zip(*table.values(), strict=True), 2):
+    for line, values in zip(lines, zip(*table.values(), strict=True), strict=True):
         row = dict(zip(columns, values, strict=True))
         for name, known in (known_values or {}).items():
             if row[name] not in known:
-                raise ValueError(f"{path}:{line}: {name} is {row[name]}, which is not in the sequence")
+                raise ValueError(f"{path}:{line}: {name} is {shown(str(row[name]))[1:-1]}, which is not in the sequence")
         if key:
             identity = tuple(row[name] for name in ("frame", *key))
             if identity in seen:
-                raise ValueError(f"{path}:{line}: frame {row['frame']} has {key[0]} {row[key[0]]} twice")
+                raise ValueError(f"{path}:{line}: frame {row['frame']} has {key[0]} {str(row[key[0]])[:LONGEST_SHOWN]} twice")
             seen.add(identity)
         frames.setdefault(int(row["frame"]), []).append(row)
     return frames
@@ -134,12 +164,4 @@ def rows_by_frame(
 def _parse(kind: type, cell: str, where: str) -> Any:
     if kind is str:
         return cell
-    try:
-        value = kind(cell)
-    except ValueError:
-        raise ValueError(f"{where} is {cell[:40]!r}, needs {'a whole number' if kind is int else 'a number'}") from None
-    if kind is int and abs(value) >= 1 << 62:
-        raise ValueError(f"{where} is {cell[:40]}, needs less than 2^62")
-    if kind is float and not math.isfinite(value):
-        raise ValueError(f"{where} is {cell}, needs a finite number")
-    return value
+    return parse_integer(cell, where) if kind is int else parse_number(cell, where)

@@ -1,36 +1,85 @@
-"""Reading JSON files of bounded size, with errors that name the file."""
+"""Reading JSON files of bounded size, depth and numbers, with errors that name file and line."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from tracker.io.text_files import LARGEST_NUMBER, not_utf8, shown
+
 LARGEST_JSON = 1 << 27
 """Bytes."""
+DEEPEST = 100
+"""Most values within each other. Python's own limit depends on the place of the call, and what walks over a value has one, too."""
+LARGEST_INTEGER = 2**63
+_LONG_NUMBER = re.compile(r"\d{19}|[eE]\+?\d{2}")
+"""What a number above the bounds has somewhere. Most files have none, and the fast parser suffices."""
 
 
 def read_json(path: Path, largest: int = LARGEST_JSON) -> Any:
-    """The JSON value of a file. largest: bytes that a file may have.
+    """The JSON value of a file. Raises ValueError with the path and the line for other content.
 
-    Raises ValueError with the path for other content, a larger file, and numbers that are not finite.
+    largest: bytes that the file may have. Raises ValueError for a larger file, values nested deeper than DEEPEST, and numbers that are not
+    finite or out of bounds.
     """
-
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{path}: holds {constant}, needs finite numbers")
-
     try:
         if path.stat().st_size > largest:
             raise ValueError(f"{path}: {path.stat().st_size} bytes, needs at most {largest}")
-        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=refuse)
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
     except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file") from None
-    except ValueError as error:
-        # A whole number of too many digits has an error without the path.
-        raise ValueError(str(error) if str(error).startswith(f"{path}:") else f"{path}: {error}") from None
-    except RecursionError:
-        raise ValueError(f"{path}: nested too deep") from None
+        raise not_utf8(path) from None
+    return _parsed(text, str(path), f"{path}:{{line}}")
+
+
+def parse_json(text: str, where: str) -> Any:
+    """The JSON value of a text. Raises ValueError that begins with `where` as read_json does."""
+    return _parsed(text, where, where)
+
+
+def _parsed(text: str, where: str, at_line: str) -> Any:
+    def refuse(constant: str) -> Any:
+        raise ValueError(f"{where}: holds {constant}, needs finite numbers")
+
+    def number(token: str) -> float:
+        value = float(token)
+        if not abs(value) <= LARGEST_NUMBER:
+            raise ValueError(f"{at(text.find(token))}: holds {shown(token)}, needs numbers of at most {LARGEST_NUMBER:g}")
+        return value
+
+    def integer(token: str) -> int:
+        if len(token) > 20 or not -LARGEST_INTEGER <= int(token) < LARGEST_INTEGER:
+            raise ValueError(f"{at(text.find(token))}: holds {shown(token)}, needs whole numbers below 2^63")
+        return int(token)
+
+    def at(place: int) -> str:
+        return at_line.format(line=text.count("\n", 0, max(place, 0)) + 1) if at_line != where else where
+
+    if _deeper(text):
+        raise ValueError(f"{where}: nested too deep, needs at most {DEEPEST} values within each other")
+    try:
+        if _LONG_NUMBER.search(text):
+            return json.loads(text, parse_constant=refuse, parse_float=number, parse_int=integer)
+        return json.loads(text, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{at(error.pos)}: not JSON ({error.msg})") from None
+
+
+def _deeper(text: str) -> bool:
+    """Whether brackets are nested deeper than DEEPEST. Those in texts count, too: they come in pairs, or are few."""
+    if text.count("[") + text.count("{") <= DEEPEST:
+        return False
+    depth = 0
+    for start in range(0, len(text), 1 << 20):
+        code = np.frombuffer(text[start : start + (1 << 20)].encode("latin-1", "replace"), dtype=np.uint8)
+        steps = np.isin(code, (0x5B, 0x7B)).astype(np.int32) - np.isin(code, (0x5D, 0x7D))
+        levels = depth + np.cumsum(steps)
+        if levels.size and levels.max() > DEEPEST:
+            return True
+        depth = int(levels[-1]) if levels.size else depth
+    return False

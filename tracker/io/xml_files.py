@@ -13,8 +13,12 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.expatreader import DefusedExpatParser
 
+from tracker.io.text_files import LARGEST_NUMBER, shown
+
 MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 32
+LARGEST_INTEGER = 2**53
+"""Whole numbers from here on are not exact as floats."""
 
 
 @dataclass
@@ -55,15 +59,16 @@ class Element:
             value = float(text)
         except ValueError:
             value = np.nan
-        if not np.isfinite(value):
-            raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{names[0]} is {text!r}, needs a finite number")
+        if "_" in text or not abs(value) <= LARGEST_NUMBER:
+            bound = f"at most {LARGEST_NUMBER:g}" if np.isfinite(value) and "_" not in text else "a finite number"
+            raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{names[0]} is {shown(text)}, needs {bound}")
         return value
 
     def integer(self, name: str) -> int:
-        """An attribute as a whole number."""
+        """An attribute as a whole number below LARGEST_INTEGER."""
         value = self.number(name)
-        if value != round(value):
-            raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{name} is {value}, needs a whole number")
+        if value != round(value) or abs(value) >= LARGEST_INTEGER:
+            raise ValueError(f"{self.where}:line {self.line}: field {self.tag}.{name} is {value}, needs a whole number below 2^53")
         return int(value)
 
 

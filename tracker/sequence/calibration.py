@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tracker.formats.pets2009 import MAX_RATE, MIN_RATE
 from tracker.geometry import Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 from tracker.geometry.ground import Ground
@@ -57,8 +58,13 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
         name: Start(pose_from(entry["T_world_robot"]), np.array(entry["covariance"])) if entry else None
         for name, entry in calibration["starts"].items()
     }
-    low, high = calibration["height"]
-    return Setup(mounts, ground, starts, calibration["period"], height=(low, high), occluders=occluders)
+    low, high = (float(height) for height in calibration["height"])
+    period = calibration["period"]
+    if isinstance(period, bool) or not isinstance(period, int | float) or not 1 / MAX_RATE <= period <= 1 / MIN_RATE:
+        raise ValueError(f"period is {str(period)[:40]} s, needs {1 / MAX_RATE:g} to {1 / MIN_RATE:g}")
+    if not 0 <= low < high:
+        raise ValueError(f"height is {low:g} to {high:g} m, needs at least 0, the lowest first")
+    return Setup(mounts, ground, starts, period, height=(low, high), occluders=occluders)
 
 
 def _camera_json(camera: Camera) -> dict[str, Any]:

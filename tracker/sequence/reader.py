@@ -63,12 +63,13 @@ def _read_setup(folder: Path) -> Setup:
 
 def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
     robots = rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",), {"robot": setup.starts, "tipped": (0, 1)})
-    people = rows_by_frame(folder / "truth" / "people.csv", people_columns(setup.mounts), ("person",))
     if sorted(robots) != list(range(len(robots))):
         raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {len(robots) - 1} without gaps")
     for k, rows in robots.items():
         if len(rows) != len(setup.starts):
             raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frame {k} has {len(rows)} robots, needs {len(setup.starts)}")
+    known = {"frame": range(len(robots))}
+    people = rows_by_frame(folder / "truth" / "people.csv", people_columns(setup.mounts), ("person",), known)
     visible = [f"visible_{camera}" for camera in setup.mounts]
     return tuple(
         Truth(

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.motchallenge import read_mot15, rows_from_tracks, write_mot15
+from tracker.formats.motchallenge import place_of_row, read_mot15, rows_from_tracks, write_mot15
 from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.io.atomic import new_folder
-from tracker.io.csv_tables import read_table, write_table
+from tracker.io.csv_tables import read_numbered_table, read_table, write_table
 from tracker.io.json_files import read_json
 from tracker.io.resume import program_version
 from tracker.sequence.schema import POSE, UPPER_TRIANGLE
@@ -25,7 +25,9 @@ from tracker.types import Estimate, LandmarkHistory
 
 SCHEMA = 1
 RUN = "run.json"
-MAX_FRAMES = 10_000_000
+MAX_FRAMES = 1_000_000
+MAX_ENTRIES = 1 << 25
+"""Frames times robots: each takes 16 bytes, whether it has an estimate or not."""
 MAP = {"landmark": int, "final": int, "tx": float, "ty": float, "tz": float}
 SIGHTINGS = {"frame": int, "robot": str, "landmark": int}
 ROBOTS = {"frame": int, "robot": str} | dict.fromkeys(POSE, float) | {f"c{i}{j}": float for i, j in UPPER_TRIANGLE}
@@ -106,33 +108,48 @@ def read_results(folder: Path) -> Results:
     frames = int(run["frames"])
     rows = read_mot15(folder / "tracks.txt", tracks=True)
     if not rows.has_position.all():
-        raise ValueError(f"{folder / 'tracks.txt'}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z")
+        raise ValueError(f"{place_of_row(folder / 'tracks.txt', int(np.argmin(rows.has_position)))}: has no x, y, z")
     if len(rows) and rows.frame.max() > frames:
-        raise ValueError(f"{folder / 'tracks.txt'}: frame is {rows.frame.max()}, needs at most {frames}")
+        where = place_of_row(folder / "tracks.txt", int(np.argmax(rows.frame)))
+        raise ValueError(f"{where}: frame is {rows.frame.max()}, needs at most {frames}, the frames of {RUN}")
     tracks = {frame - 1: (rows.id[k], rows.position[k]) for frame, k in rows.by_frame().items()}
-    table = read_table(folder / "robots.csv", ROBOTS)
+    return Results(frames, tracks, *_read_robots(folder / "robots.csv", frames), run, _read_landmarks(folder, frames))
+
+
+def _read_robots(path: Path, frames: int) -> tuple[dict[str, list[Pose | None]], dict[str, list[Array | None]]]:
+    """Poses and covariances of robots.csv: robot → one entry per frame."""
+    lines, table = read_numbered_table(path, ROBOTS)
     poses: dict[str, list[Pose | None]] = {}
     covariances: dict[str, list[Array | None]] = {}
-    for line, values in enumerate(zip(*table.values(), strict=True), 2):
+    for line, values in zip(lines, zip(*table.values(), strict=True), strict=True):
         row = dict(zip(table, values, strict=True))
         k, robot = int(row["frame"]), str(row["robot"])
         if not 0 <= k < frames:
-            raise ValueError(f"{folder / 'robots.csv'}:{line}: frame is {k}, needs 0 to {frames - 1}")
+            raise ValueError(f"{path}:{line}: frame is {k}, needs 0 to {frames - 1}")
+        if robot not in poses:
+            if frames * (len(poses) + 1) > MAX_ENTRIES:
+                raise ValueError(f"{path}:{line}: {len(poses) + 1} robots in {frames} frames, needs at most {MAX_ENTRIES} entries")
+            poses[robot], covariances[robot] = [None] * frames, [None] * frames
+        if poses[robot][k] is not None:
+            raise ValueError(f"{path}:{line}: frame {k} has robot {robot[:40]} twice")
         pose, P = [row[c] for c in POSE], np.zeros((6, 6))
         for i, j in UPPER_TRIANGLE:
             P[i, j] = P[j, i] = row[f"c{i}{j}"]
-        poses.setdefault(robot, [None] * frames)[k] = Pose(rotation_from_quaternion(pose[3:]), np.array(pose[:3]))
-        covariances.setdefault(robot, [None] * frames)[k] = P
-    return Results(frames, tracks, poses, covariances, run, _read_landmarks(folder, frames))
+        try:
+            poses[robot][k] = Pose(rotation_from_quaternion(pose[3:]), np.array(pose[:3]))
+        except ValueError as error:
+            raise ValueError(f"{path}:{line}: {error}") from None
+        covariances[robot][k] = P
+    return poses, covariances
 
 
 def _read_landmarks(folder: Path, frames: int) -> LandmarkHistory | None:
     if not (folder / "map.csv").exists():
         return None
-    table, seen = read_table(folder / "map.csv", MAP), read_table(folder / "sightings.csv", SIGHTINGS)
+    table, (lines, seen) = read_table(folder / "map.csv", MAP), read_numbered_table(folder / "sightings.csv", SIGHTINGS)
     positions = dict(zip(table["landmark"].tolist(), np.column_stack([table[c] for c in ("tx", "ty", "tz")]), strict=True))
     listed: list[dict[str, list[int]]] = [{} for _ in range(frames)]
-    for line, (k, robot, n) in enumerate(zip(*(seen[c].tolist() for c in SIGHTINGS), strict=True), 2):
+    for line, k, robot, n in zip(lines, *(seen[c].tolist() for c in SIGHTINGS), strict=True):
         if not 0 <= k < frames or n not in positions:
             raise ValueError(f"{folder / 'sightings.csv'}:{line}: landmark {n} in frame {k}, needs one of map.csv and frames from 0 to {frames - 1}")
         listed[k].setdefault(robot, []).append(n)

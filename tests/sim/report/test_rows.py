@@ -72,7 +72,7 @@ def test_bad_files(tmp_path: Path) -> None:
     for middle, message in (
         ("{torn", "jsonl:2: not JSON"),
         ("[1]", "jsonl:2: a JSON list, needs"),
-        ('{"a": NaN}', "NaN is no JSON number"),
+        ('{"a": NaN}', "holds NaN, needs finite numbers"),
         ("[" * 9999, "too deep"),
     ):
         (tmp_path / "results.jsonl").write_text(f"{whole}\n{middle}\n{whole}\n")

@@ -56,9 +56,9 @@ def test_rows_are_written_by_frame_then_id(tmp_path: Path) -> None:
         ("1,9007199254740993,3,4,5,6,1,1,1", "line 1: id is 9007199254740993, needs a whole number below"),
         ("1,2.5,3,4,5,6,1,1,1", "line 1: id is 2.5, needs a whole number"),
         ("1,2,3,4,5,-6,1,1,1", "line 1: height is -6.0, needs at least 0"),
-        ("1,2,3,4,5,6,2,1,1", "row 0: consider is 2, needs 0 to 1"),
-        ("1,2,3,4,5,6,1,14,1", "row 0: category is 14, needs 1 to 13"),
-        ("1,2,3,4,5,6,1,1,1.5", "row 0: visibility is 1.5, needs 0 to 1"),
+        ("1,2,3,4,5,6,2,1,1", "line 1: consider is 2, needs 0 to 1"),
+        ("1,2,3,4,5,6,1,14,1", "line 1: category is 14, needs 1 to 13"),
+        ("1,2,3,4,5,6,1,1,1.5", "line 1: visibility is 1.5, needs 0 to 1"),
         ("1,2,3,4,5,nan,1,1,1", "line 1: height is nan, needs a finite number"),
     ],
 )

@@ -37,8 +37,8 @@ def test_the_quaternion_is_xyzw(tmp_path: Path) -> None:
     ("line", "text"),
     [
         ("1 2 3 4 0 0 0", "7 values, needs 8"),
-        ("1 2 3 4 0 0 0 one", "could not convert"),
-        ("1 2 nan 4 0 0 0 1", "ty is not a finite number"),
+        ("1 2 3 4 0 0 0 one", "qw is 'one', needs a number"),
+        ("1 2 nan 4 0 0 0 1", "ty is nan, needs a finite number"),
         ("1 2 3 4 0 0 0 0", "length 0, needs 1"),
         ("0 2 3 4 0 0 0 1", "timestamp is 0.0, needs more than 0.0"),
     ],

@@ -1,0 +1,218 @@
+"""The table of all readers: a name, a maker of valid files, the file that is damaged, and the reading.
+
+A new format gets a line here; `test_readers.py` then reads damaged files of it, byte order marks, and other line ends.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from sim.datasets.pets_twin_picture import _frame_of
+from sim.datasets.presets import preset_of, read_settings
+from sim.policies.training import Curve
+from sim.report.pictures import Album
+from sim.report.rows import read_rows
+from sim.report.series import overview, plots_of
+from sim.report.summary import headline, moments, summary
+from sim.stress.runner import _read_rows
+from sim.studies.hypothesis_count import Cell, read_cells
+from tests.fuzz import samples
+from tracker.datasets.opening import open_sequence
+from tracker.datasets.summary import summarize
+from tracker.datasets.validation import validate
+from tracker.export.recorded_sequence import RecordedSequence
+from tracker.formats import coco, jrdb, motchallenge, pets2009, pom, wildtrack
+from tracker.formats.dimacs import read_graph
+from tracker.formats.tum import read_tum
+from tracker.formats.utias import read_utias
+from tracker.io.image_files import decode_image
+from tracker.io.terrain_file import read_terrain
+from tracker.planar_slam.trajectories import read_trajectories
+from tracker.recordings.images import VideoFile
+from tracker.sequence.dataset import read_dataset
+from tracker.sequence.manifest import manifest_checksum, read_manifest
+from tracker.sequence.reader import read_contents, read_sequence
+from tracker.sequence.results import read_results
+from tracker.sequence.truth_tables import read_joints, read_views
+
+
+@dataclass(frozen=True)
+class Reader:
+    """make writes valid files into an empty folder. file: the one that is damaged. read: from the folder.
+
+    form: "lines" where each line is a row, "text" for other text, "binary".
+    """
+
+    name: str
+    make: Callable[[Path], object]
+    file: str
+    read: Callable[[Path], object]
+    form: str = "text"
+
+
+def _single(name: str, file: str, make: Callable[[Path], object], read: Callable[[Path], object], form: str = "text") -> Reader:
+    """A reader of one file that needs no other."""
+    return Reader(name, lambda folder: make(folder / file), file, lambda folder: read(folder / file), form)
+
+
+def _pets(folder: Path) -> object:
+    return list(open_sequence(folder).ticks)
+
+
+def _wildtrack_camera(folder: Path) -> object:
+    found = wildtrack.read_calibration(folder, "Camera1")
+    return found.pixels(found.tvec[None] + [[0.0, 0.0, 5.0]]), found.depths(found.tvec[None])
+
+
+def _coco(file: Path) -> object:
+    content = coco.read_coco(file)
+    try:
+        return [coco.person_annotation(entry).mask.decode() for entry in content.annotations]
+    except ValueError as error:
+        if type(error) is not ValueError:
+            raise
+        raise ValueError(f"{file}: {error}") from None
+
+
+def _contents(folder: Path) -> object:
+    """All of a sequence but its images, without the sums of the manifest."""
+    where = folder / "s"
+    sequence = read_contents(where, read_manifest(where)["files"])
+    odometry = list(sequence.ticks.odometry())
+    return odometry, read_views(where), read_joints(where), RecordedSequence.open(where).detections, summarize(where)
+
+
+def _checked(folder: Path) -> object:
+    return list(read_sequence(folder / "s").ticks)
+
+
+def _images(file: str, folder: Path) -> object:
+    """The sequence with a manifest that names the damaged image as it is."""
+    where = folder / "s"
+    manifest, data = json.loads((where / "manifest.json").read_text()), (where / file).read_bytes()
+    manifest["files"][file] = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+    (where / "manifest.json").write_text(json.dumps(manifest | {"sum": manifest_checksum(manifest)}))
+    recorded = RecordedSequence.open(where)
+    return list(read_sequence(where).ticks), [recorded.instances(k, "robot_0_camera") for k in range(3)], _validated(folder)
+
+
+def _validated(folder: Path) -> object:
+    return list(validate(folder / "s"))
+
+
+def _dataset(folder: Path) -> object:
+    return read_dataset(folder), list(validate(folder))
+
+
+def _settings(file: Path) -> object:
+    try:
+        return preset_of("pilsun", read_settings(file))
+    except ValueError as error:
+        # The command names the file where a value is out of bounds.
+        raise type(error)(f"{file.name}: {error}") if type(error) is ValueError and file.name not in str(error) else error from None
+
+
+def _report(folder: Path) -> object:
+    rows = read_rows(folder)
+    album = Album.of(folder, moments(rows))
+    return headline(rows), summary(rows), overview(rows), [plots_of(sweep, rows.trackers) for sweep in rows.sweeps()], album
+
+
+def _image(file: Path) -> object:
+    try:
+        return decode_image(file.read_bytes(), samples.SIZE)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+
+
+def _video(folder: Path) -> object:
+    file = folder / "video" / "View_001.mp4"
+    return list(VideoFile(file).images(3, (4 * samples.SIZE[0], 4 * samples.SIZE[1]))), _frame_of(file, 1)
+
+
+TABLES = (
+    "odometry.csv",
+    "detections.csv",
+    "companions.csv",
+    *(f"truth/{name}.csv" for name in ("robots", "people", "cameras", "boxes", "keypoints", "joints")),
+)
+FOLDERS = (
+    *(Reader(f"sequence {name}", samples.sequence, f"s/{name}", _contents, "lines") for name in TABLES),
+    *(Reader(f"sequence {name}", samples.sequence, f"s/{name}", _contents) for name in ("calibration.json", "scenario.json", "manifest.json")),
+    Reader("sequence terrain.npz", samples.sequence, "s/terrain.npz", _contents, "binary"),
+    Reader("sequence with sums, manifest.json", samples.sequence, "s/manifest.json", _checked),
+    Reader("sequence with sums, truth", samples.sequence, "s/truth/people.csv", _checked, "lines"),
+    *(
+        Reader(f"sequence {kind}", samples.sequence, f"s/{file}", partial(_images, file), "binary")
+        for kind, file in (("images", "images/robot_0_camera/000001.jpg"), ("instances", "instances/robot_0_camera/000001.png"))
+    ),
+    Reader("validation of calibration.json", samples.sequence, "s/calibration.json", _validated),
+    Reader("validation of boxes.csv", samples.sequence, "s/truth/boxes.csv", _validated),
+    Reader("dataset.json", samples.dataset, "dataset.json", _dataset),
+    *(
+        Reader(f"results {name}", samples.results, f"r/{name}", lambda folder: read_results(folder / "r"), "text" if name == "run.json" else "lines")
+        for name in ("run.json", "tracks.txt", "robots.csv", "map.csv", "sightings.csv")
+    ),
+    *(
+        Reader(
+            f"planar results {name}",
+            samples.planar,
+            f"r/{name}",
+            lambda folder: read_trajectories(folder / "r"),
+            "text" if name == "run.json" else "lines",
+        )
+        for name in ("run.json", "robots.csv", "map.csv")
+    ),
+    *(
+        Reader(f"UTIAS {name}", samples.utias, f"u/{name}.dat", lambda folder: read_utias(folder / "u"), "lines")
+        for name in ("Barcodes", "Landmark_Groundtruth", "Robot1_Odometry", "Robot1_Measurement", "Robot1_Groundtruth")
+    ),
+    *(
+        Reader(f"PETS 2009 {name}", samples.pets, name, _pets, form)
+        for name, form in (
+            ("detections/View_001.txt", "lines"),
+            ("annotations/PETS-cropped.xml", "text"),
+            ("calibration/View_001.xml", "text"),
+            ("site.json", "text"),
+            ("terrain.npz", "binary"),
+        )
+    ),
+    Reader("WILDTRACK annotation", samples.wildtrack_folder, "00000.json", lambda folder: wildtrack.read_positions(folder / "00000.json")),
+    Reader("WILDTRACK intrinsics", samples.wildtrack_folder, "intrinsic/intr_Camera1.xml", _wildtrack_camera),
+    Reader("WILDTRACK extrinsics", samples.wildtrack_folder, "extrinsic/extr_Camera1.xml", _wildtrack_camera),
+    Reader("WILDTRACK config.json", samples.wildtrack_folder, "config.json", lambda folder: wildtrack.read_ground_grid(folder / "config.json")),
+    Reader("POM", samples.wildtrack_folder, "rectangles.pom", lambda folder: pom.read_rectangles(folder / "rectangles.pom", 1, 20), "lines"),
+    Reader("JRDB 2-D", samples.jrdb_files, "2d.json", lambda folder: jrdb.read_labels_2d(folder / "2d.json")),
+    Reader("JRDB 3-D", samples.jrdb_files, "3d.json", lambda folder: jrdb.read_labels_3d(folder / "3d.json")),
+    Reader("stress report", samples.stress, "results.jsonl", _report, "lines"),
+    Reader("stress picture", samples.stress, "moments/m.png", _report, "binary"),
+    Reader("stress resumption", samples.stress, "results.jsonl", _read_rows, "lines"),
+    Reader("video", samples.video, "video/View_001.mp4", _video, "binary"),
+)
+FILES = (
+    _single("CVML", "a.xml", samples.annotations, pets2009.read_annotations),
+    _single("Tsai", "View_001.xml", samples.tsai, pets2009.read_camera),
+    _single("pinhole as Tsai", "View_002.xml", samples.plain_camera, pets2009.read_camera),
+    _single("MOT15 truth", "gt.txt", samples.mot15, partial(motchallenge.read_mot15, tracks=True), "lines"),
+    _single("MOT15 detections", "det.txt", partial(samples.mot15, detections=True), pets2009.read_detections, "lines"),
+    _single("MOT17", "gt.txt", partial(samples.mot17, positions=False), motchallenge.read_mot17, "lines"),
+    _single("MOTSynth", "gt.txt", partial(samples.mot17, positions=True), motchallenge.read_mot17, "lines"),
+    _single("seqinfo.ini", "seqinfo.ini", samples.seqinfo, motchallenge.read_seqinfo),
+    _single("terrain.npz", "terrain.npz", samples.terrain, read_terrain, "binary"),
+    _single("TUM", "robot.txt", samples.tum, read_tum, "lines"),
+    _single("DIMACS", "g.clq", samples.dimacs, read_graph, "lines"),
+    _single("COCO", "instances.json", samples.coco_file, _coco),
+    _single("settings TOML", "settings.toml", samples.settings_toml, _settings),
+    _single("settings JSON", "settings.json", samples.settings_json, _settings),
+    _single("JPEG", "a.jpg", samples.image, _image, "binary"),
+    _single("PNG", "a.png", samples.image, _image, "binary"),
+    _single("PNG of 16 bits", "instances.png", samples.image, _image, "binary"),
+    _single("study cells", "cells.csv", samples.cells, lambda file: read_cells(file, Cell), "lines"),
+    _single("learning curve", "curve.csv", samples.curve, lambda file: Curve.read(file, 100), "lines"),
+)
+READERS: dict[str, Reader] = {reader.name: reader for reader in (*FILES, *FOLDERS)}

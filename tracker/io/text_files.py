@@ -1,0 +1,110 @@
+"""Text files of unknown origin, read line by line: UTF-8 with or without a byte order mark, any line end, and errors with file and line."""
+
+from __future__ import annotations
+
+import codecs
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+LONGEST_LINE = 1 << 16
+"""Characters; a file of unknown origin must not fill the memory."""
+LARGEST_NUMBER = 1e60
+"""No length, time or score is as large; its fourth power is still a number."""
+LONGEST_SHOWN = 60
+"""Characters of a value in an error message."""
+_BLOCK = 1 << 20
+_OTHER_ENCODINGS = {codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
+
+
+def read_lines(path: str | os.PathLike[str], errors: str = "strict") -> Iterator[tuple[int, str]]:
+    """The lines of a file that are not blank: number from 1, and text without the line end and the blanks before it.
+
+    Lines end with LF, CR LF or CR. errors: "replace" for a format with comments in any encoding. Raises ValueError with file and line where the
+    bytes are no UTF-8, for a byte 0, and before a line of more than LONGEST_LINE characters is read. Raises OSError where the file cannot be read.
+    """
+    try:
+        with Path(path).open(encoding="utf-8-sig", errors=errors) as file:
+            number = 0
+            while line := file.readline(LONGEST_LINE + 1):
+                number += 1
+                if len(line) > LONGEST_LINE:
+                    raise ValueError(f"{path}:{number}: a line of more than {LONGEST_LINE} characters")
+                if "\0" in line:
+                    raise ValueError(f"{path}:{number}: holds a byte 0: not a text file")
+                if text := line.rstrip():
+                    yield number, text
+    except UnicodeDecodeError:
+        raise not_utf8(path) from None
+
+
+def read_text(path: str | os.PathLike[str], most: int) -> str:
+    """The text of a file of at most `most` bytes. Raises ValueError with file and line as read_lines, and OSError where it cannot be read."""
+    size = Path(path).stat().st_size
+    if size > most:
+        raise ValueError(f"{path}: {size} bytes, needs at most {most}")
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise not_utf8(path) from None
+
+
+def not_utf8(path: str | os.PathLike[str]) -> ValueError:
+    """The error of a file whose bytes are no UTF-8: with file, line and byte from 0."""
+    decoder, place, line, kept = codecs.getincrementaldecoder("utf-8")(), 0, 1, b""
+    with Path(path).open("rb") as file:
+        start = file.read(2)
+        file.seek(0)
+        while block := file.read(_BLOCK):
+            data = kept + block
+            try:
+                decoder.decode(block)
+            except UnicodeDecodeError as error:
+                line += _line_ends(data[: error.start])
+                known = _OTHER_ENCODINGS.get(start)
+                return ValueError(
+                    f"{path}:{line}: byte {place + error.start} is not UTF-8{f' but {known}' if known else ''}: not a text file in UTF-8"
+                )
+            kept = decoder.getstate()[0]
+            done = data[: len(data) - len(kept)]
+            # The line end CR LF may be divided between blocks, which moves the number of the line by one at most.
+            line, place = line + _line_ends(done), place + len(done)
+    return ValueError(f"{path}:{line}: byte {place} is not UTF-8: not a text file in UTF-8, it ends within a character")
+
+
+def _line_ends(data: bytes) -> int:
+    return data.count(b"\n") + data.count(b"\r") - data.count(b"\r\n")
+
+
+def shown(text: str) -> str:
+    """A text of the file for an error message: quoted, on one line, and at most LONGEST_SHOWN characters long."""
+    return repr(text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 1]}…")
+
+
+def parse_number(text: str, where: str) -> float:
+    """A finite decimal number. Raises ValueError that begins with `where`: the file, the line and the field."""
+    try:
+        if "_" in text:
+            raise ValueError
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"{where} is {shown(text.strip())}, needs a number") from None
+    if not math.isfinite(value):
+        raise ValueError(f"{where} is {text.strip()[:LONGEST_SHOWN]}, needs a finite number")
+    if abs(value) > LARGEST_NUMBER:
+        raise ValueError(f"{where} is {text.strip()[:LONGEST_SHOWN]}, needs at most {LARGEST_NUMBER:g}")
+    return value
+
+
+def parse_integer(text: str, where: str, bits: int = 62) -> int:
+    """A whole decimal number below 2^bits. Raises ValueError as parse_number."""
+    try:
+        if "_" in text:
+            raise ValueError
+        value = int(text)
+    except ValueError:
+        raise ValueError(f"{where} is {shown(text.strip())}, needs a whole number") from None
+    if abs(value) >= 1 << bits:
+        raise ValueError(f"{where} is {text.strip()[:LONGEST_SHOWN]}, needs less than 2^{bits}")
+    return value
