@@ -6,6 +6,7 @@ The process reads trials as lines on standard input and writes rows as lines on 
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import os
 import select
@@ -55,6 +56,11 @@ class Worker:
         if self._child is not None:
             self._child.kill()
             self._child.wait()
+            for pipe in (self._child.stdin, self._child.stdout):
+                # Closing writes what the child has not read, which fails once it has ended.
+                with contextlib.suppress(OSError):
+                    if pipe is not None:
+                        pipe.close()
             self._child = None
 
     def _start(self) -> subprocess.Popen[bytes]:
