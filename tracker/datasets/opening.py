@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from tracker.datasets.aicity import is_aicity, read_aicity
+from tracker.datasets.jrdb import is_jrdb, read_jrdb
 from tracker.datasets.pets2009 import is_pets, read_pets
-from tracker.datasets.projected_boxes import projected_boxes
+from tracker.datasets.projected_boxes import noisy_boxes, projected_boxes
 from tracker.datasets.selection import selected
 from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.datasets.wildtrack import is_wildtrack, read_wildtrack
@@ -51,6 +52,7 @@ FORMATS = (
     SourceFormat("recording", "a recording of one's own (recording.json, detections/)", is_recording, lambda path, _: read_recording(path)),
     SourceFormat(UTIAS, "a UTIAS set (Barcodes.dat)", is_utias),
     SourceFormat("wildtrack", "WILDTRACK or MultiviewX (calibrations/, annotations_positions/)", is_wildtrack, lambda path, _: read_wildtrack(path)),
+    SourceFormat("jrdb", "JRDB (labels_2d_stitched/, labels_3d/)", is_jrdb, lambda path, options: read_jrdb(path, options.projected is not None)),
     SourceFormat("aicity", "AI City track 1 (calibration.json, ground_truth.json)", is_aicity, lambda path, _: read_aicity(path)),
     SourceFormat("pets2009", "PETS 2009 (annotations/ or detections/, calibration/ in it or beside it)", is_pets, read_pets),
 )
@@ -63,8 +65,8 @@ def is_pilsim(path: Path) -> bool:
 
 
 def format_of(path: Path) -> SourceFormat:
-    """The format of a folder. Raises ValueError, which lists all formats, where it is none of them."""
-    if not path.is_dir():
+    """The format of a folder, or of a file of labels of JRDB. Raises ValueError, which lists all formats, where it is none of them."""
+    if not path.exists():
         raise ValueError(f"{path}: no such folder")
     for form in FORMATS:
         if form.matches(path):
@@ -107,7 +109,9 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
     if files:
         source["files"] = source.get("files", {}) | {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files.values()}
     if options.projected is not None:
-        recording = projected_boxes(recording, options.projected, options.seed)
+        # JRDB has labelled boxes, of people who sit, too.
+        made = noisy_boxes if recording.source.get("labels_as_detections") else projected_boxes
+        recording = made(recording, options.projected, options.seed)
         source = dict(recording.source)
     if options.cameras:
         recording = recording.choose([camera_named(text, recording.cameras) for text in options.cameras])

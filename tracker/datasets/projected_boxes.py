@@ -1,9 +1,8 @@
-"""Boxes of upright bodies at the true positions, with misses and noise, for data that come with truth and without a detector's boxes."""
+"""Boxes of upright bodies at the true positions, and boxes with misses and noise, for data that come with truth and without a detector's boxes."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,15 +81,23 @@ def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: i
             pose = _pose(recording, camera, frame)
             box = np.zeros((0, 4)) if pose is None else body_boxes(camera.camera, pose, feet, body)
             boxes[frame] = box, np.full(len(box), CONFIDENCE)
+        detections[name] = boxes
+    noisy = noisy_boxes(replace(recording, detections=detections), noise, seed)
+    made = {"height": body[0], "width": body[1], **noisy.source["noisy_boxes"]}
+    return replace(noisy, source={**recording.source, "projected_boxes": made})
+
+
+def noisy_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int = 0) -> Recording:
+    """The recording with errors of its detections, for instance of labelled boxes.
+
+    Each camera has a random stream of its own, by its name and `seed`.
+    """
+    noise, detections = noise or BoxNoise(), {}
+    for name, boxes in recording.detections.items():
         rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-        detections[name] = (noise or BoxNoise()).apply(boxes, camera.camera, rng)
-    return replace(recording, detections=detections, source=_source(recording.source, noise or BoxNoise(), seed, body))
-
-
-def _source(source: Mapping[str, object], noise: BoxNoise, seed: int, body: tuple[float, float]) -> dict[str, object]:
-    height, width = body
-    made = {"height": height, "width": width, "misses": noise.misses, "edges": noise.edges, "seed": seed}
-    return {**source, "projected_boxes": made}
+        detections[name] = noise.apply(boxes, recording.cameras[name].camera, rng)
+    source = {**recording.source, "noisy_boxes": {"misses": noise.misses, "edges": noise.edges, "seed": seed}}
+    return replace(recording, detections=detections, source=source)
 
 
 def _pose(recording: Recording, camera: RecordingCamera, frame: int) -> Pose | None:

@@ -14,7 +14,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.datasets.cafe import SEQUENCE, write_cafe
 from tracker.datasets.jrdb import CAMERA, CYLINDER, is_jrdb, read_jrdb
+from tracker.datasets.opening import open_recording
 from tracker.datasets.projected_boxes import BoxNoise
+from tracker.datasets.source_options import SourceOptions
 from tracker.formats.jrdb import DETECTIONS, LABELS_2D, LABELS_3D, read_detections_2d, write_detections_2d
 from tracker.metrics.evaluation import evaluate
 from tracker.options import parameters_from
@@ -157,3 +159,13 @@ def test_people_in_a_cafe_are_tracked_in_the_robots_frame(data: Data, tmp_path: 
     assert scores["truths"] == 3347
     assert scores["mota"] > 0.45
     assert scores["idf1"] > 0.45
+
+
+def test_projected_boxes_are_the_labelled_ones(cafe: Path) -> None:
+    """`--project`: people sit, so that upright bodies of one height are not what a detector would see."""
+    options = SourceOptions.parse(project="misses=0,edges=0")
+    for path in (cafe, cafe / LABELS_3D / f"{SEQUENCE}.json"):
+        found = open_recording(path, options).detections[CAMERA]
+        assert_array_equal(found[0][0], [[1830, 250, 100, 200], [2770, 100, 100, 271]])
+    dropped = open_recording(cafe, SourceOptions.parse(project="misses=1"))
+    assert sum(len(boxes) for boxes, _ in dropped.detections[CAMERA].values()) == 0
