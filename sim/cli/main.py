@@ -76,8 +76,8 @@ def main() -> None:
             print(f"pilsim {importlib.metadata.version('pilsim')}")
         elif words[:1] in (["--help"], ["-h"]):
             print(overview())
-        else:
-            _parse(words).run()
+        elif command := _parse(words):
+            command.run()
         output.flush()
         if output.failure is not None:
             raise OSError(output.failure.errno, output.failure.strerror, "standard output")
@@ -110,8 +110,8 @@ def _message(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _parse(words: list[str]) -> Command:
-    """The command of the command line. Raises ValueError, in one line, for an unknown or wrong word; SystemExit after a command's help."""
+def _parse(words: list[str]) -> Command | None:
+    """The command of the command line; None where its help was asked for and is printed. Raises ValueError, in one line, for a wrong word."""
     _check_names(words)
     errors, output = io.StringIO(), _Output()
     try:
@@ -121,7 +121,7 @@ def _parse(words: list[str]) -> Command:
         if exit_.code == 2:
             raise ValueError(f"{_first_part(errors.getvalue())}; see pilsim {words[0]} --help") from None
         print("\n".join(_wrapped(output.getvalue())))
-        raise
+        return None
 
 
 @contextlib.contextmanager
