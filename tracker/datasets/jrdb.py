@@ -1,9 +1,9 @@
 """Reading a sequence of JRDB, or of the export `jrdb` of pilsim, as a recording in the frame of the robot.
 
-    labels/labels_3d/SEQ.json                           optional truth: boxes in space, metres
-    labels/labels_2d_stitched/SEQ.json                  optional: boxes of the same people in the panorama
-    detections/detections_2d_stitched/SEQ.json          optional: a detector's boxes; or detections/SEQ.txt, MOT15, frames from 1
-    images/image_stitched/SEQ/000000.jpg                optional: panoramas
+    labels/labels_3d/SEQ.json                           optional truth: boxes in space, metres.
+    labels/labels_2d_stitched/SEQ.json                  optional: boxes of the same people in the panorama.
+    detections/detections_2d_stitched/SEQ.json          optional: a detector's boxes; or detections/SEQ.txt, MOT15, frames from 1.
+    images/image_stitched/SEQ/000000.jpg                optional: panoramas.
 
 `labels/` and `detections_2d_stitched/` may be left out of the paths. The panorama of JRDB is a cylinder of 3760 x 480 px: feet on the floor at a
 range of r metres are in row 210.7 + 481 / r. Its focal length and its height above the floor enter as their product alone. Sizes of boxes tell

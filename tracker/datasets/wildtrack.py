@@ -1,11 +1,11 @@
 """Reading WILDTRACK, MultiviewX, GMVD and the export `wildtrack` of pilsim as a recording. Folders of all have one layout:
 
-    calibrations/extrinsic/extr_NAME.xml     rvec [rad], tvec from the world to the camera (x right, y down, z ahead)
-    calibrations/intrinsic/intr_NAME.xml     camera_matrix [px], distortion_coefficients; WILDTRACK: intrinsic_zero, intrinsic_original
-    annotations_positions/00000.json         who stands on which point of the grid, a file a frame
-    Image_subsets/C1/0000.png                optional: images
-    detections/C1.txt                        optional: MOT15, frames from 1, boxes in pixels of which the first has its centre at (0, 0)
-    config.json                              GMVD and pilsim: the grid in metres, and the size of the images
+    calibrations/extrinsic/extr_NAME.xml     rvec [rad], tvec from the world to the camera (x right, y down, z ahead).
+    calibrations/intrinsic/intr_NAME.xml     camera_matrix [px], distortion_coefficients; WILDTRACK: intrinsic_zero, intrinsic_original.
+    annotations_positions/00000.json         who stands on which point of the grid, a file a frame.
+    Image_subsets/C1/0000.png                optional: images.
+    detections/C1.txt                        optional: MOT15, frames from 1, boxes in pixels of which the first has its centre at (0, 0).
+    config.json                              GMVD and pilsim: the grid in metres, and the size of the images.
 
 WILDTRACK is told by its cameras: C1 to C4 are CVLab1 to CVLab4, C5 to C7 are IDIAP1 to IDIAP3. Its unit is the centimetre, its files are every
 fifth frame of videos, and the grid is 480 points of 2.5 cm along x, from −3 m, by 1440 along y, from −9 m. In the others the cameras are Camera1,
