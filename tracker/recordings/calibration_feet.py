@@ -1,0 +1,294 @@
+"""Boxes of fixed cameras as lines of sight, their feet on the ground, and how near these are to true or other feet of the same frame.
+
+A calibration is tested by its feet: under the right one they lie near people of the same frame, and boxes have the heights of bodies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tracker.geometry import Array, Ints, Mask, set_array, set_ints
+from tracker.geometry.camera_protocol import OPTICAL_FROM_CAMERA, Camera
+from tracker.geometry.ground import Flat, Ground
+from tracker.recordings.recording import FrameBoxes, Recording
+
+NEAR = 0.4
+"""m: standard deviation of the kernel exp(−d²/2σ²) of distances d. A body is 0.5 m wide."""
+FAR = 2.0
+"""m: distances beyond this count as this."""
+APART = 10 * FAR
+"""m: distance of successive frames along the third axis of the search tree, so that no neighbour is found in another frame."""
+REACH, REACH_TERRAIN = 1e6, 500.0
+"""m: greatest length of a line of sight to flat ground and to terrain. Units may be wrong, so the former is long."""
+BAND = 0.85
+"""The lowest stature is multiplied, the highest divided by this: boxes err by some percent."""
+CUT = 0.01
+"""Boxes that end within this share of the image's height from its lower edge are left out: their feet are not in the image."""
+MOST_BOXES, MOST_QUERIES = 40_000, 2_500
+"""Boxes of all cameras that are used, from the first frame on; boxes of a camera that are compared, spread over these frames."""
+BLOCKS = 24
+"""Blocks of time. Boxes of one block are not independent, so standard errors are those of the means of blocks."""
+
+Extrinsics = tuple[Array, Array]
+"""R (3, 3) and t (3,) m: x_camera = R x_world + t with optical axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxRays:
+    """Boxes of one camera as unit lines of sight in optical axes: frame (n,) from 0; foot and head (n, 3), middles of the lower and upper edges."""
+
+    frame: Ints
+    foot: Array
+    head: Array
+
+    def __post_init__(self) -> None:
+        set_ints(self, "frame", self.frame.shape)
+        for name in ("foot", "head"):
+            set_array(self, name, (len(self.frame), 3))
+
+    @staticmethod
+    def of(camera: Camera, boxes: FrameBoxes, end: float = np.inf) -> BoxRays:
+        """The boxes of frames before `end`, without those that the lower edge of the image cuts."""
+        frames = sorted(frame for frame in boxes if frame < end)
+        box = np.concatenate([boxes[frame][0] for frame in frames] or [np.zeros((0, 4))])
+        frame = np.repeat(np.array(frames, dtype=np.int64), [len(boxes[frame][0]) for frame in frames])
+        kept = box[:, 1] + box[:, 3] < camera.height * (1 - CUT)
+        frame, (left, top, width, height) = frame[kept], box[kept].T
+        foot, head = (camera.bearings_from_pixels(np.column_stack([left + width / 2, v])) @ OPTICAL_FROM_CAMERA.T for v in (top + height, top))
+        return BoxRays(frame, foot, head)
+
+    def select(self, rows: Ints) -> BoxRays:
+        """The boxes in `rows`."""
+        return BoxRays(self.frame[rows], self.foot[rows], self.head[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """Feet of one camera on the ground: frame (n,); point (n, 2) m, NaN where a line of sight does not meet the ground; height (n,) m.
+
+    height: of a body that stands there and reaches to the upper edge of the box; NaN as above.
+    """
+
+    frame: Ints
+    point: Array
+    height: Array
+
+    @property
+    def grounded(self) -> Mask:
+        """(n,) whether each line of sight meets the ground."""
+        return np.asarray(np.isfinite(self.point[:, 0]))
+
+    def plausible(self, band: tuple[float, float]) -> float:
+        """Share of the boxes that stand on the ground with the height of a person, `band` m; 0 without boxes."""
+        with np.errstate(invalid="ignore"):
+            fits = (self.height > band[0] * BAND) & (self.height < band[1] / BAND)
+        return float(fits.mean()) if len(fits) else 0.0
+
+
+def project(rays: BoxRays, extrinsics: Extrinsics, ground: Ground) -> Feet:
+    """The feet of boxes under the given extrinsics."""
+    R, t = extrinsics
+    centre, foot, head = -R.T @ t, rays.foot @ R, rays.head @ R
+    reach = REACH if isinstance(ground, Flat) else REACH_TERRAIN
+    above = centre[2] > ground.height_at(centre[None])[0]
+    point, hit = ground.intersect(np.broadcast_to(centre, foot.shape), foot, reach)
+    hit = hit & above
+    across = np.maximum(np.hypot(head[:, 0], head[:, 1]), 1e-9)
+    height = centre[2] - point[:, 2] + np.hypot(*(point - centre)[:, :2].T) * head[:, 2] / across
+    return Feet(rays.frame, np.where(hit[:, None], point[:, :2], np.nan), np.where(hit, height, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """People at places: frame (m,) from 0, id (m,), point (m, 2) m. Two points of one frame with one id are the same person."""
+
+    frame: Ints
+    id: Ints
+    point: Array
+
+    @staticmethod
+    def of_truth(truth: Mapping[int, tuple[Ints, Array]]) -> People | None:
+        """The true people; None where there are none."""
+        frames = [frame for frame in sorted(truth) if len(truth[frame][0])]
+        if not frames:
+            return None
+        counts = [len(truth[frame][0]) for frame in frames]
+        ids, points = (np.concatenate([truth[frame][k] for frame in frames]) for k in (0, 1))
+        return People(np.repeat(np.array(frames, dtype=np.int64), counts), ids, points[:, :2])
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Points of people to compare feet with. frames: sorted frames that have points. centre (2,) m: median of the points."""
+
+    frame: Ints
+    point: Array
+    frames: Ints = field(init=False)
+    centre: Array = field(init=False)
+    tree: cKDTree = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frames", np.unique(self.frame))
+        object.__setattr__(self, "centre", np.median(self.point, axis=0) if len(self.point) else np.zeros(2))
+        object.__setattr__(self, "tree", cKDTree(np.column_stack([self.point, APART * self.frame])))
+
+    def distances(self, frame: Ints, point: Array, most: float = FAR) -> Array:
+        """Distance (n,) m of each point (n, 2) m to the nearest one of its frame; inf where there is none within `most` m, and for NaN."""
+        return self.nearest(frame, point, most)[0]
+
+    def nearest(self, frame: Ints, point: Array, most: float = FAR) -> tuple[Array, Ints]:
+        """Distances as above, and the rows (n,) of the nearest points; the row is the number of points where there is none."""
+        known = np.isfinite(point[:, 0])
+        distance, row = self.tree.query(np.column_stack([np.where(known[:, None], point, 0.0), APART * frame]), distance_upper_bound=most)
+        return np.where(known, distance, np.inf), np.where(known, row, len(self.frame))
+
+    def far_frames(self, frame: Ints, part: float) -> Ints:
+        """Frames (n,) that are `part` of the recording later, cyclically, each of them with points."""
+        row = np.minimum(np.searchsorted(self.frames, frame), len(self.frames) - 1)
+        return self.frames[(row + int(part * len(self.frames))) % len(self.frames)]
+
+
+@dataclass(frozen=True, eq=False)
+class Nearness:
+    """How near feet are to people, above what chance gives.
+
+    gain (n,): kernel of the distance, less its mean for the opposite places of other frames; NaN for boxes in frames without people.
+    block (n,): block of time of each box.
+    """
+
+    gain: Array
+    block: Ints
+
+    @property
+    def mean(self) -> float:
+        """Mean gain: about 0 for a wrong calibration, up to 1 − chance for a right one; 0 without boxes."""
+        return float(np.nanmean(self.gain)) if np.isfinite(self.gain).any() else 0.0
+
+    @property
+    def boxes(self) -> int:
+        """Number of boxes in frames with people."""
+        return int(np.isfinite(self.gain).sum())
+
+    def __add__(self, other: Nearness) -> Nearness:
+        """Both sets of boxes."""
+        return Nearness(np.concatenate([self.gain, other.gain]), np.concatenate([self.block, other.block]))
+
+    def better_than(self, other: Nearness) -> tuple[float, float]:
+        """Difference of the means, and its standard error from blocks of time."""
+        means = np.full((2, BLOCKS), np.nan)
+        for k, one in enumerate((self, other)):
+            known = np.isfinite(one.gain)
+            count = np.bincount(one.block[known], minlength=BLOCKS)
+            total = np.bincount(one.block[known], one.gain[known], minlength=BLOCKS)
+            means[k] = np.where(count > 0, total / np.maximum(count, 1), 0.0 if k else np.nan)
+        apart = (means[0] - means[1])[np.isfinite(means[0])]
+        return self.mean - other.mean, float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 2 else np.inf
+
+
+def nearness(feet: Feet, reference: Reference, frame: Ints | None = None) -> Nearness:
+    """Compare feet with people of the same frame. frame (n,): frames of the feet in the numbering of `reference`; as they are where None."""
+    frame = feet.frame if frame is None else frame
+    span = feet.frame.max() - feet.frame.min() + 1 if len(feet.frame) else 1
+    block = (feet.frame - feet.frame.min()) * BLOCKS // span if len(feet.frame) else feet.frame
+    if not len(reference.frames):
+        return Nearness(np.full(len(frame), np.nan), block)
+    opposite = 2 * reference.centre - feet.point
+    chance = [_kernel(reference.distances(reference.far_frames(frame, part), opposite)) for part in (1 / 3, 2 / 3)]
+    gain = _kernel(reference.distances(frame, feet.point)) - np.mean(chance, axis=0)
+    return Nearness(np.where(np.isin(frame, reference.frames), gain, np.nan), block)
+
+
+def _kernel(distance: Array) -> Array:
+    return np.asarray(np.exp(-((distance / NEAR) ** 2) / 2))
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationCase:
+    """What a calibration is tested on: fixed cameras, their boxes, and true people or None.
+
+    rate: frames per second. lenses, extrinsics, rays: by camera. area: (2, 2) m or None. band: lowest and highest stature, m.
+    """
+
+    rate: float
+    lenses: Mapping[str, Camera]
+    extrinsics: Mapping[str, Extrinsics]
+    boxes: Mapping[str, FrameBoxes]
+    rays: Mapping[str, BoxRays]
+    truth: People | None
+    ground: Ground
+    area: Array | None
+    band: tuple[float, float]
+
+    @staticmethod
+    def of(recording: Recording) -> CalibrationCase:
+        """The fixed cameras of a recording with their boxes, of so many frames that there are at most MOST_BOXES."""
+        fixed = recording.fixed
+        counts = np.zeros(recording.frames + 1, dtype=np.int64)
+        for name in fixed:
+            for frame, (box, _) in recording.detections.get(name, {}).items():
+                counts[frame] += len(box)
+        end = int(np.searchsorted(np.cumsum(counts), MOST_BOXES)) + 1
+        boxes = {name: recording.detections.get(name, {}) for name in fixed}
+        return CalibrationCase(
+            recording.rate,
+            {name: camera.camera for name, camera in fixed.items()},
+            {name: camera.opencv_extrinsics for name, camera in fixed.items()},
+            boxes,
+            {name: BoxRays.of(camera.camera, boxes[name], end) for name, camera in fixed.items()},
+            None if recording.truth is None else People.of_truth(recording.truth),
+            recording.ground,
+            None if recording.area is None else np.asarray(recording.area),
+            recording.height,
+        )
+
+    @property
+    def end(self) -> int:
+        """The frame after the last one whose boxes are used."""
+        return max((int(rays.frame.max()) + 1 for rays in self.rays.values() if len(rays.frame)), default=0)
+
+    def feet(self, name: str, extrinsics: Extrinsics | None = None) -> Feet:
+        """The feet of all boxes of a camera, under its own or other extrinsics."""
+        return project(self.rays[name], self.extrinsics[name] if extrinsics is None else extrinsics, self.ground)
+
+    def sample(self, name: str) -> Ints:
+        """Rows of at most MOST_QUERIES boxes of a camera, in runs of successive frames that are spread over the recording."""
+        frame = self.rays[name].frame
+        runs = max(1, -(-len(frame) // MOST_QUERIES))
+        if runs == 1:
+            return np.arange(len(frame))
+        part = (frame - frame.min()) * BLOCKS * runs // (frame.max() - frame.min() + 1)
+        return np.flatnonzero(part % runs == 0)
+
+    def sampled_feet(self, name: str, extrinsics: Extrinsics | None = None) -> Feet:
+        """The feet of a sample of the boxes."""
+        rays = self.rays[name].select(self.sample(name))
+        return project(rays, self.extrinsics[name] if extrinsics is None else extrinsics, self.ground)
+
+    def others(self, name: str) -> Reference:
+        """The feet of all other cameras."""
+        return reference_of([self.feet(other) for other in self.lenses if other != name])
+
+    def with_extrinsics(self, changed: Mapping[str, Extrinsics]) -> CalibrationCase:
+        """The case with other extrinsics of some cameras."""
+        return replace(self, extrinsics={**self.extrinsics, **changed})
+
+    def with_boxes_of(self, names: Mapping[str, str]) -> CalibrationCase:
+        """The case where the camera KEY has the boxes of the camera VALUE."""
+        boxes = {**self.boxes, **{name: self.boxes[other] for name, other in names.items()}}
+        rays = {**self.rays, **{name: BoxRays.of(self.lenses[name], boxes[name], self.end) for name in names}}
+        return replace(self, boxes=boxes, rays=rays)
+
+    def with_frames(self, changed: Mapping[str, Ints]) -> CalibrationCase:
+        """The case with other frames (n,) of the boxes of some cameras."""
+        return replace(self, rays={**self.rays, **{name: replace(self.rays[name], frame=frame) for name, frame in changed.items()}})
+
+
+def reference_of(feet: list[Feet]) -> Reference:
+    """The feet of several cameras that meet the ground, as a reference."""
+    frame = np.concatenate([one.frame[one.grounded] for one in feet] or [np.zeros(0, dtype=np.int64)])
+    point = np.concatenate([one.point[one.grounded] for one in feet] or [np.zeros((0, 2))])
+    return Reference(frame, point)
