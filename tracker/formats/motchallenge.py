@@ -12,7 +12,6 @@ A row with consider 0 does not count, and class 1 is a pedestrian. MOTSynth adds
 from __future__ import annotations
 
 import configparser
-import itertools
 import os
 from collections import defaultdict
 from collections.abc import Iterable
@@ -23,6 +22,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array, set_ints
 from tracker.io.atomic import write_text
+from tracker.io.mended import say_repeated
 from tracker.io.text_files import LONGEST_SHOWN, parse_integer, parse_number, read_lines, read_text
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
@@ -122,14 +122,15 @@ def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
 def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: tuple[str, ...] = ("frame", "id"), tracks: bool = False) -> Array:
     """Read a file with these columns, of which frame, id and box are the first → (n, columns). integers: columns of whole numbers.
 
-    Raises ValueError as read_mot15.
+    A row that equals one before it in every column is left out; their number is logged. Raises ValueError as read_mot15.
     """
-    values: list[list[float]] = []
-    lines: list[int] = []
+    values: dict[tuple[float, ...], int] = {}  # row → line
+    repeated = 0
     for count, line in read_lines(path):
-        values.append(_values(line, f"{path}:line {count}", columns, integers))
-        lines.append(count)
-    table = np.array(values, dtype=np.float64).reshape(-1, len(columns))
+        repeated += values.setdefault(tuple(_values(line, f"{path}:line {count}", columns, integers)), count) != count
+    say_repeated(path, repeated)
+    lines = list(values.values())
+    table = np.array(list(values), dtype=np.float64).reshape(-1, len(columns))
     frame, ids = table[:, :2].astype(np.int64).T
     if tracks and (ids < 0).any():
         k = int(np.argmax(ids < 0))
@@ -141,8 +142,11 @@ def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: 
 
 
 def place_of_row(path: str | os.PathLike[str], row: int) -> str:
-    """The place of a row, counted from 0, for an error message: "path:line N". The file is read again."""
-    return f"{path}:line {next(itertools.islice(read_lines(path), row, None))[0]}"
+    """The place of a row of read_rows, counted from 0, for an error message: "path:line N". The file is read again."""
+    first: dict[tuple[float, ...], int] = {}
+    for count, line in read_lines(path):
+        first.setdefault(tuple(map(float, line.split(","))), count)
+    return f"{path}:line {list(first.values())[row]}"
 
 
 def _values(line: str, where: str, columns: tuple[str, ...], integers: tuple[str, ...]) -> list[float]:

@@ -26,6 +26,7 @@ from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Tsai
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
+from tracker.io.mended import say_repeated
 from tracker.io.terrain_file import read_terrain
 from tracker.io.text_files import shown
 from tracker.io.xml_files import Element, parse
@@ -42,8 +43,8 @@ FOLD_SAMPLES = 1 << 22
 MAX_RATE, MIN_RATE = 1e4, 1e-4
 """Frames per second. A period beyond these bounds overflows what the tracker computes from it."""
 
-MAX_FRAME = 1_000_000
-"""Highest number of a frame: sequences hold a value for each frame up to the last."""
+MAX_FRAME = 200_000
+"""Highest number of a frame. Sequences hold a value for each frame up to the last, about 1 kB, also where nobody is."""
 
 MAX_FOLDED_SHARE = 0.01
 """Largest share of the image that may lie where the distortion has no inverse. In View_007 it is 0.5 %, in the left corners."""
@@ -164,22 +165,26 @@ def read_annotations(path: str | os.PathLike[str]) -> Annotations:
     """Read a CVML file: frame (from 0) → ids (m,) and boxes (m, 4) left, top, width, height px. Frames without people have empty entries.
 
     The centre of a box is xc, yc, or x, y in the older CAVIAR files.
-    Raises ValueError with file, line and field for a repeated frame, a repeated id in a frame, an invalid number, and a size not above 0.
+    A frame or an object that stands twice with the same content counts once; their number is logged.
+    Raises ValueError with file, line and field where they differ, for an invalid number, and for a size not above 0.
     """
     out: Annotations = {}
+    repeated = 0
     for frame in parse(path, "dataset").find_all("frame"):
         number = frame.integer("number")
-        if not 0 <= number <= MAX_FRAME or number in out:
-            fault = "occurs twice" if number in out else "is below 0" if number < 0 else f"is above {MAX_FRAME}"
-            raise ValueError(f"{path}:line {frame.line}: field frame.number {number} {fault}")
-        objects = [o for group in frame.find_all("objectlist") for o in group.find_all("object")]
-        ids: list[int] = []
-        for item in objects:
-            ids.append(item.integer("id"))
-            if ids[-1] in ids[:-1]:
-                raise ValueError(f"{path}:line {item.line}: field object.id {ids[-1]} occurs twice in frame {number}")
-        boxes = np.array([_box(item.find("box")) for item in objects]).reshape(-1, 4)
-        out[number] = np.array(ids, dtype=np.int64), boxes
+        if not 0 <= number <= MAX_FRAME:
+            raise ValueError(f"{path}:line {frame.line}: field frame.number {number} is {'below 0' if number < 0 else f'above {MAX_FRAME}'}")
+        boxes: dict[int, list[float]] = {}
+        for item in (o for group in frame.find_all("objectlist") for o in group.find_all("object")):
+            person, box = item.integer("id"), _box(item.find("box"))
+            repeated += person in boxes
+            if boxes.setdefault(person, box) != box:
+                raise ValueError(f"{path}:line {item.line}: field object.id {person} occurs twice in frame {number}, with two boxes")
+        one = np.array(list(boxes), dtype=np.int64), np.array(list(boxes.values())).reshape(-1, 4)
+        repeated += number in out
+        if not all(map(np.array_equal, out.setdefault(number, one), one)):
+            raise ValueError(f"{path}:line {frame.line}: field frame.number {number} occurs twice, with other boxes")
+    say_repeated(path, repeated, "element")
     return dict(sorted(out.items()))
 
 
@@ -241,7 +246,7 @@ def read_site(folder: Path) -> Site:
             raise
         raise ValueError(f"{path}: needs rate, area and terrain in JSON ({shown(str(error))})") from None
     if not MIN_RATE <= rate <= MAX_RATE:
-        raise ValueError(f"{path}: rate is {rate}, needs {MIN_RATE:g} to {MAX_RATE:g}")
+        raise ValueError(f"{path}: rate is {rate}, needs more than 0 and at most {MAX_RATE:g}, and at least {MIN_RATE:g}")
     if area.shape != (2, 2) or not np.isfinite(area).all() or not (area[0] < area[1]).all():
         raise ValueError(f"{path}: area is {str(content['area'])[:80]}, needs two corners x, y m, the lowest first")
     pillars = _pillars(path, content.get("pillars", []))

@@ -10,33 +10,46 @@ import numpy as np
 
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.io.atomic import write_text
+from tracker.io.mended import say
 from tracker.io.text_files import parse_number, read_lines
+from tracker.io.time_order import LARGEST_STEP_BACK, first_large_step_back, time_order
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
 def read_tum(path: str | os.PathLike[str]) -> tuple[Array, list[Pose]]:
-    """Read times (n,) s, strictly ascending, and n poses. Raises ValueError with file and line."""
-    times: list[float] = []
-    poses: list[Pose] = []
+    """Read times (n,) s, strictly ascending, and n poses.
+
+    Rows a little out of order are sorted and repeated rows merged, as in tracker/io/time_order.py; their numbers are logged.
+    Raises ValueError with file and line for an invalid row, a large step back, and two poses of one time.
+    """
+    lines: list[int] = []
+    rows: list[Array] = []
     for number, line in read_lines(path):
         content = line.partition("#")[0].split()
         if content:
-            time, pose = _pose(content, f"{path}:line {number}")
-            if times and not time > times[-1]:
-                raise ValueError(f"{path}:line {number}: timestamp is {time}, needs more than {times[-1]}, the one before")
-            times.append(time)
-            poses.append(pose)
-    return np.array(times), poses
+            rows.append(_row(content, f"{path}:line {number}"))
+            lines.append(number)
+    table = np.array(rows).reshape(-1, len(COLUMNS))
+    if fault := first_large_step_back(table[:, 0]):
+        k, before = fault
+        steps = f"timestamp is {table[k, 0]} after {table[before, 0]} in line {lines[before]}"
+        raise ValueError(f"{path}:line {lines[k]}: {steps}, needs steps back of less than {LARGEST_STEP_BACK} s")
+    order = time_order(table)
+    table = table[order.rows]
+    for k in (np.flatnonzero(np.diff(table[:, 0]) <= 0) + 1)[:1]:
+        raise ValueError(f"{path}:line {lines[order.rows[k]]}: timestamp is {table[k, 0]} for a second time, with another pose")
+    say(order.note(str(path)))
+    return table[:, 0], [Pose(rotation_from_quaternion(row[[7, 4, 5, 6]]), row[1:4]) for row in table]
 
 
-def _pose(parts: list[str], where: str) -> tuple[float, Pose]:
+def _row(parts: list[str], where: str) -> Array:
     if len(parts) != len(COLUMNS):
         raise ValueError(f"{where}: {len(parts)} values, needs {len(COLUMNS)}")
     values = np.array([parse_number(part, f"{where}: {name}") for name, part in zip(COLUMNS, parts, strict=True)])
     if not abs(np.linalg.norm(values[4:]) - 1) < 1e-3:
         raise ValueError(f"{where}: the quaternion has length {np.linalg.norm(values[4:]):.6g}, needs 1")
-    return float(values[0]), Pose(rotation_from_quaternion(values[[7, 4, 5, 6]]), values[1:4])
+    return values
 
 
 def write_tum(path: str | os.PathLike[str], times: Sequence[float] | Array, poses: Sequence[Pose]) -> None:

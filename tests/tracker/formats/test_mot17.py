@@ -51,7 +51,7 @@ def test_rows_are_written_by_frame_then_id(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("1,2,3,4,5,6,1,1", "line 1: 8 values, needs 9"),
-        ("1,2,3,4,5,6,1,1,1\n1,2,3,4,5,6,1,1,1", "line 2: frame 1 holds id 2 twice"),
+        ("1,2,3,4,5,6,1,1,1\n1,2,3,4,5,7,1,1,1", "line 2: frame 1 holds id 2 twice"),
         ("0,2,3,4,5,6,1,1,1", "line 1: frame is 0, needs at least 1"),
         ("1,9007199254740993,3,4,5,6,1,1,1", "line 1: id is 9007199254740993, needs a whole number below"),
         ("1,2.5,3,4,5,6,1,1,1", "line 1: id is 2.5, needs a whole number"),

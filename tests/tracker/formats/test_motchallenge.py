@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from tracker.formats.motchallenge import Mot15Rows, read_mot15, rows_from_tracks, write_mot15
+from tracker.formats.motchallenge import Mot15Rows, place_of_row, read_mot15, rows_from_tracks, write_mot15
 
 GOOD = "1,3,10.5,20,30,40,1,1.5,-2.5,0\n"
 
@@ -68,7 +68,7 @@ def test_an_empty_file_has_no_rows(tmp_path: Path) -> None:
 
 
 def test_whole_numbers_as_floats_and_byte_order_marks_are_read(tmp_path: Path) -> None:
-    (tmp_path / "t.txt").write_bytes(b"\xef\xbb\xbf1.0, -1, 1e1,20,30,40,1,-1,-1,-1\r\n1,-1,10,20,30,40,1,-1,-1,-1\r\n")
+    (tmp_path / "t.txt").write_bytes(b"\xef\xbb\xbf1.0, -1, 1e1,20,30,40,1,-1,-1,-1\r\n1,-1,10,20,30,40,0.5,-1,-1,-1\r\n")
     rows = read_mot15(tmp_path / "t.txt")
     assert_array_equal(rows.id, [-1, -1])
     assert_array_equal(rows.box[0], rows.box[1])
@@ -131,3 +131,20 @@ def test_real_files_are_read(data: Any) -> None:
     assert lengths == {"gt.txt": 4650, "det.txt": 4359, "cem_result.txt": 4477}
     truth = read_mot15(folder / "gt.txt")
     assert (truth.frame.min(), truth.frame.max(), len(np.unique(truth.id)), int((truth.confidence == 0).sum())) == (1, 795, 19, 174)
+
+
+def test_rows_that_stand_twice_are_merged_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "t.txt"
+    path.write_text(
+        "2,-1,1,2,3,4,0.9,-1,-1,-1\n1,7,1,2,3,4,1,-1,-1,-1\n2,-1,1.0,2,3,4,0.90,-1,-1,-1\n\n1,7,1,2,3,4,1,-1,-1,-1\n1,8,1,2,3,4,1,-1,-1,-1\n"
+    )
+    rows = read_mot15(path)
+    assert_array_equal(rows.id, [-1, 7, 8])
+    assert caplog.messages == [f"{path}: 2 repeated rows merged"]
+    assert place_of_row(path, 2) == f"{path}:line 6"
+    # Two rows that differ in anything are two detections, or an error where they share an id.
+    path.write_text("2,-1,1,2,3,4,0.9,-1,-1,-1\n2,-1,1,2,3,4,0.8,-1,-1,-1\n")
+    assert len(read_mot15(path)) == 2
+    path.write_text("2,1,1,2,3,4,0.9,-1,-1,-1\n2,1,1,2,3,4,0.8,-1,-1,-1\n")
+    with pytest.raises(ValueError, match="line 2: frame 2 holds id 1 twice"):
+        read_mot15(path)

@@ -40,7 +40,8 @@ def test_the_quaternion_is_xyzw(tmp_path: Path) -> None:
         ("1 2 3 4 0 0 0 one", "qw is 'one', needs a number"),
         ("1 2 nan 4 0 0 0 1", "ty is nan, needs a finite number"),
         ("1 2 3 4 0 0 0 0", "length 0, needs 1"),
-        ("0 2 3 4 0 0 0 1", "timestamp is 0.0, needs more than 0.0"),
+        ("-1 2 3 4 0 0 0 1", "timestamp is -1.0 after 0.0 in line 1, needs steps back of less than 0.5 s"),
+        ("0 2 3 4 0 0 0 1", "timestamp is 0.0 for a second time, with another pose"),
     ],
 )
 def test_errors_name_file_and_line(tmp_path: Path, line: str, text: str) -> None:
@@ -57,3 +58,12 @@ def test_lengths_and_encoding_are_checked(tmp_path: Path) -> None:
     (tmp_path / "t.tum").write_bytes(b"\xff\xfe")
     with pytest.raises(ValueError, match="not UTF-8"):
         read_tum(tmp_path / "t.tum")
+
+
+def test_rows_a_little_out_of_order_are_sorted_and_repeated_rows_merged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "t.tum"
+    path.write_text("".join(f"{t} {x} 0 0 0 0 0 1\n" for t, x in ((0, 0), (0.2, 2), (0.1, 1), (0.3, 3), (0.3, 3))))
+    times, poses = read_tum(path)
+    assert_array_equal(times, [0, 0.1, 0.2, 0.3])
+    assert_array_equal([pose.translation[0] for pose in poses], [0, 1, 2, 3])
+    assert caplog.messages == [f"{path}: 1 row out of order by up to 0.10 s sorted, 1 repeated row merged"]

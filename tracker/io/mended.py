@@ -1,0 +1,21 @@
+"""Faults of input files that a reader mends are counted and logged, one line a file; a program without a log of its own writes them to stderr."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+
+LOG = logging.getLogger("tracker.mended")
+
+
+def say_repeated(path: str | os.PathLike[str], count: int, noun: str = "row") -> None:
+    """Log that `count` repeated rows of a file were merged; nothing where it is 0."""
+    if count:
+        LOG.warning("%s: %d repeated %s%s merged", Path(path), count, noun, "" if count == 1 else "s")
+
+
+def say(note: str) -> None:
+    """Log a line on a file; nothing where it is empty."""
+    if note:
+        LOG.warning("%s", note)
