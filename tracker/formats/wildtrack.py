@@ -20,6 +20,7 @@ from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
 from tracker.geometry.lens_conversion import opencv_intrinsics
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
+from tracker.io.xml_files import parse
 
 CELL = 0.025
 """m: cell size in both datasets."""
@@ -184,35 +185,37 @@ def read_calibration(folder: Path, name: str, intrinsics: str = "intrinsic", uni
 
 
 def _stored(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[Array]:
-    """The matrices of a file by name and shape; vectors may be rows, columns, or plain numbers, as WILDTRACK has them."""
+    """The matrices of a file by name and shape; vectors may be rows, columns, or plain numbers, as WILDTRACK has them.
+
+    OpenCV's own reader is not used, since damaged files can make it write beyond its memory.
+    """
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        found = {name: _values(storage.getNode(name)) for name in shapes}
-        storage.release()
-    except (cv2.error, SystemError):  # the constructor of OpenCV raises either
-        raise ValueError(f"{path}: is not a file of OpenCV's FileStorage") from None
-    out = []
+    storage, out = parse(path, "opencv_storage"), []
     for name, shape in shapes.items():
-        values = found[name]
-        if values is None:
-            raise ValueError(f"{path}: has no matrix {name}")
-        if values.size != np.prod(shape) or (len(shape) == 2 and values.shape != shape):
-            raise ValueError(f"{path}: {name} has shape {values.shape}, needs {' x '.join(map(str, shape))} numbers")
-        if not np.isfinite(values).all():
-            raise ValueError(f"{path}: {name} is {values.ravel().tolist()}, needs finite numbers")
+        element = storage.find(name)
+        where = f"{path}:line {element.line}: {name}"
+        found = {child.tag: child.content for child in element.children}
+        values = _numbers(found.get("data", "") if found else element.content, where)
+        rows, columns = (_numbers(found.get(tag, ""), f"{where}.{tag}").tolist() for tag in ("rows", "cols")) if found else ([values.size], [1])
+        if not (len(rows) == len(columns) == 1 and rows[0] * columns[0] == values.size):
+            raise ValueError(f"{where} has {values.size} numbers, needs rows x cols of them")
+        there = tuple(int(n) for n in (rows[0], columns[0]))
+        if values.size != np.prod(shape) or (len(shape) == 2 and there != shape):
+            raise ValueError(f"{where} has shape {there}, needs {' x '.join(map(str, shape))} numbers")
         out.append(values.reshape(shape))
     return out
 
 
-def _values(node: cv2.FileNode) -> Array | None:
-    """A matrix or a list of numbers; None for anything else."""
-    if node.isSeq():
-        items = [node.at(k) for k in range(node.size())]
-        return np.array([item.real() for item in items]) if all(item.isReal() or item.isInt() for item in items) else None
-    matrix = node.mat()
-    return None if matrix is None else np.asarray(matrix, dtype=np.float64)
+def _numbers(text: str, where: str) -> Array:
+    """Numbers between blanks. Raises ValueError for anything else, and for numbers that are not finite."""
+    try:
+        values = np.array([float(word) for word in text.split()], dtype=np.float64)
+    except ValueError as error:
+        raise ValueError(f"{where}: {str(error)[:80]}, needs numbers") from None
+    if not (np.abs(values) <= LARGEST).all():
+        raise ValueError(f"{where} is {values.tolist()[:12]}, needs finite numbers")
+    return values
 
 
 def write_config(path: Path, grid: GroundGrid, cameras: int, frames: int, size: tuple[int, int], rate: float | None = None) -> None:

@@ -23,7 +23,7 @@ LARGEST_INTEGER = 2**53
 
 @dataclass
 class Element:
-    """One XML element: its tag, attributes, children, the line where it begins, and the path of its file.
+    """One XML element: its tag, attributes, children, the line where it begins, the path of its file, and the text between its tags.
 
     All methods raise ValueError with file, line and field for what is missing or malformed.
     """
@@ -33,6 +33,7 @@ class Element:
     line: int
     where: str
     children: list[Element] = field(default_factory=list)
+    content: str = ""
 
     def find(self, tag: str) -> Element:
         """The first child with this tag."""
@@ -79,6 +80,7 @@ class _Tree(ContentHandler):
         super().__init__()
         self.top = Element("", {}, 1, where)
         self._open = [self.top]
+        self._texts: list[list[str]] = [[]]
         self._parser = parser
 
     def startElement(self, name: str, attrs: AttributesImpl) -> None:
@@ -87,9 +89,13 @@ class _Tree(ContentHandler):
             raise ValueError(f"{element.where}:line {element.line}: field {name} is nested deeper than {MAX_DEPTH}")
         self._open[-1].children.append(element)
         self._open.append(element)
+        self._texts.append([])
+
+    def characters(self, content: str) -> None:
+        self._texts[-1].append(content)
 
     def endElement(self, name: str) -> None:
-        self._open.pop()
+        self._open.pop().content = "".join(self._texts.pop())
 
 
 def parse(path: str | os.PathLike[str], root: str) -> Element:

@@ -200,7 +200,7 @@ def test_a_missing_frame_keeps_the_numbers_of_the_others(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        (np.eye(3)[:2], r"intr_Camera1\.xml: camera_matrix has shape \(2, 3\), needs 3 x 3 numbers"),
+        (np.eye(3)[:2], r"intr_Camera1\.xml:line 3: camera_matrix has shape \(2, 3\), needs 3 x 3 numbers"),
         (np.diag([-1000.0, 1000, 1]), r"intr_Camera1\.xml: camera_matrix is .*, needs \[\[fx, 0, cx\], \[0, fy, cy\], \[0, 0, 1\]\]"),
     ],
 )

@@ -121,10 +121,14 @@ def test_invalid_files_and_ids_are_refused(tmp_path: Path) -> None:
     calibrated, _ = OpenCvCamera.of(pinhole(320, 240, 1.1), Pose.identity())
     write_calibration(tmp_path, "Camera1", calibrated)
     (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text('<?xml version="1.0"?>\n<opencv_storage>\n<rvec>3</rvec></opencv_storage>\n')
-    with pytest.raises(ValueError, match=r"extr_Camera1\.xml: "):
+    with pytest.raises(ValueError, match=r"extr_Camera1\.xml:line 3: rvec has shape \(1, 1\), needs 3 numbers"):
+        read_calibration(tmp_path, "Camera1")
+    text = '<?xml version="1.0"?>\n<opencv_storage>\n<rvec>0 0 up</rvec></opencv_storage>\n'
+    (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text(text)
+    with pytest.raises(ValueError, match=r"extr_Camera1\.xml:line 3: rvec: could not convert string to float: 'up', needs numbers"):
         read_calibration(tmp_path, "Camera1")
     (tmp_path / "extrinsic" / "extr_Camera1.xml").write_text("nothing")
-    with pytest.raises(ValueError, match=r"extr_Camera1\.xml: "):
+    with pytest.raises(ValueError, match=r"extr_Camera1\.xml: is not XML"):
         read_calibration(tmp_path, "Camera1")
     (tmp_path / "config.json").write_text('{"grid_shape": [0, 4], "origin": [0, 0], "grid_cell": 0.1}')
     with pytest.raises(ValueError, match=r"config.json: region is 4 x 0 cells"):

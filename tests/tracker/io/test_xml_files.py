@@ -53,3 +53,10 @@ def test_refusals_name_file_and_line(tmp_path: Path, text: str, message: str) ->
     with pytest.raises(ValueError, match=r"is not XML|refused") as error:
         parse(path, "a")
     assert str(error.value) in (f"{path}: {message}", f"{path}:{message}")
+
+
+def test_elements_have_the_text_between_their_tags(tmp_path: Path) -> None:
+    top = parse(written(tmp_path, "<a>\n one <b>two<c>three</c> four</b>\n<d/>five</a>"), "a")
+    assert top.content.split() == ["one", "five"]
+    assert [(child.tag, child.content) for child in top.children] == [("b", "two four"), ("d", "")]
+    assert top.find("b").find("c").content == "three"
