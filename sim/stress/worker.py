@@ -65,7 +65,9 @@ class Worker:
 
     def _start(self) -> subprocess.Popen[bytes]:
         environment = os.environ | dict.fromkeys(ONE_THREAD, "1")
-        self._child = subprocess.Popen([sys.executable, "-m", "sim.stress.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+        command = [sys.executable, "-m", "sim.stress.worker"]
+        # Ctrl-C in a terminal reaches this process alone, which then ends the child.
+        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, start_new_session=True)
         return self._child
 
 
