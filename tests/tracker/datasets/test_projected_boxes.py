@@ -10,7 +10,7 @@ from tracker.datasets.projected_boxes import BoxNoise, body_boxes, projected_box
 from tracker.geometry import Array, Pose
 from tracker.geometry.camera_protocol import Camera
 from tracker.geometry.cameras import Cylinder, Fisheye, Panorama, Pinhole, pinhole
-from tracker.recordings import Recording, RecordingCamera
+from tracker.recordings import Recording, RecordingCamera, RecordingRobot
 
 LOOKING_DOWN = Pose(Pose.exp([0, 0, 0, 0, 0.3, 0]).rotation, np.array([0.0, 0.0, 2.5]))
 """A camera 2.5 m above the ground that looks along x and 0.3 rad down."""
@@ -100,6 +100,18 @@ def test_a_camera_has_the_same_boxes_beside_others_and_alone() -> None:
     both, alone = projected_boxes(crowd(), noise), projected_boxes(crowd().choose(["B"]), noise)
     for frame, (boxes, _) in alone.detections["B"].items():
         assert_array_equal(both.detections["B"][frame][0], boxes)
+
+
+def test_a_camera_on_a_robot_moves_with_its_true_pose() -> None:
+    feet = np.array([[8.0, 1.0, 0.0]])
+    truth = {k: (np.array([1]), feet) for k in range(3)}
+    poses = {0: Pose.planar(0.0, 0.0, 0.0), 2: Pose.planar(3.0, 0.5, 0.2)}
+    on_robot = RecordingCamera(CAMERAS["pinhole"], LOOKING_DOWN, "r0")
+    found = projected_boxes(Recording(2.0, {"A": on_robot}, truth=truth, robots={"r0": RecordingRobot(None, truth=poses)})).detections["A"]
+    for frame, pose in poses.items():
+        assert_allclose(found[frame][0], body_boxes(CAMERAS["pinhole"], pose @ LOOKING_DOWN, feet))
+    assert found[2][0][0, 3] > 1.3 * found[0][0][0, 3]
+    assert len(found[1][0]) == 0
 
 
 def test_bounds_and_missing_truth() -> None:
