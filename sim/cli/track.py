@@ -184,7 +184,7 @@ class Track:
         asked = {"mode": self.robots.slam, "iterations": self.robots.iterations, "correction": self.robots.correction == "on"}
         parameters = PlanarParameters(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
         paths = track_utias(self.source, self.out, self.map == "known", parameters)
-        counted = ", ".join(f"{count} {reason}" for reason, count in paths.run["counters"].items() if count)
+        counted = ", ".join(f"{count} {reason}" for reason, count in paths.run["counters"].items() if count) or "no measurements"
         for mended in paths.run["mended"]:
             print(mended)
         print(f"{self.out}: {len(paths.poses)} robots at {len(paths.times)} times ({counted}); `pilsim score {self.source} {self.out}` scores it")

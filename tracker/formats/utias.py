@@ -22,13 +22,15 @@ from pathlib import Path
 import numpy as np
 
 from tracker.geometry import Array, Ints
-from tracker.io.time_order import LARGEST_STEP_BACK, first_large_step_back, time_order
+from tracker.io.time_order import LARGEST_STEP_BACK, counted, first_large_step_back, time_order
 
 ROBOTS = range(1, 6)
 SWAPPED = {11: (3.15071999, 2.38294871), 17: (0.03596156, -2.84396626)}
 """The swapped landmarks of set 1 and their positions in its table, m."""
 MIN_RANGE = 0.05
 """m: measurements of a smaller range are rejected."""
+LONG_GAP = 60.0
+"""s: in UTIAS sets the longest gap of the odometry is 2 s; a longer one than this is an interrupted log or a wrong clock."""
 MAX_TIME = 1e11
 """s: the year 5138 as a Unix time. Larger times are milliseconds or microseconds."""
 MAX_VALUE = 1e6
@@ -102,6 +104,13 @@ def _robot(path: Path, number: int, subject_of: dict[int, int], subjects: set[in
     if len(twice):
         k = int(twice[0]) + 1
         raise ValueError(f"{tables['Groundtruth'].where(k)}: time is {truth[k, 0]:.3f} for a second time with another pose, needs one pose a time")
+    early = truth[:, 0] < odometry[0, 0] - LONG_GAP
+    if early.any() and not early.all():
+        # A robot starts at its first true pose, and nothing is known of its motion so long before its odometry.
+        repairs.append(
+            f"{tables['Groundtruth'].path.name}: {counted(int(early.sum()), 'row')} more than {LONG_GAP:.0f} s before the odometry left out"
+        )
+        truth = truth[~early]
     subject = np.array([subject_of.get(code, -1) for code in raw[:, 1].tolist()], dtype=np.int64)
     reasons = np.full(len(raw), "", dtype="U24")
     reasons[raw[:, 2] < MIN_RANGE] = "range not above zero"
@@ -145,7 +154,7 @@ class _Table:
         first = np.sort(np.unique(self.values, axis=0, return_index=True)[1]) if len(self.values) else self.row
         repeated = len(self.values) - len(first)
         self.values, self.row = self.values[first], self.row[first]
-        return f"{self.path.name}: {repeated} repeated row{'' if repeated == 1 else 's'} merged" if repeated else ""
+        return f"{self.path.name}: {counted(repeated, 'repeated row')} merged" if repeated else ""
 
     def whole_numbers(self, columns: tuple[int, ...], unique: int) -> list[tuple[int, ...]]:
         """The `columns` of each row as whole numbers. Raises ValueError for others, and for two rows with the same number in column `unique`."""

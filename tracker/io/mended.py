@@ -6,13 +6,15 @@ import logging
 import os
 from pathlib import Path
 
+from tracker.io.time_order import counted
+
 LOG = logging.getLogger("tracker.mended")
 
 
 def say_repeated(path: str | os.PathLike[str], count: int, noun: str = "row") -> None:
     """Log that `count` repeated rows of a file were merged; nothing where it is 0."""
     if count:
-        LOG.warning("%s: %d repeated %s%s merged", Path(path), count, noun, "" if count == 1 else "s")
+        LOG.warning("%s: %s merged", Path(path), counted(count, f"repeated {noun}"))
 
 
 def say(note: str) -> None:

@@ -27,8 +27,8 @@ class TimeOrder:
 
     def note(self, name: str) -> str:
         """One line on what was sorted and merged in the file `name`; empty where nothing was."""
-        parts = [f"{_count(self.late, 'row')} out of order by up to {self.step_back:.2f} s sorted"] if self.late else []
-        parts += [f"{_count(self.repeated, 'repeated row')} merged"] if self.repeated else []
+        parts = [f"{counted(self.late, 'row')} out of order by up to {self.step_back:.2f} s sorted"] if self.late else []
+        parts += [f"{counted(self.repeated, 'repeated row')} merged"] if self.repeated else []
         return f"{name}: {', '.join(parts)}" if parts else ""
 
 
@@ -60,5 +60,6 @@ def first_large_step_back(times: Array) -> tuple[int, int] | None:
     return k, int(np.argmax(times[:k]))
 
 
-def _count(number: int, noun: str) -> str:
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, in the plural where it is not 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.formats.utias import UtiasDataset, UtiasRobot
+from tracker.formats.utias import LONG_GAP, UtiasDataset, UtiasRobot
 from tracker.geometry import Array
 from tracker.planar_slam.filter import EVENT, MODES, OUTPUT, ROBOT, SCAN, STEP, EventSchedule, FilterSettings, PlanarState, run_events
-from tracker.planar_slam.motion_model import LONG_GAP, Sensors, integrate, sighting_sigma, step_noise
+from tracker.planar_slam.motion_model import Sensors, integrate, sighting_sigma, step_noise
 
 GRID = 0.02  # s between output times
 MAX_SECONDS = 6 * 3600.0
@@ -114,8 +114,11 @@ def filter_input(team: UtiasDataset, sensors: Sensors, known_map: bool, correcti
     """Schedule and initial state for a data set. Each robot starts at its first true pose; with a known map the landmarks are given.
 
     There are no output times in gaps of more than LONG_GAP without odometry of any robot.
-    Raises ValueError if the odometry ends before the last start, has only gaps, or covers more than MAX_SECONDS.
+    Raises ValueError if the odometry ends before the last start, has only gaps, or covers more than MAX_SECONDS, and for a known map without
+    landmarks.
     """
+    if known_map and not team.landmarks:
+        raise ValueError("the set has no landmarks, which a known map needs")
     robots, subjects = tuple(team.robots), tuple(team.landmarks)
     begin = np.array([robot.truth[0, 0] for robot in team.robots.values()])
     first = max(begin.max(), min(robot.odometry[0, 0] for robot in team.robots.values()))

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from tracker.formats.utias import LONG_GAP
 from tracker.geometry import Array
 
 FINE = 0.01  # s: commands are sampled on this grid before they are delayed
-LONG_GAP = 60.0
-"""s: gaps between commands that are not sampled. In UTIAS sets the longest is 2 s; a longer one than this is an interrupted log or a wrong clock."""
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.formats.utias import UtiasDataset, UtiasRobot
-from tracker.geometry import Array, rotation_onto
+from tracker.geometry import Array, Ints, rotation_onto
 from tracker.io.atomic import new_folder
-from tracker.io.csv_tables import read_table
+from tracker.io.csv_tables import read_numbered_table
 from tracker.io.json_files import read_json
 from tracker.io.resume import program_version
 
@@ -62,13 +62,19 @@ def read_trajectories(folder: Path) -> PlanarTrajectories:
     run = read_json(folder / "run.json")
     if not isinstance(run, dict) or run.get("schema") != SCHEMA or run.get("kind") != "planar":
         raise ValueError(f"{folder / 'run.json'}: not a run in the plane of version {SCHEMA}")
-    rows, places = _table(folder / "robots.csv", ROBOTS), _table(folder / "map.csv", MAP)
+    (lines, rows), (_, places) = _table(folder / "robots.csv", ROBOTS, "robot"), _table(folder / "map.csv", MAP, "subject")
     robots = [int(n) for n in np.unique(rows[:, 1])]
     parts = {n: rows[rows[:, 1] == n] for n in robots}
     times = parts[robots[0]][:, 0] if robots else np.zeros(0)
     for n, part in parts.items():
-        if not np.array_equal(part[:, 0], times) or not (np.diff(times) > 0).all():
-            raise ValueError(f"{folder / 'robots.csv'}: robot {n} has other times than robot {robots[0]}, or times that do not ascend")
+        same = min(len(part), len(times))
+        wrong = (part[:same, 0] != times[:same]) | (np.diff(times[:same], prepend=-np.inf) <= 0)
+        if wrong.any() or len(part) != len(times):
+            k = int(np.argmax(wrong)) if wrong.any() else same - 1
+            fault = (
+                f"robot {n} has time {part[k, 0]:.3f}" if wrong.any() else f"robot {n} has {len(part)} times, and robot {robots[0]} has {len(times)}"
+            )
+            raise ValueError(f"{folder / 'robots.csv'}:{lines[rows[:, 1] == n][k]}: {fault}, needs ascending times that all robots have")
     covariances = {}
     for n, part in parts.items():
         P = np.zeros((len(times), 3, 3))
@@ -77,10 +83,16 @@ def read_trajectories(folder: Path) -> PlanarTrajectories:
     return PlanarTrajectories(times, {n: part[:, 2:5] for n, part in parts.items()}, covariances, {int(p[0]): p[1:] for p in places}, run)
 
 
-def _table(path: Path, header: str) -> Array:
-    """The rows (n, columns) of a table of finite numbers under `header`. Raises ValueError with file and line."""
-    table = read_table(path, dict.fromkeys(header.split(","), float))
-    return np.column_stack(list(table.values())).astype(np.float64)
+def _table(path: Path, header: str, number: str) -> tuple[Ints, Array]:
+    """Lines (n,) and rows (n, columns) of a table of finite numbers under `header`, those in column `number` whole and below 2^31.
+
+    Raises ValueError with file and line.
+    """
+    lines, table = read_numbered_table(path, dict.fromkeys(header.split(","), float))
+    values = table[number].astype(np.float64)
+    for k in np.flatnonzero((values != np.round(values)) | (np.abs(values) >= 1 << 31))[:1]:
+        raise ValueError(f"{path}:{lines[k]}: {number} is {values[k]:g}, needs a whole number below 2^31")
+    return np.array(lines, dtype=np.int64), np.column_stack(list(table.values())).astype(np.float64)
 
 
 def true_poses(robot: UtiasRobot, times: Array) -> tuple[Array, NDArray[np.bool_]]:

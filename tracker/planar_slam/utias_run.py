@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.utias import read_utias
+from tracker.formats.utias import UtiasDataset, read_utias
 from tracker.geometry import Array
 from tracker.io.atomic import write_or_rescue
 from tracker.io.file_lock import folder_lock
@@ -46,9 +46,9 @@ def _same_run(folder: Path, run: dict[str, Any]) -> PlanarTrajectories | None:
 
 def _new_run(source: Path, folder: Path, run: dict[str, Any], parameters: PlanarParameters) -> PlanarTrajectories:
     """Track the data set and write the trajectories into a folder without content."""
-    sensors, known_map = Sensors(), run["map"] == "known"
+    known_map = run["map"] == "known"
     team = read_utias(source)
-    out = filter_input(team, sensors, known_map, parameters.correction)
+    out = _filter_input(source, team, known_map, parameters.correction)
     path, spread = run_filter(out.state, parameters.settings(), out.schedule)
     counters = {"matched": MATCHED, "outlier": OUTLIER, "reopened": INFLATED, "landmark started": STARTED}
     counted = {name: int(out.state.counts[k]) for name, k in counters.items()} | out.unused
@@ -65,12 +65,20 @@ def evaluate_trajectories(source: Path, folder: Path) -> dict[str, Any]:
     paths, team = read_trajectories(folder), read_utias(source)
     if paths.run.get("provenance") != _checksums(source):
         raise ValueError("these results were made from another source, or from other files of it")
-    out = filter_input(team, Sensors(), False, False)
+    out = _filter_input(source, team, False, False)
     without_scans = out.schedule.kind != SCAN
     schedule = out.schedule._replace(**{name: getattr(out.schedule, name)[without_scans] for name in ("kind", "robot", "item", "time")})
     path, spread = run_filter(out.state, PlanarParameters().settings(), schedule)
     alone = score_trajectories(team, _paths(out, path, spread, {}))
     return {"targets": None, "everybody": None, "robots": score_trajectories(team, paths), "dead_reckoning": {"ate_m": alone["ate_m"]}}
+
+
+def _filter_input(source: Path, team: UtiasDataset, known_map: bool, correction: bool) -> FilterInput:
+    """As filter_input, with the path in errors."""
+    try:
+        return filter_input(team, Sensors(), known_map, correction)
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
 
 
 def _paths(out: FilterInput, path: Array, spread: Array, run: dict[str, Any]) -> PlanarTrajectories:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -87,5 +88,24 @@ def test_a_robot_without_a_trajectory_is_an_error() -> None:
 def test_bad_files_are_named(tmp_path: Path, name: str, text: str, message: str) -> None:
     write_trajectories(tmp_path / "r", paths())
     (tmp_path / "r" / name).write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_trajectories(tmp_path / "r")
+
+
+@pytest.mark.parametrize(
+    ("line", "change", "message"),
+    [
+        (5, lambda row: row.replace(row.split(",")[2], "oops", 1), "robots.csv:5: tx is 'oops', needs a number"),
+        (5, lambda row: "-9" + row[row.index(",") :], "robots.csv:5: robot 1 has time -9.000, needs ascending times that all robots have"),
+        (105, lambda row: "-9" + row[row.index(",") :], "robots.csv:105: robot 2 has time -9.000, needs ascending times that all robots have"),
+        (201, lambda row: "", "robots.csv:200: robot 2 has 99 times, and robot 1 has 100, needs ascending times that all robots have"),
+        (4, lambda row: row.replace(",1,", ",1.5,", 1), "robots.csv:4: robot is 1.5, needs a whole number"),
+    ],
+)
+def test_bad_rows_are_named(tmp_path: Path, line: int, change: Callable[[str], str], message: str) -> None:
+    write_trajectories(tmp_path / "r", paths())
+    lines = (tmp_path / "r" / "robots.csv").read_text().splitlines()
+    lines[line - 1] = change(lines[line - 1])
+    (tmp_path / "r" / "robots.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(ValueError, match=message):
         read_trajectories(tmp_path / "r")

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.tracker.formats.mrclam import write_set
@@ -66,3 +67,17 @@ def test_a_folder_that_holds_something_else(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"holds mine\.txt and no run\.json"):
         track_utias(source, out, False)
     assert (out / "mine.txt").read_text() == "dear"
+
+
+def test_sets_without_landmarks_or_with_early_truth(tmp_path: Path) -> None:
+    source = write_set(tmp_path / "s")
+    path = source / "Robot1_Groundtruth.dat"
+    path.write_text("5 1 1 0\n" + path.read_text())
+    early = track_utias(source, tmp_path / "early", False)
+    assert early.run["mended"] == ["Robot1_Groundtruth.dat: 1 row more than 60 s before the odometry left out"]
+    clean = track_utias(write_set(tmp_path / "clean"), tmp_path / "r", False)
+    np.testing.assert_array_equal(early.poses[1], clean.poses[1])
+    (source / "Landmark_Groundtruth.dat").write_text("")
+    assert len(track_utias(source, tmp_path / "none", False).landmarks) == 0
+    with pytest.raises(ValueError, match=f"{source}: the set has no landmarks, which a known map needs"):
+        track_utias(source, tmp_path / "known", True)
