@@ -89,7 +89,7 @@ class Case:
     """One value of one sweep: a Scenario, faults, and options of the tracker (TrackerUnderTest) as JSON values. `with_seed` sets the seed.
 
     policy: one of POLICIES in the sweep over policies, "" in all others. source: "" for a simulated run, "pets" for the PETS 2009 sequence in
-    `folder`, "twin" for its twin, "recording" for any other recording in `folder`, with its first `scenario.frames` frames.
+    `folder`, "twin" for its twin. "recording" stands for any other recording in `folder`, with its first `scenario.frames` frames.
     """
 
     id: str

@@ -75,34 +75,40 @@ def recording_of(sequence: RecordedSequence) -> Recording:
         odometry: dict[int, Odometry] = {frame: of_frame[robot] for frame, of_frame in enumerate(moved) if robot in of_frame}
         truth: dict[int, Pose] = {t.index: t.T_world_robot[robot] for t in sequence.truth}
         robots[robot] = RecordingRobot(setup.starts[robot], odometry, truth)
-    frames = len(sequence.truth)
+    images = {name: _images(sequence, name) for name in cameras}
+    detections = _detections(sequence, images)
     return Recording(
         sequence.rate,
         cameras,
-        {name: _boxes(sequence, name, frames) for name in cameras},
+        detections,
         {t.index: (t.person_id, t.feet) for t in sequence.truth},
-        frames=frames,
+        frames=len(sequence.truth),
         area=setup.area,
         ground=setup.ground,
         height=setup.height,
         occluders=setup.occluders,
         pillars=setup.pillars,
-        images={name: images for name in cameras if (images := _images(sequence, name, frames)).files},
+        images={name: of_camera for name, of_camera in images.items() if of_camera.files},
         robots=robots,
     )
 
 
-def _boxes(sequence: RecordedSequence, camera: str, frames: int) -> FrameBoxes:
-    found: dict[int, tuple[Array, Array]] = {}
-    shift = np.array([0.5 - sequence.cameras[camera].pixel_centre] * 2 + [0.0, 0.0])
-    for frame in range(frames):
-        boxes, confidence = sequence.detection_boxes(frame, camera)
-        if len(boxes):
-            # Boxes of an export count from the corner of the image, those of a recording from where the camera model does.
-            found[frame] = boxes - shift, confidence
-    return found
+def _detections(sequence: RecordedSequence, images: dict[str, ImageFiles]) -> dict[str, FrameBoxes]:
+    """Boxes of all cameras; each image is compared with its checksum on the way."""
+    found: dict[str, dict[int, tuple[Array, Array]]] = {name: {} for name in images}
+    # Boxes of an export count from the corner of the image, those of a recording from where the camera model does.
+    shift = {name: np.array([0.5 - sequence.cameras[name].pixel_centre] * 2 + [0.0, 0.0]) for name in images}
+    for frame in sequence.frames():
+        for name, files in images.items():
+            if frame in files.files:
+                sequence.image(frame, name, files.files[frame].suffix)
+            boxes, confidence = sequence.detection_boxes(frame, name)
+            if len(boxes):
+                found[name][frame] = boxes - shift[name], confidence
+    return dict(found)
 
 
-def _images(sequence: RecordedSequence, camera: str, frames: int) -> ImageFiles:
+def _images(sequence: RecordedSequence, camera: str) -> ImageFiles:
+    frames = len(sequence.truth)
     files = {frame: sequence.folder / "images" / camera / f"{frame:06d}" for frame in range(frames)}
     return ImageFiles({k: file.with_suffix(end) for k, file in files.items() for end in (JPEG, PNG) if file.with_suffix(end).is_file()})

@@ -1,13 +1,13 @@
 """The folder of a recording: recording.json, detections, optional truth, images, videos and robots; reader and writer.
 
-recording.json            rate, cameras, and optional: format, area, ground, height, frames
-detections/CAMERA.txt     MOT15: frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1
-truth.txt                 optional, MOT15: frame from 1, id, -1, -1, -1, -1, 1, x, y, z [m]
-video/CAMERA.mp4          optional: one image for each frame
-images/CAMERA/000001.jpg  optional, in place of the video; or .png; frames from 1
-robots.json               optional: robots that carry cameras, with their start poses
-odometry.csv              with robots: motion since the frame before, columns as in a sequence of pilsim, but frames from 1
-robot_truth.csv           optional, with robots: true poses, frames from 1
+* recording.json: rate and cameras; optional format, area, ground, height and frames.
+* detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
+* truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, 1, x, y, z [m].
+* video/CAMERA.mp4 (optional): one image for each frame.
+* images/CAMERA/000001.jpg or .png (optional, in place of the video): frames from 1.
+* robots.json (optional): robots that carry cameras, with their start poses.
+* odometry.csv (with robots): motion since the frame before; columns as in a sequence of pilsim, but frames from 1.
+* robot_truth.csv (optional, with robots): true poses, frames from 1.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.motchallenge import Mot15Rows, read_mot15, rows_from_tracks, write_mot15
+from tracker.formats.motchallenge import Mot15Rows, place_of_row, read_mot15, rows_from_tracks, write_mot15
 from tracker.formats.pets2009 import read_detections
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.ground import Flat, Ground
@@ -148,12 +148,13 @@ def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
         return recording
     rows = read_mot15(file, tracks=True)
     if not rows.has_position.all():
-        raise ValueError(f"{file}: row {int(np.argmin(rows.has_position)) + 1} has no x, y, z, needs the place on the ground in metres")
+        where = place_of_row(file, int(np.argmin(rows.has_position)))
+        raise ValueError(f"{where}: has no x, y, z, needs the place on the ground in metres")
     if strict:
         _check_truth(file, rows, recording)
     last = int(rows.frame.max()) if len(rows) else 0
     if last > MAX_FRAMES:
-        raise ValueError(f"{file}: frame is {last}, needs at most {MAX_FRAMES}")
+        raise ValueError(f"{place_of_row(file, int(np.argmax(rows.frame)))}: frame is {last}, needs at most {MAX_FRAMES}")
     counted = rows.confidence != 0
     truth: dict[int, tuple[Ints, Array]] = {frame: (np.zeros(0, dtype=np.int64), np.zeros((0, 3))) for frame in range(max(last, recording.frames))}
     for frame, of_frame in rows.by_frame().items():

@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tracker.detections.boxes import detections_from_boxes
+from tracker.formats.pets2009 import MAX_FRAME, MAX_RATE, MIN_RATE
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
 from tracker.geometry.ground import Flat, Ground
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
-from tracker.types import Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
+from tracker.types import Detections, Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
 
 FrameBoxes = Mapping[int, tuple[Array, Array]]
 """Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,). Frames without boxes may have no entry."""
-MAX_FRAMES = 1_000_000
-MAX_RATE = 1e4
-"""Frames per second."""
+MAX_FRAMES = MAX_FRAME
+"""Of a recording, which holds a value for each frame, also for those without data."""
+NOBODY = Detections.none()
 STATURE = (1.4, 2.3)
 """m: the default band of body heights, as in Setup."""
 
@@ -44,6 +45,20 @@ class RecordingCamera:
         """A camera whose extrinsics are those of OpenCV: x_camera = R x_world + t; x_camera right, down and ahead, metres."""
         rotation = np.asarray(R, dtype=np.float64)
         return RecordingCamera(camera, Pose(rotation.T @ OPTICAL_FROM_CAMERA, -rotation.T @ np.asarray(t, dtype=np.float64)), robot)
+
+    @staticmethod
+    def looking_at(camera: Camera, position: ArrayLike, target: ArrayLike) -> RecordingCamera:
+        """A fixed camera at `position` (3,) m that looks at `target` (3,) m, level from side to side.
+
+        Raises ValueError for a target straight above or below, which leaves the direction of up open.
+        """
+        eye = np.asarray(position, dtype=np.float64)
+        forward = np.asarray(target, dtype=np.float64) - eye
+        left = np.array([-forward[1], forward[0], 0.0])
+        if not np.linalg.norm(left) > 1e-9 * np.linalg.norm(forward):
+            raise ValueError(f"target is {np.asarray(target).tolist()}, needs a place that is not straight above or below the camera")
+        forward, left = forward / np.linalg.norm(forward), left / np.linalg.norm(left)
+        return RecordingCamera(camera, Pose(np.column_stack([forward, left, np.cross(forward, left)]), eye))
 
     @property
     def opencv_extrinsics(self) -> tuple[Array, Array]:
@@ -70,8 +85,7 @@ class Recording:
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
 
-    Raises ValueError for a rate or height out of bounds, a robot that is missing, detections of a camera that is not there, and for frames
-    out of bounds.
+    Raises ValueError for a rate, height or frames out of bounds, a robot that is missing, and for detections of a camera that is not there.
     """
 
     rate: float
@@ -89,8 +103,8 @@ class Recording:
     source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
 
     def __post_init__(self) -> None:
-        if not 0 < self.rate <= MAX_RATE:
-            raise ValueError(f"rate is {self.rate}, needs more than 0 and at most {MAX_RATE:g} frames/s")
+        if not MIN_RATE <= self.rate <= MAX_RATE:
+            raise ValueError(f"rate is {self.rate}, needs more than 0 and at most {MAX_RATE:g} frames/s, and at least {MIN_RATE:g}")
         if not self.cameras:
             raise ValueError("cameras is empty, needs at least one")
         if self.area is not None:
@@ -215,9 +229,9 @@ class Recording:
         for name, camera in self.cameras.items():
             if camera.robot is None and name not in self.detections:
                 continue  # an empty view would say that the camera sees nobody
-            boxes, confidence = self.detections.get(name, {}).get(index, (np.zeros((0, 4)), np.zeros(0)))
+            found = self.detections.get(name, {}).get(index)
             odometry = self.robots[camera.robot].odometry.get(index) if camera.robot is not None else None
-            views.append(View(name, detections_from_boxes(camera.camera, boxes, confidence), odometry=odometry))
+            views.append(View(name, NOBODY if found is None else detections_from_boxes(camera.camera, *found), odometry=odometry))
         return Tick(index, index / self.rate, tuple(views))
 
     def _truth(self) -> tuple[Truth, ...] | None:
