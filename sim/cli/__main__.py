@@ -1,6 +1,6 @@
 """`python -m sim.cli`: the command `pilsim` where no script is installed."""
 
-from sim.cli.main import main
+from pilsim import main
 
 if __name__ == "__main__":
     main()

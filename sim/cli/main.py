@@ -16,6 +16,7 @@ from typing import Annotated, Any, get_type_hints
 import tyro
 from tyro.conf import Positional, subcommand
 
+from pilsim import leave
 from sim.cli.check import Check
 from sim.cli.clique import Clique
 from sim.cli.compare import Compare
@@ -86,8 +87,7 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except KeyboardInterrupt:
-        print("interrupted: complete results are kept, the same command continues from there", file=sys.stderr)
-        sys.exit(130)
+        leave("interrupted: complete results are kept, the same command continues from there")
     except (ValueError, OSError, GLUnavailable) as error:
         print(f"error: {_message(error)}", file=sys.stderr)
         sys.exit(2)
