@@ -70,7 +70,7 @@ def explain_few_people(counters: Mapping[str, int], places: int, setup: Setup, i
     reasons = {
         NO_POSE: "are of robots that are not localized",
         ZERO_CONFIDENCE: "have a confidence of 0 or less",
-        LOW_CONFIDENCE: f"have a confidence below {initiation_confidence:g}",
+        LOW_CONFIDENCE: f"have a confidence below {initiation_confidence:g}, the least that begins a track",
         NO_GROUND: f"have no ground point (the lower edge is above the horizon or more than {fusion.reach:g} m away)",
         TOO_LOW: f"are lower than {low:g} m",
         TOO_HIGH: f"are higher than {high:g} m",
