@@ -21,7 +21,7 @@ from tracker.types import Odometry
 README = """
     SEQUENCE/recording.json               rate [1/s], area [m], ground [m, or terrain.npz], height [m], frames, and the cameras
     SEQUENCE/detections/CAMERA.txt        MOT15, frames from 1: frame, -1, left, top, width, height [px], confidence, -1, -1, -1
-    SEQUENCE/truth.txt                    MOT15, frames from 1: frame, id, -1, -1, -1, -1, 1, x, y, z [m, the ground under the body]
+    SEQUENCE/truth.txt                    MOT15, frames from 1: frame, id, -1, -1, -1, -1, visible share, x, y, z [m, the ground under the body]
     SEQUENCE/images/CAMERA/000001.jpg     images, frames from 1; or video/CAMERA.mp4
     SEQUENCE/robots.json                  robots that carry cameras: where they start (position [m], quaternion w, x, y, z; covariance 6 x 6)
     SEQUENCE/odometry.csv                 their motion since the frame before, frames from 1, columns as in a sequence of pilsim
@@ -88,6 +88,7 @@ def recording_of(sequence: RecordedSequence) -> Recording:
         height=setup.height,
         occluders=setup.occluders,
         pillars=setup.pillars,
+        visible={t.index: t.visible.max(axis=1, initial=0.0) for t in sequence.truth},
         images={name: of_camera for name, of_camera in images.items() if of_camera.files},
         robots=robots,
     )

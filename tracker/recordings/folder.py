@@ -2,7 +2,7 @@
 
 * recording.json: rate and cameras; optional format, area, ground, height and frames.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
-* truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, 1, x, y, z [m].
+* truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
 * video/CAMERA.mp4 (optional): one image for each frame.
 * images/CAMERA/000001.jpg or .png (optional, in place of the video): frames from 1.
 * robots.json (optional): robots that carry cameras, with their start poses.
@@ -155,12 +155,11 @@ def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
     last = int(rows.frame.max()) if len(rows) else 0
     if last > MAX_FRAMES:
         raise ValueError(f"{place_of_row(file, int(np.argmax(rows.frame)))}: frame is {last}, needs at most {MAX_FRAMES}")
-    counted = rows.confidence != 0
     truth: dict[int, tuple[Ints, Array]] = {frame: (np.zeros(0, dtype=np.int64), np.zeros((0, 3))) for frame in range(max(last, recording.frames))}
     for frame, of_frame in rows.by_frame().items():
-        kept = of_frame[counted[of_frame]]
-        truth[frame - 1] = rows.id[kept], rows.position[kept]
-    return replace(recording, truth=truth, frames=max(last, recording.frames))
+        truth[frame - 1] = rows.id[of_frame], rows.position[of_frame]
+    visible = {frame - 1: np.clip(rows.confidence[of_frame], 0.0, 1.0) for frame, of_frame in rows.by_frame().items()}
+    return replace(recording, truth=truth, visible=visible, frames=max(last, recording.frames))
 
 
 def _check_truth(file: Path, rows: Mot15Rows, recording: Recording) -> None:
@@ -215,7 +214,12 @@ def _robots(path: Path) -> dict[str, RecordingRobot]:
     return {
         name: RecordingRobot(
             start,
-            {frame - 1: odometry_from(row) for frame, rows in odometry.items() for row in rows if row["robot"] == name},
+            {
+                frame - 1: odometry_from(row, f"{path / 'odometry.csv'}: frame {frame}")
+                for frame, rows in odometry.items()
+                for row in rows
+                if row["robot"] == name
+            },
             None
             if truth is None
             else {f - 1: pose_from([row[c] for c in POSE]) for f, rows in truth.items() for row in rows if row["robot"] == name},
@@ -265,7 +269,9 @@ def write_recording(folder: Path, recording: Recording) -> None:
     for name, boxes in recording.detections.items():
         write_mot15(folder / "detections" / f"{name}.txt", _rows(boxes))
     if recording.truth is not None:
-        write_mot15(folder / "truth.txt", rows_from_tracks({frame + 1: people for frame, people in recording.truth.items()}))
+        rows = rows_from_tracks({frame + 1: people for frame, people in recording.truth.items()})
+        seen = [recording.visible.get(frame, np.ones(len(ids))) for frame, (ids, _) in sorted(recording.truth.items())]
+        write_mot15(folder / "truth.txt", replace(rows, confidence=np.concatenate([np.zeros(0), *seen])))
     if recording.robots:
         _write_robots(folder, recording)
     for name, source in recording.images.items():

@@ -13,6 +13,7 @@ import numpy as np
 
 from tracker.geometry import Image
 from tracker.io.image_files import decode_image
+from tracker.io.video_files import open_video
 from tracker.types import Odometry, Tick, Ticks
 
 
@@ -27,8 +28,8 @@ class ImageSource(Protocol):
         """
         ...
 
-    def cut(self, first: int) -> ImageSource:
-        """The source that begins at frame `first`."""
+    def cut(self, first: int, end: int) -> ImageSource:
+        """The source of the frames from `first` to `end` − 1; `first` becomes frame 0."""
         ...
 
 
@@ -39,14 +40,12 @@ class VideoFile:
     path: Path
     first: int = 0
 
-    def cut(self, first: int) -> VideoFile:
+    def cut(self, first: int, end: int) -> VideoFile:
         return replace(self, first=self.first + first)
 
     def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
-        video = cv2.VideoCapture(str(self.path))
+        video = open_video(self.path)
         try:
-            if not video.isOpened():
-                raise ValueError(f"{self.path}: is no video that OpenCV can read")
             for skipped in range(self.first):
                 if not video.grab():
                     raise ValueError(f"{self.path}: has {skipped} frames, the detections go on")
@@ -65,8 +64,8 @@ class ImageFiles:
 
     files: Mapping[int, Path]
 
-    def cut(self, first: int) -> ImageFiles:
-        return ImageFiles({frame - first: path for frame, path in self.files.items() if frame >= first})
+    def cut(self, first: int, end: int) -> ImageFiles:
+        return ImageFiles({frame - first: path for frame, path in self.files.items() if first <= frame < end})
 
     def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
         for index in range(frames):

@@ -83,6 +83,7 @@ class Recording:
     rate: frames per second. cameras: name → RecordingCamera. detections: camera → FrameBoxes; a fixed camera without an entry has no views.
     truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
+    visible: frame → (k,) the largest share of each true person that a camera sees, in [0, 1]; 1 for frames without an entry.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
 
     Raises ValueError for a rate, height or frames out of bounds, a robot that is missing, and for detections of a camera that is not there.
@@ -100,6 +101,7 @@ class Recording:
     pillars: Array = field(default_factory=lambda: np.zeros((0, 5)))
     images: Mapping[str, ImageSource] = field(default_factory=dict)
     robots: Mapping[str, RecordingRobot] = field(default_factory=dict)
+    visible: Mapping[int, Array] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
 
     def __post_init__(self) -> None:
@@ -190,7 +192,8 @@ class Recording:
             self,
             detections={name: part(boxes) for name, boxes in self.detections.items()},
             truth=None if self.truth is None else part(self.truth),
-            images={name: source.cut(first) for name, source in self.images.items()},
+            visible=part(self.visible),
+            images={name: source.cut(first, end) for name, source in self.images.items()},
             frames=end - first,
             robots=robots,
         )
@@ -242,8 +245,9 @@ class Recording:
         out = []
         for index in range(max(self.truth, default=-1) + 1):
             ids, positions = self.truth.get(index, none)
+            visible = self.visible.get(index, np.ones(len(ids)))
             poses = {name: robot.truth[index] for name, robot in self.robots.items() if robot.truth is not None and index in robot.truth}
-            out.append(Truth(index, poses, ids, positions, np.ones((len(ids), len(self.cameras)))))
+            out.append(Truth(index, poses, ids, positions, np.tile(visible[:, None], len(self.cameras))))
         return tuple(out)
 
 

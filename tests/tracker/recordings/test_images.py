@@ -46,7 +46,7 @@ def test_frames_belong_to_their_ticks(data: Any, tmp_path: Path) -> None:
 
 def test_a_cut_video_begins_at_the_first_frame(data: Any, tmp_path: Path) -> None:
     beside(data("pets2009/S2.L1"), "View_001", 4, tmp_path)
-    first = next(iter(VideoFile(tmp_path / "View_001.mp4").cut(2).images(1, (96, 128))))
+    first = next(iter(VideoFile(tmp_path / "View_001.mp4").cut(2, 4).images(1, (96, 128))))
     assert first is not None
     assert abs(float(first.mean()) - 100) < 4
 
