@@ -119,7 +119,6 @@ def _bounded(name: str, value: Any, whole: bool) -> float:
     fits = isinstance(value, (int, np.integer)) if whole else isinstance(value, (int, float, np.integer, np.floating))
     if not fits or isinstance(value, bool):
         raise ValueError(f"{name} is {repr(value)[:60]}, needs {kind} in [{low:g}, {high:g}]")
-    number = int(value) if whole else float(value)
-    if not low <= number <= high:
+    if not low <= value <= high:
         raise ValueError(f"{name} is {repr(value)[:60]}, needs {kind} in [{low:g}, {high:g}]")
-    return number
+    return int(value) if whole else float(value)

@@ -11,6 +11,7 @@ import numpy as np
 from sim.datasets.pets_twin import ANNOTATED, Twin, annotated_frames
 from sim.visualization.overlays import colour_of, save_png
 from tracker.geometry import Array, Image
+from tracker.io.video_files import open_video
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes
 
@@ -74,7 +75,7 @@ def _frame_of(video_file: Path, number: int) -> Image | None:
     """The frame of a video, RGB, or None where the video or the frame is missing."""
     if not video_file.is_file():
         return None
-    reader = cv2.VideoCapture(str(video_file))
+    reader = open_video(video_file)
     try:
         reader.set(cv2.CAP_PROP_POS_FRAMES, number)
         found, picture = reader.read()

@@ -12,11 +12,14 @@ import cv2
 import numpy as np
 
 from sim.report.rows import Row
+from tracker.io.image_files import decode_image, image_size
 
 WIDTH = 1000
 """The greatest width in px."""
 BUDGET = 1_600_000
 """Bytes of all pictures together, before base64. The page then stays below 3 MB."""
+MOST_PIXELS = 1 << 25
+"""Of a picture that is read."""
 QUALITIES = (80, 65, 50, 35, 20)
 
 
@@ -78,11 +81,14 @@ def _images(folder: Path, row: Row, moment: dict[str, Any]) -> tuple[list[Any], 
         if not path.is_file():
             missing.append(name)
             continue
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-        if image is None:
-            raise ValueError(f"{path}: not an image, or torn")
-        found.append(image)
+        data = path.read_bytes()
+        size = image_size(data)
+        if size is None or size[0] * size[1] > MOST_PIXELS:
+            raise ValueError(f"{path}: not an image, or torn" if size is None else f"{path}: {size} pixels, needs at most {MOST_PIXELS}")
+        try:
+            found.append(decode_image(data, size, cv2.IMREAD_COLOR))
+        except ValueError as error:
+            raise ValueError(f"{path}: not an image, or torn: {error}") from None
     return found, missing
 
 

@@ -45,7 +45,7 @@ from tracker.sequence.truth_tables import read_joints, read_views
 class Reader:
     """make writes valid files into an empty folder. file: the one that is damaged. read: from the folder.
 
-    form: "lines" where each line is a row, "text" for other text, "binary".
+    form: "lines" where each line is a row, "text" for other text, "binary". sums: whether the manifest has the sum of the file.
     """
 
     name: str
@@ -53,6 +53,7 @@ class Reader:
     file: str
     read: Callable[[Path], object]
     form: str = "text"
+    sums: bool = False
 
 
 def _single(name: str, file: str, make: Callable[[Path], object], read: Callable[[Path], object], form: str = "text") -> Reader:
@@ -60,7 +61,7 @@ def _single(name: str, file: str, make: Callable[[Path], object], read: Callable
     return Reader(name, lambda folder: make(folder / file), file, lambda folder: read(folder / file), form)
 
 
-def _pets(folder: Path) -> object:
+def _opened(folder: Path) -> object:
     return list(open_sequence(folder).ticks)
 
 
@@ -84,7 +85,7 @@ def _contents(folder: Path) -> object:
     where = folder / "s"
     sequence = read_contents(where, read_manifest(where)["files"])
     odometry = list(sequence.ticks.odometry())
-    return odometry, read_views(where), read_joints(where), RecordedSequence.open(where).detections, summarize(where)
+    return odometry, read_views(where), read_joints(where), RecordedSequence(where, sequence).detections, summarize(where)
 
 
 def _checked(folder: Path) -> object:
@@ -146,7 +147,7 @@ FOLDERS = (
     *(Reader(f"sequence {name}", samples.sequence, f"s/{name}", _contents) for name in ("calibration.json", "scenario.json", "manifest.json")),
     Reader("sequence terrain.npz", samples.sequence, "s/terrain.npz", _contents, "binary"),
     Reader("sequence with sums, manifest.json", samples.sequence, "s/manifest.json", _checked),
-    Reader("sequence with sums, truth", samples.sequence, "s/truth/people.csv", _checked, "lines"),
+    Reader("sequence with sums, truth", samples.sequence, "s/truth/people.csv", _checked, "lines", True),
     *(
         Reader(f"sequence {kind}", samples.sequence, f"s/{file}", partial(_images, file), "binary")
         for kind, file in (("images", "images/robot_0_camera/000001.jpg"), ("instances", "instances/robot_0_camera/000001.png"))
@@ -173,7 +174,7 @@ FOLDERS = (
         for name in ("Barcodes", "Landmark_Groundtruth", "Robot1_Odometry", "Robot1_Measurement", "Robot1_Groundtruth")
     ),
     *(
-        Reader(f"PETS 2009 {name}", samples.pets, name, _pets, form)
+        Reader(f"PETS 2009 {name}", samples.pets, name, _opened, form)
         for name, form in (
             ("detections/View_001.txt", "lines"),
             ("annotations/PETS-cropped.xml", "text"),
@@ -182,6 +183,23 @@ FOLDERS = (
             ("terrain.npz", "binary"),
         )
     ),
+    *(
+        Reader(f"recording {name}", samples.recording, name, _opened, form)
+        for name, form in (
+            ("recording.json", "text"),
+            ("detections/C1.txt", "lines"),
+            ("truth.txt", "lines"),
+            ("robots.json", "text"),
+            ("odometry.csv", "lines"),
+            ("robot_truth.csv", "lines"),
+            ("images/P/000002.png", "binary"),
+        )
+    ),
+    *(Reader(f"AI City {name}", samples.aicity_scene, name, _opened) for name in ("calibration.json", "ground_truth.json", "detections/Camera.txt")),
+    *(
+        Reader(f"MultiviewX {name}", samples.multiviewx, name, _opened)
+        for name in ("annotations_positions/00001.json", "calibrations/intrinsic/intr_Camera1.xml", "calibrations/extrinsic/extr_Camera2.xml")
+    ),
     Reader("WILDTRACK annotation", samples.wildtrack_folder, "00000.json", lambda folder: wildtrack.read_positions(folder / "00000.json")),
     Reader("WILDTRACK intrinsics", samples.wildtrack_folder, "intrinsic/intr_Camera1.xml", _wildtrack_camera),
     Reader("WILDTRACK extrinsics", samples.wildtrack_folder, "extrinsic/extr_Camera1.xml", _wildtrack_camera),
@@ -189,9 +207,9 @@ FOLDERS = (
     Reader("POM", samples.wildtrack_folder, "rectangles.pom", lambda folder: pom.read_rectangles(folder / "rectangles.pom", 1, 20), "lines"),
     Reader("JRDB 2-D", samples.jrdb_files, "2d.json", lambda folder: jrdb.read_labels_2d(folder / "2d.json")),
     Reader("JRDB 3-D", samples.jrdb_files, "3d.json", lambda folder: jrdb.read_labels_3d(folder / "3d.json")),
-    Reader("stress report", samples.stress, "results.jsonl", _report, "lines"),
+    Reader("stress report", samples.stress, "results.jsonl", _report),
     Reader("stress picture", samples.stress, "moments/m.png", _report, "binary"),
-    Reader("stress resumption", samples.stress, "results.jsonl", _read_rows, "lines"),
+    Reader("stress resumption", samples.stress, "results.jsonl", _read_rows),
     Reader("video", samples.video, "video/View_001.mp4", _video, "binary"),
 )
 FILES = (

@@ -15,17 +15,19 @@ from tests.sim import stress_rows
 from tests.tracker import sequences
 from tests.tracker.formats.mrclam import write_set
 from tracker.clique import Graph
-from tracker.formats import coco, jrdb, motchallenge, pets2009, pom, wildtrack
+from tracker.formats import aicity, coco, jrdb, motchallenge, pets2009, pom, wildtrack
 from tracker.formats.dimacs import write_graph
 from tracker.formats.tum import write_tum
 from tracker.geometry import Array, Pose
-from tracker.geometry.cameras import Tsai, pinhole
-from tracker.geometry.ground import Flat
+from tracker.geometry.cameras import Panorama, Pinhole, Tsai, pinhole
+from tracker.geometry.ground import Flat, Grid
 from tracker.io.video_files import VideoWriters
 from tracker.planar_slam.trajectories import PlanarTrajectories, write_trajectories
+from tracker.recordings import Recording, RecordingCamera, RecordingRobot
+from tracker.recordings.folder import write_recording
 from tracker.sequence.dataset import Dataset
 from tracker.sequence.results import Results, write_results
-from tracker.types import Estimate, MapSnapshot
+from tracker.types import Estimate, MapSnapshot, Odometry, Start
 
 RNG_SEED = 5
 SIZE = (24, 32)
@@ -137,6 +139,48 @@ def dataset(folder: Path) -> None:
     form = {"png": False, "range": False, "classes": False, "video": False, "mesh": False}
     (folder / "dataset.json").write_text(Dataset("pilsun", json.loads(PRESETS["pilsun"].scenario.to_json()), 2, form, ("s",)).to_json())
     sequence(folder)
+
+
+def recording(folder: Path) -> None:
+    """Two cameras, one of them on a robot, terrain, truth and images."""
+    motion = {k: Odometry(Pose.planar(0.1, 0.0, 0.02), np.eye(6) * 1e-4, np.array([0.0, 0.0, 1.0])) for k in range(3)}
+    robot = RecordingRobot(Start(Pose.planar(1.0, 1.0, 0.5), np.eye(6) * 1e-3), motion, {k: Pose.planar(1.0 + 0.1 * k, 1.0, 0.5) for k in range(3)})
+    cameras = {
+        "C1": RecordingCamera(Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5, (0.05, -0.01, 0.001, 0.002, 0.0)), pose()),
+        "P": RecordingCamera(Panorama(64, 32), Pose(np.eye(3), np.array([0.1, 0.0, 0.5])), "r0"),
+    }
+    boxes = {k: (np.array([[10.0, 25.0, 4.0, 9.0], [30.0, 24.0, 3.0, 8.0]]), np.array([0.9, 0.7])) for k in range(3)}
+    people = {k: (np.array([4, 7]), np.array([[1.0 + 0.1 * k, 2.0, 0.0], [3.0, 1.0 / 3.0, 0.0]])) for k in range(3)}
+    heights = Grid(np.zeros((6, 6)), np.array([-20.0, -20.0]), 10.0)
+    whole = Recording(5.0, cameras, {"C1": boxes, "P": {}}, people, area=[[-9, -9], [9, 9]], ground=heights, robots={"r0": robot})
+    write_recording(folder, whole)
+    (folder / "images" / "P").mkdir(parents=True)
+    for k in range(3):
+        cv2.imwrite(str(folder / "images" / "P" / f"{k + 1:06d}.png"), np.full((32, 64, 3), 40 * k, dtype=np.uint8))
+
+
+def aicity_scene(folder: Path) -> None:
+    """A camera, two people and their detections, and results."""
+    ahead = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    eye = aicity.AiCityCamera(
+        "Camera", np.array([[90.0, 0.0, 64.0], [0.0, 90.0, 36.0], [0.0, 0.0, 1.0]]), ahead, -ahead @ [0.0, 0.0, 3.0], 128, 72, 30.0
+    )
+    people = [aicity.AiCityObject("Person", k, np.array([5.0 + k, 0.0, 0.9]), np.array([0.5, 0.5, 1.8]), np.zeros(3)) for k in (1, 2)]
+    aicity.write_calibration(folder / "calibration.json", [eye])
+    aicity.write_ground_truth(folder / "ground_truth.json", {0: people, 2: people[:1]})
+    (folder / "detections").mkdir()
+    mot15(folder / "detections" / "Camera.txt", detections=True)
+
+
+def multiviewx(folder: Path) -> None:
+    """Two cameras of MultiviewX and two frames."""
+    for number, (x, y, heading) in enumerate(((0.0, 0.0, 0.6), (25.0, 16.0, 0.6 + np.pi)), 1):
+        eye, _ = wildtrack.OpenCvCamera.of(pinhole(96, 72, 1.4), Pose.planar(x, y, heading, 4.0))
+        wildtrack.write_calibration(folder / "calibrations", f"Camera{number}", eye)
+    (folder / "annotations_positions").mkdir()
+    for frame in range(2):
+        people = [wildtrack.WildtrackPosition(10 + k, cell, np.zeros((0, 4), dtype=np.int64)) for k, cell in enumerate((12_345, 639_999))]
+        wildtrack.write_positions(folder / "annotations_positions" / f"{frame:05d}.json", people)
 
 
 def results(folder: Path) -> None:

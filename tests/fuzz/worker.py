@@ -96,7 +96,10 @@ class Trial:
         if self.printed.stat().st_size > before:
             with self.printed.open("rb") as file:
                 file.seek(before)
-                self._note(("printed: " + file.read(300).decode("utf-8", "replace"), "a library"), content)
+                # The project's own notes begin with the file.
+                foreign = [line for line in file.read().decode("utf-8", "replace").splitlines() if str(self.folder) not in line]
+            if foreign:
+                self._note((f"printed: {foreign[0][:200]}", "a library"), content)
         if fault:
             self._note(fault, content)
 
@@ -104,7 +107,7 @@ class Trial:
         text = str(error)
         if type(error) is not ValueError:
             return f"{type(error).__name__}: {text}"[:300], _origin(error)
-        if self.file.name not in text and self.file.stem not in text:
+        if str(self.folder) not in text and self.file.name not in text:
             return f"does not name the file: {text}"[:300], _origin(error)
         if len(text.splitlines()) > 1 or len(text) > 1000:
             return f"is no single line of at most 1000 characters: {text!r}"[:300], _origin(error)

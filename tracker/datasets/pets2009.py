@@ -7,7 +7,19 @@ import re
 from pathlib import Path
 
 from tracker.datasets.source_options import SourceOptions, camera_named
-from tracker.formats.pets2009 import AREA, FILE, RATE, TERRAIN, Site, ground_truth, read_annotations, read_camera, read_detections, read_site
+from tracker.formats.pets2009 import (
+    AREA,
+    FILE,
+    MAX_FRAME,
+    RATE,
+    TERRAIN,
+    Site,
+    ground_truth,
+    read_annotations,
+    read_camera,
+    read_detections,
+    read_site,
+)
 from tracker.geometry import Array, Ints
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 from tracker.recordings.images import VideoFile
@@ -17,7 +29,7 @@ PETS_AREA, PETS_RATE = AREA, RATE
 PETS_VIEWS = (1, 5, 7)
 """Numbers of the views of S2.L1 that the literature uses."""
 
-MAX_FRAMES = 1_000_000
+MAX_FRAMES = MAX_FRAME
 
 
 def is_pets(path: Path) -> bool:
@@ -99,7 +111,11 @@ def _pets_truth(path: Path, calibration: Path, site: Site) -> dict[int, tuple[In
     if len(files) > 1:
         raise ValueError(f"{path / 'annotations'}: {len(files)} files *-cropped.xml, needs one")
     _, camera, pose = read_camera(calibration / "View_001.xml")
-    people = ground_truth(read_annotations(files[0]), camera, pose, site.ground)
+    annotations = read_annotations(files[0])
+    try:
+        people = ground_truth(annotations, camera, pose, site.ground)
+    except ValueError as error:
+        raise ValueError(f"{files[0]}: {error}") from None
     if max(people, default=-1) >= MAX_FRAMES:
         raise ValueError(f"{files[0]}: frame {max(people)}, needs less than {MAX_FRAMES}")
     return people

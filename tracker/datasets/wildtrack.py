@@ -24,6 +24,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tracker.formats.pets2009 import MAX_RATE
 from tracker.formats.wildtrack import GroundGrid, OpenCvCamera, read_calibration, read_ground_grid, read_positions
 from tracker.geometry import Array, Ints
 from tracker.geometry.lenses import Pinhole
@@ -32,7 +33,7 @@ from tracker.io.json_files import read_json
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import ImageFiles
-from tracker.recordings.recording import MAX_FRAMES, MAX_RATE
+from tracker.recordings.recording import MAX_FRAMES
 
 WILDTRACK_CAMERAS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", "IDIAP3")
 WILDTRACK_GRID = GroundGrid(np.array([-3.0, -9.0]), 480, 1440)

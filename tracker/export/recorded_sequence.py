@@ -131,37 +131,39 @@ class RecordedSequence:
     def _checksums(self) -> dict[str, str]:
         return {name: entry["sha256"] for name, entry in read_json(self.folder / "manifest.json")["files"].items()}
 
-    def _bytes(self, kind: str, camera: str, frame: int) -> tuple[bytes, str]:
+    def _bytes(self, kind: str, camera: str, frame: int) -> tuple[bytes, Path]:
         stem = f"{kind}/{camera}/{frame:06d}"
         suffix = next((s for s in (JPEG, PNG) if stem + s in self._checksums), None)
         if suffix is None:
             raise ValueError(f"{self.folder / stem}: the manifest does not name it, neither {JPEG} nor {PNG}")
-        data = (self.folder / (stem + suffix)).read_bytes()
+        path = self.folder / (stem + suffix)
+        data = path.read_bytes()
         if hashlib.sha256(data).hexdigest() != self._checksums[stem + suffix]:
-            raise ValueError(f"{self.folder / (stem + suffix)}: its SHA-256 is not the manifest's: truncated or changed")
-        return data, suffix
+            raise ValueError(f"{path}: its SHA-256 is not the manifest's: truncated or changed")
+        return data, path
 
     def image(self, frame: int, camera: str, suffix: str = JPEG) -> bytes:
         """The image as the bytes of a JPEG or PNG file: those of the sequence if its format matches, else encoded again (quality 95)."""
-        data, own = self._bytes("images", camera, frame)
-        if own == suffix:
+        data, path = self._bytes("images", camera, frame)
+        if path.suffix == suffix:
             return data
-        success, encoded = cv2.imencode(suffix, self._decode(data, camera, cv2.IMREAD_COLOR), _OPTIONS[suffix])
+        success, encoded = cv2.imencode(suffix, self._decode(data, path, camera, cv2.IMREAD_COLOR), _OPTIONS[suffix])
         assert success
         return bytes(encoded.tobytes())
 
     def instances(self, frame: int, camera: str) -> NDArray[np.uint16]:
         """The instance image (H, W) of person ids, 0 for no person."""
-        image = self._decode(self._bytes("instances", camera, frame)[0], camera, cv2.IMREAD_UNCHANGED)
+        data, path = self._bytes("instances", camera, frame)
+        image = self._decode(data, path, camera, cv2.IMREAD_UNCHANGED)
         if image.dtype != np.uint16 or image.ndim != 2:
-            raise ValueError(f"{self.folder}: instances of {camera} in frame {frame} are {image.dtype} {image.shape}, need 16 bit, one channel")
+            raise ValueError(f"{path}: is {image.dtype} {image.shape}, needs 16 bit, one channel")
         return image
 
-    def _decode(self, data: bytes, camera: str, flag: int) -> NDArray[np.uint16]:
+    def _decode(self, data: bytes, path: Path, camera: str, flag: int) -> NDArray[np.uint16]:
         try:
             return decode_image(data, (self.cameras[camera].height, self.cameras[camera].width), flag)
         except ValueError as error:
-            raise ValueError(f"{self.folder}: an image of {camera}: {error}") from None
+            raise ValueError(f"{path}: {error}") from None
 
 
 _OPTIONS = {JPEG: image_files.JPEG, PNG: image_files.PNG}

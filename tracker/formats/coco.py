@@ -220,6 +220,8 @@ def person_annotation(annotation: dict[str, Any]) -> PersonAnnotation:
         height, width = map(int, segmentation["size"])
         mask = Rle(height, width, decode_counts(segmentation["counts"]))
         points = np.array(annotation["keypoints"], dtype=np.float64).reshape(len(KEYPOINT_NAMES), 3)
+        if not np.isfinite(points).all() or not np.isin(points[:, 2], (0, 1, 2)).all():
+            raise ValueError("keypoints: needs finite numbers, each third one of 0, 1 and 2")
         visibility = points[:, 2].astype(np.int64)
         pixels = np.where(visibility[:, None] > 0, points[:, :2] + CENTRE, 0.0)
         box, full = (np.array(annotation[name], dtype=np.float64) for name in ("bbox", "bbox_full"))

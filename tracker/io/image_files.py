@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.io.library_messages import library_messages
+
 ENCODER_THREADS, MAX_WAITING = 2, 24
 """Number of threads that encode images, and how many images may wait for them."""
 RANGE_UNIT = 1 / 256
@@ -60,16 +62,22 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 def decode_image(data: bytes, size: tuple[int, int], flag: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
     """Decode the bytes of an image file as OpenCV does (BGR). size: expected height and width, checked in the header before pixels are decoded.
 
-    Raises ValueError, without the name of the file, for data that is no PNG or JPEG, has another size, or is truncated.
+    Raises ValueError, without the name of the file, for data that is no PNG or JPEG, has another size, or is truncated or damaged.
     """
     claimed = image_size(data)
     if claimed != size:
         raise ValueError(f"{'no PNG or JPEG' if claimed is None else f'{claimed} pixels'}, needs {size}")
     if not data[-64:].rstrip(b"\0").endswith((b"\xff\xd9", b"IEND\xaeB`\x82")):
         raise ValueError("is truncated")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
+    try:
+        with library_messages() as printed:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
+    except cv2.error:
+        image = None
     if image is None or image.shape[:2] != size:
-        raise ValueError(f"cannot be decoded, needs {size}")
+        raise ValueError(f"cannot be decoded, needs {size}{f' ({printed.line})' if printed.line else ''}")
+    if printed.line:
+        raise ValueError(f"is damaged ({printed.line})")
     return np.asarray(image)
 
 

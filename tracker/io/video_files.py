@@ -5,12 +5,18 @@ OpenCV and most players read them; browsers do not play this codec. VP9, which t
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from tracker.geometry import Image
+
+# FFmpeg reads the level with its first file; -8 is quiet.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+MOST_PIXELS = 1 << 25
+"""Of a frame."""
 
 
 class VideoWriters:
@@ -44,6 +50,17 @@ class VideoWriters:
         """Close all videos without a check."""
         for writer in self._writers.values():
             writer.release()
+
+
+def open_video(path: Path) -> cv2.VideoCapture:
+    """A video to read. Damaged videos print nothing. Raises ValueError where OpenCV cannot open it, and for images of more than MOST_PIXELS."""
+    video = cv2.VideoCapture(str(path))
+    width, height = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    if not video.isOpened() or not 0 <= width * height <= MOST_PIXELS:
+        fault = f"has images of {width:g} x {height:g} px, needs at most {MOST_PIXELS} px" if video.isOpened() else "is no video that OpenCV can read"
+        video.release()
+        raise ValueError(f"{path}: {fault}")
+    return video
 
 
 def check_frames(file: Path, frames: int, name: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.geometry import Array, Image
+from tracker.geometry import Array, Image, Pose
 from tracker.io.csv_tables import rows_by_frame
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
@@ -62,7 +62,8 @@ def _read_setup(folder: Path) -> Setup:
 
 
 def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
-    robots = rows_by_frame(folder / "truth" / "robots.csv", ROBOTS, ("robot",), {"robot": setup.starts, "tipped": (0, 1)})
+    path = folder / "truth" / "robots.csv"
+    robots = rows_by_frame(path, ROBOTS, ("robot",), {"robot": setup.starts, "tipped": (0, 1)})
     if sorted(robots) != list(range(len(robots))):
         raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {len(robots) - 1} without gaps")
     for k, rows in robots.items():
@@ -74,7 +75,7 @@ def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
     return tuple(
         Truth(
             k,
-            {row["robot"]: pose_from([row[c] for c in POSE]) for row in robots[k]},
+            {row["robot"]: _pose(row, f"{path}: frame {k}, {row['robot']}") for row in robots[k]},
             np.array([row["person"] for row in people.get(k, [])], dtype=np.int64),
             np.array([[row["x"], row["y"], row["z"]] for row in people.get(k, [])]).reshape(-1, 3),
             np.array([[row[c] for c in visible] for row in people.get(k, [])]).reshape(-1, len(visible)),
@@ -82,6 +83,13 @@ def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
         )
         for k in range(len(robots))
     )
+
+
+def _pose(row: dict[str, Any], where: str) -> Pose:
+    try:
+        return pose_from([row[c] for c in POSE])
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
 
 
 class _DiskTicks:
@@ -99,7 +107,7 @@ class _DiskTicks:
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
         for k in range(self.count):
-            yield {row["robot"]: odometry_from(row) for row in self._odometry.get(k, [])}
+            yield {row["robot"]: odometry_from(row, f"{self.folder / 'odometry.csv'}: frame {k}") for row in self._odometry.get(k, [])}
 
     def __iter__(self) -> Iterator[Tick]:
         for k, odometry in enumerate(self.odometry()):
@@ -110,7 +118,7 @@ class _DiskTicks:
                 tuple(
                     View(
                         name,
-                        _detections([row for row in boxes if row["camera"] == name]),
+                        _detections([row for row in boxes if row["camera"] == name], f"{self.folder / 'detections.csv'}: frame {k} of {name}"),
                         odometry=odometry.get(mount.robot),
                         image=self._image(f"images/{name}/{k:06d}", mount),
                         robot_detections=None if self._robot_detections is None else self._robot_detections.get((k, name), RobotDetections.none()),
@@ -154,25 +162,31 @@ def read_robot_detections(folder: Path, setup: Setup, count: int) -> dict[tuple[
     return out
 
 
-def odometry_from(row: dict[str, Any]) -> Odometry:
-    """The odometry of a row that writer.odometry_row made."""
+def odometry_from(row: dict[str, Any], where: str) -> Odometry:
+    """The odometry of a row that writer.odometry_row made. Raises ValueError that begins with `where`, the file and the frame."""
     covariance = np.zeros((6, 6))
     for i, j in UPPER_TRIANGLE:
         covariance[i, j] = covariance[j, i] = row[f"c{i}{j}"]
     up = np.array([row["up_x"], row["up_y"], row["up_z"]])
-    return Odometry(pose_from([row[c] for c in POSE]), covariance, up if up.any() else None, float(row["up_sigma"]))
+    try:
+        return Odometry(pose_from([row[c] for c in POSE]), covariance, up if up.any() else None, float(row["up_sigma"]))
+    except ValueError as error:
+        raise ValueError(f"{where}, {row['robot']}: {error}") from None
 
 
-def _detections(rows: list[dict[str, Any]]) -> Detections:
+def _detections(rows: list[dict[str, Any]], where: str) -> Detections:
     if not rows:
         return Detections.none()
-    return Detections(
-        _bearings(rows),
-        np.array([[r["width"], r["height"]] for r in rows]),
-        np.array([r["confidence"] for r in rows]),
-        _covariances(rows),
-        np.zeros((len(rows), 0)),
-    )
+    try:
+        return Detections(
+            _bearings(rows),
+            np.array([[r["width"], r["height"]] for r in rows]),
+            np.array([r["confidence"] for r in rows]),
+            _covariances(rows),
+            np.zeros((len(rows), 0)),
+        )
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
 
 
 def _bearings(rows: list[dict[str, Any]]) -> Array:

@@ -123,7 +123,7 @@ def broken(folder: str, old: str, new: str) -> Callable[[Path], object]:
         (broken(LABELS_3D, '"cx": 2.0', '"cx": "left"'), r"labels_3d/.*json: frame 6: could not convert string to float"),
         (broken(LABELS_3D, '"cx": 2.0, ', ""), r"labels_3d/.*json: frame 6: field 'cx' is missing"),
         (broken(LABELS_3D, "000006.pcd", "six.pcd"), r"labels of 'six\.pcd', needs NUMBER\.pcd"),
-        (broken(LABELS_3D, "000024.pcd", "99000024.pcd"), r"needs less than 1000000"),
+        (broken(LABELS_3D, "000024.pcd", "99000024.pcd"), r"needs less than 200000"),
         (broken(LABELS_2D, "pedestrian:3", "cyclist:3"), r"label_id is 'cyclist:3', needs pedestrian:NUMBER"),
         (lambda root: shutil.rmtree(root / "labels"), r"holds no sequence of JRDB"),
     ],

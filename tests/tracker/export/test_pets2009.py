@@ -109,7 +109,7 @@ def test_names_of_views() -> None:
     [
         ({"rate": 0}, "rate is 0.0, needs more than 0"),
         ({"area": [[0, 0], [0, 1]]}, "area is .*needs two corners"),
-        ({"area": [[0, 0], [float("inf"), 1]]}, "area is"),
+        ({"area": [[0, 0], [float("inf"), 1]]}, "holds Infinity, needs finite numbers"),
         ({"terrain": "../terrain.npz"}, "terrain is '../terrain.npz', needs 'terrain.npz' or null"),
         ({"rate": None}, "needs rate, area and terrain"),
     ],

@@ -150,7 +150,7 @@ def test_a_camera_below_the_ground_is_refused(tmp_path: Path) -> None:
         ("detections/C1.txt", "1,-1,1,1,9\n", r"C1.txt:line 1: 5 values, needs 10"),
         ("truth.txt", "1,3,-1,-1,-1,-1,1,900,100,0\n", r"truth.txt: frame 1, id 3: x, y are \(900, 100\) m, 894 m outside the area"),
         ("truth.txt", "7,3,-1,-1,-1,-1,1,2,1,0\n", r"truth.txt: frame is 7, which no camera has, needs at most 3"),
-        ("truth.txt", "1,3,5,5,9,9,1,-1,-1,-1\n", r"truth.txt: row 1 has no x, y, z"),
+        ("truth.txt", "1,3,5,5,9,9,1,-1,-1,-1\n", r"truth.txt:line 1: has no x, y, z"),
         ("robots.json", '{"r0": {}}', r"robots.json: r0: field 'start' is missing"),
     ],
 )
