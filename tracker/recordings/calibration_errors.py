@@ -29,8 +29,8 @@ MM, CM = 1e-3, 1e-2
 UNITS = {MM: "millimetres", CM: "centimetres"}
 AREA_RATIO = (0.2, 5.0)
 """Bounds of the side of the area over that of the places of people."""
-AREA_WRONG = 30.0
-"""The same ratio from which the area is in another unit."""
+TOO_WIDE = 30.0
+"""The same ratio from which the area is in another unit; and that of the spread of true people over that of feet."""
 
 
 @dataclass(frozen=True)
@@ -196,6 +196,7 @@ def _far_from_truth(case: CalibrationCase) -> bool:
 
 def _by_agreement(case: CalibrationCase) -> Found:
     """Without truth: one camera against the others as given, or all cameras with the same correction."""
+    case = case.part()
     single = _each(case, case.others)
     together = _together(case)
     if together is None or (single and min(t.near.mean for _, t, _ in single.values()) > together[1].near.mean):
@@ -237,6 +238,10 @@ def wrong_truth_unit(case: CalibrationCase) -> Corrected | None:
         reference = Reference(case.truth.frame, case.truth.point * scale)
         return reduce(add, [nearness(case.sampled_feet(name), reference) for name in case.lenses])
 
+    # Truth that is made too small lies in one point, which feet may be near. So only truth that is spread too widely is tried.
+    feet = np.concatenate([case.sampled_feet(name).point for name in case.lenses])
+    if _spread(case.truth.point) < TOO_WIDE * _spread(feet):
+        return None
     given, trials = near(1.0), {scale: near(scale) for scale in UNITS}
     scale = max(trials, key=lambda key: trials[key].mean)
     if not better(trials[scale], given):
@@ -244,6 +249,12 @@ def wrong_truth_unit(case: CalibrationCase) -> Corrected | None:
     words = f"truth: x and y are in {UNITS[scale]}, and need to be in metres. So read, feet are near true people; as given, near none"
     truth = replace(case.truth, point=case.truth.point * scale)
     return Finding(f"truth-{'mm' if scale == MM else 'cm'}", (), words), replace(case, truth=truth)
+
+
+def _spread(points: Array) -> float:
+    """m: diagonal of the box from the 5th to the 95th percentile of points (n, 2) m; NaN are left out; inf without points."""
+    points = points[np.isfinite(points[:, 0])]
+    return float(np.linalg.norm(np.subtract(*np.percentile(points, [95, 5], axis=0)))) if len(points) else np.inf
 
 
 def wrong_area_unit(case: CalibrationCase) -> Corrected | None:
@@ -254,11 +265,10 @@ def wrong_area_unit(case: CalibrationCase) -> Corrected | None:
     places = places[np.isfinite(places[:, 0])]
     if len(places) < LEAST_BOXES:
         return None
-    low, high = np.percentile(places, [5, 95], axis=0)
-    side = float(np.linalg.norm(case.area[1] - case.area[0]) / max(float(np.linalg.norm(high - low)), 1.0))
+    side = float(np.linalg.norm(case.area[1] - case.area[0])) / max(_spread(places), 1.0)
     for scale, unit in UNITS.items():
         inside = ((places >= case.area[0] * scale) & (places <= case.area[1] * scale)).all(axis=1).mean()
-        if side > AREA_WRONG and AREA_RATIO[0] < side * scale < AREA_RATIO[1] and inside > 0.5:
+        if side > TOO_WIDE and AREA_RATIO[0] < side * scale < AREA_RATIO[1] and inside > 0.5:
             words = f"area: is in {unit}, and needs to be in metres. So read, {inside:.0%} of the people are in it; as given, it is {side:.0f} times as large"
             return Finding(f"area-{'mm' if scale == MM else 'cm'}", (), words), replace(case, area=case.area * scale)
     return None
@@ -312,6 +322,7 @@ def _cycles(order: list[int]) -> Iterator[list[int]]:
 
 
 def _pair_by_agreement(case: CalibrationCase) -> dict[str, str]:
+    case = case.part()
     own = {name: agreement(case, (name,))[0] for name in case.lenses}
     names = sorted(case.lenses, key=lambda name: own[name].mean)[:MOST_CAMERAS]
     best: tuple[float, dict[str, str]] = 0.0, {}

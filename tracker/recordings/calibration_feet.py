@@ -28,8 +28,9 @@ BAND = 0.85
 """The lowest stature is multiplied, the highest divided by this: boxes err by some percent."""
 CUT = 0.01
 """Boxes that end within this share of the image's height from its lower edge are left out: their feet are not in the image."""
-MOST_BOXES, MOST_QUERIES = 40_000, 2_500
-"""Boxes of all cameras that are used, from the first frame on; boxes of a camera that are compared, spread over these frames."""
+MOST_BOXES, MOST_QUERIES, MOST_COMPARED = 300_000, 2_500, 12_000
+"""Boxes of all cameras that are used, from the first frame on; of these, boxes of a camera that are compared with truth, and boxes of all cameras
+that are compared with one another. The latter are of runs of frames that are spread over the recording."""
 BLOCKS = 24
 """Blocks of time. Boxes of one block are not independent, so standard errors are those of the means of blocks."""
 
@@ -257,11 +258,18 @@ class CalibrationCase:
     def sample(self, name: str) -> Ints:
         """Rows of at most MOST_QUERIES boxes of a camera, in runs of successive frames that are spread over the recording."""
         frame = self.rays[name].frame
-        runs = max(1, -(-len(frame) // MOST_QUERIES))
-        if runs == 1:
-            return np.arange(len(frame))
-        part = (frame - frame.min()) * BLOCKS * runs // (frame.max() - frame.min() + 1)
-        return np.flatnonzero(part % runs == 0)
+        return np.flatnonzero(self._spread(frame, -(-len(frame) // MOST_QUERIES)))
+
+    def _spread(self, frame: Ints, divisor: int) -> Mask:
+        """Which boxes (n,) are in runs of frames, BLOCKS of them over the recording, that have one part of `divisor` of the frames."""
+        return np.asarray(frame * BLOCKS * divisor // max(self.end, 1) % max(divisor, 1) == 0)
+
+    def part(self) -> CalibrationCase:
+        """The case with at most about MOST_COMPARED boxes, the same frames in all cameras."""
+        divisor = -(-sum(len(rays.frame) for rays in self.rays.values()) // MOST_COMPARED)
+        if divisor <= 1:
+            return self
+        return replace(self, rays={name: rays.select(np.flatnonzero(self._spread(rays.frame, divisor))) for name, rays in self.rays.items()})
 
     def sampled_feet(self, name: str, extrinsics: Extrinsics | None = None) -> Feet:
         """The feet of a sample of the boxes."""

@@ -25,25 +25,47 @@ STRETCHES = range(2, 31)
 GATE = 1.0
 """m: feet of one person in two cameras, or in two successive frames, are at most so far apart."""
 LEAST_PAIRS = 40
-HALF, HALF_ERRORS = 0.5, 3.0
+"""Matched feet of a regression; a quarter of the recording needs half as many."""
+LEAST_SPEED = 1e-3
+"""m per frame: where most people move less, no delay can be seen."""
+HALF, ERRORS = 0.5, 2.5
 """Against truth: a delay is reported beyond half a frame by so many standard errors. Cameras that run freely are within half a frame."""
 AMONG_CAMERAS = 2 / 3
 """Frames: the least delay that is reported without truth. The whole frame that mends it then at least halves it."""
+LEAST_SHARE = 1 / 3
+"""Of the distance of feet from people: a delay that explains less of it may be a bias of feet."""
 LEAST_DELAY = 0.08
 """s: shorter delays are within what the errors of feet of walking people imitate."""
 ROUNDS = 15
 """Of the robust regression."""
+ROUNDING = 0.1
+"""Frames: error of the delay of a pair beside its standard error."""
+AMBIGUOUS = 1.5
+"""Cameras whose correction leaves a sum of squared delays up to so many times the least one are named, too."""
+TRIED = 1500
+"""Feet of a camera by which whole frames are tried."""
 MOST_PAIRS = 60
 """Pairs of cameras that are compared."""
 
 
 @dataclass(frozen=True)
 class Delay:
-    """Frames by which detections are late, its standard error, and the number of matched feet."""
+    """Frames by which detections are late, its standard error, and the same of each quarter of the recording, NaN where unknown.
+
+    stride: median step of people in a frame over the median distance of the matched feet.
+    A bias of feet that the regression does not know changes from quarter to quarter, as people take other ways.
+    """
 
     frames: float
     error: float
-    count: int
+    stride: float = 1.0
+    parts: tuple[float, ...] = (np.nan,) * 4
+
+    @property
+    def spread(self) -> float:
+        """Standard error of the mean of quarters, at least `error`; inf where fewer than two are known."""
+        known = [part for part in self.parts if np.isfinite(part)]
+        return max(self.error, float(np.std(known, ddof=1) / np.sqrt(len(known)))) if len(known) > 1 else np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +80,10 @@ class Motion:
     def of_truth(people: People) -> Motion:
         """True people; the velocity is the central difference of a person's places."""
         row = {key: k for k, key in enumerate(zip(people.frame.tolist(), people.id.tolist(), strict=True))}
-        step = int(np.diff(np.unique(people.frame)).min(initial=1)) if len(np.unique(people.frame)) < 2 else int(np.diff(np.unique(people.frame)).min())
-        before, after = (
-            np.array([row.get((frame + sign * step, one), -1) for frame, one in row], dtype=np.int64).reshape(-1) for sign in (-1, 1)
+        step = (
+            int(np.diff(np.unique(people.frame)).min(initial=1)) if len(np.unique(people.frame)) < 2 else int(np.diff(np.unique(people.frame)).min())
         )
+        before, after = (np.array([row.get((frame + sign * step, one), -1) for frame, one in row], dtype=np.int64).reshape(-1) for sign in (-1, 1))
         velocity = (people.point[after] - people.point[before]) / (2 * step)
         velocity[(before < 0) | (after < 0)] = np.nan
         return Motion(people.frame, people.point, velocity)
@@ -160,31 +182,33 @@ def _shifted_to_truth(case: CalibrationCase) -> Corrected | None:
             delays[name] = delay
     if not delays:
         return None
-    middle = float(np.median([delay.frames for delay in delays.values()]))
-    common = round(middle) if _beyond(case, middle, float(np.median([delay.error for delay in delays.values()]))) else 0
+    middle = Delay(*(float(np.median(values)) for values in zip(*((d.frames, d.spread, d.stride) for d in delays.values()), strict=True)), parts=())
+    common = round(middle.frames) if _whole(case, middle, middle.error) else 0
     if common and (len(delays) > 1 or len(case.lenses) == 1):
         corrected = case.with_frames({name: rays.frame - common for name, rays in case.rays.items()})
-        words = f"frames of all detections are {_late(common)} against the truth (by {abs(middle):.1f} frames as moving people show)"
+        words = f"frames of all detections are {_late(common)} against the truth (by {abs(middle.frames):.1f} frames as moving people show)"
         return Finding("frames-shifted-all", (), words), corrected
-    late = {name: delay for name, delay in delays.items() if _beyond(case, delay.frames, delay.error)}
-    return _one_shifted(case, late, {name: delay.frames for name, delay in late.items()}, "the truth")
+    return _one_shifted(case, {name: delay for name, delay in delays.items() if _whole(case, delay, delay.spread)}, "the truth")
 
 
-def _beyond(case: CalibrationCase, frames: float, error: float) -> bool:
-    return abs(frames) > max(HALF + HALF_ERRORS * error, LEAST_DELAY * case.rate)
+def _whole(case: CalibrationCase, delay: Delay, error: float) -> bool:
+    """Whether a delay against truth is clearly nearer to another frame, and no bias of feet."""
+    least = max(HALF + ERRORS * error, LEAST_DELAY * case.rate)
+    return abs(delay.frames) > least and abs(delay.frames) * delay.stride > LEAST_SHARE
 
 
 def _late(frames: int) -> str:
     return f"{abs(frames)} frame{'s' * (abs(frames) > 1)} {'late' if frames > 0 else 'early'} (numbered {abs(frames)} too {'high' if frames > 0 else 'low'})"
 
 
-def _one_shifted(case: CalibrationCase, late: Mapping[str, Delay], frames: Mapping[str, float], rest: str) -> Corrected | None:
+def _one_shifted(case: CalibrationCase, late: Mapping[str, Delay], rest: str) -> Corrected | None:
     """The camera with the greatest delay, in words."""
     if not late:
         return None
-    name = max(late, key=lambda key: abs(frames[key]))
-    whole = int(np.sign(frames[name])) * max(1, round(abs(frames[name])))
-    words = f"frames of {name} are {_late(whole)} against {rest} (by {abs(frames[name]):.1f} frames as moving people show)"
+    name = max(late, key=lambda key: abs(late[key].frames))
+    frames = late[name].frames
+    whole = int(np.sign(frames)) * max(1, round(abs(frames)))
+    words = f"frames of {name} are {_late(whole)} against {rest} (by {abs(frames):.1f} frames as moving people show)"
     return Finding("frames-shifted", (name,), words), case.with_frames({name: case.rays[name].frame - whole})
 
 
@@ -201,9 +225,7 @@ def _delay_to(case: CalibrationCase, name: str, truth: Motion) -> Delay | None:
         if round(-delay.frames) == shift or abs(round(-delay.frames)) > MOST_SHIFT:
             break
         shift = round(-delay.frames)
-    worse = near[0].mean > near[max(-MOST_SHIFT, min(MOST_SHIFT, -(round(delay.frames) or int(np.sign(delay.frames)))))].mean
-    # Regression and nearness need to agree that another frame is better.
-    return Delay(0.0, delay.error, delay.count) if worse else delay
+    return delay
 
 
 def centre_of(case: CalibrationCase, name: str) -> Array:
@@ -217,27 +239,37 @@ def delay_between(a: Motion, b: Motion, centres: tuple[Array, Array | None], shi
 
     centres: x, y (2,) m of their cameras; None for truth. shift: added to the frames of `a` before feet are matched, as mutually nearest ones.
     """
-    frame = a.frame + shift
-    row = Reference(b.frame, b.point).nearest(frame, a.point, GATE)[1]
-    back = Reference(frame[np.isfinite(a.point[:, 0])], a.point[np.isfinite(a.point[:, 0])])
-    origin = np.append(np.flatnonzero(np.isfinite(a.point[:, 0])), -1)
-    matched = np.flatnonzero(row < len(b.frame))
-    mutual = origin[back.nearest(b.frame[row[matched]], b.point[row[matched]], GATE)[1]] == matched
-    matched = matched[mutual]
-    pair = row[matched]
-    velocity = np.stack([a.velocity[matched], b.velocity[pair]])
+    mine, other = _matched(a, b, shift)
+    velocity = np.stack([a.velocity[mine], b.velocity[other]])
     known = np.isfinite(velocity[:, :, 0])
-    weight = np.maximum(known.sum(axis=0), 1)
-    speed = np.where(known[:, :, None], velocity, 0.0).sum(axis=0) / weight[:, None]
     kept = known.any(axis=0)
     if kept.sum() < LEAST_PAIRS:
         return None
-    here, there = a.point[matched][kept], b.point[pair][kept]
-    bias = _bias(here, centres[0]) + ([] if centres[1] is None else _bias(there, centres[1])[2:3])
-    if not np.isfinite(here).all() or np.median(np.hypot(*speed[kept].T)) < 1e-3:
+    mean = np.where(known[:, :, None], velocity, 0.0).sum(axis=0)[kept] / known.sum(axis=0)[kept, None]
+    here, there, frame = a.point[mine][kept], b.point[other][kept], a.frame[mine][kept]
+    if np.median(np.hypot(*mean.T)) < LEAST_SPEED:
         return None
-    late, error = _regression(here - there, speed[kept], bias, _blocks(frame[matched][kept]))
-    return Delay(-late - shift, error, int(kept.sum()))
+    bias = _bias(here, centres[0]) + ([] if centres[1] is None else _bias(there, centres[1])[2:3])
+    X = np.stack([np.stack([mean, *bias], axis=2)[:, axis] for axis in (0, 1)])
+    stride = float(np.median(np.hypot(*mean.T)) / max(float(np.median(np.hypot(*(here - there).T))), 1e-3))
+    late, error = _regression(here - there, X, _blocks(frame, BLOCKS))
+    quarter, parts = _blocks(frame, len(Delay.parts)), []
+    for k in range(len(Delay.parts)):
+        rows = quarter == k
+        enough = rows.sum() >= LEAST_PAIRS / 2
+        parts.append(-_regression((here - there)[rows], X[:, rows], np.zeros(rows.sum(), dtype=np.int64))[0] - shift if enough else np.nan)
+    return Delay(-late - shift, error, stride, tuple(parts))
+
+
+def _matched(a: Motion, b: Motion, shift: int) -> tuple[Ints, Ints]:
+    """Rows of `a` and `b` whose points are mutually nearest in a frame, with frames of `a` shifted."""
+    usable = np.flatnonzero(np.isfinite(a.point[:, 0]))
+    frame, point = a.frame[usable] + shift, a.point[usable]
+    there = Reference(b.frame, b.point).nearest(frame, point, GATE)[1]
+    near = np.flatnonzero(there < len(b.frame))
+    back = Reference(frame, point).nearest(b.frame[there[near]], b.point[there[near]], GATE)[1]
+    near = near[back == near]
+    return usable[near], there[near]
 
 
 def _bias(point: Array, centre: Array) -> list[Array]:
@@ -248,17 +280,16 @@ def _bias(point: Array, centre: Array) -> list[Array]:
     return [np.column_stack([one, 0 * one]), np.column_stack([0 * one, one]), away / distance, away]
 
 
-def _blocks(frame: Ints) -> Ints:
-    return np.asarray((frame - frame.min()) * BLOCKS // (frame.max() - frame.min() + 1))
+def _blocks(frame: Ints, count: int) -> Ints:
+    return np.asarray((frame - frame.min()) * count // (frame.max() - frame.min() + 1))
 
 
-def _regression(residual: Array, velocity: Array, bias: list[Array], block: Ints) -> tuple[float, float]:
-    """Coefficient of the velocity and its standard error, by iteratively reweighted least squares with Cauchy weights.
+def _regression(residual: Array, columns: Array, block: Ints) -> tuple[float, float]:
+    """First coefficient and its standard error: residuals (n, 2) m on columns (2, n, c), by reweighted least squares with Cauchy weights.
 
     The error is the sandwich estimate with blocks as clusters (Liang and Zeger 1986).
     """
-    X = np.concatenate([np.column_stack([velocity[:, axis], *(column[:, axis] for column in bias)]) for axis in (0, 1)])
-    y, block = residual.T.ravel(), np.tile(block, 2)
+    X, y, block = np.concatenate(list(columns)), residual.T.ravel(), np.tile(block, 2)
     weight, rest = np.ones(len(y)), y
     coefficient = np.zeros(X.shape[1])
     for _ in range(ROUNDS):
@@ -266,7 +297,7 @@ def _regression(residual: Array, velocity: Array, bias: list[Array], block: Ints
         rest = y - X @ coefficient
         weight = 1 / (1 + (rest / (1.5 * (1.48 * np.median(np.abs(rest)) + 1e-6))) ** 2)
     inverse = np.linalg.pinv((X * weight[:, None]).T @ X)
-    score = np.zeros((BLOCKS, X.shape[1]))
+    score = np.zeros((block.max() + 1, X.shape[1]))
     np.add.at(score, block, X * (weight * rest)[:, None])
     return float(coefficient[0]), float(np.sqrt((inverse @ (score.T @ score) @ inverse)[0, 0]))
 
@@ -277,13 +308,22 @@ def _shifted_among(case: CalibrationCase) -> Corrected | None:
         return None
     pairs = _pair_delays(case)
     delays = _camera_delays(list(case.lenses), pairs)
-    late = {name: delay for name, delay in delays.items() if abs(delay.frames) > max(AMONG_CAMERAS + delay.error, LEAST_DELAY * case.rate)}
-    found = _one_shifted(case, late, {name: delay.frames for name, delay in late.items()}, "the other cameras")
-    if found is None or len(case.lenses) > 2:
+    least = LEAST_DELAY * case.rate
+    late = {name: delay for name, delay in delays.items() if abs(delay.frames) > max(AMONG_CAMERAS + ERRORS * delay.spread, least)}
+    left = {name: _left(delays, name) for name in late}
+    name = min(left, key=lambda key: left[key], default="")
+    found = _one_shifted(case, {name: late[name]} if name else {}, "the other cameras")
+    others = [key for key in (left if len(case.lenses) > 2 else case.lenses) if key != name and left.get(key, 0.0) <= AMBIGUOUS * left.get(name, 0.0)]
+    if found is None or not others:
         return found
-    one, other = case.lenses
-    words = f"{found[0].words}, or those of {other if found[0].cameras[0] == one else one} are as much the other way"
-    return replace(found[0], words=words), found[1]
+    ways = [f"{other} {'early' if (late[other].frames if other in late else -late[name].frames) < 0 else 'late'}" for other in others]
+    return replace(found[0], words=f"{found[0].words}, or {', or '.join(ways)}: the boxes do not tell which"), found[1]
+
+
+def _left(delays: Mapping[str, Delay], name: str) -> float:
+    """Sum of squared delays, frames², about their mean, after the camera `name` is shifted by whole frames."""
+    left = np.array([delay.frames - (round(delay.frames) if key == name else 0) for key, delay in delays.items()])
+    return float(((left - left.mean()) ** 2).sum())
 
 
 def _pair_delays(case: CalibrationCase) -> dict[tuple[str, str], Delay]:
@@ -302,7 +342,8 @@ def _pair_delays(case: CalibrationCase) -> dict[tuple[str, str], Delay]:
 
 def _best_shift(a: Motion, b: Motion) -> int:
     reference = Reference(b.frame, b.point)
-    feet = Feet(a.frame, a.point, np.zeros(len(a.frame)))
+    rows = slice(None, None, 1 + len(a.frame) // TRIED)
+    feet = Feet(a.frame[rows], a.point[rows], np.zeros(len(a.frame[rows])))
     near = {shift: nearness(feet, reference, feet.frame + shift).mean for shift in range(-MOST_SHIFT, MOST_SHIFT + 1)}
     best = max(near, key=lambda key: near[key])
     # A shift of one frame is left to the regression, which allows for biases of feet.
@@ -310,22 +351,32 @@ def _best_shift(a: Motion, b: Motion) -> int:
 
 
 def _camera_delays(names: list[str], pairs: Mapping[tuple[str, str], Delay]) -> dict[str, Delay]:
-    """Delay of each camera that stands in a pair, against the median of the others: weighted least squares over pairs, robustly."""
+    """Delay of each camera that stands in a pair, against the mean of the others."""
     known = [name for name in names if any(name in pair for pair in pairs)]
     if len(known) < 2:
         return {}
+    error = np.array([delay.spread for delay in pairs.values()])
+    error = np.where(np.isfinite(error), error, 10.0)
+    whole = _solved(known, list(pairs), np.array([delay.frames for delay in pairs.values()]), error)
+    parts = np.array([_solved(known, list(pairs), np.array(part), 2 * error) for part in zip(*(d.parts for d in pairs.values()), strict=True)])
+    return {
+        name: Delay(float(whole[k]), min(delay.error for pair, delay in pairs.items() if name in pair), parts=tuple(parts[:, k].tolist()))
+        for k, name in enumerate(known)
+    }
+
+
+def _solved(known: list[str], pairs: list[tuple[str, str]], delays: Array, error: Array) -> Array:
+    """Delays (n,) of cameras, each against the mean of the others: weighted least squares over the delays of pairs, robustly. NaN without a pair."""
     column = {name: k for k, name in enumerate(known)}
-    A, y = np.zeros((len(pairs), len(known))), np.array([delay.frames for delay in pairs.values()])
-    for row, (a, b) in enumerate(pairs):
-        A[row, column[a]], A[row, column[b]] = 1.0, -1.0
-    given = 1 / (np.array([delay.error for delay in pairs.values()]) ** 2 + 0.1**2)
+    rows = np.flatnonzero(np.isfinite(delays))
+    A, y = np.zeros((len(rows), len(known))), delays[rows]
+    for row, k in enumerate(rows.tolist()):
+        A[row, column[pairs[k][0]]], A[row, column[pairs[k][1]]] = 1.0, -1.0
+    given = 1 / (error[rows] ** 2 + ROUNDING**2)
     weight, x = given, np.zeros(len(known))
     for _ in range(ROUNDS):
         x = np.linalg.lstsq(A * np.sqrt(weight)[:, None], y * np.sqrt(weight), rcond=None)[0]
-        weight = given / (1 + ((y - A @ x) / 0.3) ** 2)
-    out = {}
-    for name, k in column.items():
-        others = np.delete(x, k)
-        error = min((delay.error for pair, delay in pairs.items() if name in pair), default=np.inf)
-        out[name] = Delay(float(x[k] - np.median(others)), error, 0)
-    return out
+        weight = given / (1 + ((y - A @ x) / (3 * ROUNDING)) ** 2)
+    x = np.where(np.abs(A).sum(axis=0) > 0, x, np.nan)
+    seen = int(np.isfinite(x).sum())
+    return np.asarray((x - np.nanmean(x)) * seen / (seen - 1)) if seen > 1 else np.full(len(known), np.nan)
