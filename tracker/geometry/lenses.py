@@ -21,6 +21,8 @@ DIRECTIONS = 90
 """Directions from the principal point in which the fold of a lens with tangential distortion is looked for."""
 BORDER_POINTS = 33
 """Points along each side of the image at which the fold is checked."""
+FOCAL, PRINCIPAL, DISTORTION = (1e-3, 1e9), 1e9, 1e6
+"""Bounds of fx and fy px, of |cx| and |cy| px, and of distortion numbers. No lens comes near; the bounds keep powers finite."""
 ITERATIONS = 100
 """Most Newton steps, the bisections among them included. Near the fold each step halves the error only."""
 
@@ -30,7 +32,7 @@ class LensCamera(ABC):
     """A camera behind a lens: u = fx x + cx, v = fy y + cy of distorted image coordinates x, y (focal length 1).
 
     fx, fy, cx, cy: px. The pixel (0, 0) is the centre of the first pixel.
-    Raises ValueError for numbers that are not finite, for fx and fy that are not above 0, and for a distortion of another length.
+    Raises ValueError for numbers out of the bounds above, and for a distortion of another length.
     """
 
     width: int
@@ -43,11 +45,11 @@ class LensCamera(ABC):
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
         for name in ("fx", "fy"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, needs more than 0")
+            if not FOCAL[0] <= getattr(self, name) <= FOCAL[1]:
+                raise ValueError(f"{name} is {getattr(self, name)} px, needs {FOCAL[0]:g} to {FOCAL[1]:g}")
         for name in ("cx", "cy"):
-            if not np.isfinite(getattr(self, name)):
-                raise ValueError(f"{name} is {getattr(self, name)}, needs a finite number")
+            if not abs(getattr(self, name)) <= PRINCIPAL:
+                raise ValueError(f"{name} is {getattr(self, name)} px, needs at most {PRINCIPAL:g} in size")
 
     @property
     def pixel_centre(self) -> float:
@@ -89,8 +91,8 @@ class LensCamera(ABC):
 
     def _set_distortion(self, distortion: tuple[float, ...], names: tuple[str, ...]) -> None:
         values = tuple(float(k) for k in distortion)
-        if len(values) != len(names) or not np.isfinite(values).all():
-            raise ValueError(f"distortion is {list(values)}, needs {len(names)} finite numbers: {', '.join(names)}")
+        if len(values) != len(names) or not all(abs(k) <= DISTORTION for k in values):
+            raise ValueError(f"distortion is {list(values)}, needs {len(names)} numbers of at most {DISTORTION:g} in size: {', '.join(names)}")
         object.__setattr__(self, "distortion", values)
 
     def _check_border(self, rim: Array, distortion: tuple[float, ...]) -> None:
@@ -265,15 +267,12 @@ def grown_root(coefficients: tuple[float, ...], value: Array, fold: float) -> tu
     """
     if not any(coefficients) and not np.isfinite(fold):
         return value.copy(), np.ones(len(value), dtype=np.bool_)
-    if np.isfinite(fold):
-        top = float(_grown(coefficients, np.array(fold)))
-        high, solved = np.full(len(value), fold), value <= top
-    else:
-        top, high, solved = np.inf, np.maximum(value, 1.0), np.ones(len(value), dtype=np.bool_)
-        while (_grown(coefficients, high) < value).any():
-            high = np.where(_grown(coefficients, high) < value, 2 * high, high)
-    target, low = np.minimum(value, top), np.zeros(len(value))
-    root = np.minimum(target, high)
+    top = float(_grown(coefficients, np.array(fold))) if np.isfinite(fold) else np.inf
+    target, solved = np.minimum(value, top), value <= top
+    low, high = np.zeros(len(value)), np.full(len(value), min(fold, 1.0))
+    while (short := (_grown(coefficients, high) < target) & (high < fold)).any():
+        low, high = np.where(short, high, low), np.where(short, np.minimum(2 * high, fold), high)
+    root = np.clip(target, low, high)
     for _ in range(ITERATIONS):
         error = _grown(coefficients, root) - target
         low, high = np.where(error < 0, root, low), np.where(error > 0, root, high)
@@ -304,6 +303,6 @@ def _slope(coefficients: tuple[float, ...], r: Array) -> Array:
 
 def _first_root(polynomial: Polynomial) -> float:
     """The least positive root of a polynomial, inf where it has none."""
-    roots = polynomial.trim().roots()
+    roots = polynomial.trim(1e-30).roots()
     real = roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 0)]
     return float(real.min()) if len(real) else np.inf

@@ -21,11 +21,10 @@ from typing import Any
 import numpy as np
 
 from tracker.geometry import Array
+from tracker.geometry.camera_protocol import MAX_SIDE
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 from tracker.recordings.recording import RecordingCamera
 
-LARGEST_SIZE = 100_000
-"""px: greatest width and height of an image."""
 ROUNDED = 1e-3
 """Largest |R Rᵀ − 1| of a rotation with rounded digits. The nearest rotation is taken."""
 EXACT = 1e-12
@@ -203,8 +202,8 @@ def _number(value: Any, where: str) -> float:
 
 def _size(value: Any, where: str) -> int:
     number = _number(value, where)
-    if number != round(number) or not 1 <= number <= LARGEST_SIZE:
-        raise ValueError(f"{where} is {_short(value)}, needs a whole number of pixels from 1 to {LARGEST_SIZE}")
+    if number != round(number) or not 1 <= number <= MAX_SIDE:
+        raise ValueError(f"{where} is {_short(value)}, needs a whole number of pixels from 1 to {MAX_SIDE}")
     return int(number)
 
 
