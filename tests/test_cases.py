@@ -1,0 +1,166 @@
+"""Inputs and surroundings that users of comparable software reported as faults, each with its tests, and those of odd data by command.
+
+CASES names the tests of each. Tests in surroundings that need root, a mount or a signal stand in the files that CASES names.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sim.cli.main import _parse
+from tests.sim.cli.test_surroundings import BOXES, CAMERA
+from tests.tracker.formats.mrclam import write_set
+from tracker.planar_slam.utias_run import track_utias
+
+ROOT = Path(__file__).parent
+HERE = "test_cases.py"
+CASES: dict[str, tuple[str, ...]] = {
+    "no place for numba's cache": (
+        "tracker/geometry/test_compilation.py::test_without_any_folder_for_it_the_temporary_folder_has_the_cache",
+        "tracker/geometry/test_compilation.py::test_a_truncated_cache_is_made_anew",
+        "tracker/geometry/test_compilation.py::test_a_folder_of_another_user_is_no_cache",
+    ),
+    "output is a mount point": (
+        "sim/cli/test_surroundings.py::test_results_are_written_into_a_mount_point",
+        "sim/cli/test_output_folders.py::test_a_mount_point_in_a_folder_that_cannot_be_written",
+        "sim/cli/test_output_folders.py::test_results_are_kept_where_the_disk_is_full",
+    ),
+    "started twice": (
+        "sim/cli/test_output_folders.py::test_a_second_writer_is_refused_before_the_work",
+        "tracker/io/test_file_lock.py::test_a_second_process_is_refused_until_the_first_is_killed",
+    ),
+    "two OBJ exports in one folder": ("worlds/test_export.py::test_two_obj_exports_in_one_folder_share_no_file",),
+    "MUJOCO_GL that cannot be loaded": (
+        "sim/cli/test_graphics_choice.py::test_commands_without_the_library",
+        "sim/cli/test_graphics_choice.py::test_the_benchmark_says_so_in_one_line",
+        "sim/cli/test_graphics_choice.py::test_a_backend_of_another_system_is_named",
+    ),
+    "no standard output or error": (
+        "sim/cli/test_streams.py::test_closed_streams",
+        "sim/cli/test_streams.py::test_a_full_standard_error_does_not_end_the_work",
+    ),
+    "terminal that is not UTF-8": ("sim/cli/test_streams.py::test_characters_that_a_stream_lacks_are_replaced",),
+    "one late row": (
+        f"{HERE}::test_one_late_row_takes_no_memory",
+        "tracker/planar_slam/test_event_schedule.py::test_a_late_row_takes_no_memory_and_its_gap_is_said",
+    ),
+    "time steps back a little": (
+        f"{HERE}::test_rows_a_little_out_of_order_are_sorted",
+        "tracker/formats/test_utias.py::test_rows_that_step_back_a_little_are_sorted_and_repeated_rows_merged",
+    ),
+    "byte order mark": ("sim/cli/test_surroundings.py::test_byte_order_marks",),
+    "detections given as results": ("sim/cli/test_surroundings.py::test_detections_are_no_tracks",),
+    "a number that is none": (f"{HERE}::test_a_bad_number_in_results_is_named", "tracker/planar_slam/test_trajectories.py::test_bad_rows_are_named"),
+    "all confidences -1": (f"{HERE}::test_few_people_are_explained",),
+    "warnings of libraries leak": (f"{HERE}::test_no_warning_of_a_library",),
+    "clique --json prints Infinity": ("sim/cli/test_surroundings.py::test_an_infinite_weight_is_refused",),
+    "Ctrl-C during imports": ("sim/cli/test_interrupts.py::test_clique",),
+    "intervals leave the range of their figure": ("sim/report/test_report.py::test_no_interval_leaves_the_range_of_its_figure",),
+    "damaged files": ("fuzz/test_readers.py",),
+}
+"""Case → its tests, in the order of the reports."""
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_case_has_its_tests(case: str) -> None:
+    for name in CASES[case]:
+        file, _, function = name.partition("::")
+        tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+        assert not function or function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, name
+
+
+def pilsim(*words: object, options: tuple[str, ...] = (), memory: int = 0) -> subprocess.CompletedProcess[str]:
+    """Run a command. options: of the interpreter. memory: limit of the address space, KiB."""
+    limit = f"ulimit -v {memory}; " if memory else ""
+    command = [sys.executable, *options, "-m", "pilsim", *map(str, words)]
+    return subprocess.run(
+        ["bash", "-c", f'{limit}exec "$@"', "bash", *command], cwd=ROOT.parent, capture_output=True, text=True, check=False, timeout=120
+    )
+
+
+def append(path: Path, text: str) -> None:
+    path.write_text(path.read_text() + text)
+
+
+def test_one_late_row_takes_no_memory(tmp_path: Path) -> None:
+    """The last row of each odometry is 23 years late, on a grid of 0.02 s. The gap is left out with a line."""
+    source = write_set(tmp_path / "set", 10.0)
+    for n in (1, 2):
+        append(source / f"Robot{n}_Odometry.dat", "726724000.0 0.0 0.0\n")
+    append(source / "Robot1_Measurement.dat", "726724000.0 72 1.0 0.0\n")
+    append(source / "Robot2_Groundtruth.dat", "726724000.0 1 1 0\n")
+    done = pilsim("track", source, "--map", "known", "--out", tmp_path / "out", memory=4_000_000)
+    assert done.returncode == 0, done.stderr
+    assert "no robot has odometry from 1059.900 to 726724000.000 s: this gap of 726722940 s is left out" in done.stdout
+    assert "2 robots at 2996 times" in done.stdout
+    assert (tmp_path / "out" / "robots.csv").stat().st_size < 2_000_000
+
+
+def test_rows_a_little_out_of_order_are_sorted(tmp_path: Path) -> None:
+    """Two rows are exchanged, which are 0.1 s apart, and one stands twice. The results are those of the set in order."""
+    clean, mixed = write_set(tmp_path / "clean", 10.0), write_set(tmp_path / "mixed", 10.0)
+    path = mixed / "Robot1_Odometry.dat"
+    lines = path.read_text().splitlines()
+    lines[50], lines[51] = lines[51], lines[50]
+    path.write_text("\n".join([*lines, lines[-1], ""]))
+    track_utias(clean, tmp_path / "clean-out", False)
+    done = pilsim("track", mixed, "--out", tmp_path / "mixed-out")
+    assert done.returncode == 0, done.stderr
+    note = "Robot1_Odometry.dat: 1 row out of order by up to 0.10 s sorted, 1 repeated row merged"
+    assert done.stdout.splitlines()[0] == note
+    assert json.loads((tmp_path / "mixed-out" / "run.json").read_text())["mended"] == [note]
+    assert (tmp_path / "clean-out" / "robots.csv").read_bytes() == (tmp_path / "mixed-out" / "robots.csv").read_bytes()
+
+
+def test_a_bad_number_in_results_is_named(tmp_path: Path) -> None:
+    source = write_set(tmp_path / "set", 10.0)
+    track_utias(source, tmp_path / "out", False)
+    path = tmp_path / "out" / "robots.csv"
+    lines = path.read_text().splitlines()
+    lines[4] = lines[4].replace(lines[4].split(",")[2], "oops", 1)
+    path.write_text("\n".join(lines) + "\n")
+    done = pilsim("score", source, tmp_path / "out")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"error: {path}:5: tx is 'oops', needs a number\n"
+
+
+def pets(folder: Path, boxes: str) -> Path:
+    """A PETS folder of one view with these detections."""
+    for name in ("calibration", "detections"):
+        (folder / name).mkdir(parents=True)
+    (folder / "calibration" / "View_001.xml").write_text(CAMERA)
+    (folder / "detections" / "View_001.txt").write_text(boxes)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("boxes", "why"),
+    [
+        (BOXES.replace(",0.95,", ",-1,"), "no people: no detection is sure enough: all 8 boxes have a confidence of 0 or less, and a track begins"),
+        (BOXES.replace(",20,60,", ",20,30,"), "no people: of 8 boxes 8 are lower than 1.4 m"),
+        (BOXES.replace("340,120,", "340,-500,"), "no people: of 8 boxes 8 have no ground point"),
+        (BOXES.splitlines()[0] + "\n", "no people: of 1 boxes 1 may begin a track, but are in too few frames"),
+        (BOXES, ""),
+    ],
+)
+def test_few_people_are_explained(tmp_path: Path, boxes: str, why: str, capsys: pytest.CaptureFixture[str]) -> None:
+    _parse(["track", str(pets(tmp_path / "pets", boxes)), "--out", str(tmp_path / "out")]).run()
+    first, *more = capsys.readouterr().out.splitlines()
+    assert f"{int(not why)} people in " in first
+    assert [line.startswith(why) for line in more] == [True] * bool(why)
+
+
+def test_no_warning_of_a_library(tmp_path: Path) -> None:
+    """A robot that measured nothing. All warnings are errors."""
+    source = write_set(tmp_path / "set", 10.0)
+    (source / "Robot1_Measurement.dat").write_text("")
+    done = pilsim("track", source, "--out", tmp_path / "out", options=("-W", "error"))
+    assert (done.returncode, done.stderr) == (0, "")
+    done = pilsim("score", source, tmp_path / "out", options=("-W", "error"))
+    assert (done.returncode, done.stderr) == (0, "")
