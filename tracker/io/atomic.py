@@ -40,12 +40,12 @@ def is_temporary(name: str) -> bool:
 
 def is_free(path: Path) -> bool:
     """Whether `path` does not exist, or is a folder without content."""
-    return not (path.exists() or path.is_symlink()) or (path.is_dir() and all(is_temporary(entry.name) for entry in path.iterdir()))
+    return not path.exists() or (path.is_dir() and all(is_temporary(entry.name) for entry in path.iterdir()))
 
 
 def partial_path(path: Path) -> Path:
     """The temporary name under which a folder `path` that does not exist is written; it lies in the same parent folder."""
-    real = path if path.name not in ("", "..") else path.resolve()
+    real = Path(os.path.realpath(path)) if path.is_symlink() or path.name in ("", "..") else path
     return real.with_name(f".{real.name}.partial")
 
 
@@ -66,7 +66,7 @@ def begin_folder(path: Path) -> Path:
 def finish_folder(path: Path, partial: Path) -> None:
     """Rename the temporary folder `partial` to `path`, or move its content into the folder `path` where that exists."""
     if not path.is_dir():
-        partial.rename(path)
+        partial.rename(os.path.realpath(path))
         return
     for entry in sorted(partial.iterdir(), key=lambda entry: (LAST.index(entry.name) if entry.name in LAST else -1, entry.name)):
         entry.rename(path / entry.name)
