@@ -28,7 +28,7 @@ class Client:
             self._child.communicate()
             self._child = None
 
-    def ask(self, reader: str, way: str, count: int, seed: int, limit: float) -> dict[str, Any]:
+    def ask(self, order: dict[str, Any], limit: float) -> dict[str, Any]:
         """The answer of the worker: inputs, refused and faults; or one fault where it ended or took more than `limit` s for all inputs."""
         if self._child is None:
             command = [sys.executable, "-m", "tests.fuzz.worker"]
@@ -37,7 +37,7 @@ class Client:
         child = self._child
         assert child.stdin is not None
         assert child.stdout is not None
-        child.stdin.write(json.dumps({"reader": reader, "way": way, "count": count, "seed": seed}).encode() + b"\n")
+        child.stdin.write(json.dumps(order).encode() + b"\n")
         child.stdin.flush()
         with selectors.DefaultSelector() as wait:
             wait.register(child.stdout, selectors.EVENT_READ)

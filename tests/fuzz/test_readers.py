@@ -32,7 +32,7 @@ def check(worker: Client, name: str, count: int, seed: int, limit: float, record
     faults: dict[str, Any] = {}
     inputs = 0
     for way in WAYS:
-        answer = worker.ask(name, way, count, seed, limit)
+        answer = worker.ask({"reader": name, "way": way, "count": count, "seed": seed}, limit)
         assert "error" not in answer, answer["error"]
         inputs += answer["inputs"]
         faults |= answer["faults"]

@@ -21,8 +21,9 @@ _OTHER_ENCODINGS = {codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"
 def read_lines(path: str | os.PathLike[str], errors: str = "strict") -> Iterator[tuple[int, str]]:
     """The lines of a file that are not blank: number from 1, and text without the line end and the blanks before it.
 
-    Lines end with LF, CR LF or CR. errors: "replace" for a format with comments in any encoding. Raises ValueError with file and line where the
-    bytes are no UTF-8, for a byte 0, and before a line of more than LONGEST_LINE characters is read. Raises OSError where the file cannot be read.
+    Lines end with LF, CR LF or CR. errors: "replace" for a format with comments in any encoding.
+    Raises ValueError with file and line for bytes that are no UTF-8 or 0, and for a line of more than LONGEST_LINE characters.
+    Raises OSError where the file cannot be read.
     """
     try:
         with Path(path).open(encoding="utf-8-sig", errors=errors) as file:

@@ -241,13 +241,15 @@ class Recording:
         """The truth of frames 0 to the last that has an entry. Later frames are not labeled."""
         if self.truth is None:
             return None
-        none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+        nobody = Truth(0, {}, np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, len(self.cameras))))
         out = []
         for index in range(max(self.truth, default=-1) + 1):
-            ids, positions = self.truth.get(index, none)
+            ids, positions = self.truth.get(index, (nobody.person_id, nobody.feet))
             visible = self.visible.get(index, np.ones(len(ids)))
             poses = {name: robot.truth[index] for name, robot in self.robots.items() if robot.truth is not None and index in robot.truth}
-            out.append(Truth(index, poses, ids, positions, np.tile(visible[:, None], len(self.cameras))))
+            # A frame is often empty, and a truth with new arrays takes 1 kB and some time.
+            empty = not poses and not len(ids)
+            out.append(nobody.at(index) if empty else Truth(index, poses, ids, positions, np.tile(visible[:, None], len(self.cameras))))
         return tuple(out)
 
 

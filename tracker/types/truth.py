@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,3 +114,9 @@ class Truth:
             set_array(self, "joints", (n, KEYPOINT_COUNT, 3))
         if len(np.unique(self.person_id)) != n:
             raise ValueError(f"truth of frame {self.index} has a person twice")
+
+    def at(self, index: int) -> Truth:
+        """The same truth in frame `index`. It shares the arrays."""
+        out = copy(self)
+        object.__setattr__(out, "index", index)
+        return out
