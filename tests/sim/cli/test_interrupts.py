@@ -86,3 +86,62 @@ def test_stress_by_two_workers(tmp_path: Path) -> None:
     results = tmp_path / "d" / "results.jsonl"
     check(Interrupted(lambda: results.exists() and results.stat().st_size > 0, *words))
     assert results.read_text().endswith("}\n")
+
+
+AT_IMPORT = """
+import os, signal, sys
+class Hook:
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r} and not Hook.done:
+            Hook.done = True
+            {act}
+    done = False
+sys.meta_path.insert(0, Hook())
+sys.argv = ["pilsim", "clique", "--help"]
+import pilsim
+pilsim.main()
+"""
+SEND = "os.kill(os.getpid(), signal.SIGINT)"
+IN_DESTRUCTOR = "type('Last', (), {'__del__': lambda self: os.kill(os.getpid(), signal.SIGINT)})()"
+SWALLOWED = f"""
+            try:
+                {SEND}
+                for _ in range(100): pass
+            except BaseException:
+                pass"""
+AS_IMPORT_ERROR = f"""
+            try:
+                {SEND}
+                for _ in range(100): pass
+            except BaseException:
+                raise ImportError('bad install')"""
+
+
+@pytest.mark.parametrize("act", [SEND, IN_DESTRUCTOR, SWALLOWED, AS_IMPORT_ERROR], ids=["plain", "destructor", "swallowed", "import error"])
+@pytest.mark.parametrize("name", ["sim.cli.main", "numpy.linalg", "tyro"])
+def test_during_imports(name: str, act: str) -> None:
+    done = subprocess.run([sys.executable, "-c", AT_IMPORT.format(name=name, act=act)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 130, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("interrupted")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["demo/.*/images/robot_0_camera/*", "demo/sequence/manifest.json"])
+def test_demo_goes_on_where_it_stopped(tmp_path: Path, part: str) -> None:
+    out = tmp_path / "demo"
+    words = ("demo", "--frames", "6", *BUSY, "--out", str(out))
+    check(Interrupted(exists(tmp_path, part), *words))
+    assert not [path for path in (out / "sequence").glob("*") if not (out / "sequence" / "manifest.json").exists()]
+    again = subprocess.run([sys.executable, "-m", "pilsim", *words], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert (out / "video.mp4").exists()
+
+
+@pytest.mark.slow
+def test_track(data: Callable[..., Path], tmp_path: Path) -> None:
+    source = data("pets2009", "S2.L1")
+    words = ("track", str(source), "--views", "1,5,7", "--hypotheses", "multiple", "--out", str(tmp_path / "out"))
+    for seconds in (3.0, 10.0):
+        check(Interrupted(after(seconds), *words))
+        assert not list((tmp_path / "out").glob("*"))
