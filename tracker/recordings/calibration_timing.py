@@ -18,6 +18,8 @@ from tracker.geometry import Array, Ints
 from tracker.recordings.calibration_errors import LEAST_BOXES, MORE, Corrected, Finding, better
 from tracker.recordings.calibration_feet import BLOCKS, CalibrationCase, Feet, Nearness, People, Reference, nearness
 
+CLEARLY = 1.3
+"""A shift by more than one frame is taken where feet are so many times as near."""
 MOST_SHIFT = 5
 """Frames by which detections are shifted at most."""
 STRETCHES = range(2, 31)
@@ -36,8 +38,9 @@ LEAST_SHARE = 1 / 3
 """Of the distance of feet from people: a delay that explains less of it may be a bias of feet."""
 LEAST_DELAY = 0.08
 """s: shorter delays are within what the errors of feet of walking people imitate."""
+MATCHINGS = 3
 ROUNDS = 15
-"""Of the robust regression."""
+"""Of matching and regression; of the weights of a regression."""
 ROUNDING = 0.1
 """Frames: error of the delay of a pair beside its standard error."""
 AMBIGUOUS = 1.5
@@ -214,18 +217,9 @@ def _one_shifted(case: CalibrationCase, late: Mapping[str, Delay], rest: str) ->
 
 def _delay_to(case: CalibrationCase, name: str, truth: Motion) -> Delay | None:
     """The delay of a camera against truth: the best whole frame, and the rest by regression."""
-    feet, reference = case.sampled_feet(name), Reference(truth.frame, truth.point)
-    near = {shift: nearness(feet, reference, feet.frame + shift) for shift in range(-MOST_SHIFT, MOST_SHIFT + 1)}
-    shift = max(near, key=lambda key: (near[key].mean, -abs(key)))
+    feet = case.sampled_feet(name)
     own = Motion(feet.frame, feet.point, np.full_like(feet.point, np.nan))
-    for _ in range(3):
-        delay = delay_between(own, truth, (centre_of(case, name), None), shift)
-        if delay is None:
-            return None
-        if round(-delay.frames) == shift or abs(round(-delay.frames)) > MOST_SHIFT:
-            break
-        shift = round(-delay.frames)
-    return delay
+    return delay_between(own, truth, (centre_of(case, name), None), _best_shift(own, truth))
 
 
 def centre_of(case: CalibrationCase, name: str) -> Array:
@@ -237,9 +231,23 @@ def centre_of(case: CalibrationCase, name: str) -> Array:
 def delay_between(a: Motion, b: Motion, centres: tuple[Array, Array | None], shift: int = 0) -> Delay | None:
     """Frames by which `a` is late against `b`, or None with too few matched feet.
 
-    centres: x, y (2,) m of their cameras; None for truth. shift: added to the frames of `a` before feet are matched, as mutually nearest ones.
+    centres: x, y (2,) m of their cameras; None for truth. shift: added to the frames of `a` before feet are matched. Feet are matched again after `b`
+    is moved by the delay that was found: people of a crowd are nearer to one another than they walk in a frame.
     """
-    mine, other = _matched(a, b, shift)
+    delay, moved = None, b
+    for _ in range(MATCHINGS):
+        found = _delay_of(a, b, _matched(a, moved, shift), centres, shift)
+        if found is None:
+            return delay
+        delay = found
+        step = np.where(np.isfinite(b.velocity), b.velocity, 0.0)
+        moved = replace(b, point=b.point - np.clip(delay.frames + shift, -1.0, 1.0) * step)
+    return delay
+
+
+def _delay_of(a: Motion, b: Motion, rows: tuple[Ints, Ints], centres: tuple[Array, Array | None], shift: int) -> Delay | None:
+    """The delay by the matched feet in `rows` of `a` and `b`."""
+    mine, other = rows
     velocity = np.stack([a.velocity[mine], b.velocity[other]])
     known = np.isfinite(velocity[:, :, 0])
     kept = known.any(axis=0)
@@ -255,9 +263,9 @@ def delay_between(a: Motion, b: Motion, centres: tuple[Array, Array | None], shi
     late, error = _regression(here - there, X, _blocks(frame, BLOCKS))
     quarter, parts = _blocks(frame, len(Delay.parts)), []
     for k in range(len(Delay.parts)):
-        rows = quarter == k
-        enough = rows.sum() >= LEAST_PAIRS / 2
-        parts.append(-_regression((here - there)[rows], X[:, rows], np.zeros(rows.sum(), dtype=np.int64))[0] - shift if enough else np.nan)
+        part = quarter == k
+        enough = part.sum() >= LEAST_PAIRS / 2
+        parts.append(-_regression((here - there)[part], X[:, part], np.zeros(part.sum(), dtype=np.int64))[0] - shift if enough else np.nan)
     return Delay(-late - shift, error, stride, tuple(parts))
 
 
@@ -310,14 +318,24 @@ def _shifted_among(case: CalibrationCase) -> Corrected | None:
     delays = _camera_delays(list(case.lenses), pairs)
     least = LEAST_DELAY * case.rate
     late = {name: delay for name, delay in delays.items() if abs(delay.frames) > max(AMONG_CAMERAS + ERRORS * delay.spread, least)}
-    left = {name: _left(delays, name) for name in late}
-    name = min(left, key=lambda key: left[key], default="")
-    found = _one_shifted(case, {name: late[name]} if name else {}, "the other cameras")
-    others = [key for key in (left if len(case.lenses) > 2 else case.lenses) if key != name and left.get(key, 0.0) <= AMBIGUOUS * left.get(name, 0.0)]
-    if found is None or not others:
+    found = _one_shifted(case, _least_left(delays, late), "the other cameras")
+    if found is None:
+        return None
+    name = found[0].cameras[0]
+    doubtful = {key: delay for key, delay in delays.items() if abs(delay.frames) > HALF}
+    if len(delays) > 2:
+        doubtful = {key: delay for key, delay in doubtful.items() if _left(delays, key) < AMBIGUOUS * _left(delays, name)}
+    ways = [f"{key} {'late' if delay.frames > 0 else 'early'}" for key, delay in doubtful.items() if key != name]
+    if not ways:
         return found
-    ways = [f"{other} {'early' if (late[other].frames if other in late else -late[name].frames) < 0 else 'late'}" for other in others]
-    return replace(found[0], words=f"{found[0].words}, or {', or '.join(ways)}: the boxes do not tell which"), found[1]
+    words = f"{found[0].words}, or {', or '.join(ways)}: the boxes do not tell which"
+    return replace(found[0], cameras=(name, *(key for key in doubtful if key != name)), words=words), found[1]
+
+
+def _least_left(delays: Mapping[str, Delay], late: Mapping[str, Delay]) -> dict[str, Delay]:
+    """The one of the late cameras whose correction brings all cameras best into step."""
+    name = min(late, key=lambda key: _left(delays, key), default=None)
+    return {} if name is None else {name: late[name]}
 
 
 def _left(delays: Mapping[str, Delay], name: str) -> float:
@@ -341,13 +359,13 @@ def _pair_delays(case: CalibrationCase) -> dict[tuple[str, str], Delay]:
 
 
 def _best_shift(a: Motion, b: Motion) -> int:
+    """Frames to add to those of `a`, where feet are then clearly nearer. A single frame is left to the regression, which allows for biases of feet."""
     reference = Reference(b.frame, b.point)
     rows = slice(None, None, 1 + len(a.frame) // TRIED)
     feet = Feet(a.frame[rows], a.point[rows], np.zeros(len(a.frame[rows])))
     near = {shift: nearness(feet, reference, feet.frame + shift).mean for shift in range(-MOST_SHIFT, MOST_SHIFT + 1)}
     best = max(near, key=lambda key: near[key])
-    # A shift of one frame is left to the regression, which allows for biases of feet.
-    return best if abs(best) > 1 else 0
+    return best if abs(best) > 1 and near[best] > max(near[shift] for shift in (-1, 0, 1)) * CLEARLY else 0
 
 
 def _camera_delays(names: list[str], pairs: Mapping[tuple[str, str], Delay]) -> dict[str, Delay]:
