@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +26,8 @@ from sim.rendering.gl_context import GLInformation, gl_information, open_context
 from sim.rendering.opengl_renderer import OpenGLRenderer
 from sim.rendering.shaders import projection
 from tracker.geometry import Array, Pose
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera
+from worlds.engine import mujoco
 
 NEAR = 0.02
 """m: near plane. The depth buffer is reversed floating point, so that a close near plane costs no precision."""
@@ -168,7 +168,7 @@ class PanoramaRenderer:
         faces = [(_viewport(face), self._projection(pose, face), of) for face, of in zip(table.faces, draw_commands, strict=True) if len(of.commands)]
         with watched("drawing"):
             bits = self._renderer.coverage_bits(slots, faces, (table.width, table.height))
-        return covered(bits, table.nearest, len(instances), isinstance(camera, Panorama))
+        return covered(bits, table.nearest, len(instances), camera.wraps)
 
     def _projection(self, pose: Pose, face: Face) -> Array:
         return projection(pose, face.axes, np.concatenate([face.low, face.high]), (NEAR, self._far))

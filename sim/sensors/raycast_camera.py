@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from sim.pedestrian.skeleton import LIMBS
@@ -17,8 +16,9 @@ from sim.sensors.person_detector import HIPS, People
 from sim.sensors.raycasting import Raycaster
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Mask, Pose, perturbed_bearings
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera
 from tracker.types import Boxes, Keypoints, Sightings, ViewTruth
+from worlds.engine import mujoco
 
 STATIC_GROUPS = np.array([1, 1, 0, 0, 0, 0], np.uint8)
 """Geom groups of static geometry: ground and props."""
@@ -218,7 +218,7 @@ def _bounding_box(camera: Camera, T_world_camera: Pose, points: Array) -> tuple[
     if not inside.any():
         return None, inside
     u, v = pixels[inside].T
-    if isinstance(camera, Panorama):
+    if camera.wraps:
         u = u[0] + np.mod(u - u[0] + camera.width / 2, camera.width) - camera.width / 2
         shift = -np.floor(u.min() / camera.width) * camera.width
         u = u + shift
