@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ FrameBoxes = Mapping[int, tuple[Array, Array]]
 """Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,). Frames without boxes may have no entry."""
 MAX_FRAMES = MAX_FRAME
 """Of a recording, which holds a value for each frame, also for those without data."""
+MAX_VIEWS = 1 << 24
+"""Frames times cameras: a tick holds a view for each."""
 NOBODY = Detections.none()
 STATURE = (1.4, 2.3)
 """m: the default band of body heights, as in Setup."""
@@ -128,6 +131,8 @@ class Recording:
             object.__setattr__(self, "frames", self._last_frame() + 1)
         if not self._last_frame() < self.frames <= MAX_FRAMES:
             raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
+        if self.frames * len(self.cameras) > MAX_VIEWS:
+            raise ValueError(f"frames is {self.frames} of {len(self.cameras)} cameras, needs at most {MAX_VIEWS} views in all")
 
     def check_heights(self) -> None:
         """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and says why."""
@@ -227,6 +232,11 @@ class Recording:
             ticks = TicksWithImages(ticks, wanted, {name: (self.cameras[name].camera.height, self.cameras[name].camera.width) for name in wanted})
         return Sequence(setup, ticks, self._truth(), dict(self.source))
 
+    @cached_property
+    def _empty_views(self) -> dict[str, View]:
+        """Frames without boxes share their views, as there may be many."""
+        return {name: View(name, NOBODY) for name in self.cameras}
+
     def _tick(self, index: int) -> Tick:
         views = []
         for name, camera in self.cameras.items():
@@ -234,6 +244,9 @@ class Recording:
                 continue  # an empty view would say that the camera sees nobody
             found = self.detections.get(name, {}).get(index)
             odometry = self.robots[camera.robot].odometry.get(index) if camera.robot is not None else None
+            if found is None and odometry is None:
+                views.append(self._empty_views[name])
+                continue
             views.append(View(name, NOBODY if found is None else detections_from_boxes(camera.camera, *found), odometry=odometry))
         return Tick(index, index / self.rate, tuple(views))
 
