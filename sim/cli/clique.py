@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from sim.cli.options import unset
+from tracker.io.json_files import json_text
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Clique:
         if not math.isfinite(found.weight):
             raise ValueError(f"{self.file}: the weights of a clique add up to {found.weight}, needs a finite sum")
         if self.json:
-            print(json.dumps({"weight": found.weight, "moves": found.moves, "seconds": round(found.seconds, 6), "clique": clique}))
+            print(json_text({"weight": found.weight, "moves": found.moves, "seconds": round(found.seconds, 6), "clique": clique}))
         else:
             kind = "the heaviest clique" if self.exact else "a clique"
             print(f"{kind} of weight {found.weight:g}, {len(clique)} of {len(graph)} vertices, after {found.moves} moves in {found.seconds:.3f} s")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from sim.cli.options import unset
+from tracker.io.json_files import json_text
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Compare:
             raise ValueError("compare needs folders of results, the first as the reference")
         with nullcontext() if self.out is None else output_file_lock(self.out):
             found = compare_paired(self.folders)
-            print(json.dumps(to_json(found), indent=1) if self.json else comparison_text(found))
+            print(json_text(to_json(found), indent=1) if self.json else comparison_text(found))
             if self.out is not None:
                 from sim.report.comparison_plot import draw
 

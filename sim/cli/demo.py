@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sim.cli.options import Out
+from tracker.io.json_files import json_text
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario
@@ -95,7 +96,7 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
         shutil.rmtree(out / "track")
     results = tracked(sequence, out / "track", {"source": "sequence", "views": []})
     scores = evaluate(sequence, results)
-    write_text(out / "scores.json", json.dumps(scores, indent=1) + "\n")
+    write_text(out / "scores.json", json_text(scores, indent=1) + "\n")
     draw(sequence, results, scores, out)
     print(table(scores))
     _print_files(out)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import os
 import platform
 import time
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim.rendering.gl_context import GLUnavailable, choose_gl
+from tracker.io.json_files import json_text
 
 PACKAGES = {"pilsim": "pilsim", "mujoco": "mujoco", "numpy": "numpy", "opencv": "opencv-python-headless", "numba": "numba"}
 
@@ -30,7 +30,7 @@ class Doctor:
 
     def run(self) -> None:
         report = examine()
-        print(json.dumps(report, indent=1) if self.json else describe(report))
+        print(json_text(report, indent=1) if self.json else describe(report))
 
 
 def examine(seconds: float = 3.0) -> dict[str, Any]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
+
+from tracker.io.json_files import json_text
 
 
 @dataclass(frozen=True)
@@ -29,4 +30,4 @@ class Info:
         from tracker.datasets.summary import summarize, summary_text
 
         found = summarize(self.source)
-        print(json.dumps(found, indent=1) if self.json else summary_text(found))
+        print(json_text(found, indent=1) if self.json else summary_text(found))

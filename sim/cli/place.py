@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import OmitArgPrefixes, arg
 
 from sim.cli.options import unset
+from tracker.io.json_files import json_text
 
 if TYPE_CHECKING:
     from sim.policies.rollouts import EpisodeResult
@@ -121,7 +121,7 @@ class Place:
         outcomes = self._outcomes()
         found, less = table(outcomes), differences(outcomes)
         if self.json:
-            print(json.dumps({"means": _plain(found), "differences": _plain(less), "episodes": [dataclasses.asdict(o) for o in outcomes]}, indent=1))
+            print(json_text({"means": _plain(found), "differences": _plain(less), "episodes": [dataclasses.asdict(o) for o in outcomes]}, indent=1))
         else:
             what = f"{self.scene.density or self.world}, {self.steps} decisions each"
             print(text(found, less), f"means over {self.episodes} seeds from {self.seed} with 95 % intervals; {what}", sep="\n\n")

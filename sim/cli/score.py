@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +9,7 @@ from typing import Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import unset
+from tracker.io.json_files import json_text
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Score:
 
         if self.source and self.results and self.files == Files() and format_of(self.source).name == UTIAS:
             scores = utias_run.evaluate_trajectories(self.source, self.results)
-            print(json.dumps(scores, indent=1) if self.json else trajectories.table(scores))
+            print(json_text(scores, indent=1) if self.json else trajectories.table(scores))
             return
         if self.source and self.results and not (self.files.truth or self.files.result) and self.files.iou is None:
             results = read_results(self.results)
@@ -65,4 +65,4 @@ class Score:
             scores = evaluate_files(self.files.truth, self.files.result, self.files.iou)
         else:
             raise ValueError("score takes either SOURCE and RESULTS, or --truth and --result with or without --iou")
-        print(json.dumps(scores, indent=1) if self.json else table(scores))
+        print(json_text(scores, indent=1) if self.json else table(scores))

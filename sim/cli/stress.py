@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, arg
 
 from sim.cli.options import options_of, unset
+from tracker.io.json_files import json_text
 
 if TYPE_CHECKING:
     from sim.stress.sweeps import Case
@@ -119,7 +119,7 @@ class Stress:
         rows = run_trials(trials, self.out, workers, self._command(), partial(progress_bar, desc="runs", unit="run", smoothing=0.1))
         if self.json:
             for row in rows:
-                print(json.dumps(row))
+                print(json_text(row))
             return
         failed = [row for row in rows if row["error"]]
         print(f"{self.out}: {len(rows)} runs in results.jsonl; `pilsim report {self.out}` makes a page of them")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from sim.cli.options import unset
+from tracker.io.json_files import json_text
 
 
 @dataclass(frozen=True)
@@ -47,4 +47,4 @@ class Worlds:
             if self.export is not None:
                 locks.enter_context(output_file_lock(self.export))
             rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip))
-        print(json.dumps(rows, indent=1) if self.json else describe(rows))
+        print(json_text(rows, indent=1) if self.json else describe(rows))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +16,7 @@ from sim.stress.trial import SCHEMA, Trial, empty_row
 from sim.stress.worker import Worker
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock
-from tracker.io.json_files import parse_json
+from tracker.io.json_files import json_text, parse_json
 from tracker.io.resume import check_same, holds_run
 from tracker.io.text_files import shown
 
@@ -71,7 +70,7 @@ def run_trials(
         with (folder / RESULTS).open("a", encoding="utf-8") as file:
             for row in shown:
                 rows[key_of(row)] = row
-                file.write(json.dumps(row) + "\n")
+                file.write(json_text(row) + "\n")
                 file.flush()
                 os.fsync(file.fileno())
         ordered = [rows[key] for key in sorted(rows, key=_order)]
@@ -164,8 +163,8 @@ def _is_row(row: dict[str, Any]) -> bool:
 
 
 def _write_rows(folder: Path, rows: list[dict[str, Any]]) -> None:
-    write_text(folder / RESULTS, "".join(json.dumps(row) + "\n" for row in rows))
+    write_text(folder / RESULTS, "".join(json_text(row) + "\n" for row in rows))
 
 
 def _write_run(folder: Path, command: str) -> None:
-    write_text(folder / RUN, json.dumps({"schema": SCHEMA, "command": command, "versions": versions()}, indent=1) + "\n")
+    write_text(folder / RUN, json_text({"schema": SCHEMA, "command": command, "versions": versions()}, indent=1) + "\n")

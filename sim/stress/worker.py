@@ -18,6 +18,7 @@ from typing import IO, Any
 
 from sim.parallel.pool import ONE_THREAD
 from sim.stress.trial import Trial, empty_row, row_of
+from tracker.io.json_files import json_text
 
 POLL = 1.0
 """Time between checks of the parent process, s."""
@@ -98,7 +99,7 @@ def main() -> None:
     os.dup2(2, 1)
     threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
     for line in sys.stdin:
-        print(json.dumps(row_of(Trial.from_json(line))), file=answers, flush=True)
+        print(json_text(row_of(Trial.from_json(line))), file=answers, flush=True)
 
 
 if __name__ == "__main__":

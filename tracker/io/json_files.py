@@ -1,8 +1,9 @@
-"""Reading JSON files of bounded size, depth and numbers, with errors that name file and line."""
+"""Reading JSON files of bounded size, depth and numbers, with errors that name file and line; writing JSON without NaN and Infinity."""
 
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,19 @@ def read_json(path: Path, largest: int = LARGEST_JSON) -> Any:
     except UnicodeDecodeError:
         raise not_utf8(path) from None
     return _parsed(text, str(path), f"{path}:{{line}}")
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """A value as JSON, where numbers that are not finite become null. RFC 8259 has neither NaN nor Infinity, and most readers refuse them."""
+    return json.dumps(_finite(value), indent=indent, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(entry) for name, entry in value.items()}
+    return [_finite(entry) for entry in value] if isinstance(value, (list, tuple)) else value
 
 
 def parse_json(text: str, where: str) -> Any:
