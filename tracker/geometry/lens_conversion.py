@@ -17,8 +17,8 @@ SAMPLES = 40
 def opencv_intrinsics(camera: Camera) -> tuple[Array, Array, float]:
     """The camera matrix (3, 3) px and the distortion (5,) k1, k2, p1, p2, k3 of OpenCV, and their largest error over the image, px.
 
-    They are exact for a Pinhole. For a Tsai camera they are the best approximation, since the distortion of OpenCV is the inverse of Tsai's:
-    least squares fit k1, k2, k3 of distorted = undistorted (1 + k1 r² + k2 r⁴ + k3 r⁶) to undistorted = distorted (1 + κ1 r²).
+    They are exact for a Pinhole. For a Tsai camera they are the best approximation, since the distortion of OpenCV is the inverse of Tsai's.
+    Least squares fit k1, k2, k3 of distorted = undistorted (1 + k1 r² + k2 r⁴ + k3 r⁶) to undistorted = distorted (1 + κ1 r²).
     Raises ValueError for another model.
     """
     if isinstance(camera, Pinhole):

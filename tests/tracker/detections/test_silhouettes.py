@@ -10,6 +10,7 @@ from tests.tracker.street import CAMERA, EYE, NAME, Street
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
 from tracker.detections.silhouettes import SilhouetteParameters, Silhouettes, explain_foreground
 from tracker.geometry import Array
+from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Pinhole
 from tracker.types import Detections
 
 NOBODY = np.zeros((0, 2))
@@ -53,6 +54,24 @@ def test_everybody_is_detected_without_any_box() -> None:
     # Two people merge while one is before the other.
     assert missed <= 5
     assert false <= 2
+
+
+@pytest.mark.parametrize(
+    ("camera", "width"),
+    [
+        (Pinhole(768, 576, 910.0, 905.0, 390.0, 280.0, (-0.2, 0.05, 0.001, -0.002, 0.0)), 384),
+        (Fisheye(1000, 750, 760.0, 760.0, 495.0, 380.0, (0.02, -0.01, 0.002, 0.0)), 500),
+        (Cylinder(3840, 400, 130.0, 3840 / (2 * np.pi)), 1920),
+    ],
+)
+def test_people_are_detected_in_images_of_other_cameras(camera: Camera, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(street, "CAMERA", camera)
+    where = Street()
+    detector = Silhouettes(camera, EYE, where.setup, SilhouetteParameters(width=width))
+    for _ in range(15):
+        assert not len(detected(detector, where, NOBODY))
+    for people in (np.array([[-6.0, -3.0], [0.0, 1.0], [2.0, -1.0]]), np.array([[-8.0, 3.0], [-2.0, -2.0]])):
+        assert unmatched(detected(detector, where, people), people) == (0, 0)
 
 
 def test_both_of_two_people_are_detected_though_one_covers_half_of_the_other() -> None:
