@@ -26,7 +26,7 @@ from tracker.datasets.opening import open_sequence
 from tracker.datasets.summary import summarize
 from tracker.datasets.validation import validate
 from tracker.export.recorded_sequence import RecordedSequence
-from tracker.formats import coco, jrdb, motchallenge, pets2009, pom, wildtrack
+from tracker.formats import aicity, coco, jrdb, motchallenge, pets2009, pom, wildtrack
 from tracker.formats.dimacs import read_graph
 from tracker.formats.tum import read_tum
 from tracker.formats.utias import read_utias
@@ -196,6 +196,7 @@ FOLDERS = (
         )
     ),
     *(Reader(f"AI City {name}", samples.aicity_scene, name, _opened) for name in ("calibration.json", "ground_truth.json", "detections/Camera.txt")),
+    *(Reader(f"JRDB folder {kind}", samples.jrdb_folder, f"{kind}/s.json", _opened) for kind in (jrdb.LABELS_2D, jrdb.LABELS_3D, jrdb.DETECTIONS)),
     *(
         Reader(f"MultiviewX {name}", samples.multiviewx, name, _opened)
         for name in ("annotations_positions/00001.json", "calibrations/intrinsic/intr_Camera1.xml", "calibrations/extrinsic/extr_Camera2.xml")
@@ -220,6 +221,7 @@ FILES = (
     _single("MOT15 detections", "det.txt", partial(samples.mot15, detections=True), pets2009.read_detections, "lines"),
     _single("MOT17", "gt.txt", partial(samples.mot17, positions=False), motchallenge.read_mot17, "lines"),
     _single("MOTSynth", "gt.txt", partial(samples.mot17, positions=True), motchallenge.read_mot17, "lines"),
+    _single("AI City results", "track1.txt", samples.aicity_results, aicity.read_results, "lines"),
     _single("seqinfo.ini", "seqinfo.ini", samples.seqinfo, motchallenge.read_seqinfo),
     _single("terrain.npz", "terrain.npz", samples.terrain, read_terrain, "binary"),
     _single("TUM", "robot.txt", samples.tum, read_tum, "lines"),

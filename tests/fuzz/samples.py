@@ -172,6 +172,25 @@ def aicity_scene(folder: Path) -> None:
     mot15(folder / "detections" / "Camera.txt", detections=True)
 
 
+def aicity_results(file: Path) -> None:
+    n = 4
+    people, frames = np.array([7, 9, 7, 9]), np.array([0, 0, 1, 1])
+    where, size = np.column_stack([np.arange(n), np.ones(n), np.full(n, 0.9)]), np.tile([0.6, 0.6, 1.75], (n, 1))
+    aicity.write_results(file, aicity.AiCityRows(np.ones(n, dtype=np.int64), np.zeros(n, dtype=np.int64), people, frames, where, size, np.zeros(n)))
+
+
+def jrdb_folder(folder: Path) -> None:
+    """Labels and detections of three frames with the note of pilsim."""
+    for kind in (jrdb.LABELS_2D, jrdb.LABELS_3D, jrdb.DETECTIONS):
+        (folder / kind).mkdir(parents=True)
+    box = np.array([60.0, 10.0, 8.0, 20.0])
+    note = jrdb.PanoramaNote(2.5, 128, 64, 1.0)
+    jrdb.write_labels_2d(folder / jrdb.LABELS_2D / "s.json", {k: [jrdb.Label2d(4, box, box, 0.5)] for k in range(3)}, 128, note)
+    space = jrdb.Label3d(4, np.array([3.0, 2.0, -0.1]), np.array([0.5, 0.5, 1.7]), 0.3)
+    jrdb.write_labels_3d(folder / jrdb.LABELS_3D / "s.json", {k: [space] for k in range(3)})
+    jrdb.write_detections_2d(folder / jrdb.DETECTIONS / "s.json", dict.fromkeys(range(3), (box[None], np.array([0.9]))))
+
+
 def multiviewx(folder: Path) -> None:
     """Two cameras of MultiviewX and two frames."""
     for number, (x, y, heading) in enumerate(((0.0, 0.0, 0.6), (25.0, 16.0, 0.6 + np.pi)), 1):

@@ -28,6 +28,7 @@ from tracker.formats.motchallenge import number
 from tracker.geometry import Array, Ints, set_array, set_ints
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
+from tracker.io.text_files import read_lines
 
 CALIBRATION, TRUTH = "calibration.json", "ground_truth.json"
 CLASSES = ("Person", "Forklift", "NovaCarter", "Transporter", "FourierGR1T2", "AgilityDigit")
@@ -342,12 +343,9 @@ def read_results(path: Path) -> AiCityRows:
     Raises ValueError with file and line for another number of values, a value that is no number of its kind, and as AiCityRows.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        lines = [(k, line.split()) for k, line in read_lines(path)]
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
-    lines = [(k, line.split()) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
     table = np.array([_row(cells, f"{path}:{k}") for k, cells in lines]).reshape(-1, len(COLUMNS))
     scene, category, identity, frame = table[:, :WHOLE].astype(np.int64).T
     try:

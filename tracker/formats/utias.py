@@ -13,7 +13,6 @@ With the two positions exchanged, 0.01 % do. The reader recognizes the set by th
 
 from __future__ import annotations
 
-import io
 from collections import Counter
 from dataclasses import dataclass
 from math import isfinite
@@ -22,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.geometry import Array, Ints
+from tracker.io.text_files import read_lines
 from tracker.io.time_order import LARGEST_STEP_BACK, counted, first_large_step_back, time_order
 
 ROBOTS = range(1, 6)
@@ -131,8 +131,7 @@ class _Table:
 
     def where(self, k: int) -> str:
         """Path and line of row k."""
-        lines = self.path.read_text(encoding="utf-8-sig").splitlines()
-        holding = [number for number, line in enumerate(lines, 1) if line.partition("#")[0].strip()]
+        holding = [number for number, line in read_lines(self.path) if line.partition("#")[0].strip()]
         return f"{self.path}:{holding[int(self.row[k])]}"
 
     def sort(self) -> str:
@@ -173,21 +172,19 @@ class _Table:
 def _table(path: Path, columns: int) -> _Table:
     """Read a table of finite numbers, whose first column is a time or a subject. Raises ValueError with path and line."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        lines = list(read_lines(path))
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: byte {error.start} is not UTF-8") from None
-    if not any(line.partition("#")[0].strip() for line in text.splitlines()):
+    if not any(line.partition("#")[0].strip() for _, line in lines):
         return _Table(path, np.zeros((0, columns)), np.zeros(0, dtype=np.int64))
     try:
-        values = np.loadtxt(io.StringIO(text), ndmin=2)
+        values = np.loadtxt([line for _, line in lines], ndmin=2)
         if values.shape[1] == columns and np.isfinite(values).all() and (np.abs(values[:, 1:]) <= MAX_VALUE).all():
             return _Table(path, values, np.arange(len(values)))
     except ValueError:
         pass
     # The fast parser does not tell the line of an error.
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in lines:
         cells = line.partition("#")[0].split()
         if cells and not _valid(cells, columns):
             raise ValueError(

@@ -207,7 +207,7 @@ def test_bad_results_are_refused_with_their_line(tmp_path: Path, line: str, mess
 
 def test_results_that_are_no_text_are_refused(tmp_path: Path) -> None:
     (tmp_path / "track1.txt").write_bytes(b"1 0 \xff")
-    with pytest.raises(ValueError, match=r"track1\.txt: byte 4 is not UTF-8"):
+    with pytest.raises(ValueError, match=r"track1\.txt:1: byte 4 is not UTF-8"):
         read_results(tmp_path / "track1.txt")
     with pytest.raises(ValueError, match=r"nothing\.txt: no such file"):
         read_results(tmp_path / "nothing.txt")
