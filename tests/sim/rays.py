@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.rendering.panorama import RenderedImage
 from tracker.geometry import Pose
-from tracker.geometry.cameras import Camera, Tsai
+from tracker.geometry.cameras import Camera
 
 GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
 
@@ -33,7 +33,7 @@ class Agreement:
 
 def bearings(camera: Camera) -> NDArray[np.float64]:
     """Directions (H W, 3) of all pixel centres."""
-    half = 0.0 if isinstance(camera, Tsai) else 0.5
+    half = camera.pixel_centre
     u, v = np.meshgrid(np.arange(camera.width) + half, np.arange(camera.height) + half)
     return camera.bearings_from_pixels(np.stack([u.ravel(), v.ravel()], axis=1))
 

@@ -21,7 +21,7 @@ from tests.sim.rays import bearings, cast, compare
 from tests.sim.rendering.test_cubemap import FOLDED
 from tests.sim.scenes import G, Scene, compiled, court, quarter, spec_with_sky
 from tracker.geometry import Pose, bearing_from_angles
-from tracker.geometry.cameras import Panorama, Tsai
+from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 
 CAMERA = Panorama(1024, 512)
 SMALL = Panorama(256, 128)
@@ -92,6 +92,24 @@ def test_several_cameras_of_different_kinds_share_a_renderer(scene: Scene) -> No
     visible = np.bincount(ahead.instances.ravel(), minlength=6)
     assert visible[1:].any()
     assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
+
+
+LENSES: list[Camera] = [
+    Pinhole(320, 240, 190.0, 189.0, 159.0, 121.5, (-0.2, 0.06, 0.001, -0.002, 0.0)),
+    Fisheye(240, 240, 65.0, 65.0, 119.5, 119.5, (0.02, -0.01, 0.002, 0.0)),
+    Cylinder(512, 128, 50.0, 512 / (2 * np.pi)),
+]
+
+
+def test_images_of_pinhole_fisheye_and_cylinder_are_those_of_exact_rays(scene: Scene) -> None:
+    pose = Pose.planar(-6.0, -1.0, 0.3, 1.4)
+    with PanoramaRenderer(scene.model, LENSES, scene.instances) as renderer:
+        shots = renderer.render(scene.data, [pose] * 3, which=[0, 1, 2])
+    for camera, shot in zip(LENSES, shots, strict=True):
+        found = compare(shot, scene.instances, *cast(scene.model, scene.data, camera, pose))
+        assert found.everywhere > 0.98
+        assert found.inside > 0.9999
+        assert found.percentile < 0.01
 
 
 def test_past_the_fold_of_a_lens_the_picture_is_black(scene: Scene) -> None:
