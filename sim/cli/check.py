@@ -1,4 +1,4 @@
-"""The command `pilsim check`: verify a dataset."""
+"""The command `pilsim check`: verify a dataset, or the calibration of a recording."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from sim.cli.options import unset
+from sim.cli.track import SourceChoice
 
 SHOWN = 100
 """Largest number of faults that are printed. All faults are counted."""
@@ -16,28 +19,51 @@ SHOWN = 100
 
 @dataclass(frozen=True)
 class Check:
-    """Verify a dataset: checksums, tables, and truth against images.
+    """Verify a dataset, or tell whether a recording's calibration is right.
 
-    DIR is a dataset or one sequence. Each fault is a line, FILE: what is wrong.
+    A dataset or sequence of pilsim: each fault is a line, FILE: what is wrong.
     The command checks checksums and sizes, and that no frame is missing. It checks
     that every image decodes to the size of its camera, and that boxes match the
     instance masks to the pixel. It checks that key points project from the joints,
-    and that values are within their bounds. The exit code is 0 without a fault,
-    else 2.
+    and that values are within their bounds.
+
+    Any other source with fixed cameras, as a recording of one's own, WILDTRACK or
+    PETS 2009: a table with a line a camera, and what looks wrong. These are units
+    (mm, cm), R or t in the other direction, frames that are numbered otherwise, and
+    cameras that are swapped. The exit code is 0 where nothing looks wrong, else 2.
 
     Examples: pilsim check D
               pilsim check D/pilsun-00000 --json
+              pilsim check MY_RECORDING --picture calibration.png
     """
 
     source: Annotated[Positional[Path], arg(metavar="DIR")]
-    """The dataset or the sequence."""
+    """The dataset, sequence or recording."""
+    picture: Annotated[Path | None, unset("FILE.png", "none")] = None
+    """Recordings: draw the plan, and the view of each camera with the ground grid."""
+    choice: OmitArgPrefixes[SourceChoice] = SourceChoice()
     json: bool = False
-    """Print JSON alone: {"faults": [{"file": …, "reason": …}, …], "count": …}."""
+    """Print JSON alone: {"faults": [{"file": …, "reason": …}, …], "count": …}; of
+    recordings {"cameras": […], "findings": [{"kind": …, "words": …}, …]}."""
 
     def run(self) -> None:
+        from tracker.datasets.opening import is_pilsim
+
+        # What is no folder, or nothing that is known, is told of by the check of datasets or by the opening.
+        if is_pilsim(self.source):
+            self._dataset()
+        else:
+            self._recording()
+
+    def _dataset(self) -> None:
         from tracker.datasets.validation import validate
         from tracker.io.progress import print_line, progress_bar
         from tracker.sequence.dataset import sequences
+
+        if self.picture is not None or self.choice != SourceChoice():
+            raise ValueError(
+                f"{self.source}: is of pilsim, whose checksums are checked as a whole; --picture and the choice of data are for recordings"
+            )
 
         def shown(items: Iterable[Any], name: str, total: int) -> Iterable[Any]:
             return progress_bar(items, desc=name, total=total, leave=False, disable=self.json)
@@ -56,3 +82,30 @@ class Check:
         if not self.json:
             count = len(sequences(self.source))
             print(f"{self.source}: {count} sequence{'s' * (count != 1)}, no fault")
+
+    def _recording(self) -> None:
+        from tracker.datasets.opening import open_recording
+        from tracker.datasets.source_options import SourceOptions
+        from tracker.recordings.calibration_check import LEGEND, check_calibration
+
+        if self.picture is not None and self.picture.suffix.lower() != ".png":
+            raise ValueError(f"--picture is {self.picture}, needs a name that ends in .png")
+        c = self.choice
+        options = SourceOptions.parse(c.detections, c.degrade, c.seed, c.chosen, c.frames, self.picture is not None, c.project)
+        recording = open_recording(self.source, options, strict=False)
+        report = check_calibration(recording)
+        if self.json:
+            print(json.dumps(report.to_json(), indent=1))
+        else:
+            print("\n".join(report.lines()))
+            print(LEGEND)
+        if self.picture is not None:
+            from sim.visualization.calibration_picture import draw_calibration
+
+            draw_calibration(recording, report, self.picture)
+            if not self.json:
+                print(f"wrote {self.picture}")
+        if count := len(report.findings):
+            raise ValueError(f"{self.source}: {count} thing{'s' * (count > 1)} look{'s' * (count == 1)} wrong")
+        if not self.json:
+            print(f"{self.source}: nothing looks wrong")
