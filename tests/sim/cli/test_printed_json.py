@@ -38,7 +38,7 @@ def test_score_without_matches(tmp_path: Path, truth: str, result: str, iou: tup
 
 
 def test_clique_of_a_graph_without_edges(tmp_path: Path) -> None:
-    for text in ("p edge 1 0\n", "p edge 2 0\nn 1 -1\nn 2 1e300\n"):
+    for text in ("p edge 1 0\n", "p edge 2 0\nn 1 1e-9\nn 2 1e60\n"):
         (tmp_path / "a.clq").write_text(text)
         for exact in ((), ("--exact",)):
             assert "weight" in printed("clique", str(tmp_path / "a.clq"), "--seconds", "0.1", *exact)
