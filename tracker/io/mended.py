@@ -1,4 +1,7 @@
-"""Faults of input files that a reader mends are counted and logged, one line a file; a program without a log of its own writes them to stderr."""
+"""Faults of input files that a reader mends are counted and logged, in one line a file.
+
+They are warnings of the logger `tracker.mended`. A program without a log of its own writes them to standard error.
+"""
 
 from __future__ import annotations
 
