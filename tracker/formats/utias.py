@@ -70,8 +70,8 @@ def is_utias(path: Path) -> bool:
 def read_utias(path: Path) -> UtiasDataset:
     """Read a data set. A robot without any file is left out.
 
-    Raises ValueError for a missing file. Raises ValueError with file and line for an invalid number, for a time that steps back by
-    LARGEST_STEP_BACK or more, and for two different true poses of one time.
+    Raises ValueError for a missing file. Raises ValueError with file and line for an invalid number and for two different true poses of one time.
+    The same holds for a time that steps back by LARGEST_STEP_BACK or more.
     """
     codes, table = _table(path / "Barcodes.dat", 2), _table(path / "Landmark_Groundtruth.dat", 5)
     repairs = [codes.merge_repeated(), table.merge_repeated()]
