@@ -11,11 +11,12 @@ from typing import Any
 import matplotlib
 import matplotlib.collections
 import matplotlib.figure
+import matplotlib.layout_engine
 import matplotlib.patches
 import matplotlib.patheffects
 import numpy as np
 
-from tracker.geometry import Array, Image
+from tracker.geometry import Array, Image, Ints, Mask
 from tracker.io.atomic import new_file
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.calibration_check import CalibrationReport, CameraCheck
@@ -60,8 +61,8 @@ def draw_calibration(recording: Recording, report: CalibrationReport, path: Path
     shown = report.cameras[:MOST_VIEWS]
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 8 else 3
     rows = max(1, -(-len(shown) // columns))
-    figure = matplotlib.figure.Figure(figsize=(7.5 + 4.3 * columns, max(5.5, 2.75 * rows) + 0.9), layout="constrained")
-    figure.get_layout_engine().set(rect=(0, 0.03, 1, 0.97))
+    layout = matplotlib.layout_engine.ConstrainedLayoutEngine(rect=(0, 0.03, 1, 0.97))
+    figure: Any = matplotlib.figure.Figure(figsize=(7.5 + 4.3 * columns, max(5.5, 2.75 * rows) + 0.9), layout=layout)
     canvas = FigureCanvasAgg(figure)
     figure.suptitle(_title(report), fontsize=13, x=0.01, ha="left", color="#a01010" if report.findings else INK)
     figure.text(0.99, 0.005, _key(scene), ha="right", va="bottom", fontsize=9, color=INK)
@@ -149,7 +150,7 @@ def _plan(axes: Any, scene: Scene) -> None:
         _camera(axes, camera, name, scene.colours[name], 0.03 * float(np.ptp(corners, axis=0).max()) + 0.1)
     if far:
         axes.text(0.01, 0.01, f"outside the plan: {', '.join(far)}", transform=axes.transAxes, fontsize=9, color=INK, zorder=9)
-    margin = 0.06 * np.ptp(corners, axis=0).max() + 0.3
+    margin = 0.08 * np.ptp(corners, axis=0).max() + 0.3
     axes.set_xlim(corners[:, 0].min() - margin, corners[:, 0].max() + margin)
     axes.set_ylim(corners[:, 1].min() - margin, corners[:, 1].max() + margin)
     axes.set_aspect("equal")
@@ -174,7 +175,7 @@ def _some(feet: Feet) -> Feet:
     return Feet(feet.frame[rows], feet.point[rows], feet.height[rows])
 
 
-def _paths(ids: Array, frame: Array) -> Iterable[Array]:
+def _paths(ids: Ints, frame: Ints) -> Iterable[Ints]:
     """Rows of each person in the order of frames, cut where frames are missing."""
     step = max(1, int(np.diff(np.unique(frame)).min(initial=1 << 30))) if len(np.unique(frame)) > 1 else 1
     order = np.lexsort([frame, ids])
@@ -266,7 +267,7 @@ def _image(scene: Scene, name: str) -> Image | None:
         return next(images, None)
 
 
-def _runs(pixels: Array, inside: Array, width: int) -> list[Array]:
+def _runs(pixels: Array, inside: Mask, width: int) -> list[Array]:
     """A curve of pixels (n, 2) as its parts in the image, cut where it leaves it or passes a seam."""
     out = []
     joined = inside[1:] & inside[:-1] & (np.abs(np.diff(pixels[:, 0])) < width / 2)
@@ -276,7 +277,7 @@ def _runs(pixels: Array, inside: Array, width: int) -> list[Array]:
     return out
 
 
-def _projected(camera: RecordingCamera, points: Array) -> tuple[Array, Array]:
+def _projected(camera: RecordingCamera, points: Array) -> tuple[Array, Mask]:
     """World points (n, 3) m → pixels (n, 2) and whether each is in the image."""
     sight = (points - camera.pose.translation) @ camera.pose.rotation
     pixels, inside = camera.camera.pixels_from_bearings(sight / np.maximum(np.linalg.norm(sight, axis=1), 1e-9)[:, None])

@@ -192,7 +192,7 @@ def _ground_share(case: CalibrationCase, camera: RecordingCamera) -> float:
 
 def _area_share(case: CalibrationCase, camera: RecordingCamera) -> float:
     assert case.area is not None
-    x, y = (np.linspace(*case.area[:, axis], SAMPLES) for axis in (0, 1))
+    x, y = (np.linspace(case.area[0, axis], case.area[1, axis], SAMPLES) for axis in (0, 1))
     points = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
     points = np.column_stack([points, case.ground.height_at(points)])
     sight = (points - camera.pose.translation) @ camera.pose.rotation

@@ -1,7 +1,8 @@
 """Errors of extrinsics that people make: units, the direction of R and t, cameras swapped. Each is tested by the correction that it needs.
 
-A correction is reported where it is clearly better than the calibration as given, and that one is bad. Two figures say so. The first is the nearness of
-feet to true people or, without truth, to the feet of other cameras. The second is the share of boxes with the height of a person.
+A correction is reported where it is clearly better than the calibration as given, and that one is bad. Two figures say so.
+The first is the nearness of feet to true people or, without truth, to the feet of other cameras.
+The second is the share of boxes with the height of a person.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ TIMES, MORE, ERRORS = 2.0, 0.08, 5.0
 """A correction is clearly better where the nearness is TIMES as much, MORE more, and more by ERRORS standard errors."""
 HEIGHTS, HEIGHTS_TIMES = 0.4, 4.0
 """By heights alone: the share of boxes with the height of a person is at least HEIGHTS, and HEIGHTS_TIMES as much as before."""
+LEAST_TALL = 0.2
+"""Share of the boxes that have the height of a person under any right calibration. Cameras that are made too near agree in one point."""
 LEAST_BOXES = 20
 MOST_CAMERAS = 12
 """Up to so many cameras all pairs are compared, else those that agree badly."""
@@ -105,7 +108,7 @@ class Trial:
 
     def clearly_better(self, given: Trial, alone: bool) -> bool:
         """Whether the trial beats `given`; by heights alone, where feet are near nobody under either, if `alone`."""
-        if better(self.near, given.near) and self.plausible >= 0.8 * given.plausible:
+        if better(self.near, given.near) and self.plausible >= max(LEAST_TALL, 0.8 * given.plausible):
             return True
         by_heights = self.plausible >= max(HEIGHTS, HEIGHTS_TIMES * given.plausible) and len(self.near.gain) >= LEAST_BOXES
         return alone and by_heights and given.near.mean < MORE and self.near.mean > -MORE
@@ -129,7 +132,7 @@ def wrong_extrinsics(case: CalibrationCase) -> Corrected | None:
     chosen = {name: trials for name, trials in found.items() if trials[0].kind == kind}
     chosen = _extended(case, chosen)
     corrected = case.with_extrinsics({name: trials[0].apply(case.extrinsics[name]) for name, trials in chosen.items()})
-    now, before = (np.mean([trials[k].plausible for trials in chosen.values()]) for k in (1, 2))
+    now, before = (float(np.mean([one.plausible for one in ones])) for ones in zip(*((new, old) for _, new, old in chosen.values()), strict=True))
     correction = next(iter(chosen.values()))[0]
     words = f"{_named(chosen, case)}: {correction.words}. So read, {now:.0%} of the boxes have the height of a person, {before:.0%} as given"
     return Finding(kind, tuple(chosen), words), corrected
@@ -269,7 +272,7 @@ def wrong_area_unit(case: CalibrationCase) -> Corrected | None:
     for scale, unit in UNITS.items():
         inside = ((places >= case.area[0] * scale) & (places <= case.area[1] * scale)).all(axis=1).mean()
         if side > TOO_WIDE and AREA_RATIO[0] < side * scale < AREA_RATIO[1] and inside > 0.5:
-            words = f"area: is in {unit}, and needs to be in metres. So read, {inside:.0%} of the people are in it; as given, it is {side:.0f} times as large"
+            words = f"area: is in {unit}, and needs to be in metres. So read, {inside:.0%} of the people are in it"
             return Finding(f"area-{'mm' if scale == MM else 'cm'}", (), words), replace(case, area=case.area * scale)
     return None
 

@@ -93,7 +93,7 @@ class Motion:
 
     @staticmethod
     def of_feet(feet: Feet) -> Motion:
-        """Feet of a camera. The velocity is the central difference along nearest feet of successive frames, over two frames each way, else over one."""
+        """Feet of a camera. The velocity is the central difference along nearest feet of successive frames: over two frames each way, else one."""
         grounded = feet.grounded
         frame, point = feet.frame[grounded], feet.point[grounded]
         tree, n = Reference(frame, point), len(frame)
@@ -185,7 +185,8 @@ def _shifted_to_truth(case: CalibrationCase) -> Corrected | None:
             delays[name] = delay
     if not delays:
         return None
-    middle = Delay(*(float(np.median(values)) for values in zip(*((d.frames, d.spread, d.stride) for d in delays.values()), strict=True)), parts=())
+    frames, spread, stride = (float(np.median(values)) for values in zip(*((d.frames, d.spread, d.stride) for d in delays.values()), strict=True))
+    middle = Delay(frames, spread, stride, ())
     common = round(middle.frames) if _whole(case, middle, middle.error) else 0
     if common and (len(delays) > 1 or len(case.lenses) == 1):
         corrected = case.with_frames({name: rays.frame - common for name, rays in case.rays.items()})
@@ -201,7 +202,8 @@ def _whole(case: CalibrationCase, delay: Delay, error: float) -> bool:
 
 
 def _late(frames: int) -> str:
-    return f"{abs(frames)} frame{'s' * (abs(frames) > 1)} {'late' if frames > 0 else 'early'} (numbered {abs(frames)} too {'high' if frames > 0 else 'low'})"
+    n, late = abs(frames), frames > 0
+    return f"{n} frame{'s' * (n > 1)} {'late' if late else 'early'} (numbered {n} too {'high' if late else 'low'})"
 
 
 def _one_shifted(case: CalibrationCase, late: Mapping[str, Delay], rest: str) -> Corrected | None:
@@ -299,9 +301,9 @@ def _regression(residual: Array, columns: Array, block: Ints) -> tuple[float, fl
     """
     X, y, block = np.concatenate(list(columns)), residual.T.ravel(), np.tile(block, 2)
     weight, rest = np.ones(len(y)), y
-    coefficient = np.zeros(X.shape[1])
+    coefficient: Array = np.zeros(X.shape[1])
     for _ in range(ROUNDS):
-        coefficient = np.linalg.lstsq(X.T @ (X * weight[:, None]), X.T @ (weight * y), rcond=None)[0]
+        coefficient = np.asarray(np.linalg.lstsq(X.T @ (X * weight[:, None]), X.T @ (weight * y), rcond=None)[0])
         rest = y - X @ coefficient
         weight = 1 / (1 + (rest / (1.5 * (1.48 * np.median(np.abs(rest)) + 1e-6))) ** 2)
     inverse = np.linalg.pinv((X * weight[:, None]).T @ X)
@@ -359,7 +361,7 @@ def _pair_delays(case: CalibrationCase) -> dict[tuple[str, str], Delay]:
 
 
 def _best_shift(a: Motion, b: Motion) -> int:
-    """Frames to add to those of `a`, where feet are then clearly nearer. A single frame is left to the regression, which allows for biases of feet."""
+    """Frames to add to those of `a`, where feet are then clearly nearer. A single frame is left to the regression, which knows biases of feet."""
     reference = Reference(b.frame, b.point)
     rows = slice(None, None, 1 + len(a.frame) // TRIED)
     feet = Feet(a.frame[rows], a.point[rows], np.zeros(len(a.frame[rows])))
@@ -391,9 +393,10 @@ def _solved(known: list[str], pairs: list[tuple[str, str]], delays: Array, error
     for row, k in enumerate(rows.tolist()):
         A[row, column[pairs[k][0]]], A[row, column[pairs[k][1]]] = 1.0, -1.0
     given = 1 / (error[rows] ** 2 + ROUNDING**2)
-    weight, x = given, np.zeros(len(known))
+    x: Array = np.zeros(len(known))
+    weight = given
     for _ in range(ROUNDS):
-        x = np.linalg.lstsq(A * np.sqrt(weight)[:, None], y * np.sqrt(weight), rcond=None)[0]
+        x = np.asarray(np.linalg.lstsq(A * np.sqrt(weight)[:, None], y * np.sqrt(weight), rcond=None)[0])
         weight = given / (1 + ((y - A @ x) / (3 * ROUNDING)) ** 2)
     x = np.where(np.abs(A).sum(axis=0) > 0, x, np.nan)
     seen = int(np.isfinite(x).sum())
