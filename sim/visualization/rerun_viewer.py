@@ -5,11 +5,13 @@ Rerun is an optional dependency. It is imported on demand; without it, one line 
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
+import shutil
 import sys
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,9 @@ from tracker.io.progress import progress_bar
 from tracker.pipeline import track
 from tracker.sequence.results import Results, read_results
 from tracker.types import Estimate, Sequence, Tick
+
+RESERVE = 16 << 20
+"""Bytes that must be free on the disk before a frame is written."""
 
 
 def rerun() -> Any:
@@ -64,9 +69,15 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
 
 
 def _write(scene: RerunScene, sequence: Sequence, save: Path, what: tuple[Results | None, bool]) -> None:
+    def check_space() -> None:
+        if shutil.disk_usage(Path(os.path.realpath(save)).parent).free < RESERVE:
+            raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)} (less than {RESERVE >> 20} MiB are free)", str(save))
+
     with new_file(save) as part:
+        # Rerun waits without end where the disk is full.
+        check_space()
         scene.stream.save(part, default_blueprint=scene.blueprint())
-        _play(scene, sequence, *what)
+        _play(scene, sequence, *what, check_space)
         scene.stream.flush()
         scene.stream.disconnect()
     print(f"{save}: {len(sequence.ticks)} frames, {save.stat().st_size / 1e6:.1f} MB; `rerun {save}` opens it")
@@ -80,10 +91,12 @@ def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path
     return folder, results
 
 
-def _play(scene: RerunScene, sequence: Sequence, read: Results | None, tracked: bool) -> None:
+def _play(scene: RerunScene, sequence: Sequence, read: Results | None, tracked: bool, check: Callable[[], None] = lambda: None) -> None:
+    """Show all frames. check: is called before each."""
     scene.log_static()
     frames = (SceneFrame(tick, None if read is None else read_frame(read, tick.index)) for tick in sequence.ticks)
     for one in progress_bar(_estimated(sequence) if tracked else frames, total=len(sequence.ticks), desc="frames", unit="frame"):
+        check()
         scene.log_frame(one)
 
 

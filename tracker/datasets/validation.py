@@ -16,6 +16,7 @@ import numpy as np
 from tracker.datasets.validation_tables import inconsistencies
 from tracker.formats.pets2009 import read_camera
 from tracker.geometry.cameras import Tsai
+from tracker.io.atomic import is_temporary
 from tracker.io.json_files import read_json
 from tracker.sequence import dataset
 from tracker.sequence.dataset import FILE, MANIFEST, read_dataset
@@ -109,7 +110,7 @@ def _sequence_faults(folder: Path, progress: Progress | None) -> Iterator[Fault]
             yield Fault.of(ValueError(error), folder / name)
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        if path.is_file() and name not in files and name not in (MANIFEST, PICTURE):
+        if path.is_file() and name not in files and name not in (MANIFEST, PICTURE) and not is_temporary(path.name):
             yield Fault(path, "the manifest does not name it")
     try:
         sequence = read_contents(folder, files)

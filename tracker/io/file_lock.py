@@ -22,8 +22,6 @@ from tracker.io.atomic import LOCK, Kept, check_writable, is_free
 
 LONGEST = 200
 """Most characters that are read from the file that names the holder of a lock."""
-FOLDER, FILE = "--out", "file"
-"""What to choose another one of."""
 _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP)
 _held: set[tuple[int, str]] = set()
 """Threads and the real paths of the folders that they hold."""
@@ -50,7 +48,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
         return
     made: list[Path] = []
     try:
-        with _cannot_be_written(folder, FOLDER):
+        with _cannot_be_written(folder):
             check_writable(real)
             _make(real, made)
             lock = _hold(real / LOCK, False, folder)
@@ -83,7 +81,7 @@ def output_file_lock(file: Path) -> Iterator[None]:
         return
     made: list[Path] = []
     try:
-        with _cannot_be_written(file, FILE):
+        with _cannot_be_written(file):
             check_writable(real.parent)
             _make(real.parent, made)
             lock = _hold(real.with_name(f".{real.name}{LOCK}"), False, file)
@@ -210,13 +208,13 @@ def _warn_of_another_host(holder: Path, subject: Path) -> None:
 
 
 @contextmanager
-def _cannot_be_written(output: Path, other: str) -> Iterator[None]:
+def _cannot_be_written(output: Path) -> Iterator[None]:
     """Errors of the system during this context name the output and say what to do."""
     try:
         yield
     except OSError as error:
         number = error.errno or errno.EACCES
-        raise OSError(number, f"cannot be written ({os.strerror(number)}); choose another {other}", str(output)) from None
+        raise OSError(number, f"cannot be written ({os.strerror(number)}); choose another place", str(output)) from None
 
 
 def _make(folder: Path, made: list[Path]) -> None:

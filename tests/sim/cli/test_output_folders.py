@@ -184,6 +184,13 @@ def test_results_are_kept_where_the_disk_is_full(inputs: Path, tmp_path: Path, m
         assert (folder / "out" / ".partial").is_dir()
 
 
+def test_a_recording_is_refused_where_the_disk_is_nearly_full(inputs: Path, tmp_path: Path) -> None:
+    with mount(tmp_path / "full", "-o", "size=8m") as folder:
+        one = output("view", inputs, folder / "a", tmp_path / "other")
+        assert one.refusal() == f"{one.path}: No space left on device (less than 16 MiB are free)"
+        assert list(folder.iterdir()) == []
+
+
 def test_a_mount_point_in_a_folder_that_cannot_be_written(inputs: Path, tmp_path: Path) -> None:
     """As the volume of a container whose file system is read-only."""
     with mount(tmp_path / "parent") as parent, mount(parent / "out") as out:
