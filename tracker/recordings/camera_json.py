@@ -31,6 +31,8 @@ EXACT = 1e-12
 """|R Rᵀ − 1| up to which a rotation is taken as it is."""
 SKEW = 1e-3
 """px: largest skew that is taken for 0."""
+LARGEST, LEAST = 1e9, 1e-12
+"""Largest number in an entry, and least number above 0 of a camera model: beyond, powers overflow."""
 POSE = ("R", "t")
 FIELDS: dict[str, tuple[str, ...]] = {
     "pinhole": ("K",),
@@ -125,7 +127,7 @@ def _camera(entry: Mapping[str, Any], model: str, where: str) -> Camera:
         arguments |= _intrinsics(entry["K"], f"{where}.K")
         arguments["distortion"] = _distortion(entry.get("distortion"), model, f"{where}.distortion")
     else:
-        arguments |= {name: _number(entry[name], f"{where}.{name}") for name in FIELDS[model]}
+        arguments |= {name: _parameter(entry[name], f"{where}.{name}") for name in FIELDS[model]}
     try:
         return CLASSES[model](**arguments)
     except ValueError as error:
@@ -195,8 +197,15 @@ def _number(value: Any, where: str) -> float:
         number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
     except OverflowError:
         number = math.inf
-    if not abs(number) < 1e100:
-        raise ValueError(f"{where} is {_short(value)}, needs a finite number")
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"{where} is {_short(value)}, needs a finite number of at most {LARGEST:g} in size")
+    return number
+
+
+def _parameter(value: Any, where: str) -> float:
+    number = _number(value, where)
+    if 0 < abs(number) < LEAST:
+        raise ValueError(f"{where} is {_short(value)}, needs 0 or at least {LEAST:g} in size")
     return number
 
 
