@@ -15,7 +15,7 @@ WITHOUT = {
         [
             "sched_getaffinity", "sched_setaffinity", "O_DIRECTORY", "O_NOFOLLOW", "O_CLOEXEC", "O_PATH", "O_NONBLOCK", "geteuid", "getuid", "getgid",
             "getegid", "fork", "forkpty", "killpg", "setsid", "setpgid", "getpgid", "mkfifo", "mknod", "chown", "lchown", "fchown", "fchmod",
-            "chroot", "statvfs", "fstatvfs", "uname", "nice", "sysconf", "getloadavg", "pread", "pwrite", "sendfile", "sync", "wait3", "wait4", "ttyname",
+            "chroot", "statvfs", "fstatvfs", "uname", "nice", "sysconf", "getloadavg", "pread", "pwrite", "sendfile", "sync", "wait3", "wait4",
         ],
         ["SIGKILL", "SIGALRM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGCHLD", "SIGPIPE", "setitimer", "alarm", "pthread_sigmask", "pause"],
     ),
