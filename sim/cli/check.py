@@ -108,4 +108,5 @@ class Check:
         if count := len(report.findings):
             raise ValueError(f"{self.source}: {count} thing{'s' * (count > 1)} look{'s' * (count == 1)} wrong")
         if not self.json:
-            print(f"{self.source}: nothing looks wrong")
+            tested = any(one.boxes for one in report.cameras)
+            print(f"{self.source}: {'nothing looks wrong' if tested else 'no boxes, so the calibration cannot be tested'}")

@@ -200,8 +200,7 @@ def footprint(camera: RecordingCamera, case: CalibrationCase, reach: float) -> A
     lens, origin = camera.camera, camera.pose.translation
     if origin[2] <= case.ground.height_at(origin[None])[0]:
         return np.zeros((0, 2))
-    # The rows are denser towards the upper edge, where ground is far.
-    u, v = np.meshgrid(np.linspace(0, lens.width, COLUMNS), lens.height * np.linspace(0, 1, ROWS))
+    u, v = np.meshgrid(np.linspace(0, lens.width, COLUMNS), np.linspace(0, lens.height, ROWS))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     rays = lens.bearings_from_pixels(pixels) @ camera.pose.rotation.T
     point, hit = case.ground.intersect(np.broadcast_to(origin, rays.shape), rays, 50 * reach)
@@ -212,11 +211,10 @@ def footprint(camera: RecordingCamera, case: CalibrationCase, reach: float) -> A
     if len(seen) < 2:
         return np.zeros((0, 2))
     toward = (away / np.maximum(np.hypot(*away.T), 1e-9)[:, None]).reshape(ROWS, COLUMNS, 2)
-    near, far = np.nanargmin(distance[:, seen], axis=0), np.nanargmax(distance[:, seen], axis=0)
-    edges = [
-        origin[:2] + np.minimum(distance[row, seen], reach)[:, None] * toward[row, seen]
-        for row in (far, near)
-    ]  # fmt: skip
+    # Each column of the image sees ground from its first to its last row that meets it.
+    ground = np.isfinite(distance[:, seen])
+    first, last = ground.argmax(axis=0), ROWS - 1 - ground[::-1].argmax(axis=0)
+    edges = [origin[:2] + np.minimum(distance[row, seen], reach)[:, None] * toward[row, seen] for row in (first, last)]
     return np.concatenate([edges[0], edges[1][::-1]])
 
 
