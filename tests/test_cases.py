@@ -163,7 +163,9 @@ def pets(folder: Path, boxes: str) -> Path:
     ],
 )
 def test_few_people_are_explained(tmp_path: Path, boxes: str, why: str, capsys: pytest.CaptureFixture[str]) -> None:
-    _parse(["track", str(pets(tmp_path / "pets", boxes)), "--out", str(tmp_path / "out")]).run()
+    command = _parse(["track", str(pets(tmp_path / "pets", boxes)), "--out", str(tmp_path / "out")])
+    assert command is not None
+    command.run()
     first, *more = capsys.readouterr().out.splitlines()
     assert f"{int(not why)} people in " in first
     assert [line.startswith(why) for line in more] == [True] * bool(why)
