@@ -37,6 +37,10 @@ MM = 1e-3
 MAX_RANGE = 500.0
 """m: a ray longer than this does not meet the ground."""
 
+LARGEST, SMALLEST = 1e9, 1e-9
+"""Bounds of the numbers of a camera and of a box in their units. Beyond them squares and cubes are no numbers."""
+_ABOVE_ZERO = ("dpx", "dpy", "focal", "sx")
+
 FOLD_SAMPLES = 1 << 22
 """Most pixels in which the distortion is tested."""
 
@@ -58,6 +62,9 @@ def read_camera(path: str | os.PathLike[str]) -> tuple[str, Tsai, Pose]:
     """
     camera = parse(path, "Camera")
     geometry, intrinsic, extrinsic = camera.find("Geometry"), camera.find("Intrinsic"), camera.find("Extrinsic")
+    for element, names in ((geometry, ("dpx", "dpy")), (intrinsic, ("focal", "kappa1", "cx", "cy", "sx")), (extrinsic, ("tx", "ty", "tz"))):
+        for name in names:
+            _check_size(element, name)
     try:
         model = Tsai(
             width=geometry.integer("width"),
@@ -77,6 +84,13 @@ def read_camera(path: str | os.PathLike[str]) -> tuple[str, Tsai, Pose]:
     t = np.array([extrinsic.number(name) for name in ("tx", "ty", "tz")]) * MM
     R = _rotation(rx, ry, rz)
     return camera.text("name"), model, Pose(R.T @ OPTICAL_FROM_CAMERA, -R.T @ t)
+
+
+def _check_size(element: Element, name: str) -> None:
+    """Raises ValueError with file and line for a number out of LARGEST and SMALLEST."""
+    value = element.number(name)
+    if abs(value) > LARGEST or (name in _ABOVE_ZERO and 0 < value < SMALLEST):
+        raise ValueError(f"{element.where}:line {element.line}: field {element.tag}.{name} is {value:g}, needs {SMALLEST:g} to {LARGEST:g}")
 
 
 def _check_fold(path: str | os.PathLike[str], line: int, model: Tsai) -> None:
@@ -135,6 +149,9 @@ def read_detections(path: str | os.PathLike[str]) -> dict[int, tuple[Array, Arra
     if not rows.has_box.all():
         row = int(np.argmin(rows.has_box))
         raise ValueError(f"{place_of_row(path, row)}: frame {rows.frame[row]} has a detection without a box, needs width and height")
+    large = np.abs(rows.box).max(axis=1, initial=0.0)
+    if len(rows) and large.max() > LARGEST:
+        raise ValueError(f"{place_of_row(path, int(np.argmax(large)))}: box is {rows.box[np.argmax(large)].tolist()}, needs pixels up to {LARGEST:g}")
     if len(rows) and rows.frame.max() > MAX_FRAME:
         raise ValueError(f"{place_of_row(path, int(np.argmax(rows.frame)))}: frame is {rows.frame.max()}, needs at most {MAX_FRAME}")
     return {frame: (rows.box[k], rows.confidence[k]) for frame, k in rows.by_frame().items()}
@@ -193,7 +210,10 @@ def _box(box: Element) -> list[float]:
     for name, size in (("w", w), ("h", h)):
         if not size > 0:
             raise ValueError(f"{box.where}:line {box.line}: field box.{name} is {size}, needs more than 0")
-    return [box.number("xc", "x") - w / 2, box.number("yc", "y") - h / 2, w, h]
+    x, y = box.number("xc", "x"), box.number("yc", "y")
+    if max(abs(x), abs(y), w, h) > LARGEST:
+        raise ValueError(f"{box.where}:line {box.line}: field box is {x:g}, {y:g}, {w:g}, {h:g}, needs pixels up to {LARGEST:g}")
+    return [x - w / 2, y - h / 2, w, h]
 
 
 def write_annotations(path: Path, name: str, annotations: Annotations) -> None:
@@ -240,6 +260,8 @@ def read_site(folder: Path) -> Site:
         return Site(RATE, np.array(AREA), Flat(), pillars=np.array(PILLARS))
     try:
         content = read_json(path)
+        if not isinstance(content, dict):
+            raise ValueError(f"{path}: is a {type(content).__name__}, needs an object with rate, area and terrain")
         rate, area, terrain = float(content["rate"]), np.array(content["area"], dtype=np.float64), content["terrain"]
     except (TypeError, KeyError, ValueError) as error:
         if str(error).startswith(str(path)):

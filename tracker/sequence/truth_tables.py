@@ -83,7 +83,10 @@ def read_views(folder: Path) -> dict[tuple[int, str], ViewTruth]:
             key = frame, str(row["camera"])
             normal = np.array([row[name] for name in ("normal_x", "normal_y", "normal_z")])
             people = boxes.get(key, Boxes.none()), keypoints.get(key, Keypoints.none())
-            out[key] = ViewTruth(pose_from([row[name] for name in POSE]), row["ground"], normal, *people)
+            try:
+                out[key] = ViewTruth(pose_from([row[name] for name in POSE]), row["ground"], normal, *people)
+            except ValueError as error:
+                raise ValueError(f"{folder / 'truth' / 'cameras.csv'}: frame {frame} of {key[1]}: {error}") from None
     return out
 
 
