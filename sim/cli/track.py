@@ -158,7 +158,9 @@ class Track:
         options = SourceOptions.parse(p.detections, p.degrade, p.seed, p.chosen, p.frames, self.images, p.project)
         sequence = open_sequence(self.source, options)
         first = next(iter(sequence.ticks), None)
-        if first is None or not first.views:
+        if first is None:
+            raise ValueError(f"{self.source}: no frame, since the files of detections hold no box and there is no truth")
+        if not first.views:
             raise ValueError(f"{self.source}: no detections of any camera, needs detections/CAMERA.txt (MOT15), --detections or --project")
         unknown = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
         sequence = without_starts(sequence, unknown)
