@@ -131,6 +131,7 @@ def read_jrdb(path: Path, labels_as_detections: bool = False) -> Recording:
         boxes = {index[number]: _boxes(found) for number, found in labels.items() if number in index}
     elif files.boxes is not None:
         boxes = read_boxes(files.boxes)
+        _check_frames(boxes, index, files.boxes)
     images = {index[int(file.stem)]: file for file in _pictures(files.images) if int(file.stem) in index}
     above = note.above_ground if note else ABOVE_FLOOR
     return Recording(
@@ -152,6 +153,13 @@ def _index(numbers: Iterable[int], path: Path) -> tuple[dict[int, int], int]:
     if known and (known[-1] - known[0]) // step >= MAX_FRAMES:
         raise ValueError(f"{path}: frames are {known[0]} to {known[-1]} in steps of {step}, needs less than {MAX_FRAMES} of them")
     return {number: (number - known[0]) // step for number in known}, step
+
+
+def _check_frames(boxes: FrameBoxes, index: Mapping[int, int], file: Path) -> None:
+    """Raises ValueError for boxes after the last labelled frame: they are then numbered as the images, of which every n-th is labelled."""
+    last, labelled = max(boxes, default=-1), max(index.values(), default=-1)
+    if index and last > labelled:
+        raise ValueError(f"{file}: frame is {last + 1}, needs at most {labelled + 1}, the number of labelled frames; they count from 1 without gaps")
 
 
 def _people(labels: Iterable[Label3d], note: PanoramaNote | None) -> tuple[Ints, Array]:

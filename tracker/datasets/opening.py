@@ -35,12 +35,14 @@ class SourceFormat:
 
     name: short, as in --json. title: what it is and by which files it is told. matches: whether a folder holds it.
     read: the reader of a recording; None for a sequence of pilsim, and for UTIAS, which has robots alone.
+    calibration: the file or folder with the cameras of a recording.
     """
 
     name: str
     title: str
     matches: Callable[[Path], bool]
     read: Callable[[Path, SourceOptions], Recording] | None = None
+    calibration: str = ""
 
 
 def _is_sequence(path: Path) -> bool:
@@ -49,12 +51,26 @@ def _is_sequence(path: Path) -> bool:
 
 FORMATS = (
     SourceFormat(PILSIM, "a sequence of pilsim (manifest.json)", _is_sequence),
-    SourceFormat("recording", "a recording of one's own (recording.json, detections/)", is_recording, lambda path, _: read_recording(path)),
+    SourceFormat(
+        "recording", "a recording of one's own (recording.json, detections/)", is_recording, lambda path, _: read_recording(path), "recording.json"
+    ),
     SourceFormat(UTIAS, "a UTIAS set (Barcodes.dat)", is_utias),
-    SourceFormat("wildtrack", "WILDTRACK or MultiviewX (calibrations/, annotations_positions/)", is_wildtrack, lambda path, _: read_wildtrack(path)),
+    SourceFormat(
+        "wildtrack",
+        "WILDTRACK or MultiviewX (calibrations/, annotations_positions/)",
+        is_wildtrack,
+        lambda path, _: read_wildtrack(path),
+        "calibrations",
+    ),
     SourceFormat("jrdb", "JRDB (labels_2d_stitched/, labels_3d/)", is_jrdb, lambda path, options: read_jrdb(path, options.projected is not None)),
-    SourceFormat("aicity", "AI City track 1 (calibration.json, ground_truth.json)", is_aicity, lambda path, _: read_aicity(path)),
-    SourceFormat("pets2009", "PETS 2009 (annotations/ or detections/, calibration/ in it or beside it)", is_pets, read_pets),
+    SourceFormat(
+        "aicity",
+        "AI City track 1 (calibration.json, ground_truth.json)",
+        is_aicity,
+        lambda path, _: read_aicity(path, strict=False),
+        "calibration.json",
+    ),
+    SourceFormat("pets2009", "PETS 2009 (annotations/ or detections/, calibration/ in it or beside it)", is_pets, read_pets, "calibration"),
 )
 """All formats, in the order in which a folder is compared with them."""
 
@@ -71,18 +87,25 @@ def format_of(path: Path) -> SourceFormat:
     for form in FORMATS:
         if form.matches(path):
             return form
-    raise ValueError(f"{path}: holds nothing that pilsim opens, needs one of: {'; '.join(form.title for form in FORMATS)}")
+    wrong = "is a file" if path.is_file() else "holds nothing that pilsim opens"
+    raise ValueError(f"{path}: {wrong}, needs the folder of one of: {'; '.join(form.title for form in FORMATS)}")
 
 
 def open_recording(path: Path, options: SourceOptions | None = None, strict: bool = True) -> Recording:
     """Open a folder of any format but pilsim's own sequences and UTIAS sets.
 
-    strict: see read_recording. Raises ValueError for an unknown folder, invalid content, and for options that do not fit it.
+    strict: whether cameras must be above the ground; see also read_recording.
+    Raises ValueError for an unknown folder, invalid content, and for options that do not fit it.
     """
     options, form = options or SourceOptions(), format_of(path)
     if form.read is None:
         raise ValueError(f"{path}: is {form.title}, needs a source with cameras and boxes: {', '.join(f.name for f in FORMATS if f.read)}")
     recording = form.read(path, options) if strict or form.name != "recording" else read_recording(path, strict=False)
+    if strict:
+        try:
+            recording.check_heights()
+        except ValueError as error:
+            raise ValueError(f"{path / form.calibration}: {error}") from None
     return _with_options(path, recording, options)
 
 
@@ -117,6 +140,8 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
         recording = recording.choose([camera_named(text, recording.cameras) for text in options.cameras])
     if options.frames is not None:
         first, end = options.frames
+        if first >= recording.frames:
+            raise ValueError(f"--frames is {first}:{'' if end is None else end}, needs a first frame below {recording.frames}, all that {path} has")
         recording = recording.cut(first, recording.frames if end is None else min(end, recording.frames))
         source["frames"] = [first, first + recording.frames]
     if options.degradation != Degradation():

@@ -70,10 +70,13 @@ def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: i
 
     body: height and width, m, of the cylinder that stands for a body. Bodies hide nobody. A box is the part of a body's box in the image.
     Each camera has a random stream of its own, by its name and `seed`. Cameras on robots need the robots' true poses.
-    Raises ValueError for a recording without truth.
+    Raises ValueError for a recording without truth, and for a camera on a robot without true poses.
     """
     if recording.truth is None:
         raise ValueError("the recording has no truth, which projected boxes need")
+    for name, camera in recording.cameras.items():
+        if camera.robot is not None and recording.robots[camera.robot].truth is None:
+            raise ValueError(f"camera {name} is on robot {camera.robot}, which has no true poses (robot_truth.csv), which projected boxes need")
     detections = {}
     for name, camera in recording.cameras.items():
         boxes: dict[int, tuple[Array, Array]] = {}

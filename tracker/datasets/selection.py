@@ -12,7 +12,7 @@ from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.detections.boxes import detections_from_boxes
 from tracker.recordings import FrameBoxes
 from tracker.recordings.folder import read_boxes
-from tracker.types import Odometry, Sequence, Setup, Tick, Ticks, Truth, View
+from tracker.types import Odometry, RobotDetections, Sequence, Setup, Tick, Ticks, Truth, View
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +35,11 @@ class SelectedTicks:
             yield Tick(index, index * self.setup.period, views)
 
     def _view(self, view: View, frame: int) -> View:
+        seen = view.robot_detections
+        kept = [] if seen is None else [k for k, robot in enumerate(seen.robot) if robot in self.setup.starts]
+        if seen is not None and len(kept) < len(seen.robot):
+            left = RobotDetections(seen.bearing[kept], tuple(seen.robot[k] for k in kept), seen.covariance[kept])
+            view = replace(view, robot_detections=left)
         if view.camera not in self.detections:
             return view
         boxes, confidence = self.detections[view.camera].get(frame, (np.zeros((0, 4)), np.zeros(0)))
@@ -60,7 +65,7 @@ def selected(sequence: Sequence, options: SourceOptions) -> Sequence:
     first, end = options.frames or (0, None)
     end = len(sequence.ticks) if end is None else min(end, len(sequence.ticks))
     if not 0 <= first < end:
-        raise ValueError(f"--frames is {first}:{end}, needs 0 to {len(sequence.ticks)} with the lower first")
+        raise ValueError(f"--frames begins at {first}, needs a first frame below {len(sequence.ticks)}, all that the sequence has")
     if first and setup.moving_robots:
         raise ValueError(f"--frames begins at {first}, needs 0 where robots move, since their start is known at frame 0 alone")
     detections: dict[str, FrameBoxes] = {name: read_boxes(file) for name, file in options.detection_files(list(kept)).items()}

@@ -96,6 +96,8 @@ class SourceOptions:
 
 def _names(text: str) -> tuple[str, ...]:
     names = tuple(part.strip() for part in text.split(",") if part.strip())
+    if text and not names:
+        raise ValueError(f"--cameras is {text!r}, needs names as C1,C3")
     if len(set(names)) != len(names):
         raise ValueError(f"--cameras {text} names a camera twice")
     return names

@@ -100,8 +100,8 @@ class PanoramaNote:
             value = getattr(self, name)
             if value is None and name in ("horizon", "focal"):
                 continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e6:
-                raise ValueError(f"{name} is {str(value)[:40]}, needs a number above 0 and below 1e6")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 1e-4 <= value < 1e6:
+                raise ValueError(f"{name} is {str(value)[:40]}, needs a number above 0, from 1e-4, and below 1e6")
         if (self.horizon is None) != (self.focal is None):
             raise ValueError(f"horizon is {self.horizon} and focal is {self.focal}, needs both or neither")
 
@@ -181,12 +181,18 @@ def read_labels_3d(path: Path) -> dict[int, list[Label3d]]:
 
 def _label_3d(entry: dict[str, Any], where: str) -> Label3d:
     try:
-        values = np.array([entry["box"][name] for name in _SPACE], dtype=np.float64)
+        values = np.array([_number(entry["box"][name], f"box.{name}") for name in _SPACE])
         return Label3d(_person(entry), values[:3], values[3:6], float(values[6]))
     except (KeyError, TypeError) as error:
         raise ValueError(f"{where}: field {error} is missing or of the wrong kind") from None
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
+
+
+def _number(value: Any, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name} is {repr(value)[:40]}, needs a number")
+    return float(value)
 
 
 def write_detections_2d(path: Path, detections: Mapping[int, tuple[Array, Array]]) -> None:

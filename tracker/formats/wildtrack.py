@@ -99,8 +99,11 @@ def read_positions(path: Path) -> list[WildtrackPosition]:
     Raises ValueError with the path for missing or wrong fields, and views not numbered from 0.
     """
     out: list[WildtrackPosition] = []
+    content = read_json(path)
+    if not isinstance(content, list) or not all(isinstance(entry, dict) for entry in content):
+        raise ValueError(f"{path}: needs a list with an object for each person")
     try:
-        for entry in read_json(path):
+        for entry in content:
             views = sorted(entry.get("views", []), key=lambda view: int(view["viewNum"]))
             if [view["viewNum"] for view in views] != list(range(len(views))):
                 raise ValueError(f"person {entry['personID']}: views are not numbered from 0 to {len(views) - 1}")
@@ -109,7 +112,7 @@ def read_positions(path: Path) -> list[WildtrackPosition]:
             out.append(WildtrackPosition(_whole(entry, "personID"), _whole(entry, "positionID"), boxes, feet))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: field {error} is missing or of the wrong kind") from None
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise ValueError(f"{path}: {error}") from None
     return out
 
@@ -117,7 +120,7 @@ def read_positions(path: Path) -> list[WildtrackPosition]:
 def _whole(entry: Mapping[str, Any], name: str) -> int:
     value = entry[name]
     if isinstance(value, bool) or not isinstance(value, int) or abs(value) >= LARGEST:
-        raise ValueError(f"{name} is {str(value)[:40]}, needs a whole number below 2^53")
+        raise ValueError(f"{name} is {repr(value)[:40]}, needs a whole number below 2^53")
     return value
 
 

@@ -26,6 +26,7 @@ VISIBILITY_MEMORY = 9 / 7  # s: people are evaluated for this time after they we
 PETS = "PETS 2009"
 GRID_TRUTH = "annotations_positions"
 """The truth of WILDTRACK, MultiviewX and GMVD by its name in a provenance: these are scored as detections too, by the rules of their kit."""
+TRUTH_FILES = "truth.txt (PETS 2009: annotations/*-cropped.xml; WILDTRACK: annotations_positions/; JRDB: labels_3d/; AI City: ground_truth.json)"
 Tracks = dict[int, tuple[Ints, Array]]
 
 
@@ -50,7 +51,7 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
     """
     truth = sequence.truth
     if truth is None:
-        raise ValueError("this source has no truth to score against (annotations/*-cropped.xml)")
+        raise ValueError(f"this source has no truth to score against, needs {TRUTH_FILES}")
     if results.run.get("provenance", sequence.provenance) != sequence.provenance:
         raise ValueError("these results were made from another source, or from other views or files of it")
     if results.frames < len(truth):

@@ -70,10 +70,11 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
     area, ground, occluders = content.get("area"), *_ground(path, content.get("ground", 0.0))
     height = content.get("height", list(STATURE))
     robots, frames = _robots(path), content.get("frames", 0)
-    if not isinstance(frames, int) or not 0 <= frames <= MAX_FRAMES:
+    if isinstance(frames, bool) or not isinstance(frames, int) or not 0 <= frames <= MAX_FRAMES:
         raise ValueError(f"{file}: frames is {frames!r}, needs a whole number up to {MAX_FRAMES}")
+    if not (isinstance(height, list) and len(height) == 2 and all(isinstance(one, int | float) for one in height)):
+        raise ValueError(f"{file}: height is {repr(height)[:80]}, needs two numbers of metres above 0, the lower first")
     try:
-        low, high = height
         recording = Recording(
             float(content["rate"]),
             cameras,
@@ -81,7 +82,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             frames=frames,
             area=area,
             ground=ground,
-            height=(float(low), float(high)),
+            height=(float(height[0]), float(height[1])),
             occluders=occluders,
             images=_images(path, cameras),
             robots=robots,
@@ -107,7 +108,7 @@ def _content(file: Path) -> dict[str, Any]:
         raise ValueError(f"{file}: format is {str(content['format'])[:80]!r}, needs {FORMAT!r}")
     rate, cameras = content.get("rate"), content.get("cameras")
     if isinstance(rate, bool) or not isinstance(rate, int | float):
-        raise ValueError(f"{file}: rate is {str(rate)[:40]}, needs a number of frames per second")
+        raise ValueError(f"{file}: rate is {repr(rate)[:40]}, needs a number of frames per second")
     if not isinstance(cameras, dict) or not 0 < len(cameras) <= MAX_CAMERAS:
         raise ValueError(f"{file}: cameras is missing or empty, needs an object with an entry for each camera, at most {MAX_CAMERAS}")
     for name in cameras:
@@ -125,11 +126,17 @@ def _ground(path: Path, ground: Any) -> tuple[Ground, Ground | None]:
 
 
 def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str, FrameBoxes]:
-    found: dict[str, FrameBoxes] = {}
-    for file in sorted((path / "detections").glob("*.txt")):
-        if file.stem not in cameras:
+    """The boxes of all cameras that have a file. Raises ValueError for a file of no camera, and for one of a camera with another ending."""
+    folder, found = path / "detections", dict[str, FrameBoxes]()
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: is a file, needs to be a folder with CAMERA.txt")
+    for file in sorted(folder.glob("*")):
+        if file.suffix == ".txt" and file.stem not in cameras:
             raise ValueError(f"{file}: is of camera {file.stem!r}, {FILE} has {', '.join(cameras)}")
-        found[file.stem] = read_boxes(file)
+        if file.suffix != ".txt" and file.stem in cameras:
+            raise ValueError(f"{file}: is of camera {file.stem!r}, needs the name {file.stem}.txt")
+        if file.suffix == ".txt":
+            found[file.stem] = read_boxes(file)
     return found
 
 
@@ -144,7 +151,7 @@ def read_boxes(file: Path) -> dict[int, tuple[Array, Array]]:
 def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
     """The recording with truth.txt, where there is one. Frames without a row in it have nobody."""
     file = path / "truth.txt"
-    if not file.is_file():
+    if not file.exists():
         return recording
     rows = read_mot15(file, tracks=True)
     if not rows.has_position.all():
@@ -204,6 +211,8 @@ def _robots(path: Path) -> dict[str, RecordingRobot]:
     if not isinstance(content, dict):
         raise ValueError(f"{file}: is a {type(content).__name__}, needs an object with an entry for each robot")
     starts = {name: _start(entry, f"{file}: {name}") for name, entry in content.items()}
+    if starts and not any(starts.values()):
+        raise ValueError(f"{file}: start is null of each robot, needs one with a start, which defines the world frame")
     known = {"robot": starts}
     odometry, truth = rows_by_frame(path / "odometry.csv", ODOMETRY, ("robot",), known), None
     if (path / ROBOT_TRUTH).is_file():
@@ -230,20 +239,23 @@ def _robots(path: Path) -> dict[str, RecordingRobot]:
 
 def _start(entry: Any, where: str) -> Start | None:
     """{"start": null or {"position": [x, y, z], "quaternion": [w, x, y, z], "covariance": (6, 6), optional}}."""
+    needed = 'needs {"start": {"position": [x, y, z], "quaternion": [w, x, y, z]}}'
+    if not isinstance(entry, dict) or "start" not in entry:
+        raise ValueError(f"{where}: field 'start' is missing, {needed}")
+    start, row = entry["start"], list[float]()
+    if start is None:
+        return None
+    for name, count in (("position", 3), ("quaternion", 4)):
+        values = start.get(name) if isinstance(start, dict) else None
+        if not isinstance(values, list) or len(values) != count or not all(isinstance(v, int | float) for v in values):
+            raise ValueError(f"{where}: start.{name} is {repr(values)[:80]}, {needed}")
+        row += map(float, values)
     try:
-        start = entry["start"]
-        if start is None:
-            return None
-        row = [float(value) for value in (*start["position"], *start["quaternion"])]
         covariance = np.array(start.get("covariance", (START_SIGMA**2 * np.eye(6)).tolist()), dtype=np.float64)
-        if len(row) != 7 or not np.isfinite(row).all():
-            raise ValueError("position and quaternion need three and four finite numbers")
         if not covariance.any():
             raise ValueError("covariance is zero, needs more than that: the robot moves")
         return Start(pose_from(row), covariance)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f'{where}: field {error} is missing or of the wrong kind, needs {{"start": {{"position": …, "quaternion": …}}}}') from None
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{where}: start: {error}") from None
 
 

@@ -89,7 +89,7 @@ class Recording:
     visible: frame → (k,) the largest share of each true person that a camera sees, in [0, 1]; 1 for frames without an entry.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
 
-    Raises ValueError for a rate, height or frames out of bounds, a robot that is missing, and for detections of a camera that is not there.
+    Raises ValueError for a rate, height or frames out of bounds, a missing robot, and for detections of a camera that is not there.
     """
 
     rate: float
@@ -267,7 +267,10 @@ class Recording:
 
 
 def _area(area: ArrayLike) -> Array:
-    corners = np.asarray(area, dtype=np.float64)
+    try:
+        corners = np.asarray(area, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"area is {str(area)[:80]!r}, needs two corners x, y in metres, the lowest first") from None
     if corners.shape != (2, 2) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
         raise ValueError(f"area is {corners.tolist()}, needs two corners x, y in metres, the lowest first")
     return corners

@@ -120,7 +120,7 @@ def broken(folder: str, old: str, new: str) -> Callable[[Path], object]:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (broken(LABELS_3D, '"cx": 2.0', '"cx": "left"'), r"labels_3d/.*json: frame 6: could not convert string to float"),
+        (broken(LABELS_3D, '"cx": 2.0', '"cx": "left"'), r"labels_3d/.*json: frame 6: box.cx is 'left', needs a number"),
         (broken(LABELS_3D, '"cx": 2.0, ', ""), r"labels_3d/.*json: frame 6: field 'cx' is missing"),
         (broken(LABELS_3D, "000006.pcd", "six.pcd"), r"labels of 'six\.pcd', needs NUMBER\.pcd"),
         (broken(LABELS_3D, "000024.pcd", "99000024.pcd"), r"needs less than 200000"),

@@ -84,7 +84,7 @@ def test_repeated_frame_is_refused(data: Callable[..., Path], tmp_path: Path) ->
 def test_unknown_folders_are_refused(tmp_path: Path, data: Callable[..., Path]) -> None:
     with pytest.raises(ValueError, match="no such folder"):
         open_sequence(tmp_path / "nowhere")
-    with pytest.raises(ValueError, match="holds nothing that pilsim opens, needs one of: a sequence of pilsim"):
+    with pytest.raises(ValueError, match="holds nothing that pilsim opens, needs the folder of one of: a sequence of pilsim"):
         open_sequence(tmp_path)
     (tmp_path / "detections").mkdir()
     with pytest.raises(ValueError, match="calibration/ in it or beside it"):

@@ -102,7 +102,7 @@ def test_real_cameras_are_approximated_within_the_stated_error(data: Any, view: 
             '[{"personID": 1, "positionID": 0, "views": [{"viewNum": 1, "xmin": 0, "ymin": 0, "xmax": 0, "ymax": 0}]}]',
             "person 1: views are not numbered",
         ),
-        ("[3]", "of the wrong kind"),
+        ("[3]", "needs a list with an object for each person"),
         ("{", "not JSON"),
     ],
 )

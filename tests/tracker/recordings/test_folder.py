@@ -181,7 +181,7 @@ def test_parts_of_a_recording(tmp_path: Path) -> None:
     assert [len(tick.views[0].detections) for tick in again.ticks] == [0, 1]
     for options, message in (
         (SourceOptions(("C7",)), "camera is 'C7', needs one of C1, C2"),
-        (SourceOptions(frames=(5, 9)), "frames are 5:3, needs 0 to 3"),
+        (SourceOptions(frames=(5, 9)), "--frames is 5:9, needs a first frame below 3"),
         (SourceOptions(detections={"C7": other / "C2.txt"}), "camera is 'C7'"),
     ):
         with pytest.raises(ValueError, match=message):
