@@ -1,4 +1,4 @@
-"""Text files of unknown origin, read line by line: UTF-8 with or without a byte order mark, any line end, and errors with file and line."""
+"""Text files of unknown origin, read line by line: UTF-8 with or without a byte order mark, and any line end."""
 
 from __future__ import annotations
 
