@@ -1,6 +1,6 @@
 """Locks on outputs: one process writes a folder or a file at a time. The operating system releases a lock when its process ends.
 
-The lock of a folder lies in it, so that every path to the folder leads to the same lock: a link, a mount point, the same volume in two containers.
+The lock of a folder lies in it. So every path to the folder leads to the same lock, as a link does, and two containers with one volume.
 """
 
 from __future__ import annotations
