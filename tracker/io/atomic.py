@@ -161,4 +161,5 @@ def new_file(path: Path) -> Iterator[Path]:
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text without conversion of line ends, and replace an existing file. A failure leaves that file as it is."""
     with new_file(path) as partial:
-        partial.write_text(text, encoding="utf-8", newline="\n")
+        # Under a locale of ASCII, Python gives the name of a file surrogates for other bytes, which become those bytes again.
+        partial.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")
