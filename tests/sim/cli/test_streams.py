@@ -1,6 +1,7 @@
 """Standard streams that are closed, full, or lack characters end no work."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -37,6 +38,11 @@ def test_a_full_standard_output_is_one_line(folder: Path) -> None:
     assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")
 
 
+def test_a_full_standard_output_of_a_help_is_one_line(folder: Path) -> None:
+    done = shell("PILSIM track --help > /dev/full", folder)
+    assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")
+
+
 def test_a_full_standard_error_does_not_end_the_work(folder: Path) -> None:
     done = shell("PILSIM worlds pilsun --export runs/lab.ply 2> /dev/full", folder)
     assert done.returncode == 0
@@ -54,3 +60,66 @@ def test_a_reader_that_ends_early_is_no_error(folder: Path) -> None:
     done = shell("set -o pipefail; PILSIM track --help | head -1", folder)
     assert b"Traceback" not in done.stderr
     assert b"Exception" not in done.stderr
+
+
+LOCALES = {"en_US": "ISO-8859-1", "tr_TR": "ISO-8859-9"}
+NO_UTF8 = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+@pytest.fixture(scope="module")
+def locales(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+    """The environment of each locale: ASCII, and two that localedef makes."""
+    if not shutil.which("localedef"):
+        pytest.skip("needs localedef (Debian: locales) to make locales that are not UTF-8")
+    out, folder = {"C": NO_UTF8}, tmp_path_factory.mktemp("locales")
+    for name, charmap in LOCALES.items():
+        done = subprocess.run(["localedef", "-i", name, "-f", charmap, str(folder / f"{name}.{charmap}")], capture_output=True, check=False)
+        if done.returncode:
+            pytest.skip(f"needs the sources of locales (Debian: locales): {done.stderr.decode(errors='replace').strip()}")
+        out[name] = {"LOCPATH": str(folder), "LC_ALL": f"{name}.{charmap}"}
+    return out
+
+
+@pytest.mark.parametrize("name", ["C", *LOCALES])
+def test_locales_that_are_not_utf8(folder: Path, locales: dict[str, dict[str, str]], name: str) -> None:
+    (folder / "häßlich.clq").write_text(GRAPH)
+    for words, code, said in (
+        ("--help", 0, b"usage: pilsim"),
+        ("track --help", 0, b"--hypotheses"),
+        ("clique häßlich.clq --seconds 0.1", 0, b"a clique of weight"),
+        ("clique häßlich.clq --secondsé 1", 2, b"did you mean --seconds?"),
+        ("clique nöthing.clq", 2, b"thing.clq: No such file or directory"),
+    ):
+        done = shell(f"PILSIM {words}", folder, **locales[name])
+        assert done.returncode == code, done.stderr
+        assert said in done.stdout + done.stderr
+        assert b"codec" not in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["C", "en_US"])
+def test_files_are_written_under_names_that_a_locale_lacks(folder: Path, locales: dict[str, dict[str, str]], name: str) -> None:
+    done = shell("PILSIM worlds tunnel --export ö/ä.glb", folder, **locales[name])
+    assert done.returncode == 0, done.stderr
+    assert (folder / "ö" / "ä.glb").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["--help", "--version", "track --help", "clique a.clq --seconds 0.1", "stress --list --json"])
+def test_streams_of_every_kind_of_output(folder: Path, words: str) -> None:
+    full = shell(f"PILSIM {words} > /dev/full", folder)
+    assert (full.returncode, full.stderr) == (2, b"error: standard output: No space left on device\n")
+    assert shell(f"PILSIM {words} 2> /dev/full", folder).returncode == 0
+    for reader in ("true", "head -1"):
+        cut = shell(f"set -o pipefail; PILSIM {words} | {reader}", folder)
+        assert cut.returncode in (0, 1)
+        assert cut.stderr == b""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["nonsense", "track nowhere --out x", "clique none.clq", "info .", "check .", "report .", "score a b"])
+def test_errors_where_streams_fail(folder: Path, words: str) -> None:
+    for streams in ("> /dev/full", "2> /dev/full", ">&- 2>&-", "| true"):
+        done = shell(f"set -o pipefail; PILSIM {words} {streams}", folder)
+        assert done.returncode == 2, (streams, done.stderr)
+        assert done.stderr.count(b"\n") == (0 if "2>" in streams else 1)
