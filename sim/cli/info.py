@@ -15,14 +15,16 @@ from tracker.io.json_files import json_text
 class Info:
     """Summarize a dataset: frames, cameras, people, boxes, density, sizes.
 
-    DIR is a dataset or one sequence. `pilsim check` verifies it.
+    DIR is a dataset, one sequence, or any source of `pilsim track`. `pilsim check`
+    verifies it.
 
     Examples: pilsim info D
               pilsim info D/pilsun-00000 --json
+              pilsim info my-cameras
     """
 
     source: Annotated[Positional[Path], arg(metavar="DIR")]
-    """The dataset or the sequence."""
+    """The dataset, the sequence or the source."""
     json: bool = False
     """Print JSON alone; sizes are in MB."""
 

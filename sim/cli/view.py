@@ -17,14 +17,16 @@ class View:
 
     The command needs the extra `view`: pip install "pilsim[view]". True people are
     grey; tracks have a color an id. Ellipsoids show two standard deviations.
+    Lines from a camera show what it sees; images are shown where there are some.
 
     Examples: pilsim view runs/demo
               pilsim view runs/demo/sequence --track
+              pilsim view my-cameras --results runs/mine --save mine.rrd
               pilsim view runs/demo --save demo.rrd     (then: rerun demo.rrd)
     """
 
     folder: Annotated[Positional[Path], arg(metavar="FOLDER")]
-    """A sequence, or a folder that `demo` wrote."""
+    """A sequence, a folder that `demo` wrote, or any source of `pilsim track` with cameras."""
     results: Annotated[Path | None, unset("DIR", "FOLDER/track, if there")] = None
     """The tracks that `track` wrote for this sequence."""
     track: bool = False

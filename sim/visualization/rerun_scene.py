@@ -1,4 +1,4 @@
-"""Logging of a sequence to Rerun. Entities: `world` in metres, `panoramas/CAMERA` for images, `off` for the robots' errors."""
+"""Logging of a sequence to Rerun. Entities: `world` in metres, `panoramas/CAMERA` for images of any camera, `off` for the robots' errors."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from sim.visualization.overlays import STANDING, colour_of, draw_boxes
 from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation
+from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Flat, Grid
 from tracker.types import Estimate, Sequence, Tick, Truth
 
@@ -23,6 +24,10 @@ BODY = (1.3, 0.22)
 """m: length (between the centres of its ends) and radius of the capsule that stands for a person."""
 CHASSIS = (0.35, 0.25, 0.15)
 """m: half sizes of the box that stands for a robot."""
+FRUSTUM = 1.0
+"""m: length of the lines of sight that show a camera."""
+SIDE_POINTS = 12
+"""Points along a side of an image at which its lines of sight are drawn; distortion bends the sides."""
 CUT_HEIGHT = 0.7
 """m above the ground at which objects are cut off, so that walls do not hide people."""
 LARGEST_MESH = 240
@@ -53,7 +58,8 @@ class RerunScene:
         """Layout of the viewer: the world on the left, panoramas and the robots' errors on the right."""
         views = self.rerun.blueprint
         panoramas = [views.Spatial2DView(origin=f"panoramas/{name}", name=name) for name in self.sequence.setup.mounts]
-        right = [*panoramas[:4], views.TimeSeriesView(origin="off", name="robots' error [m]")]
+        moving = self.sequence.setup.moving_robots
+        right = [*panoramas[:4], *([views.TimeSeriesView(origin="off", name="robots' error [m]")] if moving else [])]
         target, eye = self._initial_view()
         controls = views.EyeControls3D(position=eye, look_target=target, eye_up=[0.0, 0.0, 1.0])
         world = views.Spatial3DView(origin="world", name="world", eye_controls=controls)
@@ -72,9 +78,13 @@ class RerunScene:
         return target, target + away * np.array([-0.35, -0.75, 1.0])
 
     def log_static(self) -> None:
-        """Log static entities: the world frame, the terrain and the objects on it."""
+        """Log static entities: the world frame, fixed cameras, the terrain and the objects on it."""
         self._log("world", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        ground, tops = self.sequence.setup.ground, self.sequence.setup.occluders
+        setup = self.sequence.setup
+        for name, mount in setup.mounts.items():
+            if setup.is_fixed(mount.robot) and (start := setup.starts[mount.robot]) is not None:
+                self._camera(f"world/cameras/{name}", mount.camera, start.T_world_robot @ mount.T_body_camera, name)
+        ground, tops = setup.ground, setup.occluders
         if isinstance(ground, Grid):
             points, triangles, heights = mesh(ground)
             span = max(float(np.ptp(heights)), 1e-6)
@@ -88,11 +98,15 @@ class RerunScene:
                     over[:, 2] = np.minimum(heights, ground.height_at(over) + CUT_HEIGHT)
                     self._mesh("world/standing", over, kept, np.full((len(over), 3), 130, np.uint8))
         elif isinstance(ground, Flat):
-            self._log("world/ground", self.rerun.Boxes3D(centers=[[0, 0, ground.level]], half_sizes=[[20, 20, 0]], colors=[GREY]), static=True)
+            low, high = np.array([[-20.0, -20.0], [20.0, 20.0]]) if setup.area is None else setup.area
+            middle, half = [*(low + high) / 2, ground.level], [*(high - low) / 2, 0.0]
+            self._log("world/ground", self.rerun.Boxes3D(centers=[middle], half_sizes=[half], colors=[GREY]), static=True)
 
     def log_frame(self, scene_frame: SceneFrame) -> None:
         """Log one frame: truth and estimates, if there are any."""
-        tick, truth = scene_frame.tick, self.sequence.truth[scene_frame.tick.index] if self.sequence.truth else None
+        tick, labelled = scene_frame.tick, self.sequence.truth or ()
+        # Frames after the last labelled one have no truth.
+        truth = labelled[tick.index] if tick.index < len(labelled) else None
         self.stream.set_time("frame", sequence=tick.index)
         self.stream.set_time("time", duration=tick.time)
         if truth is not None:
@@ -111,6 +125,8 @@ class RerunScene:
         self._robots("world/robots", estimate.T_world_robot, (220, 20, 60))
         turned = []
         for robot, pose in estimate.T_world_robot.items():
+            if self.sequence.setup.is_fixed(robot):
+                continue
             # The translation of the right tangent is along the axes of the body.
             turned.append((pose.translation, pose.rotation @ estimate.robot_covariance[robot][:3, :3] @ pose.rotation.T))
             if truth is not None and robot in truth.T_world_robot:
@@ -139,6 +155,11 @@ class RerunScene:
 
     def _robots(self, path: str, poses: dict[str, Pose], colour: tuple[int, int, int]) -> None:
         for robot, pose in poses.items():
+            if self.sequence.setup.is_fixed(robot):
+                continue
+            for name, mount in self.sequence.setup.mounts.items():
+                if mount.robot == robot:
+                    self._camera(f"{path}/{robot}/{name}", mount.camera, pose @ mount.T_body_camera)
             self._robot_trails[path, robot].append(pose.translation)
             w, x, y, z = quaternion_from_rotation(pose.rotation)
             centre = pose.apply(np.array([[0.0, 0.0, CHASSIS[2]]]))
@@ -164,6 +185,12 @@ class RerunScene:
             _, data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
             self._log(f"panoramas/{view.camera}", self.rerun.EncodedImage(contents=data.tobytes(), media_type="image/jpeg"))
 
+    def _camera(self, path: str, camera: Camera, T_world_camera: Pose, name: str | None = None) -> None:
+        """Lines of sight of a camera; static and with its name where one is given."""
+        strips = [T_world_camera.apply(FRUSTUM * strip) for strip in lines_of_sight(camera)]
+        labels = None if name is None else [name] + [""] * (len(strips) - 1)
+        self._log(path, self.rerun.LineStrips3D(strips, colors=[ROYAL] * len(strips), radii=0.01, labels=labels), static=name is not None)
+
     def _mesh(self, path: str, points: Array, triangles: Ints, colours: Any) -> None:
         facing = normals(points, triangles)
         # Shading is part of the colours, because the viewer's own light may leave slopes flat.
@@ -173,6 +200,29 @@ class RerunScene:
 
     def _log(self, path: str, what: Any, static: bool = False) -> None:
         self.stream.log(path, what, static=static)
+
+
+def lines_of_sight(camera: Camera) -> list[Array]:
+    """Strips (n, 3) in the camera's frame, unit length from the origin, that show what an image covers.
+
+    Of an image with sides: its border, and lines from the camera to its corners. Of a panorama: three rows around, and a line ahead.
+    Pixels without a line of sight, beyond the fold of a distortion, are left out.
+    """
+    first, along = camera.pixel_centre - 0.5, np.linspace(0.0, 1.0, SIDE_POINTS + 1)
+    size = np.array([camera.width, camera.height])
+    if camera.wraps:
+        around = np.linspace(0.0, 1.0, 4 * SIDE_POINTS + 1)
+        drawn = [np.column_stack([around, np.full(len(around), row)]) for row in (0.25, 0.5, 0.75)]
+        single = np.array([[0.5, 0.5]])
+    else:
+        none, one = np.zeros(len(along)), np.ones(len(along))
+        sides = [(along, none), (one, along), (along[::-1], one), (none, along[::-1])]
+        drawn = [np.concatenate([np.column_stack(side) for side in sides])]
+        single = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    strips = [camera.bearings_from_pixels(first + size * part) for part in drawn]
+    strips += [np.array([np.zeros(3), ray]) for ray in camera.bearings_from_pixels(first + size * single)]
+    strips = [strip[np.isfinite(strip).all(axis=1)] for strip in strips]
+    return [strip for strip in strips if len(strip) > 1]
 
 
 def mesh(grid: Grid) -> tuple[Array, Ints, Array]:

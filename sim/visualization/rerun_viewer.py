@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from sim.visualization.rerun_scene import RerunScene, SceneFrame
-from tracker.datasets.opening import open_sequence
+from tracker.datasets.opening import format_of, open_recording, open_sequence
 from tracker.datasets.source_options import SourceOptions
 from tracker.io.atomic import new_file
 from tracker.io.file_lock import output_file_lock
@@ -43,7 +43,7 @@ def rerun() -> Any:
 def show(folder: Path, results: Path | None = None, tracked: bool = False, save: Path | None = None) -> None:
     """Open the viewer on a sequence, or write a recording to the file `save` atomically.
 
-    folder: a sequence, or a folder with `sequence` and `track` in it. results: a folder of tracks, or None. tracked: run the tracker instead.
+    folder: a source, or a folder with `sequence` and `track` in it. results: a folder of tracks, or None. tracked: run the tracker instead.
     Raises ValueError without Rerun or a screen, for a file name that does not end in .rrd, and for files that cannot be read.
     """
     module = rerun()
@@ -55,7 +55,7 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
     if tracked and results is not None:
         raise ValueError("--results and --track exclude each other: tracks are read, or made now")
     read = read_results(given) if given is not None and not tracked else None
-    sequence = open_sequence(source, SourceOptions.of_run(read.run) if read else None)
+    sequence = open_sequence(source, _with_images(source, SourceOptions.of_run(read.run) if read else SourceOptions()))
     if read is not None and read.run.get("provenance", sequence.provenance) != sequence.provenance:
         raise ValueError(f"{given}: these tracks were made from another source than {source}")
     stream = module.RecordingStream("pilsim")
@@ -81,6 +81,12 @@ def _write(scene: RerunScene, sequence: Sequence, save: Path, what: tuple[Result
         scene.stream.flush()
         scene.stream.disconnect()
     print(f"{save}: {len(sequence.ticks)} frames, {save.stat().st_size / 1e6:.1f} MB; `rerun {save}` opens it")
+
+
+def _with_images(source: Path, options: SourceOptions) -> SourceOptions:
+    """The options with the images of a recording that has some. Sequences of pilsim always have theirs."""
+    there = format_of(source).read is not None and bool(open_recording(source, options).images)
+    return replace(options, images=there)
 
 
 def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path | None]:

@@ -1,18 +1,25 @@
 """Rerun recordings: complete, readable, and equal to the sequence."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
-from sim.visualization.rerun_scene import SIGMAS, ellipsoid, mesh
+from sim.visualization.rerun_scene import FRUSTUM, SIGMAS, ellipsoid, lines_of_sight, mesh
 from sim.visualization.rerun_viewer import show
 from tests.tracker import sequences
+from tests.tracker.datasets import small_sources
+from tracker.datasets.projected_boxes import projected_boxes
 from tracker.geometry import Pose, rotation_from_quaternion, rotation_z
+from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama
 from tracker.geometry.ground import Grid
 from tracker.pipeline import track
+from tracker.recordings import RecordingCamera
+from tracker.recordings.folder import write_recording
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results, write_results
 
@@ -107,3 +114,51 @@ def test_a_mesh_lies_on_the_grid_and_its_normals_point_up() -> None:
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
     large, _, _ = mesh(Grid(np.zeros((1000, 700)), np.zeros(2), 0.1))
     assert len(large) <= 240 * 240
+
+
+FISHEYE, CYLINDER = Fisheye(400, 400, 130.0, 130.0, 200.0, 200.0), Cylinder(600, 200, 90.0, 100.0)
+
+
+def test_a_recording_of_ones_own_with_cameras_of_every_kind(tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="needs rerun-sdk")
+    scene = small_sources.recording()
+    (tmp_path / "r").mkdir()
+    more = {"F": RecordingCamera.looking_at(FISHEYE, [4, 8, 3], [4, 3, 0]), "Y": RecordingCamera.looking_at(CYLINDER, [4, 3, 2], [5, 3, 2])}
+    write_recording(tmp_path / "r", projected_boxes(replace(scene, cameras={**scene.cameras, **more})))
+    for name, shape in (("C1", (720, 1280, 3)), ("F", (400, 400, 3)), ("Y", (200, 600, 3))):
+        (tmp_path / "r" / "images" / name).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "r" / "images" / name / "000001.png"), np.full(shape, 90, np.uint8))
+    show(tmp_path / "r", tracked=True, save=tmp_path / "out.rrd")
+    there = chunks(tmp_path / "out.rrd")
+    assert {"/panoramas/C1", "/panoramas/F", "/panoramas/Y", "/world/tracks", "/world/truth/people"} <= set(there)
+    assert "/panoramas/C2" not in there
+    # A fixed camera is no robot.
+    assert not any(name.startswith(("/world/robots/C", "/off/")) for name in there)
+    for name, camera in {**scene.cameras, **more}.items():
+        (strips,) = column(there[f"/world/cameras/{name}"], "LineStrips3D:strips")
+        away = np.linalg.norm(np.array(strips[0]) - camera.pose.translation, axis=1)
+        np.testing.assert_allclose(away, FRUSTUM, atol=1e-5)
+
+
+def test_frames_after_the_last_labelled_one_have_no_truth(tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="needs rerun-sdk")
+    folder = small_sources.write_multiviewx(tmp_path / "m")
+    with (folder / "detections" / "C1.txt").open("a") as file:
+        file.write("20,-1,600,200,50,150,0.9,-1,-1,-1\n")
+    show(folder, tracked=True, save=tmp_path / "out.rrd")
+    there = chunks(tmp_path / "out.rrd")
+    assert sorted(set(column(there["/world/truth/people"], "frame"))) == list(range(small_sources.FRAMES))
+    assert max(column(there["/world/tracks"], "frame")) == 19
+
+
+@pytest.mark.parametrize("camera", [small_sources.LENS, FISHEYE, CYLINDER, Panorama(64, 32)])
+def test_lines_of_sight_are_those_of_the_border(camera: Camera) -> None:
+    """They have unit length, and the border of an image that does not wrap projects to its border."""
+    border, *lines = lines_of_sight(camera)
+    np.testing.assert_allclose(np.linalg.norm(border, axis=1), 1.0)
+    np.testing.assert_allclose([line[0] for line in lines if len(line) == 2], 0.0)
+    assert sum(len(line) == 2 for line in lines) == (1 if camera.wraps else 4)
+    if not camera.wraps:
+        from_edge = camera.pixels_from_bearings(border)[0] - (camera.pixel_centre - 0.5)
+        beyond = np.minimum(from_edge, np.array([camera.width, camera.height]) - from_edge).min(axis=1)
+        np.testing.assert_allclose(beyond, 0.0, atol=1e-3)
