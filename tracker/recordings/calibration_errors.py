@@ -331,10 +331,19 @@ def _pair_by_agreement(case: CalibrationCase) -> dict[str, str]:
     best: tuple[float, dict[str, str]] = 0.0, {}
     for a, b in combinations(names, 2):
         pair = {a: b, b: a}
-        swapped, given = agreement(case.with_boxes_of(pair), (a, b))[0], own[a] + own[b]
+        swapped, given = _pair_with_rest(case.with_boxes_of(pair), (a, b)), _pair_with_rest(case, (a, b))
         if better(swapped, given) and swapped.mean - given.mean > best[0]:
             best = swapped.mean - given.mean, pair
     return {name: best[1][name] for name in case.lenses if name in best[1]}
+
+
+def _pair_with_rest(case: CalibrationCase, pair: tuple[str, str]) -> Nearness:
+    """Nearness of the feet of two cameras to those of the rest. Two swapped cameras in opposite corners of a room agree with one another."""
+    rest = [name for name in case.lenses if name not in pair]
+    if not rest:
+        return agreement(case, pair)[0]
+    reference = reference_of([case.feet(name) for name in rest])
+    return reduce(add, [nearness(case.sampled_feet(name), reference) for name in pair])
 
 
 def points_inside(points: Array, area: Array | None) -> Array:

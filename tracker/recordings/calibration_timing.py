@@ -167,8 +167,17 @@ def _stretched(case: CalibrationCase, names: tuple[str, ...], numbering: Numberi
     who = "the detections" if len(names) == len(case.lenses) else ", ".join(names)
     faster, slower, n = (rest, who, times) if times > 1 else (who, rest, divisor)
     words = f"frames of {faster} look numbered in a video that is {n} times as fast: frame {n} k fits frame k of {slower}"
-    corrected = case.with_frames({name: _numbered(case.rays[name].frame, numbering) for name in names})
+    corrected = _renumbered(case, names, numbering)
     return Finding("frames-stretched", () if len(names) == len(case.lenses) else names, words), corrected
+
+
+def _renumbered(case: CalibrationCase, names: tuple[str, ...], numbering: Numbering) -> CalibrationCase:
+    """The case in the slower numbering where the truth has the faster one, so that a frame of the detections stays one frame."""
+    times, _, shift = numbering
+    if times == 1 or case.truth is None or len(names) < len(case.lenses):
+        return case.with_frames({name: _numbered(case.rays[name].frame, numbering) for name in names})
+    rows = (case.truth.frame - shift) % times == 0
+    return replace(case, truth=People((case.truth.frame[rows] - shift) // times, case.truth.id[rows], case.truth.point[rows]))
 
 
 def shifted_frames(case: CalibrationCase) -> Corrected | None:
