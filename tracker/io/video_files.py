@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Image
+from tracker.io.library_messages import library_messages
 
 # FFmpeg reads the level with its first file; -8 is quiet.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
@@ -54,7 +55,8 @@ class VideoWriters:
 
 def open_video(path: Path) -> cv2.VideoCapture:
     """A video to read. Damaged videos print nothing. Raises ValueError where OpenCV cannot open it, and for images of more than MOST_PIXELS."""
-    video = cv2.VideoCapture(str(path))
+    with library_messages():
+        video = cv2.VideoCapture(str(path))
     width, height = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)
     if not video.isOpened() or not 0 <= width * height <= MOST_PIXELS:
         fault = f"has images of {width:g} x {height:g} px, needs at most {MOST_PIXELS} px" if video.isOpened() else "is no video that OpenCV can read"
