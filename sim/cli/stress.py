@@ -122,7 +122,7 @@ class Stress:
                 print(json_text(row))
             return
         failed = [row for row in rows if row["error"]]
-        print(f"{self.out}: {len(rows)} runs in results.jsonl; `pilsim report {self.out}` makes a page of them")
+        print(f"{self.out}: {len(rows)} run{'s' * (len(rows) != 1)} in results.jsonl; `pilsim report {self.out}` makes a page of them")
         for row in failed[:10]:
             print(f"failed: {row['id']} seed {row['seed']}: {row['error']}")
         if len(failed) > 10:

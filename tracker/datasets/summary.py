@@ -13,6 +13,7 @@ from tracker.formats.utias import read_utias
 from tracker.io.csv_tables import read_table
 from tracker.io.json_files import read_json
 from tracker.recordings import Recording
+from tracker.recordings.camera_json import model_of
 from tracker.sequence.dataset import sequences
 from tracker.sequence.manifest import read_manifest
 from tracker.sequence.reader import read_contents
@@ -86,7 +87,7 @@ def _of_recording(recording: Recording) -> dict[str, Any]:
         "frames": recording.frames,
         "seconds": round(recording.frames / recording.rate, 6),
         "rate": round(recording.rate, 6),
-        "cameras": {name: f"{type(c.camera).__name__.lower()} {c.camera.width} x {c.camera.height}" for name, c in recording.cameras.items()},
+        "cameras": {name: f"{model_of(c.camera)} {c.camera.width} x {c.camera.height}" for name, c in recording.cameras.items()},
         "robots": list(recording.robots),
         "boxes": boxes,
         "images": sorted(recording.images),
@@ -124,7 +125,7 @@ def summary_text(summary: dict[str, Any]) -> str:
     total = summary["total"]
     sizes = ", ".join(f"{name} {size / 1e6:.1f}" for name, size in sorted(total["bytes_of"].items(), key=lambda item: -item[1]))
     lines.append(
-        f"{total['sequences']} sequences, {total['frames']} frames, {total['images']} images, {total['boxes']} boxes,"
+        f"{total['sequences']} sequence{'s' * (total['sequences'] != 1)}, {total['frames']} frames, {total['images']} images, {total['boxes']} boxes,"
         f" {total['files']} files, {total['bytes'] / 1e6:.1f} MB ({sizes})"
     )
     return "\n".join(lines)

@@ -31,7 +31,7 @@ Cameras: x_camera = R x_world + t [m], x right, y down, z ahead; on a robot, x_c
 K and distortion are OpenCV's, for the first pixel's centre at (0, 0). An equirectangular or cylindrical image begins at its corner (0, 0).
 World: right-handed, z up. Boxes may lie partly outside the image.
 
-A recording does not hold: masks, key points, visibility of people, what robots see of each other, and the detector's own covariances.
+A recording does not hold: masks, key points, visibility in each camera, what robots see of each other, and the detector's own covariances.
 """
 
 

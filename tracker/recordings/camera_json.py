@@ -86,6 +86,11 @@ def camera_to(camera: RecordingCamera) -> dict[str, Any]:
     return entry if camera.robot is None else entry | {"robot": camera.robot}
 
 
+def model_of(camera: Camera) -> str:
+    """The name of a camera's model in recording.json. Raises ValueError for a camera of another class."""
+    return str(_entry(camera)["model"])
+
+
 def _entry(camera: Camera) -> dict[str, Any]:
     for model, kind in CLASSES.items():
         if isinstance(camera, Pinhole | Fisheye) and isinstance(camera, kind):

@@ -5,9 +5,12 @@
 * truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
 * video/CAMERA.mp4 (optional): one image for each frame.
 * images/CAMERA/000001.jpg or .png (optional, in place of the video): frames from 1.
-* robots.json (optional): robots that carry cameras, with their start poses.
-* odometry.csv (with robots): motion since the frame before; columns as in a sequence of pilsim, but frames from 1.
-* robot_truth.csv (optional, with robots): true poses, frames from 1.
+* robots.json (optional): robots that carry cameras: {"r0": {"start": {"position": [x, y, z] m, "quaternion": [w, x, y, z]}}}; a start may have
+  "covariance" (6, 6) of [translation m, rotation rad] along the robot's axes, and is null where it is unknown.
+* odometry.csv (with robots), with this header, a row for each robot and frame from 2: frame, robot, x, y, z [m], qw, qx, qy, qz, up_x, up_y, up_z,
+  up_sigma [rad], c00, c01, ... c05, c11, ... c55. x to qz: the pose of the robot's body in that of the frame before. up: the direction of up
+  along the robot's axes, 0, 0, 0 where unknown, and its error. cij: upper triangle of the covariance (6, 6) of [translation m, rotation rad].
+* robot_truth.csv (optional, with robots): frame from 1, robot, x, y, z [m], qw, qx, qy, qz: true poses T_world_robot.
 """
 
 from __future__ import annotations
