@@ -27,10 +27,12 @@ class Check:
     instance masks to the pixel. It checks that key points project from the joints,
     and that values are within their bounds.
 
-    Any other source with fixed cameras, as a recording of one's own, WILDTRACK or
-    PETS 2009: a table with a line a camera, and what looks wrong. These are units
-    (mm, cm), R or t in the other direction, frames that are numbered otherwise, and
-    cameras that are swapped. The exit code is 0 where nothing looks wrong, else 2.
+    Another source with fixed cameras is a recording of one's own, WILDTRACK or
+    PETS 2009, for instance. The command prints a line a camera, and what looks wrong.
+    It tells of units (mm, cm), of R or t in the other direction, of frames that are
+    numbered otherwise, and of swapped cameras.
+
+    The exit code is 0 where nothing is wrong, else 2.
 
     Examples: pilsim check D
               pilsim check D/pilsun-00000 --json

@@ -1,8 +1,8 @@
 """The check of a recording's calibration: figures of each fixed camera, and likely errors in words.
 
 It tells whether units, the direction of R and t, frame numbers, or the order of cameras look wrong: calibration_errors.py and calibration_timing.py.
-Without truth, three errors cannot be seen: frames of all detections against the truth, units of the truth, and detections that are all numbered
-in frames of another video. Where people stand still, no error of frames can be seen.
+Without truth, three errors cannot be seen: frames of all detections against the truth, units of the truth, and all frames of another video.
+Where people stand still, no error of frames can be seen.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class CameraCheck:
     place (3,) m; above: height above the ground, m; heading, pitch: of the middle of the image, degrees, anticlockwise from +x, and up.
     ground_share: share of the image that sees ground within SIGHT m. area_share: share of the area that is in the image; None without an area.
     boxes: number of boxes whose feet are in the image. grounded, inside: shares of them whose feet are on the ground, and in the area. tall: share
-    with the height of a person. distance: median distance m of feet in the area to the nearest true person of the frame or, without truth, to the
-    nearest feet of other cameras; None where there is none. compared: "truth", "cameras" or "".
+    with the height of a person. distance: median distance m of feet in the area to the nearest true person of the frame; None where there is
+    none. Without truth it is that to the nearest feet of other cameras. compared: "truth", "cameras" or "".
     """
 
     name: str

@@ -243,7 +243,7 @@ def delay_between(a: Motion, b: Motion, centres: tuple[Array, Array | None], shi
     """Frames by which `a` is late against `b`, or None with too few matched feet.
 
     centres: x, y (2,) m of their cameras; None for truth. shift: added to the frames of `a` before feet are matched. Feet are matched again after `b`
-    is moved by the delay that was found: people of a crowd are nearer to one another than they walk in a frame.
+    is moved by the delay that was found. People of a crowd are nearer to one another than they walk in a frame.
     """
     delay, moved = None, b
     for _ in range(MATCHINGS):
