@@ -29,8 +29,8 @@ BAND = 0.85
 CUT = 0.01
 """Boxes that end within this share of the image's height from its lower edge are left out: their feet are not in the image."""
 MOST_BOXES, MOST_QUERIES, MOST_COMPARED = 300_000, 2_500, 12_000
-"""Boxes of all cameras that are used, from the first frame on; boxes of a camera that are compared with truth; boxes of all cameras that are
-compared with one another. The latter two are of runs of frames that are spread over the recording."""
+"""Boxes of all cameras that are used, from the first frame on. Of a camera, so many are compared with truth; of all cameras with one another.
+The boxes that are compared are of runs of frames that are spread over the recording."""
 BLOCKS = 24
 """Blocks of time. Boxes of one block are not independent, so standard errors are those of the means of blocks."""
 
