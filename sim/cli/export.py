@@ -50,7 +50,7 @@ class Export:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import is_pilsim
+        from tracker.datasets.opening import FORMATS, is_pilsim
         from tracker.datasets.source_options import SourceOptions
         from tracker.export.aicity import export_results, is_results
         from tracker.export.exporting import export
@@ -77,6 +77,8 @@ class Export:
                 else f"{self.out}: a recording; `pilsim track {self.out}` reads it"
             )
             return
+        if (form := next((form for form in FORMATS if form.matches(self.source)), None)) is not None and not is_pilsim(self.source):
+            raise ValueError(f"{self.source}: is {form.title}, which --format recording writes; {self.format} needs a sequence of pilsim")
         found = export(self.source, self.format, self.out, progress, self.rectangles)
         if self.json:
             print(json.dumps({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))

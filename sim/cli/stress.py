@@ -138,8 +138,10 @@ class Stress:
         if self.recording is not None:
             if self.pets is not None:
                 raise ValueError("--recording and --pets exclude each other")
-            cameras = len(open_recording(self.recording).cameras)
-            return recording_cases(self.sweep, str(self.recording.resolve()), cameras, start)
+            recording = open_recording(self.recording)
+            if recording.truth is None:
+                raise ValueError(f"{self.recording}: has no truth, which a stress test needs")
+            return recording_cases(self.sweep, str(self.recording.resolve()), len(recording.cameras), start)
         alone = self.pets is not None and not self.sweep
         chosen = [] if alone else cases(self.sweep, start)
         return chosen + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))

@@ -62,7 +62,8 @@ class SourceOptions:
             out["frames_read"] = f"{first}:{'' if end is None else end}"
         if self.detections or self.degradation != Degradation():
             d = self.degradation
-            out["detections"] = [f"{name}={file.resolve()}" if name else str(file.resolve()) for name, file in self.detections.items()]
+            if self.detections:
+                out["detections"] = [f"{name}={file.resolve()}" if name else str(file.resolve()) for name, file in self.detections.items()]
             out |= {"degrade": f"drop={d.drop},clutter={d.clutter},noise={d.noise}", "seed": self.seed}
         if self.projected is not None:
             out |= {"project": str(self.projected), "seed": self.seed}

@@ -15,6 +15,7 @@ import pytest
 from tests.tracker.datasets.small_sources import FRAMES, RECORDINGS, SOURCES
 from tracker.datasets.opening import FORMATS, format_of, open_recording, open_sequence
 from tracker.datasets.source_options import SourceOptions
+from tracker.datasets.summary import summarize
 from tracker.metrics.evaluation import evaluate
 from tracker.run import tracked
 from tracker.sequence.schema import ODOMETRY
@@ -306,3 +307,8 @@ def test_boxes_of_robots_need_their_true_poses(tmp_path: Path) -> None:
     (folder / "odometry.csv").write_text(",".join(ODOMETRY) + "\n")
     with pytest.raises(ValueError, match=r"camera C1 is on robot r0, which has no true poses \(robot_truth.csv\)"):
         open_recording(folder, SourceOptions.parse(project=""))
+
+
+def test_a_summary_names_the_models_of_cameras(tmp_path: Path) -> None:
+    found = {kind: list(summarize(SOURCES[kind][1](tmp_path / kind))["cameras"].values()) for kind in ("own", "jrdb", "pets")}
+    assert found == {"own": ["pinhole 1280 x 720"] * 2, "jrdb": ["cylindrical 3760 x 480"], "pets": ["tsai 1280 x 720"] * 2}
