@@ -9,8 +9,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from sim.cli.options import unset
-from tracker.io.json_files import json_text
+from sim.cli.options import json_text, unset
 
 
 @dataclass(frozen=True)

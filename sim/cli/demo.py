@@ -10,8 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.cli.options import Out
-from tracker.io.json_files import json_text
+from sim.cli.options import Out, json_text
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario

@@ -9,8 +9,8 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+from sim.cli.options import json_text
 from sim.rendering.gl_context import GLUnavailable, choose_gl
-from tracker.io.json_files import json_text
 
 PACKAGES = {"pilsim": "pilsim", "mujoco": "mujoco", "numpy": "numpy", "opencv": "opencv-python-headless", "numba": "numba"}
 

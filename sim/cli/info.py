@@ -8,7 +8,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from tracker.io.json_files import json_text
+from sim.cli.options import json_text
 
 
 @dataclass(frozen=True)

@@ -33,3 +33,10 @@ def numbers(text: str) -> list[int]:
         return [int(part) for part in text.split(",") if part.strip()]
     except ValueError:
         raise ValueError(f"--views is {text!r}, needs numbers as in 1,5,7") from None
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """As that of tracker/io/json_files.py, which is imported on demand: the help of a command needs no package of the tracker."""
+    from tracker.io.json_files import json_text as text
+
+    return text(value, indent)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import unset
-from tracker.io.json_files import json_text
+from sim.cli.options import json_text, unset
 
 if TYPE_CHECKING:
     from sim.policies.rollouts import EpisodeResult

@@ -8,8 +8,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import unset
-from tracker.io.json_files import json_text
+from sim.cli.options import json_text, unset
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import options_of, unset
-from tracker.io.json_files import json_text
+from sim.cli.options import json_text, options_of, unset
 
 if TYPE_CHECKING:
     from sim.stress.sweeps import Case
