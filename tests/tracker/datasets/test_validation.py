@@ -172,7 +172,11 @@ HOSTILE: dict[str, tuple[str, Callable[[Path], object], str]] = {
     "columns": ("truth/people.csv", lambda path: path.write_text(",".join(["x"] * 10_000_000)), "line 1: a line of more than 65536 characters"),
     "arrays": ("terrain.npz", bomb, "bytes when unpacked, needs at most 268435456"),
     "nesting": ("scenario.json", lambda path: path.write_text("[" * 1_000_000), "nested too deep"),
-    "nan": ("terrain.npz", lambda path: np.savez(path, heights=np.full((9, 9), np.nan)), "terrain.npz: heights holds NaN or infinity, needs finite numbers"),
+    "nan": (
+        "terrain.npz",
+        lambda path: np.savez(path, heights=np.full((9, 9), np.nan)),
+        "terrain.npz: heights holds NaN or infinity, needs finite numbers",
+    ),
 }
 
 
