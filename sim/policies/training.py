@@ -59,7 +59,7 @@ def train(options: dict[str, Any], steps: int, folder: Path, seed: int = 0) -> P
 
     The same seed gives the same policy. Unfinished training is kept in a hidden folder in `folder`. After an interruption the same call
     resumes from the last saved state, on new episodes. Returns the path of ppo.zip.
-    Raises ValueError where stable-baselines3 is missing, the folder holds something, another process writes it, or another training was interrupted there.
+    Raises ValueError where stable-baselines3 is missing, the folder holds something or another training, or another process writes it.
     """
     needed()
     if not is_free(folder):

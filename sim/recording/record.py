@@ -112,7 +112,8 @@ def record(scenario: Scenario, folder: Path, progress: Any = None) -> None:
     """Write the sequence of a scenario into the new or empty folder `folder`. Nothing is left there after an error, but for an OSError.
 
     progress: wraps the iterator of frames (tqdm, for example), or None.
-    Raises Kept for an OSError, with the place of unfinished files. Raises ValueError if the folder is not empty, or if robots or people do not fit into the world.
+    Raises Kept for an OSError, with the place of unfinished files.
+    Raises ValueError if the folder is not empty, or if robots or people do not fit into the world.
     """
     check_absent(folder)
     write_recording(Recording.of(scenario), folder, progress)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
 from sim.report.rows import Row
 from tracker.io.image_files import decode_image, image_size

@@ -81,7 +81,8 @@ def test_the_line_has_all_reasons_with_their_bounds() -> None:
     counts = {BOXES: 36} | {name: k for k, name in enumerate((NO_POSE, *ROWS), 0)}
     assert explain_few_people(counts, 0, SETUP, CONFIDENCE, PARAMETERS) == (
         "no people: of 36 boxes 1 have a confidence of 0 or less, 2 have a confidence below 0.8, the least that begins a track, 3 have no"
-        " ground point (the lower edge is above the horizon or more than 60 m away), 4 are lower than 1.4 m, 5 are higher than 2.3 m, 6 may hide the feet, 7 are outside the area,"
+        " ground point (the lower edge is above the horizon or more than 60 m away), 4 are lower than 1.4 m, 5 are higher than 2.3 m,"
+        " 6 may hide the feet, 7 are outside the area,"
         " 8 may begin a track, but are in too few frames"
     )
     assert explain_few_people(counts, 3, SETUP, CONFIDENCE, PARAMETERS).startswith("few people: of 36 boxes")
