@@ -19,7 +19,7 @@ SHOWN = 100
 
 @dataclass(frozen=True)
 class Check:
-    """Verify a dataset, or tell whether a recording's calibration is right.
+    """Verify a dataset, or the calibration of a recording.
 
     A dataset or sequence of pilsim: each fault is a line, FILE: what is wrong.
     The command checks checksums and sizes, and that no frame is missing. It checks

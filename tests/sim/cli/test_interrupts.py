@@ -10,13 +10,21 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[3]
 BUSY = ("--people", "3", "--robots", "2", "--width", "256")
+
+
+@pytest.fixture(autouse=True)
+def signal_reaches_children() -> Iterator[None]:
+    """A shell starts background jobs with this signal ignored, and children inherit that."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 class Interrupted:

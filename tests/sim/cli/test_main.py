@@ -170,10 +170,10 @@ def test_an_out_with_other_files_is_refused(tmp_path: Path) -> None:
 def test_missing_and_damaged_sources(tmp_path: Path) -> None:
     assert "nowhere: no such folder" in refused("track", "nowhere", "--out", "out", cwd=tmp_path)
     sequences.write(tmp_path / "s")
+    assert "camera is 'a', needs one of robot_0_camera" in refused("track", "s", "--views", "a", "--out", "out", cwd=tmp_path)
     image = tmp_path / "s" / "images" / "robot_0_camera" / "000001.jpg"
     image.write_bytes(image.read_bytes()[:200])
     assert "000001.jpg: 200 bytes, the manifest says" in refused("track", "s", "--out", "out", cwd=tmp_path)
-    assert "--views is 'a', needs numbers" in refused("track", "s", "--views", "a", "--out", "out", cwd=tmp_path)
 
 
 def test_track_then_score_and_reuse(tmp_path: Path) -> None:

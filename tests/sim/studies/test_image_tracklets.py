@@ -42,7 +42,7 @@ def test_the_plot_is_written(tmp_path: Path) -> None:
 
 
 def test_a_bad_folder_is_refused_before_the_first_run(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="neither a sequence"):
+    with pytest.raises(ValueError, match="holds nothing that pilsim opens"):
         Study("images", tmp_path / "out", pets=tmp_path).run()
     assert not (tmp_path / "out").exists()
 
