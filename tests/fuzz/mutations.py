@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import random
 import re
@@ -170,7 +171,7 @@ def _with_values(value: Any, changes: list[tuple[Place, Any]]) -> bytes:
             if new is _REMOVE:
                 del at[last]
             else:
-                at[last] = new
+                at[last] = copy.deepcopy(new)  # one value may be put into itself
         except (KeyError, IndexError, TypeError):
             continue  # the first change took away what the second one names
     return json.dumps(top[0] if top else None).encode()

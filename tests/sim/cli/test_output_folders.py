@@ -251,7 +251,7 @@ def test_experiments_write_into_a_mount_point(words: list[str], marker: str, tmp
 
 @pytest.mark.slow
 def test_a_demo_that_was_killed_continues_and_two_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "pilsim", "demo", "--frames", "30", *SMALL, "--out", "OUT"]
+    command = [sys.executable, "-m", "pilsim", "demo", "--frames", "200", *SMALL, "--out", "OUT"]
 
     def started() -> subprocess.Popen[str]:
         run = subprocess.Popen(command, cwd=tmp_path, env=dict(os.environ, PYTHONPATH=str(ROOT)), stderr=subprocess.PIPE, text=True)
@@ -272,7 +272,7 @@ def test_a_demo_that_was_killed_continues_and_two_at_once_do_not_disturb_each_ot
     assert sorted(path.name for path in (tmp_path / "OUT").iterdir()) == [
         "contact_sheet.png", "plan.png", "scores.json", "sequence", "track", "video.mp4",
     ]  # fmt: skip
-    assert len(list((tmp_path / "OUT" / "sequence" / "images" / "robot_0_camera").iterdir())) == 30
+    assert len(list((tmp_path / "OUT" / "sequence" / "images" / "robot_0_camera").iterdir())) == 200
     assert not list(validate(tmp_path / "OUT" / "sequence"))
 
 

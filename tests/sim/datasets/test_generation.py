@@ -149,14 +149,14 @@ def test_a_wrong_setting_is_reported_with_its_file(tmp_path: Path) -> None:
 def test_an_invalid_cluster_leaves_the_folder_free(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", *SMALL, "--cluster", "nonsense", "--out", tmp_path / "D")
     assert "--cluster is 'nonsense', needs an address as tcp://HOST:PORT" in last_line(done)
-    assert list((tmp_path / "D").iterdir()) == []
+    assert not (tmp_path / "D").exists()
 
 
 @pytest.mark.slow
 def test_a_world_too_small_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", "--people", 900, "--frames", 1, "--out", tmp_path / "D")
     assert "people is 900, more than pilsun holds at once" in last_line(done)
-    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == []
+    assert not (tmp_path / "D").exists()
 
 
 def small_files(limit: int) -> Callable[[], None]:
@@ -167,7 +167,7 @@ def small_files(limit: int) -> Callable[[], None]:
 def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", *SMALL, "--out", tmp_path / "D", preexec_fn=small_files(20_000))
     assert "File too large" in last_line(done)
-    assert sorted(path.name for path in (tmp_path / "D").iterdir()) == []
+    assert not (tmp_path / "D").exists()
 
 
 @pytest.mark.slow
