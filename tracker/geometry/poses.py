@@ -70,8 +70,10 @@ def quaternion_from_rotation(rotation: ArrayLike) -> Array:
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
-    """Quaternion (4,) wxyz, of any length but zero → rotation (3, 3). Raises ValueError for a zero quaternion."""
+    """Quaternion (4,) wxyz, of any length but zero → rotation (3, 3). Raises ValueError for another shape and for a zero quaternion."""
     q = np.asarray(quaternion, dtype=np.float64)
+    if q.shape != (4,):
+        raise ValueError(f"quaternion has {q.size} numbers, needs 4")
     norm = np.linalg.norm(q)
     if not norm > 0:
         raise ValueError(f"quaternion has length {norm}, needs more than 0")
