@@ -181,8 +181,17 @@ def _renumbered(case: CalibrationCase, names: tuple[str, ...], numbering: Number
 
 
 def shifted_frames(case: CalibrationCase) -> Corrected | None:
-    """Detections of one camera, or of all against truth, that are whole frames late or early."""
-    return _shifted_to_truth(case) if case.truth is not None else _shifted_among(case)
+    """Detections of one camera, or of all against truth, that are whole frames late or early.
+
+    Where nothing is found against truth, cameras are compared with one another: sparse truth may leave a delay open that they show.
+    """
+    if case.truth is None:
+        return _shifted_among(case)
+    found = _shifted_to_truth(case)
+    if found is not None:
+        return found
+    among = _shifted_among(replace(case, truth=None))
+    return None if among is None else (among[0], replace(among[1], truth=case.truth))
 
 
 def _shifted_to_truth(case: CalibrationCase) -> Corrected | None:
