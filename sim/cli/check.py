@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import unset
+from sim.cli.options import json_text, unset
 from sim.cli.track import SourceChoice
 
 SHOWN = 100
@@ -78,7 +77,7 @@ class Check:
                 if not self.json:
                     print_line(str(fault))
         if self.json:
-            print(json.dumps({"faults": faults, "count": count}, indent=1))
+            print(json_text({"faults": faults, "count": count}, indent=1))
         if count:
             raise ValueError(f"{self.source}: {count} fault{'s' * (count > 1)}{f', the first {SHOWN} are named' * (count > SHOWN)}")
         if not self.json:
@@ -87,17 +86,14 @@ class Check:
 
     def _recording(self) -> None:
         from tracker.datasets.opening import open_recording
-        from tracker.datasets.source_options import SourceOptions
         from tracker.recordings.calibration_check import LEGEND, check_calibration
 
         if self.picture is not None and self.picture.suffix.lower() != ".png":
             raise ValueError(f"--picture is {self.picture}, needs a name that ends in .png")
-        c = self.choice
-        options = SourceOptions.parse(c.detections, c.degrade, c.seed, c.chosen, c.frames, self.picture is not None, c.project)
-        recording = open_recording(self.source, options, strict=False)
+        recording = open_recording(self.source, self.choice.options(images=self.picture is not None), strict=False)
         report = check_calibration(recording)
         if self.json:
-            print(json.dumps(report.to_json(), indent=1))
+            print(json_text(report.to_json(), indent=1))
         else:
             print("\n".join(report.lines()))
             print(LEGEND)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from sim.cli.options import Out, unset
+from sim.cli.options import Out, json_text, unset
 
 Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording"]
 
@@ -66,13 +65,13 @@ class Export:
         if results:
             scene = export_results(self.source, self.out, self.scene)
             print(
-                json.dumps({"out": str(self.out), "format": self.format, "scene": scene}) if self.json else f"{self.out}: track1.txt of scene {scene}"
+                json_text({"out": str(self.out), "format": self.format, "scene": scene}) if self.json else f"{self.out}: track1.txt of scene {scene}"
             )
             return
         if self.format == "recording" and self.source.is_dir() and not is_pilsim(self.source):
             export_source(self.source, self.out, SourceOptions())
             print(
-                json.dumps({"out": str(self.out), "format": self.format})
+                json_text({"out": str(self.out), "format": self.format})
                 if self.json
                 else f"{self.out}: a recording; `pilsim track {self.out}` reads it"
             )
@@ -81,6 +80,6 @@ class Export:
             raise ValueError(f"{self.source}: is {form.title}, which --format recording writes; {self.format} needs a sequence of pilsim")
         found = export(self.source, self.format, self.out, progress, self.rectangles)
         if self.json:
-            print(json.dumps({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))
+            print(json_text({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))
         else:
             print(f"{self.out}: {len(found)} sequence{'s' * (len(found) != 1)} as {self.format}; README.md in it explains every column")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import Out, options_of, unset
+
+if TYPE_CHECKING:
+    from tracker.datasets.source_options import SourceOptions
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,13 @@ class SourceChoice:
     seed: int = 0
     """Seed of --degrade and --project."""
 
-    @property
-    def chosen(self) -> str:
-        """The cameras by either option. Raises ValueError where both are given."""
+    def options(self, images: bool) -> SourceOptions:
+        """How the source is read. images: whether images are read, too. Raises ValueError as SourceOptions.parse, and for both names of cameras."""
+        from tracker.datasets.source_options import SourceOptions
+
         if self.cameras and self.views:
             raise ValueError("--cameras and --views are two names of one option, needs one of them")
-        return self.cameras or self.views
+        return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras or self.views, self.frames, images, self.project)
 
 
 @dataclass(frozen=True)
@@ -142,7 +146,6 @@ class Track:
 
     def run(self) -> None:
         from tracker.datasets.opening import UTIAS, format_of, open_sequence
-        from tracker.datasets.source_options import SourceOptions
         from tracker.detections.rejections import explain_few_people
         from tracker.options import OPTIONS, parameters_from
         from tracker.run import check_output, tracked
@@ -154,8 +157,7 @@ class Track:
             return
         if self.map != "unknown":
             raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
-        p = self.part
-        options = SourceOptions.parse(p.detections, p.degrade, p.seed, p.chosen, p.frames, self.images, p.project)
+        options = self.part.options(self.images)
         sequence = open_sequence(self.source, options)
         first = next(iter(sequence.ticks), None)
         if first is None:

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.presets import Preset, confine, provenance
-from sim.parallel.file_lock import Locked, file_lock
 from sim.recording.record import Recording, write_recording
 from sim.simulation.simulation import Simulation
 from tracker.io.atomic import partial_path
+from tracker.io.file_lock import Locked, file_lock
 from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.writer import ImageForm
 from worlds import catalogue

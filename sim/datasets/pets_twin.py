@@ -7,7 +7,6 @@ The twin has the same people at the same positions and times as the recording, a
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from tracker.formats.pets2009 import Annotations, ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Flat
+from tracker.io.resume import checksum
 from tracker.metrics.matching import overlap
 from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes
@@ -171,7 +171,7 @@ def confine_rovers(world: World, position: Array) -> World:
 
 def _provenance(twin: Twin, scenario: Scenario) -> dict[str, Any]:
     files = [twin.annotations, *(twin.calibration / f"View_{number:03d}.xml" for number in sorted({ANNOTATED, *twin.views}))]
-    sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    sums = {path.name: checksum(path) for path in files}
     return json.loads(scenario.to_json()) | {"twin": {"views": list(twin.views), "files": sums}}
 
 

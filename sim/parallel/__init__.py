@@ -1,4 +1,4 @@
-"""Parallel calls in processes or on a Dask cluster, and a file lock that ends with its process.
+"""Parallel calls in processes or on a Dask cluster.
 
 Read `pool.py` first."""
 

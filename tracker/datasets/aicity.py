@@ -8,7 +8,6 @@ The challenge names the videos Camera_0000, Camera_0001, … where the ids of th
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections import Counter
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from tracker.formats.aicity import CALIBRATION, PERSON, TRUTH, AiCityCamera, AiCityObject, read_calibration, read_ground_truth
 from tracker.geometry import Array, Ints
 from tracker.geometry.cameras import Pinhole
+from tracker.io.resume import checksums
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import VideoFile
@@ -66,7 +66,7 @@ def read_aicity(path: Path, strict: bool = True) -> Recording:
                 "source": SOURCE,
                 "cameras": list(cameras),
                 "left_out": dict(sorted(left_out.items())),
-                "files": _checksums(path, [path / CALIBRATION, path / TRUTH, *named.values()]),
+                "files": checksums(path, [path / CALIBRATION, path / TRUTH, *named.values()]),
             },
         )
         if strict:
@@ -110,7 +110,3 @@ def people(truth: dict[int, list[AiCityObject]]) -> tuple[dict[int, tuple[Ints, 
         feet = np.array([one.centre - [0.0, 0.0, one.size[2] / 2] for one in here]).reshape(-1, 3)
         out[frame] = np.array([one.id for one in here], dtype=np.int64), feet
     return out, left_out
-
-
-def _checksums(path: Path, files: list[Path]) -> dict[str, str]:
-    return {file.relative_to(path).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()}

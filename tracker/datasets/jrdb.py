@@ -15,7 +15,6 @@ who stand seem to move against it, and no path in a fixed frame can be had. Most
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -39,6 +38,7 @@ from tracker.formats.jrdb import (
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera, Cylinder, Panorama
 from tracker.io.image_files import image_size
+from tracker.io.resume import checksum
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import ImageFiles
@@ -204,4 +204,4 @@ def _checksums(files: JrdbSequence) -> dict[str, str]:
         "detections_2d_stitched": files.detections,
         "detections": files.boxes,
     }
-    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in read.items() if file is not None}
+    return {name: checksum(file) for name, file in read.items() if file is not None}

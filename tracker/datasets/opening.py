@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import zlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -19,6 +18,7 @@ from tracker.datasets.selection import selected
 from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.datasets.wildtrack import is_wildtrack, read_wildtrack
 from tracker.formats.utias import is_utias
+from tracker.io.resume import checksum
 from tracker.recordings import Recording
 from tracker.recordings.degradation import Degradation
 from tracker.recordings.folder import is_recording, read_boxes, read_recording
@@ -34,14 +34,14 @@ class SourceFormat:
     """A format of sources.
 
     name: short, as in --json. title: what it is and by which files it is told. matches: whether a folder holds it.
-    read: the reader of a recording; None for a sequence of pilsim, and for UTIAS, which has robots alone.
+    read: the reader of a recording, with `strict` of open_recording; None for a sequence of pilsim, and for UTIAS, which has robots alone.
     calibration: the file or folder with the cameras of a recording.
     """
 
     name: str
     title: str
     matches: Callable[[Path], bool]
-    read: Callable[[Path, SourceOptions], Recording] | None = None
+    read: Callable[[Path, SourceOptions, bool], Recording] | None = None
     calibration: str = ""
 
 
@@ -52,25 +52,35 @@ def _is_sequence(path: Path) -> bool:
 FORMATS = (
     SourceFormat(PILSIM, "a sequence of pilsim (manifest.json)", _is_sequence),
     SourceFormat(
-        "recording", "a recording of one's own (recording.json, detections/)", is_recording, lambda path, _: read_recording(path), "recording.json"
+        "recording",
+        "a recording of one's own (recording.json, detections/)",
+        is_recording,
+        lambda path, _, strict: read_recording(path, strict),
+        "recording.json",
     ),
     SourceFormat(UTIAS, "a UTIAS set (Barcodes.dat)", is_utias),
     SourceFormat(
         "wildtrack",
         "WILDTRACK or MultiviewX (calibrations/, annotations_positions/)",
         is_wildtrack,
-        lambda path, _: read_wildtrack(path),
+        lambda path, *_: read_wildtrack(path),
         "calibrations",
     ),
-    SourceFormat("jrdb", "JRDB (labels_2d_stitched/, labels_3d/)", is_jrdb, lambda path, options: read_jrdb(path, options.projected is not None)),
+    SourceFormat("jrdb", "JRDB (labels_2d_stitched/, labels_3d/)", is_jrdb, lambda path, options, _: read_jrdb(path, options.projected is not None)),
     SourceFormat(
         "aicity",
         "AI City track 1 (calibration.json, ground_truth.json)",
         is_aicity,
-        lambda path, _: read_aicity(path, strict=False),
+        lambda path, _, strict: read_aicity(path, strict),
         "calibration.json",
     ),
-    SourceFormat("pets2009", "PETS 2009 (annotations/ or detections/, calibration/ in it or beside it)", is_pets, read_pets, "calibration"),
+    SourceFormat(
+        "pets2009",
+        "PETS 2009 (annotations/ or detections/, calibration/ in it or beside it)",
+        is_pets,
+        lambda path, options, _: read_pets(path, options),
+        "calibration",
+    ),
 )
 """All formats, in the order in which a folder is compared with them."""
 
@@ -100,7 +110,7 @@ def open_recording(path: Path, options: SourceOptions | None = None, strict: boo
     options, form = options or SourceOptions(), format_of(path)
     if form.read is None:
         raise ValueError(f"{path}: is {form.title}, needs a source with cameras and boxes: {', '.join(f.name for f in FORMATS if f.read)}")
-    recording = form.read(path, options) if strict or form.name != "recording" else read_recording(path, strict=False)
+    recording = form.read(path, options, strict)
     if strict:
         try:
             recording.check_heights()
@@ -130,7 +140,7 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
     files = options.detection_files(list(recording.cameras))
     recording = recording.with_detections({name: read_boxes(file) for name, file in files.items()})
     if files:
-        source["files"] = source.get("files", {}) | {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files.values()}
+        source["files"] = source.get("files", {}) | {file.name: checksum(file) for file in files.values()}
     if options.projected is not None:
         # JRDB has labelled boxes, of people who sit, too.
         made = noisy_boxes if recording.source.get("labels_as_detections") else projected_boxes
@@ -158,7 +168,6 @@ def _degraded(path: Path, recording: Recording, options: SourceOptions) -> Recor
     detections = {}
     for name, camera in recording.cameras.items():
         rng = np.random.default_rng([options.seed, zlib.crc32(name.encode())])
-        given = {frame + 1: boxes for frame, boxes in recording.detections.get(name, {}).items()}
-        worse = options.degradation.apply(given, recording.frames, (camera.camera, camera.pose), (area, recording.ground), rng)
-        detections[name] = {frame - 1: boxes for frame, boxes in worse.items()}
+        boxes, view = recording.detections.get(name, {}), (camera.camera, camera.pose)
+        detections[name] = options.degradation.apply(boxes, recording.frames, view, (area, recording.ground), rng)
     return recording.with_detections(detections)

@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from pathlib import Path
 
 from tracker.datasets.source_options import SourceOptions, camera_named
-from tracker.formats.pets2009 import (
-    AREA,
-    FILE,
-    MAX_FRAME,
-    RATE,
-    TERRAIN,
-    Site,
-    ground_truth,
-    read_annotations,
-    read_camera,
-    read_detections,
-    read_site,
-)
+from tracker.formats.pets2009 import AREA, FILE, RATE, TERRAIN, Site, ground_truth, read_annotations, read_camera, read_site
 from tracker.geometry import Array, Ints
+from tracker.io.resume import checksum
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import VideoFile
+from tracker.recordings.recording import MAX_FRAMES
 
 PETS_AREA, PETS_RATE = AREA, RATE
 
 PETS_VIEWS = (1, 5, 7)
 """Numbers of the views of S2.L1 that the literature uses."""
-
-MAX_FRAMES = MAX_FRAME
 
 
 def is_pets(path: Path) -> bool:
@@ -57,22 +45,18 @@ def read_pets(path: Path, options: SourceOptions) -> Recording:
         _, camera, pose = read_camera(calibration / f"{name}.xml")
         cameras[name] = RecordingCamera(camera, pose)
         if file is not None:
-            detections[name] = {frame - 1: boxes for frame, boxes in read_detections(file).items()}
+            detections[name] = read_boxes(file)
     site = read_site(path)
     truth = _pets_truth(path, calibration, site)
-    frames = max([max(by_frame, default=-1) for by_frame in detections.values()] + [max(truth or {}, default=-1)]) + 1
-    if frames > MAX_FRAMES:
-        raise ValueError(f"{path}: frame {frames}, needs at most {MAX_FRAMES}")
     files = [file for file in found.values() if file is not None] + sorted((path / "annotations").glob("*-cropped.xml"))
     files += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]
-    sums = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+    sums = {file.name: checksum(file) for file in files}
     videos = {name: path / "video" / f"{name}.mp4" for name in cameras}
     return Recording(
         site.rate,
         cameras,
         detections,
         truth,
-        frames=frames,
         area=site.area,
         ground=site.ground,
         occluders=site.occluders,

@@ -30,6 +30,7 @@ from tracker.geometry import Array, Ints
 from tracker.geometry.lenses import Pinhole
 from tracker.io.image_files import image_size
 from tracker.io.json_files import read_json
+from tracker.io.resume import checksums
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import ImageFiles
@@ -97,8 +98,7 @@ def read_wildtrack(path: Path, intrinsics: str | None = None) -> Recording:
         if file.stem not in cameras:
             raise ValueError(f"{file}: is of camera {file.stem!r}, needs one of {', '.join(cameras)}")
     read = [*(path / "calibrations" / "extrinsic" / f"extr_{stem}.xml" for stem in layout.cameras.values()), *files]
-    sums = {file.relative_to(path).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in read}
-    sums["annotations_positions"] = annotations
+    sums = checksums(path, read) | {"annotations_positions": annotations}
     return Recording(
         layout.rate,
         cameras,

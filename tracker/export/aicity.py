@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tracker.export.recorded_sequence import FixedView, RecordedSequence
+from tracker.export.recorded_sequence import OPENCV_CORNER, FixedView, RecordedSequence, export_folder
 from tracker.formats.aicity import (
     CALIBRATION,
     PERSON,
@@ -21,11 +21,10 @@ from tracker.formats.aicity import (
     write_ground_truth,
     write_results,
 )
-from tracker.formats.motchallenge import ABSENT, Mot15Rows, write_mot15
+from tracker.formats.motchallenge import write_mot15
 from tracker.geometry import Array
 from tracker.geometry.cameras import Pinhole, Tsai
-from tracker.io.atomic import is_free, new_folder, write_text
-from tracker.io.file_lock import folder_lock
+from tracker.io.atomic import write_text
 from tracker.io.image_files import decode_image
 from tracker.io.video_files import VideoWriters
 from tracker.metrics.boxes_3d import boxes_of_tracks
@@ -33,8 +32,6 @@ from tracker.recordings import RecordingCamera
 from tracker.sequence.results import RUN, Results, read_results
 
 RESULT_FILE = "track1.txt"
-CENTRE_OF_FIRST_PIXEL = 0.5
-"""px from the corner of the image; the pixels of AI City's cameras count from there."""
 
 README = """
     SEQUENCE/calibration.json      cameras
@@ -79,7 +76,7 @@ def export_aicity(out: Path, recordings: Iterable[RecordedSequence]) -> list[str
         _write_videos(root / "videos", recording)
         write_ground_truth(root / TRUTH, truth_of(recording))
         for name in fixed:
-            write_mot15(root / "detections" / f"{name}.txt", detections_of(recording, name))
+            write_mot15(root / "detections" / f"{name}.txt", recording.detection_rows(name, OPENCV_CORNER))
     return []
 
 
@@ -128,15 +125,6 @@ def _seen(recording: RecordedSequence, frame: int, camera: str) -> dict[int, Arr
     return {p: edge for p, edge, visible in zip(boxes.person.tolist(), edges, boxes.visible.tolist(), strict=True) if visible > 0}
 
 
-def detections_of(recording: RecordedSequence, camera: str) -> Mot15Rows:
-    """The detections of a camera, px from the centre of the first pixel."""
-    found = [recording.detection_boxes(k, camera) for k in range(len(recording.truth))]
-    frame = np.repeat(np.arange(1, len(found) + 1), [len(confidence) for _, confidence in found])
-    boxes = np.concatenate([np.zeros((0, 4)), *(boxes for boxes, _ in found)]) - [CENTRE_OF_FIRST_PIXEL, CENTRE_OF_FIRST_PIXEL, 0.0, 0.0]
-    confidence = np.concatenate([np.zeros(0), *(confidence for _, confidence in found)])
-    return Mot15Rows(frame, np.full(len(frame), -1), boxes, confidence, np.full((len(frame), 3), ABSENT))
-
-
 def scene_of(results: Results) -> int:
     """The last number in the name of the folder that was tracked, as in Warehouse_017; 0 without any."""
     numbers = re.findall(r"\d{1,9}", str(results.run.get("source", "")))
@@ -177,11 +165,7 @@ def export_results(folder: Path, out: Path, scene: int | None = None) -> int:
     writes into it.
     """
     results = read_results(folder)
-    if out.resolve().is_relative_to(folder.resolve()):
-        raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
-    if not is_free(out):
-        raise ValueError(f"{out}: is there already")
-    with folder_lock(out), new_folder(out) as unfinished:
+    with export_folder(folder, out) as unfinished:
         number = write_results_aicity(results, unfinished / RESULT_FILE, scene)
         head = f"# Results for track 1 of the AI City Challenge, exported by pilsim\n\nFrom: {folder.resolve().name}.\n"
         write_text(unfinished / "README.md", head + README_RESULTS.format(scene=number))

@@ -16,15 +16,14 @@ from tracker.export.jrdb import export_jrdb
 from tracker.export.motchallenge import README15, README17, export_mot15, export_mot17
 from tracker.export.pets2009 import README as README_PETS
 from tracker.export.pets2009 import export_pets
-from tracker.export.recorded_sequence import Progress, RecordedSequence
+from tracker.export.recorded_sequence import Progress, RecordedSequence, export_folder
 from tracker.export.recording import README as README_RECORDING
 from tracker.export.recording import export_recording
 from tracker.export.tum import README as README_TUM
 from tracker.export.tum import export_tum
 from tracker.export.wildtrack import README as README_WILDTRACK
 from tracker.export.wildtrack import export_wildtrack
-from tracker.io.atomic import is_free, new_folder, write_text
-from tracker.io.file_lock import folder_lock
+from tracker.io.atomic import write_text
 from tracker.sequence.dataset import sequences
 
 
@@ -64,11 +63,7 @@ def export(folder: Path, form: str, out: Path, progress: Progress | None = None,
         raise ValueError(f"rectangles is set for {form}, needs wildtrack")
     write = partial(export_wildtrack, rectangles=True) if rectangles else FORMATS[form].write
     found = sequences(folder)
-    if out.resolve().is_relative_to(folder.resolve()):
-        raise ValueError(f"{out}: lies in {folder}, needs a place outside it")
-    if not is_free(out):
-        raise ValueError(f"{out}: is there already")
-    with folder_lock(out), new_folder(out) as unfinished:
+    with export_folder(folder, out) as unfinished:
         notes = write(unfinished, (RecordedSequence.open(path, progress) for path in found))
         names = ", ".join(path.resolve().name for path in found)
         head = f"# {FORMATS[form].title}, exported by pilsim\n\nFrom: {names}. Synthetic: people, places and images were made by a program.\n"

@@ -122,11 +122,7 @@ def _view_folder(split: Path, recording: RecordedSequence, camera: str) -> Path:
         _made(root / name)
     size = recording.cameras[camera]
     write_seqinfo(root / "seqinfo.ini", SeqInfo(root.name, recording.rate, len(recording.truth), size.width, size.height))
-    found = [recording.detection_boxes(k, camera) for k in range(len(recording.truth))]
-    frame = np.concatenate([np.full(len(confidence), k + 1) for k, (_, confidence) in enumerate(found)])
-    boxes = np.concatenate([box for box, _ in found]) + np.array([FIRST, FIRST, 0, 0])
-    rows = Mot15Rows(frame, np.full(len(frame), -1), boxes, np.concatenate([confidence for _, confidence in found]), np.full((len(frame), 3), ABSENT))
-    write_mot15(root / "det" / "det.txt", rows)
+    write_mot15(root / "det" / "det.txt", recording.detection_rows(camera, FIRST))
     return root
 
 

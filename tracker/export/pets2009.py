@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.export.recorded_sequence import FixedView, RecordedSequence, ltwh_from_edges
-from tracker.formats.motchallenge import ABSENT, Mot15Rows, write_mot15
+from tracker.formats.motchallenge import write_mot15
 from tracker.formats.pets2009 import TERRAIN, Annotations, Site, ground_truth, write_annotations, write_camera, write_site
 from tracker.geometry import Array, Ints
 from tracker.geometry.cameras import Tsai
@@ -53,7 +53,8 @@ def export_pets(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
             (root / folder).mkdir(parents=True)
         for camera, view in recording.fixed.items():
             write_camera(root / "calibration" / f"{names[camera]}.xml", names[camera], _calibration(recording, camera), view.T_world_camera)
-            _write_detections(root / "detections" / f"{names[camera]}.txt", recording, camera)
+            rows = recording.detection_rows(camera, recording.cameras[camera].pixel_centre - 0.5)
+            write_mot15(root / "detections" / f"{names[camera]}.txt", rows)
         first = next(camera for camera, name in names.items() if name == "View_001")
         annotations = annotations_of(recording, first)
         write_annotations(root / "annotations" / f"{recording.name}.xml", recording.name, annotations)
@@ -120,14 +121,6 @@ def _projects_to_feet(recording: RecordedSequence, view: FixedView, box: Array, 
     except ValueError:
         return False
     return float(np.linalg.norm(cast - feet)) <= MAX_FEET_ERROR
-
-
-def _write_detections(path: Path, recording: RecordedSequence, camera: str) -> None:
-    found = [recording.detection_boxes(k, camera) for k in range(len(recording.truth))]
-    boxes = np.concatenate([box for box, _ in found]) - np.array([1, 1, 0, 0]) * (0.5 - recording.cameras[camera].pixel_centre)
-    frame = np.concatenate([np.full(len(confidence), k + 1) for k, (_, confidence) in enumerate(found)])
-    rows = Mot15Rows(frame, np.full(len(frame), -1), boxes, np.concatenate([confidence for _, confidence in found]), np.full((len(frame), 3), ABSENT))
-    write_mot15(path, rows)
 
 
 def _write_site(root: Path, recording: RecordedSequence) -> None:

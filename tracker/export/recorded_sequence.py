@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,10 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.formats.motchallenge import Mot15Rows, rows_from_boxes
 from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, PanoramicCamera
 from tracker.io import image_files
+from tracker.io.atomic import is_free, new_folder
 from tracker.io.csv_tables import read_table
+from tracker.io.file_lock import folder_lock
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
 from tracker.sequence.reader import read_sequence
@@ -26,8 +30,24 @@ from tracker.types import Detections, Sequence, Setup, Truth, ViewTruth
 Progress = Callable[[Iterable[int], str], Iterable[int]]
 """Wraps the frames of a sequence, with its name, to show progress."""
 JPEG, PNG = ".jpg", ".png"
+OPENCV_CORNER = -0.5
+"""px: u and v of the image's corner where the first pixel has its centre at (0, 0), as in OpenCV."""
 ITERATIONS = 60
 """Fixed-point iterations for the width of a detection; each reduces the error to a few per cent."""
+
+
+@contextmanager
+def export_folder(source: Path, out: Path) -> Iterator[Path]:
+    """Yields a temporary folder that becomes `out` when the block ends; its lock is held meanwhile.
+
+    Raises ValueError for an `out` that is not empty or lies in `source`, and where another process writes into it.
+    """
+    if out.resolve().is_relative_to(source.resolve()):
+        raise ValueError(f"{out}: lies in {source}, needs a place outside it")
+    if not is_free(out):
+        raise ValueError(f"{out}: is there already")
+    with folder_lock(out), new_folder(out) as unfinished:
+        yield unfinished
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +146,16 @@ class RecordedSequence:
         """Detected boxes (n, 4) left, top, width, height px from the corner of the image, and confidence (n,)."""
         found = self.detections.get((frame, camera), Detections.none())
         return boxes_of_detections(self.cameras[camera], found), found.confidence
+
+    def camera_boxes(self, camera: str, origin: float) -> dict[int, tuple[Array, Array]]:
+        """Frame from 0 → detected boxes (n, 4) px and confidence (n,) of all frames that have some. origin: u and v of the image's corner."""
+        found = {frame: self.detection_boxes(frame, camera) for frame in range(len(self.truth))}
+        corner = np.array([origin, origin, 0.0, 0.0])
+        return {frame: (boxes + corner, confidence) for frame, (boxes, confidence) in found.items() if len(boxes)}
+
+    def detection_rows(self, camera: str, origin: float) -> Mot15Rows:
+        """The same as rows of a MOT15 file."""
+        return rows_from_boxes({frame + 1: boxes for frame, boxes in self.camera_boxes(camera, origin).items()})
 
     @cached_property
     def _checksums(self) -> dict[str, str]:

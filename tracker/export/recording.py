@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
-
 from tracker.datasets.opening import open_recording
 from tracker.datasets.source_options import SourceOptions
-from tracker.export.recorded_sequence import JPEG, PNG, RecordedSequence
-from tracker.geometry import Array, Pose
-from tracker.io.atomic import is_free, new_folder, write_text
-from tracker.io.file_lock import folder_lock
-from tracker.recordings import FrameBoxes, Recording, RecordingCamera, RecordingRobot
+from tracker.export.recorded_sequence import JPEG, PNG, RecordedSequence, export_folder
+from tracker.geometry import Pose
+from tracker.io.atomic import write_text
+from tracker.recordings import Recording, RecordingCamera, RecordingRobot
 from tracker.recordings.folder import write_recording
 from tracker.recordings.images import ImageFiles
 from tracker.types import Odometry
@@ -50,11 +47,7 @@ def export_source(source: Path, out: Path, options: SourceOptions) -> None:
     another process writes into it.
     """
     recording = open_recording(source, options)
-    if out.resolve().is_relative_to(source.resolve()):
-        raise ValueError(f"{out}: lies in {source}, needs a place outside it")
-    if not is_free(out):
-        raise ValueError(f"{out}: is there already")
-    with folder_lock(out), new_folder(out) as unfinished:
+    with export_folder(source, out) as unfinished:
         write_recording(unfinished, recording)
         write_text(unfinished / "README.md", f"# A recording, exported by pilsim\n\nFrom: {source.resolve().name}.\n{README}")
 
@@ -76,11 +69,11 @@ def recording_of(sequence: RecordedSequence) -> Recording:
         truth: dict[int, Pose] = {t.index: t.T_world_robot[robot] for t in sequence.truth}
         robots[robot] = RecordingRobot(setup.starts[robot], odometry, truth)
     images = {name: _images(sequence, name) for name in cameras}
-    detections = _detections(sequence, images)
+    _check_images(sequence, images)
     return Recording(
         sequence.rate,
         cameras,
-        detections,
+        {name: sequence.camera_boxes(name, mount.camera.pixel_centre - 0.5) for name, mount in setup.mounts.items()},
         {t.index: (t.person_id, t.feet) for t in sequence.truth},
         frames=len(sequence.truth),
         area=setup.area,
@@ -94,19 +87,12 @@ def recording_of(sequence: RecordedSequence) -> Recording:
     )
 
 
-def _detections(sequence: RecordedSequence, images: dict[str, ImageFiles]) -> dict[str, FrameBoxes]:
-    """Boxes of all cameras; each image is compared with its checksum on the way."""
-    found: dict[str, dict[int, tuple[Array, Array]]] = {name: {} for name in images}
-    # Boxes of an export count from the corner of the image, those of a recording from where the camera model does.
-    shift = {name: np.array([0.5 - sequence.cameras[name].pixel_centre] * 2 + [0.0, 0.0]) for name in images}
+def _check_images(sequence: RecordedSequence, images: dict[str, ImageFiles]) -> None:
+    """Raises ValueError for an image that is not that of the manifest."""
     for frame in sequence.frames():
         for name, files in images.items():
             if frame in files.files:
                 sequence.image(frame, name, files.files[frame].suffix)
-            boxes, confidence = sequence.detection_boxes(frame, name)
-            if len(boxes):
-                found[name][frame] = boxes - shift[name], confidence
-    return dict(found)
 
 
 def _images(sequence: RecordedSequence, camera: str) -> ImageFiles:

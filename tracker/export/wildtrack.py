@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.export.recorded_sequence import PNG, FixedView, RecordedSequence
-from tracker.formats.motchallenge import ABSENT, Mot15Rows, write_mot15
+from tracker.export.recorded_sequence import OPENCV_CORNER, PNG, FixedView, RecordedSequence
+from tracker.formats.motchallenge import write_mot15
 from tracker.formats.pom import write_rectangles
 from tracker.formats.wildtrack import HIDDEN, GroundGrid, OpenCvCamera, WildtrackPosition, write_calibration, write_config, write_positions
 
@@ -87,13 +87,7 @@ def _write_detections(folder: Path, recording: RecordedSequence) -> None:
     """Write C1.txt and so on, in the order of the fixed cameras."""
     folder.mkdir()
     for number, camera in enumerate(recording.fixed, 1):
-        # Boxes of an export count from the corner of the first pixel, those of OpenCV from its centre.
-        corner = np.array([0.5, 0.5, 0.0, 0.0])
-        found = [recording.detection_boxes(k, camera) for k in range(len(recording.truth))]
-        frame = np.concatenate([np.full(len(confidence), k, dtype=np.int64) for k, (_, confidence) in enumerate(found, 1)])
-        boxes, n = np.concatenate([boxes for boxes, _ in found]).reshape(-1, 4) - corner, len(frame)
-        confidence = np.concatenate([confidence for _, confidence in found])
-        write_mot15(folder / f"C{number}.txt", Mot15Rows(frame, np.full(n, -1), boxes, confidence, np.full((n, 3), ABSENT)))
+        write_mot15(folder / f"C{number}.txt", recording.detection_rows(camera, OPENCV_CORNER))
 
 
 def positions_in_frame(recording: RecordedSequence, frame: int, grid: GroundGrid) -> list[WildtrackPosition]:

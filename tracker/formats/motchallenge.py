@@ -14,7 +14,7 @@ from __future__ import annotations
 import configparser
 import os
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -198,6 +198,14 @@ def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Mot15Rows:
         np.ones(n),
         np.concatenate([np.zeros((0, 3)), *positions]),
     )
+
+
+def rows_from_boxes(boxes: Mapping[int, tuple[Array, Array]]) -> Mot15Rows:
+    """Detections as rows without ids and positions. boxes: frame (from 1) → boxes (k, 4) px and confidence (k,)."""
+    frame = np.repeat(np.array(list(boxes), dtype=np.int64), [len(box) for box, _ in boxes.values()])
+    box = np.concatenate([np.zeros((0, 4)), *(box for box, _ in boxes.values())])
+    confidence = np.concatenate([np.zeros(0), *(confidence for _, confidence in boxes.values())])
+    return Mot15Rows(frame, np.full(len(frame), -1), box, confidence, np.full((len(frame), 3), ABSENT))
 
 
 MOT17_COLUMNS = ("frame", "id", "left", "top", "width", "height", "consider", "class", "visibility")

@@ -7,10 +7,11 @@ A mapping of names to JSON values describes a run. It is written to a file in th
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import importlib.metadata
 import json
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,16 @@ from tracker.io.atomic import is_temporary
 OTHERWISE = "choose another --out or remove it"
 LONGEST = 80
 """Most characters of a value in an error message."""
+
+
+def checksum(file: Path) -> str:
+    """SHA-256 of a file: a run names its inputs by it."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def checksums(folder: Path, files: Iterable[Path]) -> dict[str, str]:
+    """Name in the folder → checksum of those files that are there."""
+    return {file.relative_to(folder).as_posix(): checksum(file) for file in files if file.is_file()}
 
 
 def holds_run(folder: Path, statement: str, ignored: Collection[str] = ()) -> bool:

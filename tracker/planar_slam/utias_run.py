@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from tracker.formats.utias import UtiasDataset, read_utias
 from tracker.geometry import Array
 from tracker.io.atomic import write_or_rescue
 from tracker.io.file_lock import folder_lock
-from tracker.io.resume import check_same, holds_run, json_value
+from tracker.io.resume import check_same, checksums, holds_run, json_value
 from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, filter_input, run_filter
 from tracker.planar_slam.filter import INFLATED, MATCHED, OUTLIER, ROBOT, SCAN, STARTED
 from tracker.planar_slam.motion_model import Sensors
@@ -96,4 +95,4 @@ def _corrections(out: FilterInput) -> dict[str, dict[str, float]]:
 
 
 def _checksums(source: Path) -> dict[str, str]:
-    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(source.glob("*.dat"))}
+    return checksums(source, sorted(source.glob("*.dat")))

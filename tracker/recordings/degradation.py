@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -17,8 +18,8 @@ WIDTH = 0.4
 MAX_TRIES = 20
 """Most positions that are drawn for a false box until one lies in the image."""
 
-Boxes = dict[int, tuple[Array, Array]]
-"""Frame → boxes (n, 4) left, top, width, height px and confidence (n,)."""
+Boxes = Mapping[int, tuple[Array, Array]]
+"""Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,)."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,15 @@ class Degradation:
                 raise ValueError(f"--degrade has {part!r}, needs a {'whole ' if name == 'clutter' else ''}number") from None
         return Degradation(given.get("drop", 0.0), int(given.get("clutter", 0)), given.get("noise", 0.0))
 
-    def apply(self, boxes: Boxes, frames: int, view: tuple[Camera, Pose], place: tuple[Array | None, Ground], rng: np.random.Generator) -> Boxes:
-        """The degraded boxes of frames 1 to `frames` of a view (camera model, T_world_camera).
+    def apply(
+        self,
+        boxes: Boxes,
+        frames: int,
+        view: tuple[Camera, Pose],
+        place: tuple[Array | None, Ground],
+        rng: np.random.Generator,
+    ) -> Boxes:
+        """The degraded boxes of the first `frames` frames of a view (camera model, T_world_camera).
 
         place: area (2, 2) m and ground. False boxes have feet uniform in the area on the ground, and statures uniform in HEIGHTS.
         Their confidences are drawn from those of the given boxes, of at least 0.5 where possible.
@@ -65,8 +73,8 @@ class Degradation:
         likely = np.concatenate([c for _, c in boxes.values()] or [np.ones(1)])
         # Detectors report many false boxes of low confidence. The added boxes must look like true ones, so low confidences are left out.
         likely = likely[likely >= 0.5] if (likely >= 0.5).any() else likely
-        degraded: Boxes = {}
-        for frame in range(1, frames + 1):
+        degraded: dict[int, tuple[Array, Array]] = {}
+        for frame in range(frames):
             box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
             kept = rng.random(len(box)) >= self.drop
             box = box[kept] + np.column_stack([rng.normal(0.0, 1.0, (int(kept.sum()), 2)) * self.noise, np.zeros((int(kept.sum()), 2))])

@@ -15,7 +15,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
@@ -26,13 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.motchallenge import Mot15Rows, place_of_row, read_mot15, rows_from_tracks, write_mot15
+from tracker.formats.motchallenge import Mot15Rows, place_of_row, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
 from tracker.formats.pets2009 import read_detections
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import write_text
 from tracker.io.csv_tables import rows_by_frame, write_table
 from tracker.io.json_files import read_json
+from tracker.io.resume import checksums
 from tracker.io.terrain_file import read_terrain
 from tracker.recordings.camera_json import camera_from, camera_to
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile
@@ -145,10 +145,7 @@ def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str,
 
 def read_boxes(file: Path) -> dict[int, tuple[Array, Array]]:
     """Detections of a camera (MOT15) → frame from 0 → boxes (n, 4) px and confidence (n,). Raises ValueError with file and line."""
-    boxes = read_detections(file)
-    if max(boxes, default=0) > MAX_FRAMES:
-        raise ValueError(f"{file}: frame is {max(boxes)}, needs at most {MAX_FRAMES}")
-    return {frame - 1: of_frame for frame, of_frame in boxes.items()}
+    return {frame - 1: of_frame for frame, of_frame in read_detections(file).items()}
 
 
 def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
@@ -265,7 +262,7 @@ def _start(entry: Any, where: str) -> Start | None:
 def _checksums(path: Path) -> dict[str, str]:
     beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH)
     files = [path / FILE, *sorted((path / "detections").glob("*.txt")), *(path / name for name in beside)]
-    return {file.relative_to(path).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()}
+    return checksums(path, files)
 
 
 def write_recording(folder: Path, recording: Recording) -> None:
@@ -282,7 +279,7 @@ def write_recording(folder: Path, recording: Recording) -> None:
     write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
     (folder / "detections").mkdir()
     for name, boxes in recording.detections.items():
-        write_mot15(folder / "detections" / f"{name}.txt", _rows(boxes))
+        write_mot15(folder / "detections" / f"{name}.txt", rows_from_boxes({frame + 1: of_frame for frame, of_frame in boxes.items()}))
     if recording.truth is not None:
         rows = rows_from_tracks({frame + 1: people for frame, people in recording.truth.items()})
         seen = [recording.visible.get(frame, np.ones(len(ids))) for frame, (ids, _) in sorted(recording.truth.items())]
@@ -303,14 +300,6 @@ def _write_ground(folder: Path, recording: Recording) -> float | str:
     with (folder / "terrain.npz").open("wb") as file:
         np.savez_compressed(file, heights=heights, origin=ground.origin, spacing=ground.spacing, tops=heights if tops is None else tops.heights)  # type: ignore[attr-defined]
     return "terrain.npz"
-
-
-def _rows(boxes: FrameBoxes) -> Mot15Rows:
-    frames = np.concatenate([np.zeros(0, dtype=np.int64), *(np.full(len(box), frame + 1) for frame, (box, _) in boxes.items())])
-    n = len(frames)
-    box = np.concatenate([np.zeros((0, 4)), *(box for box, _ in boxes.values())])
-    confidence = np.concatenate([np.zeros(0), *(confidence for _, confidence in boxes.values())])
-    return Mot15Rows(frames, np.full(n, -1), box, confidence, np.full((n, 3), -1.0))
 
 
 def _write_robots(folder: Path, recording: Recording) -> None:

@@ -18,9 +18,9 @@ import pytest
 import tyro
 
 from sim.cli.generate import Generate
-from sim.parallel.file_lock import file_lock
 from tracker.datasets.summary import summarize, summary_text
 from tracker.datasets.validation import validate
+from tracker.io.file_lock import file_lock
 from tracker.sequence.dataset import sequences
 
 PILSIM = Path(sys.executable).parent / "pilsim"

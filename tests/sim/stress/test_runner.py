@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from sim.parallel.file_lock import file_lock
 from sim.scenario import Scenario
 from sim.stress.runner import Workers, key_of, run_trials
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial import ROBOTS, Trial, empty_row, row_of
 from sim.stress.worker import Worker
+from tracker.io.file_lock import file_lock
 from tracker.metrics.landmark_map import MapScore
 
 SCENARIO = Scenario(seed=1005, robots=1, people=3, frames=4, width=256)

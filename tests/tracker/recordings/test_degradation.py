@@ -15,7 +15,7 @@ VIEW = (pinhole(640, 480, np.radians(90)), Pose.planar(0.0, 0.0, 0.0, 1.5))
 
 def boxes() -> Boxes:
     rng = np.random.default_rng(0)
-    return {k: (rng.uniform(20, 200, (5, 4)), rng.uniform(0.6, 1, 5)) for k in range(1, FRAMES + 1)}
+    return {k: (rng.uniform(20, 200, (5, 4)), rng.uniform(0.6, 1, 5)) for k in range(FRAMES)}
 
 
 def worse(degradation: Degradation, seed: int = 1) -> Boxes:
