@@ -161,13 +161,14 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
 
 
 def _degraded(path: Path, recording: Recording, options: SourceOptions) -> Recording:
-    """The recording with degraded detections: each camera has a random stream of its own, by its name."""
+    """The recording with degraded detections: each camera that has some has a random stream of its own, by its name."""
     area: Any = recording.area
     if options.degradation.clutter and (area is None or recording.robots):
         raise ValueError(f"{path}: --degrade clutter needs fixed cameras and an area for the false people")
     detections = {}
-    for name, camera in recording.cameras.items():
+    for name, given in recording.detections.items():
+        camera = recording.cameras[name]
         rng = np.random.default_rng([options.seed, zlib.crc32(name.encode())])
-        boxes, view = recording.detections.get(name, {}), (camera.camera, camera.pose)
-        detections[name] = options.degradation.apply(boxes, recording.frames, view, (area, recording.ground), rng)
+        view, place = (camera.camera, camera.pose), (area, recording.ground)
+        detections[name] = options.degradation.apply(given, recording.frames, view, place, rng)
     return recording.with_detections(detections)

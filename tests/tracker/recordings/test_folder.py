@@ -193,7 +193,8 @@ def test_parts_of_a_recording(tmp_path: Path) -> None:
 def test_cameras_without_detections_say_nothing(tmp_path: Path) -> None:
     """An empty view would be evidence that nobody is there."""
     write_recording(tmp_path, replace(small(), detections={"C1": small().detections["C1"]}))
-    assert [[view.camera for view in tick.views] for tick in open_sequence(tmp_path).ticks] == [["C1"]] * 3
+    for options in (None, SourceOptions.parse(degrade="drop=0.5,clutter=1")):
+        assert [[view.camera for view in tick.views] for tick in open_sequence(tmp_path, options).ticks] == [["C1"]] * 3
 
 
 def test_boxes_are_projected_from_the_truth(tmp_path: Path) -> None:
