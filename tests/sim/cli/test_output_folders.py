@@ -253,9 +253,14 @@ def test_experiments_write_into_a_mount_point(words: list[str], marker: str, tmp
 def test_a_demo_that_was_killed_continues_and_two_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pilsim", "demo", "--frames", "200", *SMALL, "--out", "OUT"]
 
+    def images() -> int:
+        return len(list(tmp_path.glob("OUT/.sequence.partial/images/*/*.jpg")))
+
     def started() -> subprocess.Popen[str]:
+        """Waits for new images: those of a run that was killed are there before the next one holds the lock."""
+        before = images()
         run = subprocess.Popen(command, cwd=tmp_path, env=dict(os.environ, PYTHONPATH=str(ROOT)), stderr=subprocess.PIPE, text=True)
-        while not list(tmp_path.glob("OUT/.sequence.partial/images/*/000003.jpg")):
+        while images() < before + 4:
             assert run.poll() is None
             time.sleep(0.05)
         return run
