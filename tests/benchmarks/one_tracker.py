@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import Memory, Parallel, delayed
 
 from sim.scenario import Scenario
 from sim.stress.ablation import STAGES, with_true_stages
 from sim.stress.sweeps import Case
-from sim.stress.trial_data import simulate_case
+from sim.stress.trial_data import TrialData, simulate_case
 from tests.benchmarks.room import room
 from tests.conftest import DATA
 from tracker.datasets.opening import open_sequence
@@ -68,6 +68,7 @@ class Source:
     people: int = 0
     frames: int | None = None
     true_poses: bool = False
+    cache: Path | None = None
 
     def open(self) -> Sequence:
         if self.path is not None:
@@ -81,9 +82,15 @@ class Source:
     def _crowd(self) -> Sequence:
         """Four rovers by ray casting, as in crowds.py."""
         scenario = Scenario(world=self.world, people=self.people, frames=self.frames or FRAMES, seed=self.seed)
-        data = simulate_case(Case("crowd/0", "crowd", "people", self.people, scenario), rendered=False)
+        data = Memory(self.cache, verbose=0).cache(simulated)(scenario)
         setup, ticks, _ = with_true_stages(data, dict.fromkeys(STAGES, False) | {"poses": self.true_poses})
         return Sequence(setup, TicksInMemory(tuple(ticks), setup.mounts), data.truth, {})
+
+
+def simulated(scenario: Scenario) -> TrialData:
+    """What the tracker gets of a crowd, and the truth of robots and people."""
+    data = simulate_case(Case("crowd/0", "crowd", "people", scenario.people, scenario), rendered=False)
+    return replace(data, recorded=[], views=[], person={})
 
 
 @dataclass(frozen=True)
@@ -109,17 +116,15 @@ class Outcome:
     seconds: float
 
 
-def all_rows(seeds: tuple[int, int], poses: str, frames: int, tuning: bool) -> list[Row]:
-    """All rows in the order of issue and table; tuning: of the parts for tuning alone."""
+def all_rows(tuning: bool, seeds: range, crowd: Source) -> list[Row]:
+    """All rows; tuning: of the parts for tuning alone. seeds, crowd: of the crowds, and what is common to them."""
     rows = [*pets_rows(tuning), *cmc_rows(tuning)]
     for misses in (0.1, 0.5):
         options = SourceOptions(frames=(0, WILDTRACK_TUNED) if tuning else None, projected=BoxNoise(misses, 0.02))
         rows.append(Row(f"wildtrack-{misses}", {"": Source(DATA / "wildtrack", options)}, WILDTRACK_TUNED, ROOM_DELAY))
     rows += [Row(f"room-{seed}", {"": Source(seed=seed)}) for seed in (TUNING_ROOM_SEEDS if tuning else ROOM_SEEDS)]
-    first, last = seeds
     for world, people in CROWDS:
-        runs = {str(k): Source(seed=k, world=world, people=people, frames=frames, true_poses=poses == "true") for k in range(first, last + 1)}
-        rows.append(Row(f"{world}-{people}", runs))
+        rows.append(Row(f"{world}-{people}", {str(k): replace(crowd, seed=k, world=world, people=people) for k in seeds}))
     return rows
 
 
@@ -291,6 +296,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--seeds", nargs=2, type=int, metavar=("FIRST", "LAST"), help="of crowds, default 100 109, with --tuning 20 22")
     out.add_argument("--poses", choices=("SLAM", "true"), default="SLAM", help="of the robots among crowds")
     out.add_argument("--frames", type=int, default=FRAMES, help="of crowds")
+    out.add_argument("--cache", type=Path, metavar="DIR", help="keeps simulated crowds; delete it where the simulator changes")
     out.add_argument("--workers", type=int, default=1)
     for name in OPTIONS:
         kind = int if name in WHOLE else float if name in REAL else str
@@ -301,12 +307,13 @@ def parser() -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> None:
     """Run the chosen rows. Raises ValueError for options that do not fit."""
-    seeds = tuple(options.seeds or (TUNING_SEEDS if options.tuning else SEEDS))
-    if not 0 <= seeds[0] <= seeds[1]:
-        raise ValueError(f"--seeds is {seeds[0]} {seeds[1]}, needs the first seed, then the last")
+    first, last = options.seeds or (TUNING_SEEDS if options.tuning else SEEDS)
+    if not 0 <= first <= last:
+        raise ValueError(f"--seeds is {first} {last}, needs the first seed, then the last")
     if options.frames < 1 or options.workers < 1:
         raise ValueError(f"--frames is {options.frames} and --workers {options.workers}, needs 1 or more of both")
-    rows = chosen_rows(options.rows, all_rows(seeds, options.poses, options.frames, options.tuning))
+    crowd = Source(frames=options.frames, true_poses=options.poses == "true", cache=options.cache)
+    rows = chosen_rows(options.rows, all_rows(options.tuning, range(first, last + 1), crowd))
     given = {name: getattr(options, name) for name in OPTIONS if name != "images"}
     if "hypotheses" in CHOICES and given["hypotheses"] is None:
         given["hypotheses"] = "multiple"
