@@ -256,7 +256,7 @@ def mean(outcomes: list[Outcome]) -> Outcome:
 
 def text_of(name: str, found: Outcome, runs: list[Outcome]) -> str:
     """A line; of several runs, the least of MOTA and IDF1 too."""
-    line = f"{name:16} {figures_text(found.whole)}  {found.seconds:6.1f} s"
+    line = f"{name:20} {figures_text(found.whole)}  {found.seconds:6.1f} s"
     if found.parts:
         line += "  (" + "; ".join(f"{p['mota']:.3f} / {p['idf1']:.3f}" for p in found.parts.values()) + ")"
     if len(runs) > 1:
@@ -279,7 +279,7 @@ def report(name: str, runs: Mapping[str, Outcome], as_json: bool, parts: bool) -
     print(text_of(name, found, list(runs.values())), flush=True)
     if parts:
         for part, figures in found.parts.items():
-            print(f"  {part:14} {figures_text(figures)}", flush=True)
+            print(f"  {part:18} {figures_text(figures)}", flush=True)
         for run, one in runs.items() if len(runs) > 1 else ():
             print(text_of(f"  {run}", one, [one]), flush=True)
 
