@@ -22,14 +22,14 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "slam": ("ekf", "iekf", "fej", "invariant"),
     "correction": ("on", "off"),
     "persistence": ("on", "off"),
-    "hypotheses": ("single", "multiple"),
 }
 """Options with a choice of words."""
 WHOLE = ("iterations", "delay", "n_conf", "k_h", "i_bls_max", "seed_search", "l_c")
 """Options that are whole numbers."""
 REAL = ("theta_s", "v_max", "delta_a", "n_scan", "delta_min", "omega")
 """Options that are real numbers."""
-POSITIVE = ("theta_s", "v_max", "delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")
+POSITIVE = ("theta_s", "v_max", "delta_a", "n_conf", "k_h", "i_bls_max")
+NOT_NEGATIVE = ("n_scan",)
 OPTIONS = (*CHOICES, *WHOLE, *REAL, "images", "dump_graphs")
 """Names of all options."""
 
@@ -42,14 +42,7 @@ def parameters_from(options: Mapping[str, Any]) -> Parameters:
     given = {name: value for name, value in options.items() if value is not None}
     _check(given)
     images, delay = _images(given), given.get("delay", 0)
-    if given.get("hypotheses") == "multiple":
-        return Parameters(slam=_slam(given), multiple=_multiple(given), images=images, delay=delay)
-    if {"k_h", "i_bls_max", "n_scan", "dump_graphs"} & set(given) or given.get("seed_search"):
-        raise ValueError("--k-h, --i-bls-max, --n-scan, --seed-search and --dump-graphs are for --hypotheses multiple")
-    targets = Parameters().targets
-    if "v_max" in given:
-        targets = replace(targets, motion=replace(targets.motion, v_max=given["v_max"]))
-    return Parameters(slam=_slam(given), targets=replace(targets, **_people(given)), images=images, delay=delay)
+    return Parameters(slam=_slam(given), targets=_targets(given), images=images, delay=delay)
 
 
 def _check(given: Mapping[str, Any]) -> None:
@@ -66,6 +59,8 @@ def _check(given: Mapping[str, Any]) -> None:
             raise ValueError(f"{flag} is {value!r}, needs a number")
         if name in POSITIVE and not value > 0:
             raise ValueError(f"{flag} is {value}, needs more than 0")
+        if name in NOT_NEGATIVE and not value >= 0:
+            raise ValueError(f"{flag} is {value}, needs 0 or more")
         if name == "images" and not isinstance(value, bool):
             raise ValueError(f"{flag} is {value!r}, needs true or false")
 
@@ -82,28 +77,23 @@ def _slam(given: Mapping[str, Any]) -> SlamParameters:
     return replace(chosen, mode=mode, iterations=iterations, correction=given.get("correction", "on") == "on")
 
 
-def _people(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of the parameters of either tracker of people."""
-    fields = {"theta_s": "merge_distance", "delta_a": "delta_a", "n_conf": "n_conf"}
-    return {field: given[name] for name, field in fields.items() if name in given}
-
-
-def _multiple(given: Mapping[str, Any]) -> MhtParameters:
-    """Parameters of multiple hypothesis tracking; an option k_h means one graph for the children of each hypothesis."""
+def _targets(given: Mapping[str, Any]) -> MhtParameters:
+    """Parameters of the tracker of people; an option k_h means one graph for the children of each hypothesis."""
     chosen = MhtParameters()
     if "v_max" in given:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
-    own = {name: given[name] for name in ("k_h", "i_bls_max", "n_scan") if name in given}
+    fields = {"theta_s": "merge_distance"} | {name: name for name in ("delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")}
+    own = {field: given[name] for name, field in fields.items() if name in given}
     graphs = Path(given["dump_graphs"]) if "dump_graphs" in given else None
-    return replace(chosen, **_people(given), **own, small_graphs="k_h" in given, seed=given.get("seed_search", 0), graphs=graphs)
+    return replace(chosen, **own, small_graphs="k_h" in given, seed=given.get("seed_search", 0), graphs=graphs)
 
 
 def _images(given: Mapping[str, Any]) -> ImageParameters:
     """What is extracted from images: nothing without `images`."""
     tracklets = {name: given[name] for name in ("l_c", "delta_min", "omega") if name in given}
-    images, multiple = given.get("images", False), given.get("hypotheses") == "multiple"
-    if tracklets and (multiple or not images):
-        raise ValueError("--l-c, --delta-min and --omega are for --images with --hypotheses single")
+    images = given.get("images", False)
+    if tracklets and not images:
+        raise ValueError("--l-c, --delta-min and --omega are for --images")
     if not images:
         return ImageParameters()
-    return ImageParameters(None if multiple else TrackletParameters(**tracklets), SilhouetteParameters(), appearance=multiple)
+    return ImageParameters(TrackletParameters(**tracklets), SilhouetteParameters(), appearance=True)

@@ -9,18 +9,14 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from tracker.detections.front_end import FrontEnd, ImageParameters
 from tracker.detections.ground_points import GroundDetections
-from tracker.detections.occlusion import Viewpoint
 from tracker.detections.rejections import BOXES, NO_POSE, count_rejections
-from tracker.gnn.tracker import GnnTracker
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.tracker import MhtTracker
 from tracker.slam.filter import Slam
 from tracker.slam.parameters import SlamParameters
-from tracker.tracks.parameters import TrackParameters
 from tracker.tracks.track_ids import TrackIds
 from tracker.tracks.tracks import Tracks
 from tracker.types import Estimate, Setup, Tick
@@ -31,8 +27,7 @@ class Parameters:
     """The parameters of all parts."""
 
     slam: SlamParameters = field(default_factory=lambda: SlamParameters().with_odometry_biases())  # with wheel slip and gyroscope bias
-    targets: TrackParameters = field(default_factory=TrackParameters)
-    multiple: MhtParameters | None = None  # for multiple hypothesis tracking, which takes the place of `targets`
+    targets: MhtParameters = field(default_factory=MhtParameters)
     images: ImageParameters = field(default_factory=ImageParameters)  # what is extracted from images beside boxes
     delay: int = 0  # ticks of the fixed-lag smoother, by which estimates are late
 
@@ -50,27 +45,14 @@ def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = N
         yield estimate
 
 
-class PeopleTracker(Protocol):
-    """A tracker of people with a fixed lag.
-
-    `step` takes a tick, and reports the people of the tick `delay` ticks before, None at the start. `drain` reports the remaining ticks one by one.
-    """
-
-    def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None: ...
-
-    def drain(self) -> Tracks | None: ...
-
-
 class Tracker:
     """The state between ticks: the SLAM filter of the team, and the tracker of people."""
 
     def __init__(self, setup: Setup, parameters: Parameters) -> None:
         self.setup, self.parameters = setup, parameters
         self.slam = Slam(setup, parameters.slam)
-        gnn, mht, delay = parameters.targets, parameters.multiple, parameters.delay
-        self._front_end = FrontEnd(setup, (mht or gnn).fusion, parameters.images)
-        extended = self._front_end.setup
-        self._people: PeopleTracker = GnnTracker(extended, gnn, delay) if mht is None else MhtTracker(extended, mht, delay)
+        self._front_end = FrontEnd(setup, parameters.targets.fusion, parameters.images)
+        self._people = MhtTracker(self._front_end.setup, parameters.targets, parameters.delay)
         self._track_ids = TrackIds(setup)
         self._waiting: deque[Estimate] = deque()
         self._rejections: Counter[str] = Counter()
@@ -102,7 +84,7 @@ class Tracker:
 
     def _count_rejections(self, tick: Tick, feet: list[GroundDetections]) -> None:
         """Add the boxes of a tick to the counts of boxes by the gate that stops them. Silhouettes are no boxes of the input."""
-        q = self.parameters.multiple or self.parameters.targets
+        q = self.parameters.targets
         given = [f for f in feet if f.camera in self.setup.mounts]
         self._rejections.update(count_rejections(given, self.setup, q.initiation_confidence, q.fusion))
         if lost := sum(len(view.detections) for view in tick.views) - sum(map(len, given)):

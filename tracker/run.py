@@ -26,7 +26,7 @@ def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters
     wanted = json_value({**run, "provenance": sequence.provenance, "parameters": parameters or Parameters()})
     if (there := _same_run(folder, wanted)) is not None:
         return there
-    graphs = parameters.multiple.graphs if parameters is not None and parameters.multiple is not None else None
+    graphs = parameters.targets.graphs if parameters is not None else None
     if graphs is not None and graphs.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"{graphs}: lies in {folder}, needs a place outside it for the graphs")
     with folder_lock(folder), nullcontext() if graphs is None else folder_lock(graphs):

@@ -80,7 +80,7 @@ class HypothesisOptions:
     i_bls_max: Annotated[int | None, unset("INT", "2000")] = None
     """i_bls^max: maximum number of moves of the clique search."""
     n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
-    """N-scan pruning: age after which a decision is final, s."""
+    """N-scan pruning: age after which a decision is final, s. With 0 decisions stand at once, which is fastest."""
     seed_search: int = 0
     """Seed of the clique search."""
     dump_graphs: Annotated[Path | None, unset("DIR", "nowhere")] = None
@@ -129,20 +129,18 @@ class Track:
     """These options choose what of a source is read, and replace or degrade its detections."""
     delay: int = 0
     """Number of frames by which the output lags; later frames smooth the positions of people."""
-    hypotheses: Literal["single", "multiple"] = "single"
-    """Tracker of people: one best hypothesis, or multiple hypotheses by track trees and maximum-weight cliques."""
     images: bool = False
-    """Use the images, too: silhouettes, and appearance (multiple) or tracklets (single). A recording needs video/ or images/ of any camera."""
+    """Use the images, too: silhouettes, and appearance and tracklets. A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter knows the landmarks."""
     robots: Annotated[OmitArgPrefixes[SlamOptions], arg(name="expert SLAM")] = SlamOptions()
     """These options choose the filter that estimates the poses of the robots."""
     people: Annotated[OmitArgPrefixes[PeopleOptions], arg(name="expert tracking")] = PeopleOptions()
-    """These are the paper's parameters of both trackers of people."""
+    """These are the paper's parameters of the tracker of people."""
     multiple: Annotated[OmitArgPrefixes[HypothesisOptions], arg(name="expert hypothesis")] = HypothesisOptions()
-    """These are the paper's parameters of --hypotheses multiple."""
+    """These are the paper's parameters of track trees and of the clique search."""
     tracklets: Annotated[OmitArgPrefixes[TrackletOptions], arg(name="expert tracklet")] = TrackletOptions()
-    """The paper's parameters of tracklets need --images and --hypotheses single."""
+    """The paper's parameters of tracklets need --images."""
 
     def run(self) -> None:
         from tracker.datasets.opening import UTIAS, format_of, open_sequence
@@ -171,7 +169,7 @@ class Track:
         results = tracked(sequence, self.out, run, parameters)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
-        q, places = parameters.multiple or parameters.targets, sum(len(ids) for ids, _ in results.tracks.values())
+        q, places = parameters.targets, sum(len(ids) for ids, _ in results.tracks.values())
         if why := explain_few_people(results.run.get("counters", {}), places, sequence.setup, q.initiation_confidence, q.fusion):
             print(why)
 

@@ -23,7 +23,7 @@ from sim.stress.trial_data import TrialData, match_persons
 from tracker.detections.ground_points import GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
 from tracker.geometry import Array, Ints, Pose
-from tracker.gnn.tracker import GnnTracker
+from tracker.mht.tracker import MhtTracker
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.matching import MatchingFrame
@@ -156,7 +156,7 @@ def _true_detections(data: TrialData, camera: str, k: int) -> tuple[Detections, 
 
 def track_with_true_association(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, persons: TruePersons) -> Iterator[Estimate]:
     """The estimates of pilsim's tracker with true association: one tracker of people for each person, which gets the boxes of that person only."""
-    slam, people = Slam(setup, parameters.slam), dict[int, GnnTracker]()
+    slam, people = Slam(setup, parameters.slam), dict[int, MhtTracker]()
     accepting = replace(parameters.targets, **ACCEPT_ALL)  # type: ignore[arg-type]
     for tick in ticks:
         slam.step(tick)
@@ -168,7 +168,7 @@ def track_with_true_association(setup: Setup, ticks: Iterable[Tick], parameters:
             cameras.append(Viewpoint(view.camera, mount.camera, pose @ mount.T_body_camera))
             owners.append(persons.of(view.detections))
         for person in sorted({int(p) for own in owners for p in own[own > 0]} - set(people)):
-            people[person] = GnnTracker(setup, accepting, 0)
+            people[person] = MhtTracker(setup, accepting, 0)
         tracks = {p: one.step([g.select(own == p) for g, own in zip(points, owners, strict=True)], cameras) for p, one in people.items()}
         robots = {robot: (slam.pose(robot), slam.covariance(robot)) for robot in setup.starts}
         yield _estimate(setup, tick.index, robots, tracks)

@@ -169,7 +169,7 @@ def _options(sweep: str, value: Value) -> dict[str, Value]:
         mode, *rest = str(value).split(", ")
         out: dict[str, Value] = {"slam": mode, "correction": "on" if "correction" in rest else "off"}
         return out | ({"iterations": 2} if mode != "ekf" else {})
-    return {"hypotheses": "multiple", "k_h" if sweep == "hypotheses" else "i_bls_max": value}
+    return {"k_h" if sweep == "hypotheses" else "i_bls_max": value}
 
 
 def recording_cases(names: Iterable[str], folder: str, cameras: int, start: Scenario) -> list[Case]:

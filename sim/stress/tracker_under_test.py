@@ -53,7 +53,7 @@ class TrackerUnderTest:
     @property
     def solves_graphs(self) -> bool:
         """Whether it selects tracks by maximum weight cliques."""
-        return self.options.get("hypotheses") == "multiple"
+        return not self.function and not self.results
 
     def results_of(self, setup: Setup, ticks: list[Tick], run: tuple[str, int], graphs: Path | None = None) -> Results:
         """Track the ticks. run: id of the case and seed. graphs: folder for the graphs that it solves.
@@ -69,8 +69,8 @@ class TrackerUnderTest:
         if self.function:
             return check_estimates(self.name, load_tracker(self.function)(setup, ticks), setup, ticks)
         parameters = parameters_from(self.options)
-        if graphs is not None and parameters.multiple is not None:
-            parameters = replace(parameters, multiple=replace(parameters.multiple, graphs=graphs))
+        if graphs is not None:
+            parameters = replace(parameters, targets=replace(parameters.targets, graphs=graphs))
         return check_estimates(self.name, track(setup, ticks, parameters), setup, ticks)
 
 

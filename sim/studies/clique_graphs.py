@@ -58,7 +58,7 @@ def run_cell(material: Material, form: str, start: str, repetition: int) -> Run:
     many = MhtParameters(small_graphs=FORMS[form], warm=STARTS[start], prove=False, seed=repetition)
     seconds, mota = time_and_mota(material, many)
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as folder:
-        for _ in track(material.setup, material.ticks, Parameters(multiple=replace(many, graphs=Path(folder)))):
+        for _ in track(material.setup, material.ticks, Parameters(targets=replace(many, graphs=Path(folder)))):
             pass
         gap = clique_gap(Path(folder), PROVED)
     return Run(material.name, form, start, repetition, seconds, float("nan") if gap is None else gap, mota)
@@ -69,7 +69,7 @@ def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[li
     for material in materials:
         for form in FORMS:
             # Compilation must not count in the first run.
-            list(track(material.setup, material.ticks[:3], Parameters(multiple=MhtParameters(small_graphs=FORMS[form], prove=False))))
+            list(track(material.setup, material.ticks[:3], Parameters(targets=MhtParameters(small_graphs=FORMS[form], prove=False))))
         choices = ((form, start, repetition) for repetition, form, start in itertools.product(range(repetitions), FORMS, STARTS))
         yield from resumed(out / "runs.csv", Run, choices, partial(run_cell, material), material.name)
 

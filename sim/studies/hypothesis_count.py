@@ -125,7 +125,7 @@ def run_cell(material: Material, k_h: int, i_bls_max: int, repetition: int) -> C
 def time_and_mota(material: Material, many: MhtParameters) -> tuple[float, float]:
     """Track a data set: processor time, s, and MOTA at 1 m."""
     began = time.process_time()
-    estimates = [(e.target_id, e.position) for e in track(material.setup, material.ticks, Parameters(multiple=many))]
+    estimates = [(e.target_id, e.position) for e in track(material.setup, material.ticks, Parameters(targets=many))]
     seconds = time.process_time() - began
     return seconds, float(score(material.frames(estimates)).mota)
 
@@ -162,7 +162,7 @@ def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[li
     """Run the cells that out/cells.csv does not hold. Yields all cells so far after each."""
     for material in materials:
         # Compilation must not count in the first cell.
-        list(track(material.setup, material.ticks[:WARM_UP], Parameters(multiple=MhtParameters(small_graphs=True, prove=False))))
+        list(track(material.setup, material.ticks[:WARM_UP], Parameters(targets=MhtParameters(small_graphs=True, prove=False))))
         choices = ((k, moves, repetition) for repetition, k, moves in itertools.product(range(repetitions), K_H, I_BLS_MAX))
         yield from resumed(out / "cells.csv", Cell, choices, partial(run_cell, material), material.name)
 

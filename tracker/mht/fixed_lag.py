@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from typing import final
 
-import numpy as np
-
 from tracker.geometry import Mask
-from tracker.mht.track_trees import TrackHypotheses, transition
+from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.rts_smoother import rts_step
-from tracker.tracks.tracks import MotionParameters, Tracks
+from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition
 
 
 @final
@@ -49,8 +47,5 @@ def smoothed(tracks: TrackHypotheses, ago: int, motion: tuple[float, MotionParam
     """The smoothed tracks of `ago` ticks before; all are older than that. motion: period s and parameters."""
     x, P = tracks.states[:, 0], tracks.covariances[:, 0]
     for k in range(1, ago + 1):
-        x, P = rts_step((tracks.states[:, k], tracks.covariances[:, k]), (x, P), *transition(tracks.past_misses[:, k - 1], *motion))
-    # Track hypotheses have no stature.
-    state, covariance = np.zeros((len(x), 5)), np.zeros((len(x), 5, 5))
-    state[:, :4], covariance[:, :4, :4] = x, P
-    return Tracks(tracks.tree, state, covariance, tracks.score, tracks.hits, tracks.misses, tracks.age)
+        x, P = rts_step((tracks.states[:, k], tracks.covariances[:, k]), (x, P), *coasting_transition(tracks.past_misses[:, k - 1], *motion))
+    return Tracks(tracks.tree, x, P, tracks.score, tracks.hits, tracks.misses, tracks.age)

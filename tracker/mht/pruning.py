@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
-from tracker.mht.gating_and_branching import ChildHypotheses
+from tracker.mht.branching_data import ChildHypotheses
 from tracker.mht.global_hypothesis import GlobalHypothesis
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.track_trees import TrackHypotheses, weights

@@ -13,20 +13,20 @@ import numpy as np
 from tracker.detections.appearance import SIZE
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array, Ints, Mask
-from tracker.tracks.tracks import MotionParameters, coasting_transition
+from tracker.tracks.tracks import MotionParameters, coasting_transition, position_sigma
 
 
 @dataclass(frozen=True, eq=False)
 class TrackHypotheses:
     """Rows are n leaves; W is the number of ticks that a leaf remembers, C that of cameras.
 
-    tree (n,): id of the track tree, never used again. state (n, 4): x, y m and velocity m/s; covariance (n, 4, 4).
+    tree (n,): id of the track tree, never used again. state (n, 5): x, y m, velocity m/s, and stature m; covariance (n, 5, 5).
     score (n,): log-likelihood ratio of the whole track against clutter. existence (n,): existence score, the same with bounded memory and without
     the likelihood of places. confirmed (n,), deleted (n,): status of the track.
     hits, misses, age (n,): ticks with a box, ticks since the last box, ticks since initiation. expected_misses (n,): sum over the ticks since the
     last box of the probability that some view should have had one. out_of_view (n,): ticks outside all views; unselected (n,): ticks outside the
     global hypothesis.
-    node (n, W): ids of the tree's nodes, the latest first; states (n, W, 4) and covariances (n, W, 4, 4), filtered; detected (n, W): with a box;
+    node (n, W): ids of the tree's nodes, the latest first; states (n, W, 5) and covariances (n, W, 5, 5), filtered; detected (n, W): with a box;
     past_misses, past_scores (n, W): misses and score before each tick.
     appearance (n, C, d): appearance in each camera (appearance.appearances), the mean of appearance_count (n, C) boxes; C is 0 without images.
     """
@@ -56,15 +56,20 @@ class TrackHypotheses:
     @staticmethod
     def none(window: int) -> TrackHypotheses:
         """No leaf, for a memory of `window` ticks."""
-        return initiated(0, [], MotionParameters(), window)
+        return initiated(0, [], MotionParameters(), (0.0, 0.0), (window, 0))
 
     def __len__(self) -> int:
         return len(self.tree)
 
     @property
+    def position_sigma(self) -> Array:
+        """(n,) m, standard deviation of the place along the major axis."""
+        return position_sigma(self.covariance)
+
+    @property
     def speed(self) -> Array:
         """(n,) m/s."""
-        return np.asarray(np.linalg.norm(self.state[:, 2:], axis=1))
+        return np.asarray(np.linalg.norm(self.state[:, 2:4], axis=1))
 
     def select(self, rows: Mask | Ints) -> TrackHypotheses:
         """The leaves in those rows."""
@@ -78,22 +83,28 @@ class TrackHypotheses:
 _COLUMNS = tuple(TrackHypotheses.__dataclass_fields__)
 
 
-def initiated(first_tree: int, groups: list[CrossViewGroup], motion: MotionParameters, window: int, cameras: int = 0) -> TrackHypotheses:
-    """One new tree a group of boxes, at rest with an unknown velocity; window: ticks of memory; cameras: those with images."""
+def initiated(
+    first_tree: int, groups: list[CrossViewGroup], motion: MotionParameters, stature: tuple[float, float], size: tuple[int, int]
+) -> TrackHypotheses:
+    """One new tree a group of boxes, at rest with an unknown velocity.
+
+    stature: mean and standard deviation of people, m; size: ticks of memory, cameras with images.
+    """
     n = len(groups)
-    state, covariance = np.zeros((n, 4)), np.zeros((n, 4, 4))
+    state, covariance = np.zeros((n, 5)), np.zeros((n, 5, 5))
     for k, group in enumerate(groups):
         state[k, :2] = group.point
         covariance[k, :2, :2] = group.covariance
     covariance[:, 2, 2] = covariance[:, 3, 3] = motion.start_speed**2
-    return _roots(first_tree + np.arange(n), state, covariance, (window, cameras))
+    state[:, 4], covariance[:, 4, 4] = stature[0], stature[1] ** 2
+    return _roots(first_tree + np.arange(n), state, covariance, size)
 
 
 def _roots(tree: Ints, state: Array, covariance: Array, size: tuple[int, int]) -> TrackHypotheses:
     """Leaves of one tick; size: ticks of memory, cameras."""
     n, (window, cameras) = len(tree), size
     zero, ones, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, dtype=bool)
-    states, covariances, detected = np.zeros((n, window, 4)), np.zeros((n, window, 4, 4)), np.zeros((n, window), dtype=bool)
+    states, covariances, detected = np.zeros((n, window, 5)), np.zeros((n, window, 5, 5)), np.zeros((n, window), dtype=bool)
     states[:, 0], covariances[:, 0], detected[:, 0] = state, covariance, True
     node = np.full((n, window), -1, dtype=np.int64)
     appearance = np.zeros((n, cameras, SIZE)), np.zeros((n, cameras))
@@ -105,18 +116,12 @@ def _roots(tree: Ints, state: Array, covariance: Array, size: tuple[int, int]) -
 
 def predict(tracks: TrackHypotheses, dt: float, motion: MotionParameters) -> TrackHypotheses:
     """All leaves predicted by `dt` seconds; their memory moves by one tick."""
-    F, Q = transition(tracks.misses, dt, motion)
+    F, Q = coasting_transition(tracks.misses, dt, motion)
     rolled = ("node", "states", "covariances", "detected", "past_misses", "past_scores")
     memory = {name: np.roll(getattr(tracks, name), 1, axis=1) for name in rolled}
     memory["past_misses"][:, 0], memory["past_scores"][:, 0] = tracks.misses, tracks.score
     state = (F @ tracks.state[:, :, None])[:, :, 0]
     return replace(tracks, state=state, covariance=F @ tracks.covariance @ F.transpose(0, 2, 1) + Q, age=tracks.age + 1, **memory)
-
-
-def transition(misses: Ints, dt: float, motion: MotionParameters) -> tuple[Array, Array]:
-    """Transition matrices F (n, 4, 4) and process noise Q (4, 4): those of both trackers (tracks.coasting_transition) without the stature."""
-    F, Q = coasting_transition(misses, dt, motion)
-    return F[:, :4, :4], Q[:4, :4]
 
 
 def weights(tracks: TrackHypotheses, most: float) -> Array:

@@ -25,21 +25,17 @@ import numpy as np
 from tracker.detections.cross_view import CrossViewGroup, group_across_views
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Viewpoint
+from tracker.detections.walkable_prior import WalkablePrior
 from tracker.geometry import Array, Ints, Mask
 from tracker.mht.appearance_model import AppearanceModel
 from tracker.mht.conflicts import ConflictRows, Conflicts, conflicts_of
 from tracker.mht.fixed_lag import MhtFixedLagSmoother
-from tracker.mht.gating_and_branching import (
-    BoxTable,
-    BranchingConstants,
-    ChildHypotheses,
-    ParentHypotheses,
-    assign_jointly,
-    assigned_boxes,
-    branch,
-    union,
-)
+from tracker.mht.branching import branch
+from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses
 from tracker.mht.global_hypothesis import GlobalHypothesis, solve
+from tracker.mht.initiation import with_statures, with_walkable_prior
+from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
+from tracker.mht.negative_information import ExpectedVisibility
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.pruning import prune_branches, surviving_leaves
 from tracker.mht.track_trees import TrackHypotheses, initiated, predict
@@ -79,6 +75,7 @@ class MhtFilter:
         self.sensor_model = SensorModel(setup, parameters)
         ranges = parameters.fusion.ranges
         self._stature = ranges.stature, ranges.stature_sigma
+        self._walkable = WalkablePrior.of(setup.ground, setup.occluders, ranges.walkability)
         new_target = NewTargetModel(parameters.arrival_rate, *self._stature)
         self.reidentification = Reidentification(parameters.reidentification, parameters.motion, setup.period, new_target)
         self.n_scan = max(1, round(parameters.n_scan / setup.period))
@@ -97,11 +94,11 @@ class MhtFilter:
         """Take one tick; cameras: the viewpoint of each view. The tracks (k,) of the global hypothesis, and which are present."""
         self._ticks += 1
         views = [self.noise.inflated(boxes) for boxes in views]
-        self.leaves = predict(self.leaves, self.setup.period, self.parameters.motion)
+        self.leaves = self._with_walkable_prior(predict(self.leaves, self.setup.period, self.parameters.motion))
         active = self.best[~self.leaves.deleted[self.best]]
         bodies = self.sensor_model.bodies(self.leaves.state[:, :2], self.leaves.tree, active)
         table = BoxTable.of(views, self.sensor_model, self.parameters.clutter)
-        expected = bodies.expected_by_view(cameras, self.parameters.fusion.reach)
+        expected = ExpectedVisibility.of(self.leaves, cameras, self.sensor_model, active).share
         missed = self._missed(views, expected)
         parents = ParentHypotheses.of(self.leaves, self.setup.ground, missed, self.appearance.log_ratio(self.leaves, views))
         limits = self._branching_constants(views)
@@ -113,6 +110,9 @@ class MhtFilter:
         roots = self._initiate(views, table, children)
         score = self._initiation_scores(views, cameras, roots)
         self._extend_trees(children, (roots, score), (table, missed), bodies.in_any_view(cameras))
+        new = self._parent < 0
+        self._measure_new_people(np.flatnonzero(new), roots, views, (table, limits))
+        self._exclude_watched_places(views, cameras)
         self._update_appearance(views, table)
         chosen = solve(self.leaves, self._conflicts, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
         self._discount_contested_boxes(chosen.best, table, rivals)
@@ -179,7 +179,7 @@ class MhtFilter:
             states=states, covariances=covariances, detected=detections, unselected=parents.unselected + 1, expected_misses=expected_misses,
             out_of_view=np.where(watched[children.parent] | detected, 0, parents.out_of_view + 1),
         )  # fmt: skip
-        new = initiated(self._next_tree, roots, q.motion, self.window, self.leaves.appearance.shape[1])
+        new = initiated(self._next_tree, roots, q.motion, self._stature, (self.window, self.leaves.appearance.shape[1]))
         self._next_tree += len(roots)
         new = replace(new, score=score, existence=score)
         self._boxes = np.full((len(leaves) + len(new), len(table.origin)), -1, dtype=np.int64)
@@ -195,6 +195,43 @@ class MhtFilter:
         missed = np.vstack([missed[children.parent], np.zeros((len(new), len(table.origin)))])
         rows = ConflictRows(leaves.tree, self._boxes, leaves.state[:, :2], leaves.deleted, missed)
         self._conflicts = conflicts_of(self._conflicts, parent, rows, table.existence_ratio, (q.merge_distance, q.merge_step, q.split_share))
+
+    def _with_walkable_prior(self, leaves: TrackHypotheses) -> TrackHypotheses:
+        """The leaves with places and scores updated by the prior of walkable places."""
+        state, covariance, ratio = with_walkable_prior(self._walkable, leaves.state, leaves.covariance)
+        return replace(leaves, state=state, covariance=covariance, score=leaves.score + ratio, existence=leaves.existence + ratio)
+
+    def _measure_new_people(
+        self, rows: Ints, groups: list[CrossViewGroup], views: list[GroundDetections], seen: tuple[BoxTable, BranchingConstants]
+    ) -> None:
+        """Give the roots in `rows` the statures and places that their boxes and the known world tell."""
+        if self.setup.occluders is None or not len(rows):
+            return
+        new, leaves = self.leaves.select(rows), self.leaves
+        with_statures(new, groups, views, (*seen, self.setup.ground))
+        new = self._with_walkable_prior(new)
+        for name in ("state", "covariance", "score", "existence"):
+            getattr(leaves, name)[rows] = getattr(new, name)
+        leaves.states[rows, 0], leaves.covariances[rows, 0] = new.state, new.covariance
+
+    def _exclude_watched_places(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> None:
+        """Update the places of uncertain leaves by their missed detections."""
+        leaves = self.leaves
+        if self.setup.occluders is None or not len(leaves):
+            return
+        # A tentative track may be false, so that its missed detections tell nothing about its place.
+        visibility = ExpectedVisibility.of(leaves, cameras, self.sensor_model, self._active_rows(), leaves.confirmed)
+        detection = np.array([self.sensor_model.detection(feet.camera) for feet in views])
+        state, covariance = visibility.given_misses(leaves.state, leaves.covariance, self._boxes >= 0, detection)
+        states, covariances = leaves.states.copy(), leaves.covariances.copy()
+        states[:, 0], covariances[:, 0] = state, covariance
+        self.leaves = replace(leaves, state=state, covariance=covariance, states=states, covariances=covariances)
+
+    def _active_rows(self) -> Ints:
+        """Rows of the best child of each leaf in the global hypothesis of the last tick."""
+        held = np.isin(self._parent, self.best)
+        rows = np.flatnonzero(held)
+        return np.asarray(rows[np.unique(self._parent[rows], return_index=True)[1]])
 
     def _update_appearance(self, views: list[GroundDetections], table: BoxTable) -> None:
         """Update the appearance of leaves by the boxes that they have taken."""
@@ -263,7 +300,7 @@ class MhtFilter:
         people = self.leaves.select(_one_leaf_per_tree(self.leaves, best))
         left = self._has_left(people)
         confirmed, held = np.isin(people.tree, list(new)), np.isin(people.tree, self.leaves.tree[best])
-        ended = self.reidentification.step(_with_stature(people, self._stature), people.confirmed & held, confirmed, set(people.tree[left].tolist()))
+        ended = self.reidentification.step(_tracks(people), people.confirmed & held, confirmed, set(people.tree[left].tolist()))
         self.leaves = replace(self.leaves, deleted=self.leaves.deleted | np.isin(self.leaves.tree, list(ended)))
 
     def _prune(self, chosen: GlobalHypothesis) -> None:
@@ -287,9 +324,6 @@ def _one_leaf_per_tree(leaves: TrackHypotheses, best: Ints) -> Ints:
     return np.asarray(order[np.unique(leaves.tree[order], return_index=True)[1]])
 
 
-def _with_stature(people: TrackHypotheses, stature: tuple[float, float]) -> Tracks:
-    """The same tracks with the prior of the stature: mean and standard deviation, m."""
-    state, covariance = np.zeros((len(people), 5)), np.zeros((len(people), 5, 5))
-    state[:, :4], covariance[:, :4, :4] = people.state, people.covariance
-    state[:, 4], covariance[:, 4, 4] = stature[0], stature[1] ** 2
-    return Tracks(people.tree, state, covariance, people.score, people.hits, people.misses, people.age)
+def _tracks(people: TrackHypotheses) -> Tracks:
+    """The tracks without their memory."""
+    return Tracks(people.tree, people.state, people.covariance, people.score, people.hits, people.misses, people.age)

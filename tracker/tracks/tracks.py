@@ -62,14 +62,19 @@ class Tracks:
     @property
     def position_sigma(self) -> Array:
         """(n,) m, standard deviation of the place along the major axis."""
-        a, b, c = (self.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-        return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
+        return position_sigma(self.covariance)
 
     def select(self, rows: Mask | Ints) -> Tracks:
         return Tracks(*(getattr(self, name)[rows] for name in _COLUMNS))
 
     def join(self, other: Tracks) -> Tracks:
         return Tracks(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _COLUMNS))
+
+
+def position_sigma(covariance: Array) -> Array:
+    """(n,) m, standard deviation of the place along the major axis; covariance (n, 5, 5) of states."""
+    a, b, c = (covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
 
 
 _COLUMNS = tuple(Tracks.__dataclass_fields__)
@@ -206,14 +211,17 @@ def update(tracks: Tracks, row: int, residual: Array, H: Array, R: Array) -> Tra
     return replace(tracks, state=state, covariance=covariance)
 
 
-def with_marginal(tracks: Tracks, rows: Ints, A: Array, before: tuple[Array, Array], after: tuple[Array, Array]) -> Tracks:
-    """The tracks with new marginals: A (r, k, 5) times the states of `rows` (r,) has mean (r, k) and covariance (r, k, k) `after`, not `before`.
+def with_marginal(
+    state: Array, covariance: Array, of: tuple[Ints, Array], before: tuple[Array, Array], after: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """States (n, 5) and covariances (n, 5, 5) with new marginals.
 
+    of: rows (r,) and A (r, k, 5). A times the states of these rows has mean (r, k) and covariance (r, k, k) `after`, not `before`.
     The other components change by their regression on these, as in a smoother.
     """
-    P = tracks.covariance[rows]
+    (rows, A), state, covariance = of, state.copy(), covariance.copy()
+    P = covariance[rows]
     G = np.linalg.solve(before[1], A @ P).transpose(0, 2, 1)
-    state, covariance = tracks.state.copy(), tracks.covariance.copy()
     state[rows] += (G @ (after[0] - before[0])[:, :, None])[:, :, 0]
     covariance[rows] = P + G @ (after[1] - before[1]) @ G.transpose(0, 2, 1)
-    return replace(tracks, state=state, covariance=covariance)
+    return state, covariance

@@ -1,0 +1,166 @@
+"""Tables of the compiled branching: leaves, boxes, bounds and children."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tracker.detections.ground_points import GroundDetections
+from tracker.detections.range_likelihood import RangeLikelihoodParameters
+from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.compilation import njit
+from tracker.geometry.ground import Ground
+from tracker.mht.track_trees import TrackHypotheses
+from tracker.tracks.sensor_model import SensorModel
+
+SLOPE_REACH = 0.3
+"""m over which slopes are taken: steeper steps of the ground are finer than what is known of a place."""
+
+
+class ParentHypotheses(NamedTuple):
+    """The n leaves of all track trees, predicted to a tick.
+
+    state (n, 5) m, m/s, m; covariance (n, 5, 5); z (n,) m and slope (n, 2) of the ground there. missed (n, V): log-likelihood of a missed detection
+    in each view. deleted (n,): a deleted track, which takes no box. tree (n,): its id.
+    links (n, D): log-likelihood ratio of each box for each leaf by images.
+    """
+
+    state: Array
+    covariance: Array
+    z: Array
+    slope: Array
+    missed: Array
+    deleted: Mask
+    tree: Ints
+    links: Array
+
+    @staticmethod
+    def of(leaves: TrackHypotheses, ground: Ground, missed: Array, links: Array) -> ParentHypotheses:
+        """Predicted leaves with the ground under them."""
+        place = leaves.state[:, :2]
+        around = [np.array([SLOPE_REACH, 0.0]), np.array([0.0, SLOPE_REACH])]
+        slope = np.stack([(ground.height_at(place + e) - ground.height_at(place - e)) / (2 * SLOPE_REACH) for e in around], axis=1)
+        return ParentHypotheses(leaves.state, leaves.covariance, ground.height_at(place), slope, missed, leaves.deleted, leaves.tree, links)
+
+
+class RangeTable(NamedTuple):
+    """The range likelihoods of A ambiguous boxes on one grid of k distances, as in RangeLikelihood.
+
+    distance, step (k,) m; edge (A, k) a radian, height (A, k) m, error (A, k) m.
+    people (5,): mean and standard deviation of statures m, share of outliers, least and greatest stature m of these; head_sigma m.
+    """
+
+    distance: Array
+    step: Array
+    edge: Array
+    height: Array
+    error: Array
+    people: Array
+    head_sigma: float
+
+    @staticmethod
+    def of(views: list[GroundDetections], q: RangeLikelihoodParameters) -> RangeTable:
+        """The ambiguous boxes of all views, in their order."""
+        people = np.array([q.stature, q.stature_sigma, q.outlier_share, *q.stature_range])
+        known = [(f.ranges, f.ambiguous) for f in views if f.ranges is not None]
+        if not known:
+            none = np.zeros((0, 0))
+            return RangeTable(np.zeros(0), np.zeros(0), none, none, none, people, q.head_sigma)
+        edge, height, error = (np.concatenate([getattr(r, name)[rows] for r, rows in known]) for name in ("edge", "height", "error"))
+        return RangeTable(known[0][0].distance, known[0][0].step, edge, height, error, people, q.head_sigma)
+
+
+class BoxTable(NamedTuple):
+    """The D boxes of all V views in one table; those of view v are rows start[v] to start[v + 1].
+
+    Of the views: origin (V, 3) m; bias (V, 6), the registration bias about `centre` (2,) m as in RegistrationBias.of.
+    Of the boxes: direction (D, 3) to the feet and covariance (D, 2, 2) rad²; feet_hidden (D,): probability that the box ends above the feet.
+    head_slope (D,): tangent of the elevation of the upper edge; usable (D,): confident enough.
+    detection_ratio (D,): log of the detection rate over the density of false boxes a steradian. existence_ratio (D,): log-likelihood ratio of a
+    person over clutter, whatever the direction.
+    cut (D,): the lower edge is at the image's edge; stature (D,): the upper edge measures statures; ambiguous (D,): row of `ranges`, or −1.
+    """
+
+    origin: Array
+    bias: Array
+    centre: Array
+    start: Ints
+    direction: Array
+    covariance: Array
+    feet_hidden: Array
+    head_slope: Array
+    detection_ratio: Array
+    existence_ratio: Array
+    usable: Mask
+    cut: Mask
+    stature: Mask
+    ambiguous: Ints
+    ranges: RangeTable
+
+    @staticmethod
+    def of(views: list[GroundDetections], sensors: SensorModel, clutter: float) -> BoxTable:
+        """clutter: least density of false boxes of a view, a steradian."""
+        q = sensors.parameters
+
+        def column(name: str, shape: tuple[int, ...]) -> Array:
+            return np.concatenate([np.zeros((0, *shape)), *(getattr(f, name) for f in views)])
+
+        start = np.cumsum([0, *(len(f) for f in views)])
+        bias = np.array([sensors.registration_bias.of(f.camera) for f in views]).reshape(-1, 6)
+        origin = np.array([f.origin for f in views]).reshape(-1, 3)
+        most = [np.log(sensors.detection(f.camera) / clutter) for f in views]
+        ratio = np.concatenate([np.zeros(0), *(np.minimum(sensors.detection_log_ratio(f), m) for f, m in zip(views, most, strict=True))])
+        existence = np.concatenate([np.zeros(0), *(sensors.detection_rates.log_ratio(f.camera, f.confidence) for f in views)])
+        ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.ranges is not None for f in views], np.diff(start))
+        return BoxTable(
+            origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
+            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), column("confidence", ()) >= q.min_confidence,
+            column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.ranges),
+        )  # fmt: skip
+
+
+class BranchingConstants(NamedTuple):
+    """What bounds the children of a leaf.
+
+    gate: standard deviations; foot_spread m; min_height, max_height m of a person. missed_by_all: least log-likelihood of missed detections in all
+    views at once. min_ratio: least log-likelihood ratio of a box. margin: log-likelihood by which a child may be worse than the best one.
+    beam_width, max_children: partial children and children that are kept.
+    """
+
+    gate: float
+    foot_spread: float
+    min_height: float
+    max_height: float
+    missed_by_all: float
+    min_ratio: float
+    margin: float
+    beam_width: int
+    max_children: int
+
+
+class ChildHypotheses(NamedTuple):
+    """m children, grouped by parent, the best first and the one without any box last.
+
+    parent (m,): row of the leaf; box (m, V): rows of BoxTable or −1. increment (m,) of the track score, of which missed (m,) comes from views
+    without a box; state (m, 5), covariance (m, 5, 5). residual (m, V, 2) rad, H and S (m, V, 2, 2): innovations, NaN without feet.
+    """
+
+    parent: Ints
+    box: Ints
+    increment: Array
+    missed: Array
+    state: Array
+    covariance: Array
+    residual: Array
+    H: Array
+    S: Array
+
+
+@njit(cache=True)
+def empty_children(m: int, V: int) -> Any:
+    """The columns of m ChildHypotheses before V views, without any box."""
+    return (
+        np.zeros(m, np.int64), np.full((m, V), -1, np.int64), np.zeros(m), np.zeros(m), np.zeros((m, 5)), np.zeros((m, 5, 5)),
+        np.full((m, V, 2), np.nan), np.zeros((m, V, 2, 2)), np.zeros((m, V, 2, 2)),
+    )  # fmt: skip

@@ -1,0 +1,72 @@
+"""Roots of new track trees: groups of boxes that nobody takes, and what these boxes tell of place and stature."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tracker.detections.cross_view import CrossViewGroup
+from tracker.detections.ground_points import GroundDetections
+from tracker.detections.walkable_prior import WalkablePrior
+from tracker.geometry import Array
+from tracker.geometry.compilation import njit
+from tracker.geometry.ground import Ground
+from tracker.mht.box_update import head_of, predict_measurement, update_by_head
+from tracker.mht.branching_data import BoxTable, BranchingConstants, ParentHypotheses
+from tracker.mht.track_trees import TrackHypotheses
+from tracker.tracks.tracks import with_marginal
+
+CERTAIN_PRIOR = 0.99
+"""Expectation of the walkable prior from which it leaves a track unchanged."""
+
+
+def with_statures(
+    roots: TrackHypotheses, groups: list[CrossViewGroup], views: list[GroundDetections], seen: tuple[BoxTable, BranchingConstants, Ground]
+) -> None:
+    """Update the roots (g,), in place, by the upper edges of their boxes, or by the range likelihood of an ambiguous box alone."""
+    table, limits, ground = seen
+    n = len(roots)
+    if not any(feet.ranges is not None for feet in views) or not n:
+        return
+    parents = ParentHypotheses.of(roots, ground, np.zeros((n, len(views))), np.zeros((n, 0)))
+    for k, group in enumerate(groups):
+        usable = [(v, d) for v, d in group.members if views[v].ranges is not None and not views[v].ambiguous[d] and not views[v].cut[d]]
+        for v, d in usable:
+            _measure_stature(k, v, table.start[v] + d, parents, table, limits)
+        v, d = group.members[0]
+        if not usable and views[v].ambiguous[d]:
+            _along_ray(roots.state[k], roots.covariance[k], views[v], d)
+
+
+@njit(cache=True)
+def _measure_stature(k: int, v: int, d: int, parents: Any, boxes: Any, limits: Any) -> None:
+    """Update the root k, in place, by the upper edge of box d of view v."""
+    predicted, x, P = np.empty(21), parents.state[k], parents.covariance[k]
+    predict_measurement(x, k, parents, boxes.origin[v], predicted)
+    above, H, noise, spread = head_of(predicted, x, P, v, d, boxes)
+    if above * above < limits.gate**2 * spread:
+        update_by_head(x, P, (above, H, noise), x.copy())
+
+
+def _along_ray(x: Array, P: Array, feet: GroundDetections, d: int) -> None:
+    """Correlate place and stature of x (5,), P (5, 5), in place, as the ambiguous box d does."""
+    assert feet.ranges is not None
+    u = feet.direction[d, :2] / np.hypot(*feet.direction[d, :2])
+    (mean,), (range_covariance,) = feet.ranges.initial(np.array([d]))
+    slope = range_covariance[0, 1] / range_covariance[0, 0]
+    x[4] = mean[1] + slope * (u @ (x[:2] - feet.origin[:2]) - mean[0])
+    P[:2, 4] = P[4, :2] = slope * P[:2, :2] @ u
+    P[4, 4] = range_covariance[1, 1] - slope * range_covariance[0, 1] + slope**2 * u @ P[:2, :2] @ u
+
+
+def with_walkable_prior(prior: WalkablePrior | None, state: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """States (n, 5) and covariances (n, 5, 5) with their places weighted by the prior of walkable places, and its log-likelihood (n,)."""
+    if prior is None or not len(state):
+        return state, covariance, np.zeros(len(state))
+    before = state[:, :2], covariance[:, :2, :2]
+    mean, spread, expected = prior.posterior(*before)
+    rows = np.flatnonzero(expected < CERTAIN_PRIOR)
+    place = np.broadcast_to(np.eye(2, 5), (len(rows), 2, 5))
+    out = with_marginal(state, covariance, (rows, place), (before[0][rows], before[1][rows]), (mean[rows], spread[rows]))
+    return *out, np.log(np.where(expected < CERTAIN_PRIOR, expected, 1.0))
