@@ -47,8 +47,9 @@ class GroundDetections:
     head_elevation (n,) rad: elevation of the upper edge. grounded (n,): there is a point, and it is near enough. confidence (n,).
     occludable (n,): something may occlude the feet; cut (n,): the lower edge is at the image's edge.
     feet_hidden (n,): probability that such a box ends above the feet.
-    ambiguous (n,): `ranges` leaves more than one distance (None where the world is unknown); point and spread then cover all of them, and height
+    ambiguous (n,): `ranges` leaves more than one distance (None where no box is); point and spread then cover all of them, and height
     is the mean stature.
+    known: whether terrain and objects are known, so that upper edges measure statures.
     links: log-likelihood ratios with the boxes of the last frames (optical_flow.KltTracklets.step); appearance (n, d): see appearance.appearances;
     both are None where images are not used.
     """
@@ -68,6 +69,7 @@ class GroundDetections:
     confidence: Array
     ambiguous: Mask
     ranges: RangeLikelihood | None = None
+    known: bool = False
     links: tuple[Array, ...] | None = None
     appearance: Array | None = None
 
@@ -76,41 +78,59 @@ class GroundDetections:
 
     def select(self, rows: Mask) -> GroundDetections:
         """The boxes in `rows` (n,), without links and appearance."""
-        whole = ("camera", "origin", "ranges", "links", "appearance")
+        whole = ("camera", "origin", "ranges", "known", "links", "appearance")
         columns = {name: getattr(self, name)[rows] for name in GroundDetections.__dataclass_fields__ if name not in whole}
-        return GroundDetections(self.camera, self.origin, **columns, ranges=None if self.ranges is None else self.ranges.select(rows))
+        return GroundDetections(self.camera, self.origin, **columns, known=self.known, ranges=None if self.ranges is None else self.ranges.select(rows))
 
 
 def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, Array], parameters: FusionParameters) -> GroundDetections:
     """Project the boxes of `camera` to the ground; pose: T_world_robot and the covariance (6, 6) of its right tangent."""
     mount = setup.mounts[camera]
     T_world_camera = pose[0] @ mount.T_body_camera
-    middle = detections.bearing @ T_world_camera.rotation.T
-    azimuth, elevation = angles_from_bearing(middle)
+    # Boxes are upright in the frame of the camera, which may be tilted.
+    across, up = angles_from_bearing(detections.bearing)
     half = detections.extent[:, 1] / 2
-    foot, head = bearing_from_angles(azimuth, elevation - half), bearing_from_angles(azimuth, elevation + half)
+    foot, head = (bearing_from_angles(across, up + side * half) @ T_world_camera.rotation.T for side in (-1, 1))
+    azimuth, low = angles_from_bearing(foot)
+    high = angles_from_bearing(head)[1]
     origin = T_world_camera.translation
     origins = np.broadcast_to(origin, foot.shape)
     point, grounded = setup.ground.intersect(origins, foot, parameters.reach)
     point, foot = _under_body(setup, origin, point, (foot, grounded), parameters.ahead)
     distance = np.hypot(*(point - origin)[:, :2].T)
-    height = origin[2] - point[:, 2] + distance * np.tan(angles_from_bearing(head)[1])
+    height = origin[2] - point[:, 2] + distance * np.tan(high)
     covariance = detections.covariance + _pose_covariance(foot, np.where(grounded, np.linalg.norm(point - origin, axis=1), 10.0), mount, pose)
     spread = _ground_covariance(foot, point - origin, covariance) + parameters.foot_spread**2 * np.eye(2)
-    lowered = bearing_from_angles(azimuth, elevation - half - parameters.edge)
-    near, covered = _nearer_boxes(elevation - half, azimuth, detections, parameters)
-    cut = ~mount.camera.pixels_from_bearings(lowered @ T_world_camera.rotation)[1]
+    near, covered = _nearer_boxes(up - half, across, detections, parameters)
+    cut = ~mount.camera.pixels_from_bearings(bearing_from_angles(across, up - half - parameters.edge))[1]
     feet_hidden = np.array(parameters.feet_hidden)[np.where(cut, 2, covered + 0)]
     feet = GroundDetections(
-        camera, origin, foot, covariance, point, spread, height, elevation + half, grounded, near | cut, cut, feet_hidden, detections.confidence,
+        camera, origin, foot, covariance, point, spread, height, high, grounded, near | cut, cut, feet_hidden, detections.confidence,
         ambiguous=np.zeros(len(foot), dtype=bool),
     )  # fmt: skip
-    if setup.occluders is None or not len(feet):
+    if not len(feet):
         return feet
+    if setup.occluders is None:
+        return _with_hidden_feet(feet, setup, (azimuth, detections.extent[:, 0] / 2, low), covered | cut, parameters)
     feet_hidden = np.array(parameters.feet_hidden_known)[covered + 0]
-    edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, elevation - half, elevation + half, covariance[:, 1, 1], feet_hidden)
+    edges = BoxEdges(azimuth, detections.extent[:, 0] / 2, low, high, covariance[:, 1, 1], feet_hidden)
     ranges = infer_ranges((setup.ground, setup.occluders), origin, edges, parameters.ahead, parameters.ranges)
     return _with_ranges(feet, setup, ranges, azimuth, parameters)
+
+
+def _with_hidden_feet(
+    feet: GroundDetections, setup: Setup, box: tuple[Array, Array, Array], rows: Mask, parameters: FusionParameters
+) -> GroundDetections:
+    """The detections with those in `rows` (n,) ambiguous: where the feet may be hidden, the upper edge and usual statures tell the distance.
+
+    box: azimuth, half of the width, and elevation of the lower edge (n,), rad.
+    """
+    if not rows.any():
+        return feet
+    azimuth, half_width, low = (x[rows] for x in box)
+    edges = BoxEdges(azimuth, half_width, low, feet.head_elevation[rows], feet.covariance[rows, 1, 1], feet.feet_hidden[rows])
+    ranges = infer_ranges((setup.ground, setup.ground), feet.origin, edges, parameters.ahead, parameters.ranges).spread_to(rows)
+    return _ambiguous(feet, setup, ranges, (box[0], ranges.possible), parameters)
 
 
 def _under_body(setup: Setup, origin: Array, soles: Array, rays: tuple[Array, Mask], ahead: float) -> tuple[Array, Array]:
@@ -128,12 +148,19 @@ def _under_body(setup: Setup, origin: Array, soles: Array, rays: tuple[Array, Ma
 
 
 def _with_ranges(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, azimuth: Array, parameters: FusionParameters) -> GroundDetections:
-    """The detections with the ambiguous ones marked, and placed at the mean of their `ranges`."""
+    """The detections in a known world, with the ambiguous ones marked."""
     least, ratio = parameters.ambiguous
     along = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     sigma = np.sqrt(np.einsum("ni,nij,nj->n", along, feet.spread, along))
     ambiguous = ranges.possible & ~feet.cut & ((ranges.feet_hidden > least) | (ranges.sigma > ratio * sigma) | ~feet.grounded)
+    return replace(_ambiguous(feet, setup, ranges, (azimuth, ambiguous), parameters), known=True)
+
+
+def _ambiguous(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, of: tuple[Array, Mask], parameters: FusionParameters) -> GroundDetections:
+    """The detections with the ambiguous ones placed at the mean of their `ranges`; of: azimuths (n,) rad, and which (n,) are ambiguous."""
+    azimuth, ambiguous = of
+    along = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     place = feet.origin[:2] + ranges.mean[:, None] * along
     place = np.column_stack([place, setup.ground.height_at(place)])
     cross_range = feet.covariance[:, 0, 0] * ranges.mean**2 + parameters.foot_spread**2

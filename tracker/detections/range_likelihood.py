@@ -100,6 +100,15 @@ class RangeLikelihood:
         """The likelihoods of the boxes in `rows` (n,)."""
         return replace(self, **{name: getattr(self, name)[rows] for name in ("edge", "height", "error", "mean", "sigma", "feet_hidden", "possible")})
 
+    def spread_to(self, rows: Mask) -> RangeLikelihood:
+        """The likelihoods as those of the boxes in `rows` (n,) of a longer list, the others being impossible."""
+        out = {}
+        for name in ("edge", "height", "error", "mean", "sigma", "feet_hidden", "possible"):
+            column = getattr(self, name)
+            out[name] = np.zeros((len(rows), *column.shape[1:]), dtype=column.dtype)
+            out[name][rows] = column
+        return replace(self, **out)
+
     def density(self, rows: NDArray[np.int64], predicted: RangePrior) -> Array:
         """Densities (m,) of boxes `rows` (m,) for people as predicted, a radian.
 

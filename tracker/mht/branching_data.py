@@ -112,7 +112,7 @@ class BoxTable(NamedTuple):
         most = [np.log(sensors.detection(f.camera) / clutter) for f in views]
         ratio = np.concatenate([np.zeros(0), *(np.minimum(sensors.detection_log_ratio(f), m) for f, m in zip(views, most, strict=True))])
         existence = np.concatenate([np.zeros(0), *(sensors.detection_rates.log_ratio(f.camera, f.confidence) for f in views)])
-        ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.ranges is not None for f in views], np.diff(start))
+        ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
         return BoxTable(
             origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
             np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), column("confidence", ()) >= q.min_confidence,

@@ -27,11 +27,11 @@ def with_statures(
     """Update the roots (g,), in place, by the upper edges of their boxes, or by the range likelihood of an ambiguous box alone."""
     table, limits, ground = seen
     n = len(roots)
-    if not any(feet.ranges is not None for feet in views) or not n:
+    if all(feet.ranges is None for feet in views) or not n:
         return
     parents = ParentHypotheses.of(roots, ground, np.zeros((n, len(views))), np.zeros((n, 0)))
     for k, group in enumerate(groups):
-        usable = [(v, d) for v, d in group.members if views[v].ranges is not None and not views[v].ambiguous[d] and not views[v].cut[d]]
+        usable = [(v, d) for v, d in group.members if views[v].known and not views[v].ambiguous[d] and not views[v].cut[d]]
         for v, d in usable:
             _measure_stature(k, v, table.start[v] + d, parents, table, limits)
         v, d = group.members[0]

@@ -205,7 +205,7 @@ class MhtFilter:
         self, rows: Ints, groups: list[CrossViewGroup], views: list[GroundDetections], seen: tuple[BoxTable, BranchingConstants]
     ) -> None:
         """Give the roots in `rows` the statures and places that their boxes and the known world tell."""
-        if self.setup.occluders is None or not len(rows):
+        if not len(rows):
             return
         new, leaves = self.leaves.select(rows), self.leaves
         with_statures(new, groups, views, (*seen, self.setup.ground))

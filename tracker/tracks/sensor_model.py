@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.detections.cross_view import CrossViewGroup
+from tracker.detections.cross_view import CrossViewGroup, may_initiate
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Bodies, Viewpoint
 from tracker.geometry import Array, Ints, Mask
@@ -78,7 +78,8 @@ class SensorModel:
             watched = np.linalg.norm(place - feet.origin[:2], axis=1) < q.detection_rates.watched
             inside = watched if self.setup.area is None else self.setup.contains(place)
             low, high = self.setup.height
-            other = inside & feet.grounded & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
+            # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
+            other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
             self.detection_rates.learn(
                 feet.camera, feet.confidence[box[visible & mine, v]], float(visible.sum()), (feet.confidence[other], weight[other])
             )
