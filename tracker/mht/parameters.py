@@ -38,6 +38,7 @@ class MhtParameters(TrackParameters):
     appearance_weight: float = 0.7  # of the log-likelihood ratio of the appearance model, where there are images
     appearance_rate: float = 0.1  # learning rate of a track's appearance
     learn_partly_visible: bool = True
+    report_sigma: float = 0.8  # m, standard deviation of a place from which a coasting person is reported no more
     k_h: int = 25  # K_H, hypotheses that are kept
     i_bls_max: int = 2000  # moves of the local search, at most
     branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick

@@ -123,6 +123,7 @@ class MhtFilter:
         people = self.leaves.select(self.best)
         # Ticks at which no view could have had a box do not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
+        present &= (people.misses == 0) | (people.position_sigma <= self.parameters.report_sigma)
         return people, present
 
     def _missed(self, views: list[GroundDetections], expected: Array) -> Array:
