@@ -66,10 +66,11 @@ class Tracker:
         poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.is_localized(robot)}
         known, covariances = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
         feet, cameras = self._front_end.step(tick, poses)
+        people = self._people.step(feet, cameras)
         self._count_rejections(tick, feet)
         estimate = Estimate.of_robots(tick.index, known, covariances, self.slam.counters | dict(self._rejections))
         self._waiting.append(replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)))
-        return self._completed(self._people.step(feet, cameras))
+        return self._completed(people)
 
     def finish(self) -> Estimate | None:
         """The estimate of the oldest tick that is waiting, after the last tick; None where none is."""
@@ -85,9 +86,9 @@ class Tracker:
     def _count_rejections(self, tick: Tick, feet: list[GroundDetections]) -> None:
         """Add the boxes of a tick to the counts of boxes by the gate that stops them. Silhouettes are no boxes of the input."""
         q = self.parameters.targets
-        given = [f for f in feet if f.camera in self.setup.mounts]
-        self._rejections.update(count_rejections(given, self.setup, q.initiation_confidence, q.fusion))
-        if lost := sum(len(view.detections) for view in tick.views) - sum(map(len, given)):
+        given = [(f, self._people.filter.sensor_model.may_start(f)) for f in feet if f.camera in self.setup.mounts]
+        self._rejections.update(count_rejections(given, self.setup, q.fusion))
+        if lost := sum(len(view.detections) for view in tick.views) - sum(len(f) for f, _ in given):
             self._rejections.update({BOXES: lost, NO_POSE: lost})
 
     def _check(self, tick: Tick) -> None:

@@ -170,7 +170,7 @@ class Track:
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
         q, places = parameters.targets, sum(len(ids) for ids, _ in results.tracks.values())
-        if why := explain_few_people(results.run.get("counters", {}), places, sequence.setup, q.initiation_confidence, q.fusion):
+        if why := explain_few_people(results.run.get("counters", {}), places, sequence.setup, q.fusion):
             print(why)
 
     def _track_utias(self) -> None:

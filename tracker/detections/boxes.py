@@ -19,7 +19,7 @@ DISTORTION_SHARE = 1.0
 
 
 def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> Detections:
-    """Detections of pixel boxes (n, 4): left, top, width, height; confidence (n,) is clipped to [0, 1].
+    """Detections of pixel boxes (n, 4): left, top, width, height; confidence (n,), any finite number.
 
     The azimuth is that of the middle of the lower edge. The covariance is that of the same point.
     In an image that wraps, left may be anywhere, and left + width may pass the seam.
@@ -46,7 +46,7 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
         covariance[:, 1, 1] += (DISTORTION_SHARE * (straight[1] - low)) ** 2
     bearing = bearing_from_angles(azimuth, (low + high) / 2)
     extent = np.stack([span, high - low], axis=1)
-    return Detections(bearing, extent, np.clip(confidence, 0.0, 1.0), covariance, np.zeros((len(boxes), 0)))
+    return Detections(bearing, extent, confidence, covariance, np.zeros((len(boxes), 0)))
 
 
 def _turned(camera: Camera, turn: Array) -> Array:

@@ -11,11 +11,11 @@ import numpy as np
 
 from tracker.detections.cross_view import may_initiate
 from tracker.detections.ground_points import FusionParameters, GroundDetections
+from tracker.geometry import Mask
 from tracker.types import Setup
 
 BOXES = "boxes"
 NO_POSE = "boxes of robots that are not localized"
-ZERO_CONFIDENCE = "boxes of confidence 0"
 LOW_CONFIDENCE = "boxes of low confidence"
 NO_GROUND = "boxes without a ground point"
 TOO_LOW = "boxes too low"
@@ -28,16 +28,18 @@ FEW = 0.1
 """People are few where the reported places are less than this share of the boxes of one camera."""
 
 
-def count_rejections(views: Iterable[GroundDetections], setup: Setup, initiation_confidence: float, fusion: FusionParameters) -> dict[str, int]:
-    """The number of boxes, and of those that each gate stops: name → count. The last name, USABLE, is of the boxes that no gate stops."""
-    counts = dict.fromkeys((BOXES, ZERO_CONFIDENCE, LOW_CONFIDENCE, NO_GROUND, TOO_LOW, TOO_HIGH, HIDDEN_FEET, OUTSIDE, USABLE), 0)
+def count_rejections(views: Iterable[tuple[GroundDetections, Mask]], setup: Setup, fusion: FusionParameters) -> dict[str, int]:
+    """The number of boxes, and of those that each gate stops: name → count. The last name, USABLE, is of the boxes that no gate stops.
+
+    views: the boxes (n,) of each view, and which of them are confident enough by what was learned of the view.
+    """
+    counts = dict.fromkeys((BOXES, LOW_CONFIDENCE, NO_GROUND, TOO_LOW, TOO_HIGH, HIDDEN_FEET, OUTSIDE, USABLE), 0)
     low, high = setup.height
-    for feet in views:
+    for feet, may_start in views:
         counts[BOXES] += len(feet)
         left = np.ones(len(feet), dtype=bool)
         for name, stopped in (
-            (ZERO_CONFIDENCE, feet.confidence <= 0),
-            (LOW_CONFIDENCE, feet.confidence < initiation_confidence),
+            (LOW_CONFIDENCE, ~may_start),
             (NO_GROUND, ~feet.grounded),
             (TOO_LOW, feet.height < low),
             (TOO_HIGH, feet.height > high),
@@ -50,7 +52,7 @@ def count_rejections(views: Iterable[GroundDetections], setup: Setup, initiation
     return counts
 
 
-def explain_few_people(counters: Mapping[str, int], places: int, setup: Setup, initiation_confidence: float, fusion: FusionParameters) -> str:
+def explain_few_people(counters: Mapping[str, int], places: int, setup: Setup, fusion: FusionParameters) -> str:
     """One line on why there are no people or few; empty where there are enough, and for counters without boxes.
 
     counters: as of count_rejections. places: number of reported places, over all frames.
@@ -62,15 +64,9 @@ def explain_few_people(counters: Mapping[str, int], places: int, setup: Setup, i
     if not boxes:
         return f"{head}: there are no boxes" if not places else ""
     low, high = setup.height
-    if counters.get(ZERO_CONFIDENCE, 0) == boxes:
-        return (
-            f"{head}: no detection is sure enough: all {boxes} boxes have a confidence of 0 or less, and a track begins with one of at least"
-            f" {initiation_confidence:g}; where a detector has no scores, set all confidences to 1"
-        )
     reasons = {
         NO_POSE: "are of robots that are not localized",
-        ZERO_CONFIDENCE: "have a confidence of 0 or less",
-        LOW_CONFIDENCE: f"have a confidence below {initiation_confidence:g}, the least that begins a track",
+        LOW_CONFIDENCE: "have a confidence of which most boxes were false so far",
         NO_GROUND: f"have no ground point (the lower edge is above the horizon or more than {fusion.reach:g} m away)",
         TOO_LOW: f"are lower than {low:g} m",
         TOO_HIGH: f"are higher than {high:g} m",

@@ -115,7 +115,7 @@ class BoxTable(NamedTuple):
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
         return BoxTable(
             origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
-            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), column("confidence", ()) >= q.min_confidence,
+            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), np.concatenate([np.zeros(0, dtype=bool), *map(sensors.usable, views)]),
             column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.ranges),
         )  # fmt: skip
 

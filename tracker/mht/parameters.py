@@ -14,7 +14,7 @@ from tracker.tracks.tracks import MotionParameters
 
 @dataclass(frozen=True)
 class MhtParameters(TrackParameters):
-    """The parameters of both trackers of people, and those of track trees. Boxes below `min_confidence` are ignored."""
+    """The parameters of both trackers of people, and those of track trees."""
 
     motion: MotionParameters = field(default_factory=lambda: MotionParameters(foot_spread=0.2))
     registration_bias: RegistrationBiasParameters = field(

@@ -94,6 +94,7 @@ class MhtFilter:
         """Take one tick; cameras: the viewpoint of each view. The tracks (k,) of the global hypothesis, and which are present."""
         self._ticks += 1
         views = [self.noise.inflated(boxes) for boxes in views]
+        self.sensor_model.observe(views)
         self.leaves = self._with_walkable_prior(predict(self.leaves, self.setup.period, self.parameters.motion))
         active = self.best[~self.leaves.deleted[self.best]]
         bodies = self.sensor_model.bodies(self.leaves.state[:, :2], self.leaves.tree, active)
@@ -144,7 +145,7 @@ class MhtFilter:
         # A track that is detected again after a gap may be another person.
         trees = _one_leaf_per_tree(self.leaves, self.best)
         taken = assigned_boxes(trees[(self.leaves.misses[trees] < 2) & ~self.leaves.deleted[trees]], children, table)
-        free = [~taken[table.start[v] : table.start[v + 1]] & (f.confidence >= self.parameters.initiation_confidence) for v, f in enumerate(views)]
+        free = [~taken[table.start[v] : table.start[v + 1]] & self.sensor_model.may_start(f) for v, f in enumerate(views)]
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in views], free, self.setup.height, self.parameters.fusion)
         place, seen = children.state[first, :2], children.box[first] >= 0
         recent = (self.leaves.misses < 3) & ~self.leaves.deleted

@@ -1,7 +1,8 @@
 """Detection rate and clutter rate of each view, estimated while tracking.
 
-Both are counted by classes of confidence. So the less confident boxes of a good detector count in full, and a confident detector with many false
-boxes counts little. Counts fade exponentially and start from prior counts, which are the same for all views.
+Both are counted by classes of confidence. A class is a range of ranks among the last boxes of the view, so that no detector's scale matters.
+The odds of a true box grow with its class (isotonic regression: Barlow et al. 1972, Statistical inference under order restrictions).
+Counts fade exponentially and start from weak prior counts, which are the same for all views.
 
 Detection rates of partly visible people are counted by the share of the body that is covered, and by whether objects or people cover it.
 """
@@ -15,8 +16,12 @@ from numpy.typing import NDArray
 
 from tracker.geometry import Array, Ints
 
-LEVELS = np.array([0.5, 0.8, 0.9, 0.97])
-"""Bounds between the classes of confidence."""
+CLASSES = 8
+"""Number of classes of confidence."""
+REMEMBERED = 600
+"""Boxes of a view among which confidences are ranked, at most."""
+PRIOR_RANKS = 20.0
+"""Boxes that a rank in the middle counts for, while few boxes were seen."""
 COVER_BOUNDS = np.array([0.05, 0.2, 0.4, 0.6, 0.8])
 """Covered shares of a body at which the classes of cover begin."""
 COVER_MIDDLES = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
@@ -33,7 +38,6 @@ class DetectionRateParameters:
     weight_false: float = 10.0  # ticks for which that density counts
     memory: float = 150.0  # ticks, time constant with which counts fade
     watched: float = 15.0  # m, radius of the ground on which false boxes are counted where no area is set
-    top_share: float = 0.6  # share of the prior counts in the highest class of confidence
     min_detection: float = 0.2  # least detection rate
     max_detection: float = 0.97  # greatest detection rate
     behind_things: tuple[float, ...] = (0.85, 0.6, 0.3, 0.15, 0.05)  # prior relative detection rates of people behind objects, by classes of cover
@@ -57,21 +61,27 @@ class DetectionRates:
     def __init__(self, parameters: DetectionRateParameters, ground_area: float) -> None:
         self.parameters, self.ground_area = parameters, ground_area
         self._counts: dict[str, _Counts] = {}
+        self._seen: dict[str, Array] = {}  # camera → confidences of its last boxes, the latest last
+        self._ranked: dict[str, Array] = {}  # the same, sorted
         self._covered: dict[tuple[str, int], tuple[Array, Array]] = {}  # camera, cover by objects (0) or people (1) → found and expected (classes,)
 
-    @staticmethod
-    def level(confidence: Array) -> Ints:
-        """Class (n,) of confidences (n,)."""
-        return np.searchsorted(LEVELS, confidence, side="right")
+    def observe(self, camera: str, confidence: Array) -> None:
+        """Remember the confidences (n,) of a tick. Call it before they are ranked."""
+        self._seen[camera] = np.concatenate([self._seen.get(camera, confidence[:0]), confidence])[-REMEMBERED:]
+        self._ranked[camera] = np.sort(self._seen[camera])
+
+    def level(self, camera: str, confidence: Array) -> Ints:
+        """Class (n,) of confidences (n,) by their ranks among the last boxes of the view."""
+        last = self._ranked.get(camera, confidence[:0])
+        below = (np.searchsorted(last, confidence, side="left") + np.searchsorted(last, confidence, side="right")) / 2
+        rank = (below + PRIOR_RANKS / 2) / (len(last) + PRIOR_RANKS)
+        return np.minimum((CLASSES * rank).astype(np.int64), CLASSES - 1)
 
     def _of(self, camera: str) -> _Counts:
         if camera not in self._counts:
-            q, n = self.parameters, len(LEVELS) + 1
-            true = np.full(n, (1 - q.top_share) / (n - 1))
-            true[-1] = q.top_share
-            self._counts[camera] = _Counts(
-                q.detection * q.weight * true, q.weight, np.full(n, q.false * self.ground_area * q.weight_false / n), q.weight_false
-            )
+            q, rising = self.parameters, (np.arange(CLASSES) + 0.5) * 2 / CLASSES**2
+            found, false = q.detection * q.weight * rising, q.false * self.ground_area * q.weight_false * rising[::-1]
+            self._counts[camera] = _Counts(found, q.weight, false, q.weight_false)
         return self._counts[camera]
 
     def detection(self, camera: str) -> float:
@@ -81,9 +91,15 @@ class DetectionRates:
 
     def log_ratio(self, camera: str, confidence: Array) -> Array:
         """log (n,) of the rate of boxes of people over the density of false boxes a square metre, for boxes of such confidence (n,)."""
-        c, k = self._of(camera), self.level(confidence)
-        found = c.found / c.found.sum() * self.detection(camera)
-        return np.asarray(np.log(found[k] / (c.false[k] / c.ticks / self.ground_area)))
+        c = self._of(camera)
+        scale = self.detection(camera) / c.found.sum() * c.ticks * self.ground_area
+        return np.asarray(np.log(scale * _isotonic_odds(c.found, c.false)[self.level(camera, confidence)]))
+
+    def share(self, camera: str, confidence: Array) -> Array:
+        """Share (n,) of people among the boxes of such confidence (n,)."""
+        c = self._of(camera)
+        odds = _isotonic_odds(c.found, c.false)[self.level(camera, confidence)]
+        return np.asarray(odds / (1 + odds))
 
     def relative_detection(self, camera: str, cover: Array) -> Array:
         """Detection rate (n,) of people covered by shares (n, 2) by objects and by people, relative to people in full view."""
@@ -111,12 +127,23 @@ class DetectionRates:
         found (n,): confidences of the boxes of confirmed people; expected: number of these people in full view. false: confidences and weights of the
         other boxes; a weight is the probability of a false box.
         """
-        c, n = self._of(camera), len(LEVELS) + 1
+        c, n = self._of(camera), CLASSES
         fade, q = np.exp(-1 / self.parameters.memory), self.parameters
-        c.found = fade * c.found + np.bincount(self.level(found), minlength=n)
+        c.found = fade * c.found + np.bincount(self.level(camera, found), minlength=n)
         c.expected = fade * c.expected + expected
-        c.false = fade * c.false + np.bincount(self.level(false[0]), weights=false[1], minlength=n)
+        c.false = fade * c.false + np.bincount(self.level(camera, false[0]), weights=false[1], minlength=n)
         c.ticks = fade * c.ticks + 1.0
         # Floors keep all log ratios finite.
         c.false = np.maximum(c.false, 0.02 * q.false * self.ground_area * c.ticks / n)
         c.found = np.maximum(c.found, 0.002 * c.expected)
+
+
+def _isotonic_odds(found: Array, false: Array) -> Array:
+    """Odds (k,) found over false that do not fall from class to class; classes that would are pooled (pool adjacent violators)."""
+    pools: list[tuple[float, float, int]] = []
+    for good, bad in zip(found.tolist(), false.tolist(), strict=True):
+        pools.append((good, bad, 1))
+        while len(pools) > 1 and pools[-2][0] * pools[-1][1] >= pools[-1][0] * pools[-2][1]:
+            (a, b, m), (c, d, n) = pools[-2:]
+            pools[-2:] = [(a + c, b + d, m + n)]
+    return np.repeat([good / bad for good, bad, _ in pools], [n for _, _, n in pools])

@@ -19,9 +19,8 @@ class TrackParameters:
     motion: MotionParameters = field(default_factory=MotionParameters)
     detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
-    min_confidence: float = 0.6  # of boxes that count for or against existence; a less confident box only keeps a confirmed track from others' boxes
-    ignored_confidence: float = 0.4  # boxes below are ignored
-    initiation_confidence: float = 0.8  # of boxes that initiate tracks
+    usable_share: float = 0.1  # learned share of people among boxes of a confidence, below which such boxes are ignored
+    initiation_share: float = 0.5  # the same, below which such boxes initiate no track
     arrival_rate: float = 2e-4  # new people, a square metre and tick
     initial_density: float = 2e-2  # people in the first tick, a square metre
     max_gain: float = 6.0  # greatest log-likelihood ratio of one box

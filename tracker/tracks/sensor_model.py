@@ -37,6 +37,19 @@ class SensorModel:
         """People at places (n, 2) m, of trees (n,); those in the rows `front` (m,) may occlude others."""
         return Bodies(place, tree, front, self.setup, self.detection_rates.relative_detection if self.parameters.learn_partly_visible else None)
 
+    def observe(self, views: list[GroundDetections]) -> None:
+        """Take the boxes of a tick, among which confidences are ranked."""
+        for feet in views:
+            self.detection_rates.observe(feet.camera, feet.confidence)
+
+    def usable(self, feet: GroundDetections) -> Mask:
+        """Which boxes (n,) are likely enough of people to count at all."""
+        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= self.parameters.usable_share)
+
+    def may_start(self, feet: GroundDetections) -> Mask:
+        """Which boxes (n,) are likely enough of people to initiate tracks."""
+        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= self.parameters.initiation_share)
+
     def missed(self, camera: str, expected: Array) -> Array:
         """Log-likelihood (n,) of a missed detection in `camera`; expected (n,): relative detection rate, 0 to 1, of each person."""
         return np.asarray(np.log(1 - self.detection(camera) * expected))
@@ -79,7 +92,7 @@ class SensorModel:
             inside = watched if self.setup.area is None else self.setup.contains(place)
             low, high = self.setup.height
             # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
-            other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high) & (feet.confidence >= q.min_confidence)
+            other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high)
             self.detection_rates.learn(
                 feet.camera, feet.confidence[box[visible & mine, v]], float(visible.sum()), (feet.confidence[other], weight[other])
             )
