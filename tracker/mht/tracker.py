@@ -288,7 +288,7 @@ class MhtFilter:
         sure = leaves.confirmed[known] & (leaves.misses[known] <= self._max_gap)
         parent = self._parent[known]
         self.sensor_model.learn(
-            views, np.where(box >= 0, box - start[:-1], -1), expected[parent], (sure, leaves.existence[known]), occluded[parent]
+            views, np.where(box >= 0, box - start[:-1], -1), expected[parent], (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent]
         )  # fmt: skip
         old = known[leaves.confirmed[known]]
         for v, boxes in enumerate(views):

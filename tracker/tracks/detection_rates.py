@@ -38,6 +38,8 @@ class DetectionRateParameters:
     weight_false: float = 10.0  # ticks for which that density counts
     memory: float = 150.0  # ticks, time constant with which counts fade
     watched: float = 15.0  # m, radius of the ground on which false boxes are counted where no area is set
+    shares: tuple[float, float] = (0.1, 0.95)  # prior share of people in the lowest and the highest class of confidence
+    weight_share: float = 10.0  # boxes of a class for which that share counts
     min_detection: float = 0.2  # least detection rate
     max_detection: float = 0.97  # greatest detection rate
     behind_things: tuple[float, ...] = (0.85, 0.6, 0.3, 0.15, 0.05)  # prior relative detection rates of people behind objects, by classes of cover
@@ -98,7 +100,8 @@ class DetectionRates:
     def share(self, camera: str, confidence: Array) -> Array:
         """Share (n,) of people among the boxes of such confidence (n,)."""
         c = self._of(camera)
-        odds = _isotonic_odds(c.found, c.false)[self.level(camera, confidence)]
+        prior, q = self.parameters.weight_share * np.linspace(*self.parameters.shares, CLASSES), self.parameters
+        odds = _isotonic_odds(c.found + prior, c.false + q.weight_share - prior)[self.level(camera, confidence)]
         return np.asarray(odds / (1 + odds))
 
     def relative_detection(self, camera: str, cover: Array) -> Array:

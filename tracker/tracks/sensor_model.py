@@ -71,13 +71,14 @@ class SensorModel:
         point[:, :2] -= self.registration_bias.at(feet.camera, point[:, :2])
         return replace(feet, point=point)
 
-    def learn(self, views: list[GroundDetections], box: Ints, expected: Array, people: tuple[Mask, Array], cover: Array | None = None) -> None:
+    def learn(self, views: list[GroundDetections], box: Ints, expected: Array, people: tuple[Mask, Array, Array], cover: Array | None = None) -> None:
         """Count the detections and missed detections of confirmed people in each view, and its other boxes.
 
         box (t, v): the box of each track in each view, −1 for none; expected (t, v): relative detection rates. people: which tracks (t,) are
-        confirmed, and the existence score (t,) of each. cover (t, v, 2): shares covered by objects and by people, None where that is not learned.
+        confirmed, the existence score (t,) of each, and their places (t, 2) m. cover (t, v, 2): shares covered by objects and by people, None where that is not learned.
         """
-        q, (confirmed, score) = self.parameters, people
+        q, (confirmed, score, places) = self.parameters, people
+        inside_area = self.setup.contains(places)
         for v, feet in enumerate(views):
             visible = confirmed & (expected[:, v] > 0.5)
             if cover is not None:
@@ -93,8 +94,10 @@ class SensorModel:
             low, high = self.setup.height
             # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
             other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high)
+            # People are counted where false boxes are: tracks outside the area may be false.
+            known = visible & inside_area
             self.detection_rates.learn(
-                feet.camera, feet.confidence[box[visible & mine, v]], float(visible.sum()), (feet.confidence[other], weight[other])
+                feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other])
             )
 
     def initiation_score(
