@@ -290,9 +290,12 @@ class MhtFilter:
         self.sensor_model.learn(
             views, np.where(box >= 0, box - start[:-1], -1), expected[parent], (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent]
         )  # fmt: skip
-        old = known[leaves.confirmed[known]]
+        # Tracks outside the area, and boxes that may be false, would shift the estimates.
+        old = known[leaves.confirmed[known] & self.setup.contains(leaves.state[known, :2])]
         for v, boxes in enumerate(views):
-            innovations = children.residual[old, v], children.H[old, v], children.S[old, v]
+            sure = np.append(self.sensor_model.may_start(boxes), False)
+            residual = np.where(sure[np.maximum(self._boxes[old, v] - start[v], -1)][:, None], children.residual[old, v], np.nan)
+            innovations = residual, children.H[old, v], children.S[old, v]
             mine = old[self._boxes[old, v] >= 0], v
             self.noise.learn(boxes.camera, children.residual[mine], children.S[mine], boxes.covariance[self._boxes[mine] - start[v]])
             self.sensor_model.registration_bias.learn(boxes.camera, leaves.state[old, :2], innovations)
