@@ -17,6 +17,7 @@ In such scenes the global nearest neighbour tracker (tracker/gnn) is more accura
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import final
 
@@ -85,6 +86,7 @@ class MhtFilter:
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
         self._conflicts = Conflicts(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
+        self._doubt: list[Array] = []
         self.noise = MeasurementNoise(parameters.noise)
         self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
@@ -145,8 +147,11 @@ class MhtFilter:
         # A track that is detected again after a gap may be another person.
         trees = _one_leaf_per_tree(self.leaves, self.best)
         taken = assigned_boxes(trees[(self.leaves.misses[trees] < 2) & ~self.leaves.deleted[trees]], children, table)
-        free = [~taken[table.start[v] : table.start[v + 1]] & self.sensor_model.may_start(f) for v, f in enumerate(views)]
+        free = [~taken[start:end] & table.usable[start:end] for start, end in itertools.pairwise(table.start.tolist())]
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in views], free, self.setup.height, self.parameters.fusion)
+        self._doubt = _doubt(views, groups, self.parameters.supported)
+        sure = [self.sensor_model.may_start(f) for f in views]
+        groups = [g for g in groups if any(sure[v][d] for v, d in g.members)]
         place, seen = children.state[first, :2], children.box[first] >= 0
         recent = (self.leaves.misses < 3) & ~self.leaves.deleted
         known = []
@@ -288,7 +293,7 @@ class MhtFilter:
         sure = leaves.confirmed[known] & (leaves.misses[known] <= self._max_gap)
         parent = self._parent[known]
         self.sensor_model.learn(
-            views, np.where(box >= 0, box - start[:-1], -1), expected[parent], (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent]
+            (views, self._doubt), np.where(box >= 0, box - start[:-1], -1), expected[parent], (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent]
         )  # fmt: skip
         # Tracks outside the area, and boxes that may be false, would shift the estimates.
         old = known[leaves.confirmed[known] & self.setup.contains(leaves.state[known, :2])]
@@ -319,6 +324,16 @@ class MhtFilter:
         self.leaves, self._conflicts = self.leaves.select(rows), Conflicts(self._conflicts.conflict[among], self._conflicts.same_person[among])
         self.best = number[chosen.best][keep[chosen.best]]
         self.kept = np.pad(chosen.hypotheses[:, rows], ((0, 0), (0, 1)))
+
+
+def _doubt(views: list[GroundDetections], groups: list[CrossViewGroup], supported: float) -> list[Array]:
+    """Factor (d,), for the boxes of each view, of the probability that a box that nobody takes is false: less where another view agrees."""
+    out = [np.ones(len(feet)) for feet in views]
+    for group in groups:
+        if len(group.members) > 1:
+            for v, d in group.members:
+                out[v][d] = supported
+    return out
 
 
 def _one_leaf_per_tree(leaves: TrackHypotheses, best: Ints) -> Ints:

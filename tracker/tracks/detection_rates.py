@@ -38,6 +38,7 @@ class DetectionRateParameters:
     weight_false: float = 10.0  # ticks for which that density counts
     memory: float = 150.0  # ticks, time constant with which counts fade
     watched: float = 15.0  # m, radius of the ground on which false boxes are counted where no area is set
+    log_ratios: tuple[float, float] = (1.0, 8.5)  # prior of log_ratio in the lowest and the highest class of confidence
     shares: tuple[float, float] = (0.1, 0.95)  # prior share of people in the lowest and the highest class of confidence
     weight_share: float = 10.0  # boxes of a class for which that share counts
     min_detection: float = 0.2  # least detection rate
@@ -82,7 +83,8 @@ class DetectionRates:
     def _of(self, camera: str) -> _Counts:
         if camera not in self._counts:
             q, rising = self.parameters, (np.arange(CLASSES) + 0.5) * 2 / CLASSES**2
-            found, false = q.detection * q.weight * rising, q.false * self.ground_area * q.weight_false * rising[::-1]
+            found = q.detection * q.weight * rising
+            false = rising * q.detection * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, CLASSES))
             self._counts[camera] = _Counts(found, q.weight, false, q.weight_false)
         return self._counts[camera]
 

@@ -71,7 +71,7 @@ class SensorModel:
         point[:, :2] -= self.registration_bias.at(feet.camera, point[:, :2])
         return replace(feet, point=point)
 
-    def learn(self, views: list[GroundDetections], box: Ints, expected: Array, people: tuple[Mask, Array, Array], cover: Array | None = None) -> None:
+    def learn(self, seen: tuple[list[GroundDetections], list[Array]], box: Ints, expected: Array, people: tuple[Mask, Array, Array], cover: Array | None = None) -> None:
         """Count the detections and missed detections of confirmed people in each view, and its other boxes.
 
         box (t, v): the box of each track in each view, −1 for none; expected (t, v): relative detection rates. people: which tracks (t,) are
@@ -79,12 +79,12 @@ class SensorModel:
         """
         q, (confirmed, score, places) = self.parameters, people
         inside_area = self.setup.contains(places)
-        for v, feet in enumerate(views):
+        for v, (feet, doubt) in enumerate(zip(*seen, strict=True)):
             visible = confirmed & (expected[:, v] > 0.5)
             if cover is not None:
                 self.detection_rates.learn_partly_visible(feet.camera, cover[confirmed, v], box[confirmed, v] >= 0)
                 visible &= cover[:, v].max(axis=1, initial=0.0) < COVER_BOUNDS[0]
-            weight = np.ones(len(feet))
+            weight = doubt.copy()
             mine = box[:, v] >= 0
             weight[box[mine, v]] = 1 / (1 + np.exp(np.clip(score[mine], -20, 20)))
             weight[box[confirmed & mine, v]] = 0
