@@ -79,7 +79,7 @@ class MhtFilter:
         self._walkable = WalkablePrior.of(setup.ground, setup.occluders, ranges.walkability)
         new_target = NewTargetModel(parameters.arrival_rate, *self._stature)
         self.reidentification = Reidentification(parameters.reidentification, parameters.motion, setup.period, new_target)
-        self.n_scan = max(1, round(parameters.n_scan / setup.period))
+        self.n_scan = round(parameters.n_scan / setup.period)
         self.window = max(self.n_scan, delay) + 1
         self.leaves = TrackHypotheses.none(self.window)
         self.best = np.zeros(0, dtype=np.int64)  # rows of the leaves in the global hypothesis

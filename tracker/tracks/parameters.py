@@ -19,7 +19,7 @@ class TrackParameters:
     motion: MotionParameters = field(default_factory=MotionParameters)
     detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
-    usable_share: float = 0.2  # learned share of people among boxes of a confidence, below which such boxes are ignored
+    usable_share: float = 0.15  # learned share of people among boxes of a confidence, below which such boxes are ignored
     initiation_share: float = 0.5  # the same, below which such boxes initiate no track
     arrival_rate: float = 2e-4  # new people, a square metre and tick
     initial_density: float = 2e-2  # people in the first tick, a square metre
