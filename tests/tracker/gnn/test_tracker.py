@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tracker.gnn.tracker import GnnTracker
 
 from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import angles_from_bearing
-from tracker.gnn.tracker import GnnTracker
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, Tracker, track
 from tracker.sequence.results import Results

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
+from tracker.detections.cross_view import CrossViewGroup
 from tracker.detections.ground_points import FusionParameters
 from tracker.detections.occlusion import Bodies, Viewpoint
-from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array, Mask
 from tracker.geometry.ground import Grid
 from tracker.mht.negative_information import ExpectedVisibility
