@@ -1,4 +1,4 @@
-"""The global nearest neighbour tracker: deletion and confirmation of tracks, and people of PETS 2009 S2.L1, frames 0 to 399.
+"""People of PETS 2009 S2.L1, frames 0 to 399, and which boxes initiate, sustain and keep tracks by their confidence.
 
 Detections are given, poor, halved, or with false boxes (the mean of three seeds). People are reported 10 frames late.
 """
@@ -12,14 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tracker.gnn.tracker import GnnTracker
 
 from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import angles_from_bearing
 from tracker.metrics.evaluation import evaluate
-from tracker.pipeline import Parameters, Tracker, track
+from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results
 from tracker.types import Setup, Tick, TicksInMemory
 
@@ -55,31 +54,6 @@ def standing(people: list[tuple[float, float]], count: int, rng: np.random.Gener
     """One camera, and people who stand still."""
     setup = synthetic_crowd.setup(1)
     return setup, list(synthetic_crowd.ticks(setup, np.repeat(np.array([people]), count, axis=0), rng, misses=0.0, clutter=0.0))
-
-
-def test_of_three_tracks_on_two_people_one_is_deleted() -> None:
-    setup, ticks = standing([(-2.0, -2.0), (-2.0, -3.0)], 40, np.random.default_rng(0))
-    tracker = Tracker(setup, Parameters())
-    for tick in ticks[:10]:
-        tracker.step(tick)
-    people = tracker._people
-    assert isinstance(people, GnnTracker)
-    tracker_filter = people.filter
-    assert tracker_filter.confirmed.sum() == 2
-    # A third track between them, with the same score.
-    third = replace(
-        tracker_filter.tracks.select(np.array([0])), tree=np.array([99]), state=tracker_filter.tracks.state[:2].mean(axis=0, keepdims=True)
-    )
-    tracker_filter.tracks, tracker_filter.confirmed = tracker_filter.tracks.join(third), np.append(tracker_filter.confirmed, True)
-    tracker_filter._outside = np.append(tracker_filter._outside, 0.0)
-    for tick in ticks[10:13]:
-        tracker.step(tick)
-    # Each of the three has a box at times, which another of them would take: all scores fall.
-    assert (tracker_filter.tracks.score < tracker_filter.parameters.max_score).all()
-    for tick in ticks[13:]:
-        estimate = tracker.step(tick)
-    assert estimate is not None
-    assert len(estimate.target_id) == 2
 
 
 def with_confidence(tick: Tick, confidence: float) -> Tick:
