@@ -79,7 +79,8 @@ def with_confidences(tick: Tick, bounds: tuple[float, float], rng: np.random.Gen
 
 def joined(boxes: list[Detections]) -> Detections:
     """All boxes of one view."""
-    return Detections(*(np.concatenate([getattr(d, name) for d in boxes]) for name in ("bearing", "extent", "confidence", "covariance", "appearance")))
+    names = ("bearing", "extent", "confidence", "covariance", "appearance")
+    return Detections(*(np.concatenate([getattr(d, name) for d in boxes]) for name in names))
 
 
 def reported(estimate: Estimate, place: Array) -> bool:
