@@ -1,7 +1,7 @@
 """Compilation of kernels by numba, with a cache on disk where one can be written.
 
 Numba refuses to cache where neither the folder of the source nor the home of the user can be written, as in containers.
-Its own caches notice a change in the file of a function alone; these also notice one in the kernels and numbers that its file imports.
+Numba's caches notice a change in the file of a function alone. These also notice one in the kernels and numbers that its file imports.
 """
 
 from __future__ import annotations
