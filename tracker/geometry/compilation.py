@@ -67,7 +67,7 @@ def _imported(function: Callable[..., Any]) -> tuple[Any, ...]:
     """What the compiled code of a function depends on outside its file: the stamps of kernels that its file imports, and numbers that it uses."""
     names, known = set(function.__code__.co_names), sorted(function.__globals__.items())
     kernels = [value for _, value in known if isinstance(value, Dispatcher) and value.py_func.__module__ != function.__module__]
-    stamps = tuple((kernel.py_func.__module__, getattr(kernel._cache, "stamp", None)) for kernel in kernels)
+    stamps = tuple((kernel.py_func.__module__, getattr(vars(kernel).get("_cache"), "stamp", None)) for kernel in kernels)
     return stamps, tuple((name, repr(value)) for name, value in known if name in names and isinstance(value, (bool, int, float, tuple)))
 
 
