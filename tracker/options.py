@@ -93,7 +93,7 @@ def _images(given: Mapping[str, Any]) -> ImageParameters:
     tracklets = {name: given[name] for name in ("l_c", "delta_min", "omega") if name in given}
     images = given.get("images", False)
     if tracklets and not images:
-        raise ValueError("--l-c, --delta-min and --omega are for --images")
+        raise ValueError("--l-c, --delta-min and --omega need --images")
     if not images:
         return ImageParameters()
     return ImageParameters(TrackletParameters(**tracklets), SilhouetteParameters(), appearance=True)

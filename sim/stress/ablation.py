@@ -23,10 +23,10 @@ from sim.stress.trial_data import TrialData, match_persons
 from tracker.detections.ground_points import GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
 from tracker.geometry import Array, Ints, Pose
-from tracker.mht.tracker import MhtTracker
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.matching import MatchingFrame
+from tracker.mht.tracker import MhtTracker
 from tracker.options import parameters_from
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results

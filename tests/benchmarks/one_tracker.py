@@ -198,12 +198,11 @@ def transformed(ticks: Iterable[Tick], name: str) -> Iterator[Tick]:
 
 def with_fields(parameters: Parameters, settings: Iterable[str]) -> Parameters:
     """Parameters with other fields of the tracker of people; settings: FIELD=VALUE, dots before fields of parts. Raises ValueError for others."""
-    whose = "multiple" if getattr(parameters, "multiple", None) is not None else "targets"
-    people = getattr(parameters, whose)
+    people = parameters.targets
     for setting in settings:
         name, _, text = setting.partition("=")
         people = _with_field(people, name.split("."), text, setting)
-    return replace(parameters, **{whose: people})
+    return replace(parameters, targets=people)
 
 
 def _with_field(parameters: Any, names: list[str], text: str, setting: str) -> Any:
@@ -315,8 +314,6 @@ def run(options: argparse.Namespace) -> None:
     crowd = Source(frames=options.frames, true_poses=options.poses == "true", cache=options.cache)
     rows = chosen_rows(options.rows, all_rows(options.tuning, range(first, last + 1), crowd))
     given = {name: getattr(options, name) for name in OPTIONS if name != "images"}
-    if "hypotheses" in CHOICES and given["hypotheses"] is None:
-        given["hypotheses"] = "multiple"
     jobs = []
     for row in rows:
         for source in row.runs.values():

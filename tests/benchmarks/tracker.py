@@ -58,7 +58,7 @@ def gaps(people: int, frames: int, parameters: MhtParameters) -> Iterator[tuple[
     rng = np.random.default_rng(0)
     setup, walks = synthetic_crowd.setup(), synthetic_crowd.paths(people, frames, rng)
     with tempfile.TemporaryDirectory() as folder:
-        list(track(setup, synthetic_crowd.ticks(setup, walks, rng, clutter=1.0), Parameters(multiple=replace(parameters, graphs=Path(folder)))))
+        list(track(setup, synthetic_crowd.ticks(setup, walks, rng, clutter=1.0), Parameters(targets=replace(parameters, graphs=Path(folder)))))
         paths = sorted(Path(folder).glob("*.clq"))
         for k in np.unique(np.linspace(0, len(paths) - 1, min(MAX_GRAPHS, len(paths))).round().astype(int)).tolist():
             graph = read_graph(paths[k])
@@ -103,22 +103,22 @@ def by_cpsat(graph: Graph) -> tuple[float, float]:
 def main() -> None:
     """Print the tables."""
     frames = int(sys.argv[1]) if sys.argv[1:] and sys.argv[1].isdecimal() else FRAMES
-    single, many, small = Parameters(), Parameters(multiple=MhtParameters(k_h=30)), Parameters(multiple=MhtParameters(small_graphs=True))
-    for warm in (single, many, small):
+    greedy, usual, small = Parameters(targets=MhtParameters(n_scan=0.0)), Parameters(), MhtParameters(small_graphs=True)
+    for warm in (greedy, usual, Parameters(targets=small)):
         per_frame(3, 1, warm, 5)
-    print(f"tracker, ms per frame, {frames} frames, one core: one hypothesis / track trees")
+    print(f"tracker, ms per frame, {frames} frames, one core: greedy / default")
     print(f"{'people':>8}" + "".join(f"{f'{v} views':>20}" for v in VIEWS))
     for people in PEOPLE:
-        cells = [f"{per_frame(people, v, single, frames):8.1f} /{per_frame(people, v, many, frames):8.1f}" for v in VIEWS]
+        cells = [f"{per_frame(people, v, greedy, frames):8.1f} /{per_frame(people, v, usual, frames):8.1f}" for v in VIEWS]
         print(f"{people:>8}" + "".join(f"{cell:>20}" for cell in cells), flush=True)
     if (DATA / "pets2009").is_dir():
         sequence = open_sequence(DATA / "pets2009" / "S2.L1", SourceOptions(("1", "5", "7")))
         ticks = list(itertools.islice(iter(sequence.ticks), 10 * frames))
-        print("\nPETS 2009 S2.L1, views 1, 5, 7: " + " / ".join(f"{spent(sequence.setup, ticks, p):.1f}" for p in (single, many)), flush=True)
+        print("\nPETS 2009 S2.L1, views 1, 5, 7: " + " / ".join(f"{spent(sequence.setup, ticks, p):.1f}" for p in (greedy, usual)), flush=True)
     print("\nK_H and i_bls^max, a graph for each hypothesis, 30 people, 3 views")
     print(f"{'K_H':>8}" + "".join(f"{f'i_max {m}':>12}" for m in MOVES))
     for k in K_H:
-        cells = [f"{per_frame(30, 3, Parameters(multiple=replace(small.multiple, k_h=k, i_bls_max=m)), frames):.1f}" for m in MOVES]  # type: ignore[type-var]
+        cells = [f"{per_frame(30, 3, Parameters(targets=replace(small, k_h=k, i_bls_max=m)), frames):.1f}" for m in MOVES]
         print(f"{k:>8}" + "".join(f"{cell:>12}" for cell in cells), flush=True)
     print(f"\ngaps of the clique search (3 views, 1 false box per view and frame, at most {PROOF_LIMIT:g} s for a proof)")
     for people, name, parameters in (

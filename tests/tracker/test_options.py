@@ -18,20 +18,17 @@ def test_no_options_are_the_defaults() -> None:
 def test_every_option_reaches_its_parameter() -> None:
     plain = parameters_from({"slam": "ekf", "iterations": 5, "correction": "off"}).slam
     assert (plain.mode, plain.iterations, plain.correction) == ("iekf", 1, False)
-    single = parameters_from({"theta_s": 0.5, "v_max": 2.0, "delta_a": 1.0, "n_conf": 3, "delay": 4, "images": True, "l_c": 6})
-    assert (single.targets.merge_distance, single.targets.motion.v_max, single.targets.delta_a, single.targets.n_conf) == (0.5, 2.0, 1.0, 3)
-    assert single.multiple is None
-    assert single.delay == 4
-    assert single.images.tracklets is not None
-    assert single.images.tracklets.l_c == 6
+    people = parameters_from({"theta_s": 0.5, "v_max": 2.0, "delta_a": 1.0, "n_conf": 3, "delay": 4, "images": True, "l_c": 6})
+    assert (people.targets.merge_distance, people.targets.motion.v_max, people.targets.delta_a, people.targets.n_conf) == (0.5, 2.0, 1.0, 3)
+    assert people.delay == 4
+    assert people.images.tracklets is not None
+    assert people.images.tracklets.l_c == 6
     chosen: dict[str, Any] = {"k_h": 5, "i_bls_max": 100, "n_scan": 2.0, "v_max": 2.0, "seed_search": 7, "dump_graphs": "graphs"}
-    many = parameters_from(chosen | {"hypotheses": "multiple"}).multiple
-    assert many is not None
+    many = parameters_from(chosen).targets
     assert (many.k_h, many.i_bls_max, many.n_scan, many.motion.v_max) == (5, 100, 2.0, 2.0)
     assert (many.small_graphs, many.seed, many.graphs) == (True, 7, Path("graphs"))
-    whole = parameters_from({"hypotheses": "multiple"}).multiple
-    assert whole is not None
-    assert not whole.small_graphs
+    assert not parameters_from({}).targets.small_graphs
+    assert parameters_from({"n_scan": 0}).targets.n_scan == 0
 
 
 @pytest.mark.parametrize(
@@ -39,13 +36,13 @@ def test_every_option_reaches_its_parameter() -> None:
     [
         ({"slam": "ukf"}, "--slam is 'ukf', needs one of ekf, iekf, fej, invariant"),
         ({"correction": True}, "--correction is True, needs one of on, off"),
-        ({"k_h": 3}, "for --hypotheses multiple"),
-        ({"seed_search": 3}, "for --hypotheses multiple"),
-        ({"hypotheses": "multiple", "k_h": 0}, "--k-h is 0, needs more than 0"),
-        ({"hypotheses": "multiple", "k_h": 2.5}, "--k-h is 2.5, needs a whole number"),
+        ({"k_h": 0}, "--k-h is 0, needs more than 0"),
+        ({"k_h": 2.5}, "--k-h is 2.5, needs a whole number"),
+        ({"n_scan": -0.5}, "--n-scan is -0.5, needs 0 or more"),
+        ({"hypotheses": "multiple"}, "option 'hypotheses' of the tracker is unknown"),
         ({"v_max": float("nan")}, "--v-max is nan, needs a number"),
         ({"images": "yes"}, "--images is 'yes', needs true or false"),
-        ({"l_c": 3}, "are for --images with --hypotheses single"),
+        ({"l_c": 3}, "--l-c, --delta-min and --omega need --images"),
         ({"iterations": 0}, "iterations is 0, needs at least 1"),
         ({"speed": 3}, "option 'speed' of the tracker is unknown"),
     ],

@@ -1,4 +1,4 @@
-"""Difficult input of both trackers of people: empty and crowded ticks, equal boxes, late and missing views, large ids, fast objects."""
+"""Difficult input of the tracker of people: empty and crowded ticks, equal boxes, late and missing views, large ids, fast objects."""
 
 from dataclasses import replace
 
@@ -13,10 +13,10 @@ from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, Tracker, track
 from tracker.types import Detections, Estimate, Setup, Tick, View
 
-BOTH = pytest.mark.parametrize(
+ALL = pytest.mark.parametrize(
     "parameters",
-    [Parameters(), Parameters(multiple=MhtParameters()), Parameters(multiple=MhtParameters(small_graphs=True, k_h=3, i_bls_max=300))],
-    ids=["gnn", "mht", "mht, small graphs"],
+    [Parameters(), Parameters(targets=MhtParameters(n_scan=0.0)), Parameters(targets=MhtParameters(small_graphs=True, k_h=3, i_bls_max=300))],
+    ids=["one graph", "greedy", "small graphs"],
 )
 
 
@@ -33,7 +33,7 @@ def boxes_of_people(setup: Setup, places: Array) -> Detections:
     return Detections(middle, extent, np.ones(n), np.tile(1e-5 * np.eye(2), (n, 1, 1)), np.zeros((n, 0)))
 
 
-@BOTH
+@ALL
 @pytest.mark.parametrize("boxes", [0, 500])
 def test_empty_and_crowded_ticks_pass(parameters: Parameters, boxes: int) -> None:
     setup = synthetic_crowd.setup()
@@ -43,7 +43,7 @@ def test_empty_and_crowded_ticks_pass(parameters: Parameters, boxes: int) -> Non
         assert bool(boxes) or not len(estimate.target_id)
 
 
-@BOTH
+@ALL
 def test_an_empty_tick_and_one_without_views_lose_nobody(parameters: Parameters) -> None:
     rng = np.random.default_rng(2)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(3, 30, rng)
@@ -56,7 +56,7 @@ def test_an_empty_tick_and_one_without_views_lose_nobody(parameters: Parameters)
     assert len(after) == 3
 
 
-@BOTH
+@ALL
 def test_tracks_of_equal_boxes_stay_in_place(parameters: Parameters) -> None:
     setup = synthetic_crowd.setup()
     found = boxes_of_people(setup, np.zeros((6, 2)))
@@ -65,7 +65,7 @@ def test_tracks_of_equal_boxes_stay_in_place(parameters: Parameters) -> None:
     np.testing.assert_allclose(last.position[:, :2], 0, atol=0.2)
 
 
-@BOTH
+@ALL
 def test_a_view_that_is_one_tick_late_does_little_harm(parameters: Parameters) -> None:
     rng = np.random.default_rng(11)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 50, rng)
@@ -74,7 +74,7 @@ def test_a_view_that_is_one_tick_late_does_little_harm(parameters: Parameters) -
     assert scored(walked, list(track(setup, late, parameters))).mota > 0.8
 
 
-@BOTH
+@ALL
 def test_a_view_that_is_missing_for_50_ticks_does_no_harm(parameters: Parameters) -> None:
     rng = np.random.default_rng(9)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 80, rng)
@@ -82,13 +82,13 @@ def test_a_view_that_is_missing_for_50_ticks_does_no_harm(parameters: Parameters
     assert scored(walked, list(track(setup, thinned, parameters))).mota > 0.85
 
 
-@BOTH
+@ALL
 def test_track_ids_beyond_32_bits_change_nothing(parameters: Parameters) -> None:
     rng = np.random.default_rng(12)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 25, rng)
     ticks = synthetic_crowd.ticks(setup, walked, rng)
     plain, far = Tracker(setup, parameters), Tracker(setup, parameters)
-    far._people.filter._next_tree = 2**40  # type: ignore[attr-defined]
+    far._people.filter._next_tree = 2**40
     a, b = ([e for t in ticks if (e := tracker.step(t))] for tracker in (plain, far))
     for one, other in zip(a, b, strict=True):
         np.testing.assert_array_equal(one.target_id, other.target_id)
@@ -96,7 +96,7 @@ def test_track_ids_beyond_32_bits_change_nothing(parameters: Parameters) -> None
     assert scored(walked, a, shift=2**40) == scored(walked, a)
 
 
-@BOTH
+@ALL
 @pytest.mark.parametrize("index", [3, 2])
 def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters, index: int) -> None:
     tracker = Tracker(synthetic_crowd.setup(), parameters)
@@ -107,7 +107,7 @@ def test_ticks_out_of_order_and_unknown_views_are_refused(parameters: Parameters
         tracker.step(Tick(4, 0.6, (View("nose", Detections.none()),)))
 
 
-@BOTH
+@ALL
 @pytest.mark.parametrize(("speed", "tracked"), [(2.0, True), (6.0, False)])
 def test_objects_faster_than_people_are_not_tracked(parameters: Parameters, speed: float, tracked: bool) -> None:
     """A box on a straight line: a runner is a person, an object as fast as a car is not."""

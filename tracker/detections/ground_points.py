@@ -80,7 +80,8 @@ class GroundDetections:
         """The boxes in `rows` (n,), without links and appearance."""
         whole = ("camera", "origin", "ranges", "known", "links", "appearance")
         columns = {name: getattr(self, name)[rows] for name in GroundDetections.__dataclass_fields__ if name not in whole}
-        return GroundDetections(self.camera, self.origin, **columns, known=self.known, ranges=None if self.ranges is None else self.ranges.select(rows))
+        ranges = None if self.ranges is None else self.ranges.select(rows)
+        return GroundDetections(self.camera, self.origin, **columns, known=self.known, ranges=ranges)
 
 
 def project_to_ground(setup: Setup, camera: str, detections: Detections, pose: tuple[Pose, Array], parameters: FusionParameters) -> GroundDetections:
@@ -156,7 +157,9 @@ def _with_ranges(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, 
     return replace(_ambiguous(feet, setup, ranges, (azimuth, ambiguous), parameters), known=True)
 
 
-def _ambiguous(feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, of: tuple[Array, Mask], parameters: FusionParameters) -> GroundDetections:
+def _ambiguous(
+    feet: GroundDetections, setup: Setup, ranges: RangeLikelihood, of: tuple[Array, Mask], parameters: FusionParameters
+) -> GroundDetections:
     """The detections with the ambiguous ones placed at the mean of their `ranges`; of: azimuths (n,) rad, and which (n,) are ambiguous."""
     azimuth, ambiguous = of
     along = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)

@@ -11,7 +11,7 @@ Densities over distance are sums over fixed grid points (point-mass filter: Bucy
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +102,7 @@ class RangeLikelihood:
 
     def spread_to(self, rows: Mask) -> RangeLikelihood:
         """The likelihoods as those of the boxes in `rows` (n,) of a longer list, the others being impossible."""
-        out = {}
+        out: dict[str, Any] = {}
         for name in ("edge", "height", "error", "mean", "sigma", "feet_hidden", "possible"):
             column = getattr(self, name)
             out[name] = np.zeros((len(rows), *column.shape[1:]), dtype=column.dtype)

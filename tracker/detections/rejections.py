@@ -1,6 +1,6 @@
 """Why boxes initiate no track: each box is counted once, by the first gate that stops it, and the counts are explained in one line.
 
-The gates are those of the trackers of people: confidence and projection to the ground, then height and visible feet (cross_view.py), then the area.
+The gates are those of the tracker of people: confidence and projection to the ground, then height and visible feet (cross_view.py), then the area.
 """
 
 from __future__ import annotations

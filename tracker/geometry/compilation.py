@@ -1,6 +1,7 @@
 """Compilation of kernels by numba, with a cache on disk where one can be written.
 
 Numba refuses to cache where neither the folder of the source nor the home of the user can be written, as in containers.
+Numba's caches notice a change in the file of a function alone. These also notice one in the kernels and numbers that its file imports.
 """
 
 from __future__ import annotations
@@ -13,13 +14,19 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import config
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class RepairedCache(FunctionCache):
     """The cache of one function. A truncated or unreadable cache is emptied, and a cache that cannot be written is left as it is."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self.stamp = self._impl.locator.get_source_stamp(), _imported(function)
+        self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, self.stamp)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """The compiled function of a signature, None where there is none."""
@@ -54,6 +61,14 @@ def njit(cache: bool = False, **options: Any) -> Callable[[Function], Function]:
         return cast(Function, dispatcher)
 
     return decorate
+
+
+def _imported(function: Callable[..., Any]) -> tuple[Any, ...]:
+    """What the compiled code of a function depends on outside its file: the stamps of kernels that its file imports, and numbers that it uses."""
+    names, known = set(function.__code__.co_names), sorted(function.__globals__.items())
+    kernels = [value for _, value in known if isinstance(value, Dispatcher) and value.py_func.__module__ != function.__module__]
+    stamps = tuple((kernel.py_func.__module__, getattr(vars(kernel).get("_cache"), "stamp", None)) for kernel in kernels)
+    return stamps, tuple((name, repr(value)) for name, value in known if name in names and isinstance(value, (bool, int, float, tuple)))
 
 
 def _cache_of(function: Callable[..., Any]) -> RepairedCache | None:

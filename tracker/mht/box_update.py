@@ -70,7 +70,7 @@ def log_likelihood(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: 
     S = _innovation(predicted, P, d, boxes, limits)
     ratio = _log_ratio(r0, r1, S, predicted, (boxes.detection_ratio[d], boxes.feet_hidden[d]), limits.gate)[0]
     if boxes.stature[d] and ratio > -np.inf:
-        above, H, noise, spread = head_of(predicted, x, P, v, d, boxes)
+        above, _, noise, spread = head_of(predicted, x, P, v, d, boxes)
         ratio += head_log_ratio(above, spread, height, noise, boxes.ranges.people)
     return ratio
 

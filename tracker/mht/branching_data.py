@@ -113,9 +113,10 @@ class BoxTable(NamedTuple):
         ratio = np.concatenate([np.zeros(0), *(np.minimum(sensors.detection_log_ratio(f), m) for f, m in zip(views, most, strict=True))])
         existence = np.concatenate([np.zeros(0), *(sensors.detection_rates.log_ratio(f.camera, f.confidence) for f in views)])
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
+        usable = np.concatenate([np.zeros(0, dtype=bool), *map(sensors.usable, views)])
         return BoxTable(
             origin, bias, sensors.registration_bias.centre, start, column("direction", (3,)), column("covariance", (2, 2)), column("feet_hidden", ()),
-            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), np.concatenate([np.zeros(0, dtype=bool), *map(sensors.usable, views)]),
+            np.tan(column("head_elevation", ())), ratio, np.minimum(existence, q.max_gain), usable,
             column("cut", ()) > 0, known.astype(bool), np.where(ambiguous, np.cumsum(ambiguous) - 1, -1), RangeTable.of(views, q.fusion.ranges),
         )  # fmt: skip
 

@@ -35,7 +35,9 @@ class ExpectedVisibility(NamedTuple):
     grid_share: Array
 
     @staticmethod
-    def of(leaves: TrackHypotheses, views: list[Viewpoint], sensor_model: SensorModel, people: Ints, chosen: Mask | None = None) -> ExpectedVisibility:
+    def of(
+        leaves: TrackHypotheses, views: list[Viewpoint], sensor_model: SensorModel, people: Ints, chosen: Mask | None = None
+    ) -> ExpectedVisibility:
         """The expected detection of leaves in `views`; people: rows of those who may occlude others; chosen (n,): which may have a grid."""
         q, place = sensor_model.parameters, leaves.state[:, :2]
         known = sensor_model.setup.occluders is not None

@@ -36,8 +36,8 @@ def head_log_ratio(above: float, spread: float, height: float, noise: float, peo
 def _across(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any, spread: float, out: Array) -> None:
     """The place of x along and across the line of sight of box d of view v.
 
-    out[0:2] unit vector along; [2] cross-range m and [3] its variance m², of box and leaf together; [4:6] distance and stature m after the update
-    across the line of sight, and [6:9] their covariance m², entries 00, 01, 11.
+    out[0:2] unit vector along; [2] cross-range m and [3] its variance m², of box and leaf together. [4:6] distance and stature m after the update
+    across the line of sight, and [6:9] their covariance m², entries 00, 01, 11; [9] distance m before it.
     """
     direction, origin = boxes.direction[d], boxes.origin[v]
     level = math.hypot(direction[0], direction[1])

@@ -11,8 +11,7 @@ It differs from Yoo et al. (2017) in four points:
 * The leaves of the global hypothesis also branch jointly: the boxes of each view are assigned to all of them at once.
 
 The sensor model, the registration bias and the measurement noise of each view are learned online (tracker/tracks). Lost tracks are re-identified
-there, and an appearance model weighs boxes where there are images. The range likelihood of boxes in a known scene is not used.
-In such scenes the global nearest neighbour tracker (tracker/gnn) is more accurate.
+there, and an appearance model weighs boxes where there are images. Where feet may be hidden, a box gives a density along its line of sight.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ from tracker.detections.occlusion import Viewpoint
 from tracker.detections.walkable_prior import WalkablePrior
 from tracker.geometry import Array, Ints, Mask
 from tracker.mht.appearance_model import AppearanceModel
-from tracker.mht.conflicts import ConflictRows, Conflicts, conflicts_of
-from tracker.mht.fixed_lag import MhtFixedLagSmoother
 from tracker.mht.branching import branch
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses
+from tracker.mht.conflicts import ConflictRows, Conflicts, conflicts_of
+from tracker.mht.fixed_lag import MhtFixedLagSmoother
 from tracker.mht.global_hypothesis import GlobalHypothesis, solve
 from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
@@ -119,9 +118,9 @@ class MhtFilter:
         self._update_appearance(views, table)
         chosen = solve(self.leaves, self._conflicts, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
         self._discount_contested_boxes(chosen.best, table, rivals)
-        new = self._confirm(chosen.best)
+        confirmed = self._confirm(chosen.best)
         self._update_sensor_model(views, children, (table.start, expected, bodies.occluded_by_view(cameras)), chosen.best)
-        self._reidentify(chosen.best, new)
+        self._reidentify(chosen.best, confirmed)
         self._prune(chosen)
         people = self.leaves.select(self.best)
         # Ticks at which no view could have had a box do not count as a gap.
@@ -293,7 +292,8 @@ class MhtFilter:
         sure = leaves.confirmed[known] & (leaves.misses[known] <= self._max_gap)
         parent = self._parent[known]
         self.sensor_model.learn(
-            (views, self._doubt), np.where(box >= 0, box - start[:-1], -1), expected[parent], (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent]
+            (views, self._doubt), np.where(box >= 0, box - start[:-1], -1), expected[parent],
+            (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent],
         )  # fmt: skip
         # Tracks outside the area, and boxes that may be false, would shift the estimates.
         old = known[leaves.confirmed[known] & self.setup.contains(leaves.state[known, :2])]

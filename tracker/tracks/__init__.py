@@ -1,4 +1,4 @@
-"""Parts that both trackers of people share: track state and Kalman filter, sensor model of the views, re-identification, and track ids.
+"""Parts of the tracker of people beside its track trees: track state, sensor model of the views, re-identification, and track ids.
 
 Read `tracks.py` first.
 """

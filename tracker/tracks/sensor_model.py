@@ -71,11 +71,15 @@ class SensorModel:
         point[:, :2] -= self.registration_bias.at(feet.camera, point[:, :2])
         return replace(feet, point=point)
 
-    def learn(self, seen: tuple[list[GroundDetections], list[Array]], box: Ints, expected: Array, people: tuple[Mask, Array, Array], cover: Array | None = None) -> None:
+    def learn(
+        self, seen: tuple[list[GroundDetections], list[Array]], box: Ints, expected: Array, people: tuple[Mask, Array, Array],
+        cover: Array | None = None,
+    ) -> None:  # fmt: skip
         """Count the detections and missed detections of confirmed people in each view, and its other boxes.
 
         box (t, v): the box of each track in each view, −1 for none; expected (t, v): relative detection rates. people: which tracks (t,) are
-        confirmed, the existence score (t,) of each, and their places (t, 2) m. cover (t, v, 2): shares covered by objects and by people, None where that is not learned.
+        confirmed, the existence score (t,) of each, and their places (t, 2) m. cover (t, v, 2): shares covered by objects and by people, None where
+        that is not learned.
         """
         q, (confirmed, score, places) = self.parameters, people
         inside_area = self.setup.contains(places)

@@ -16,7 +16,8 @@ class Detections:
 
     A box is a span of azimuth and a span of elevation in the camera's frame. The seam of a panorama does not divide it.
     bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: the spans of azimuth and elevation.
-    confidence (n,): any finite number, higher is surer. covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
+    confidence (n,): any finite number, higher is surer.
+    covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
     appearance (n, d): features of an appearance model.
     """
 

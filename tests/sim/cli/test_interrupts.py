@@ -149,7 +149,7 @@ def test_demo_goes_on_where_it_stopped(tmp_path: Path, part: str) -> None:
 @pytest.mark.slow
 def test_track(data: Callable[..., Path], tmp_path: Path) -> None:
     source = data("pets2009", "S2.L1")
-    words = ("track", str(source), "--views", "1,5,7", "--hypotheses", "multiple", "--out", str(tmp_path / "out"))
+    words = ("track", str(source), "--views", "1,5,7", "--out", str(tmp_path / "out"))
     for seconds in (3.0, 10.0):
         check(Interrupted(after(seconds), *words))
         assert not list((tmp_path / "out").glob("*"))

@@ -91,13 +91,13 @@ def exit_code(*words: str) -> int:
         ("trak x", 'pilsim has no command "trak"; did you mean track? see pilsim --help'),
         ("Track x", 'pilsim has no command "Track"; did you mean track? see pilsim --help'),
         ("--seed 3 demo", "--seed stands before the command; see pilsim --help"),
-        ("track x --hypothesis multiple", 'track has no option "--hypothesis" (did you mean --hypotheses?); see pilsim track --help'),
+        ("track x --hypotheses multiple", 'track has no option "--hypotheses"; see pilsim track --help'),
         ("track x --n_skan=2", 'track has no option "--n_skan" (did you mean --n-scan?); see pilsim track --help'),
         ("stress --no-rendr", 'stress has no option "--no-rendr" (did you mean --no-render?); see pilsim stress --help'),
         ("track x --sweep density", 'track has no option "--sweep" (which is an option of stress); see pilsim track --help'),
         (
-            "track x --slm ekf --hypothesis multiple --xyzzy",
-            'track has no option "--slm" (did you mean --slam?), "--hypothesis" (did you mean --hypotheses?), "--xyzzy"; see pilsim track --help',
+            "track x --slm ekf --detection x --xyzzy",
+            'track has no option "--slm" (did you mean --slam?), "--detection" (did you mean --detections?), "--xyzzy"; see pilsim track --help',
         ),
         ("demo 3", "Unrecognized options: 3; see pilsim demo --help"),
     ],
@@ -233,9 +233,7 @@ def test_filters_by_name(tmp_path: Path) -> None:
     assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0
     slam = json.loads((tmp_path / "r" / "run.json").read_text())["parameters"]["slam"]
     assert (slam["mode"], slam["iterations"], slam["odometry_biases"]) == ("iekf", 3, None)
-    needs = "--l-c, --delta-min and --omega are for --images with --hypotheses single"
-    assert needs in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
-    assert needs in refused("track", "s", "--images", "--hypotheses", "multiple", "--l-c", "4", "--out", "q", cwd=tmp_path)
+    assert "--l-c, --delta-min and --omega need --images" in refused("track", "s", "--l-c", "4", "--out", "q", cwd=tmp_path)
     assert "--map is for UTIAS sets" in refused("track", "s", "--map", "known", "--out", "q", cwd=tmp_path)
     assert "robot without a start pose is 'robot_9', needs one of" in refused("track", "s", "--unknown-start", "robot_9", "--out", "q", cwd=tmp_path)
     assert "no moving robot with a known start pose is left" in refused(

@@ -31,7 +31,7 @@ FOLDERS = {
     "generate": ["generate", "pilsun", "--frames", LONG, "--out", "OUT"],
     "twin": ["generate", "twin", "--annotations", "a.xml", "--calibration", "c", "--out", "OUT"],
     "track": ["track", "INPUT/pets", "--out", "OUT"],
-    "track-graphs": ["track", "INPUT/pets", "--hypotheses", "multiple", "--out", "OTHER", "--dump-graphs", "OUT"],
+    "track-graphs": ["track", "INPUT/pets", "--out", "OTHER", "--dump-graphs", "OUT"],
     "export": ["export", "INPUT/sequence", "--format", "tum", "--out", "OUT"],
     "stress": ["stress", "--frames", LONG, "--out", "OUT"],
     "study": ["study", "fig4", "--frames", LONG, "--out", "OUT"],

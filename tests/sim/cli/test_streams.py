@@ -85,7 +85,7 @@ def test_locales_that_are_not_utf8(folder: Path, locales: dict[str, dict[str, st
     (folder / "häßlich.clq").write_text(GRAPH)
     for words, code, said in (
         ("--help", 0, b"usage: pilsim"),
-        ("track --help", 0, b"--hypotheses"),
+        ("track --help", 0, b"--n-scan"),
         ("clique häßlich.clq --seconds 0.1", 0, b"a clique of weight"),
         ("clique häßlich.clq --secondsé 1", 2, b"did you mean --seconds?"),
         ("clique nöthing.clq", 2, b"thing.clq: No such file or directory"),

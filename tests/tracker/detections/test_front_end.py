@@ -20,7 +20,7 @@ from tracker.tracks.parameters import TrackParameters
 from tracker.types import Tick
 
 IMAGES = ImageParameters(silhouettes=SilhouetteParameters(), appearance=True)
-MANY = Parameters(multiple=MhtParameters(), images=IMAGES)
+WITH_IMAGES = Parameters(images=IMAGES)
 EMPTY = 15
 
 
@@ -56,9 +56,9 @@ def test_silhouettes_are_a_view_of_their_own_from_the_same_place() -> None:
     assert front_end.step(tick, {}) == ([], [])
 
 
-@pytest.mark.parametrize("kind", ["single", "multiple"])
-def test_people_are_tracked_whom_the_detector_misses_mostly(kind: str) -> None:
-    with_images = Parameters(images=replace(IMAGES, appearance=False)) if kind == "single" else MANY
+@pytest.mark.parametrize("appearance", [False, True])
+def test_people_are_tracked_whom_the_detector_misses_mostly(appearance: bool) -> None:
+    with_images = Parameters(images=replace(IMAGES, appearance=appearance))
     where, walked, ticks = scene(0.3)
     seen, blind = (scored(where, walked, ticks, p) for p in (with_images, replace(with_images, images=ImageParameters())))
     assert seen.mota > 0.85
@@ -69,15 +69,15 @@ def test_people_are_tracked_whom_the_detector_misses_mostly(kind: str) -> None:
 def test_images_may_be_missing() -> None:
     where, walked, ticks = scene(0.9)
     blind = [replace(t, views=(replace(t.views[0], image=None),)) if 20 <= t.index < 35 else t for t in ticks]
-    result = scored(where, walked, blind, MANY)
+    result = scored(where, walked, blind, WITH_IMAGES)
     assert result.mota > 0.85
     assert result.switches == 0
 
 
 def test_estimates_depend_on_past_images_alone() -> None:
     where, _, ticks = scene(0.5, 25)
-    whole = list(track(where.setup, ticks, MANY))
-    for a, b in zip(whole, track(where.setup, ticks[:25], MANY), strict=False):
+    whole = list(track(where.setup, ticks, WITH_IMAGES))
+    for a, b in zip(whole, track(where.setup, ticks[:25], WITH_IMAGES), strict=False):
         np.testing.assert_array_equal(a.target_id, b.target_id)
         np.testing.assert_array_equal(a.position, b.position)
 
@@ -92,7 +92,7 @@ def test_a_moving_robot_has_no_silhouettes() -> None:
 def test_without_images_nothing_changes() -> None:
     rng = np.random.default_rng(5)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(4, 15, rng)
-    tracker, plain = Tracker(setup, MANY), Tracker(setup, replace(MANY, images=ImageParameters()))
+    tracker, plain = Tracker(setup, WITH_IMAGES), Tracker(setup, replace(WITH_IMAGES, images=ImageParameters()))
     for tick in synthetic_crowd.ticks(setup, walked, rng):
         a, b = tracker.step(tick), plain.step(tick)
         assert a is not None

@@ -64,6 +64,35 @@ def test_without_any_folder_for_it_the_temporary_folder_has_the_cache(folder: Pa
     assert list((tmp_path / "temporary").rglob("*.nbc"))
 
 
+OTHER = """
+from tracker.geometry.compilation import njit
+
+COUNT = {count}
+
+@njit(cache=True)
+def times(x):
+    return {factor} * x
+"""
+CALLER = """
+from {module} import COUNT, {kernel}
+from tracker.geometry.compilation import njit
+
+@njit(cache=True)
+def {name}(x):
+    return {kernel}(x) + COUNT
+"""
+
+
+def test_a_change_in_an_imported_kernel_or_number_is_noticed(folder: Path) -> None:
+    """Also through a file between them."""
+    (folder / "middle.py").write_text(CALLER.format(module="other", kernel="times", name="middle"))
+    (folder / "kernel.py").write_text(CALLER.format(module="middle", kernel="middle", name="last") + "print(last(21))\n")
+    for factor, count, result in ((2, 0, "42\n"), (20, 0, "420\n"), (20, 3, "426\n")):
+        (folder / "other.py").write_text(OTHER.format(factor=factor, count=count))
+        assert run(folder) == result
+        assert run(folder) == result
+
+
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root to give a folder to another user")
 def test_a_folder_of_another_user_is_no_cache(folder: Path, tmp_path: Path) -> None:
     (folder / "__pycache__").write_text("")

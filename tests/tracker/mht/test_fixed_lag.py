@@ -1,4 +1,6 @@
-"""Fixed-lag smoothing of track hypotheses: the same result as that of the other tracker for the same measurements."""
+"""The fixed-lag smoother: every tick is reported once, by all that came since, and smoothing is the batch estimate."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,18 +8,40 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.tracker.gnn.test_fixed_lag import FIRST, MOTION, PERIOD, filtered, hidden
 from tracker.detections.cross_view import CrossViewGroup
-from tracker.gnn.fixed_lag import GnnFixedLagSmoother
-from tracker.mht.fixed_lag import smoothed
+from tracker.mht.fixed_lag import MhtFixedLagSmoother
 from tracker.mht.track_trees import TrackHypotheses, initiated, predict
+from tracker.tracks.tracks import MotionParameters, coasting_transition, transition
 
-STEPS = 12
+MOTION = MotionParameters(acceleration=0.8, start_speed=1.0)
+PERIOD = 0.2
+FIRST = np.diag([4.0, 4.0, 1.0, 1.0, 0.01])
+"""Covariance of the prior."""
+R = 0.09 * np.eye(2)
+"""m², covariance of the measurements."""
 
 
-def remembered(measured: np.ndarray, R: np.ndarray) -> TrackHypotheses:
-    """A leaf that took the measurements (n, 2), none where they are NaN, by the filter of tests/tracker/gnn/test_fixed_lag.py."""
-    leaf, H = initiated(7, [CrossViewGroup(((0, 0),), np.zeros(2), FIRST[:2, :2])], MOTION, STEPS), np.eye(2, 4)
+def measurements(rng: np.random.Generator, steps: int, unseen: Sequence[int] = ()) -> np.ndarray:
+    """Measured places (steps, 2) m of one walker, NaN in the steps `unseen`."""
+    x, out = np.array([0.0, 0.0, 1.0, 0.3]), []
+    F, Q = transition(PERIOD, MOTION)
+    for k in range(steps):
+        if k:
+            x = F @ x + np.linalg.cholesky(Q + 1e-12 * np.eye(4)) @ rng.normal(size=4)
+        out.append(np.full(2, np.nan) if k in unseen else x[:2] + rng.normal(0, 0.3, 2))
+    return np.array(out)
+
+
+def people(tree: list[int], window: int) -> TrackHypotheses:
+    """One new leaf of each tree at the origin, that remembers `window` ticks."""
+    leaves = initiated(0, [CrossViewGroup(((0, 0),), np.zeros(2), FIRST[:2, :2])] * len(tree), MOTION, (0.0, 0.1), (window, 0))
+    return replace(leaves, tree=np.array(tree))
+
+
+def filtered(measured: np.ndarray) -> list[TrackHypotheses]:
+    """A Kalman filter on the measurements (n, 2), NaN where there is none: its confirmed leaf after each of them."""
+    leaf, H, out = people([7], len(measured)), np.eye(2, 5), []
+    leaf = replace(leaf, confirmed=np.ones(1, dtype=bool))
     for k, z in enumerate(measured):
         if k:
             leaf = predict(leaf, PERIOD, MOTION)
@@ -25,19 +49,105 @@ def remembered(measured: np.ndarray, R: np.ndarray) -> TrackHypotheses:
         if seen:
             K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
             state, P = state + K @ (z - H @ state), P - K @ H @ P
-        states, covariances = leaf.states.copy(), leaf.covariances.copy()
-        states[:, 0], covariances[:, 0] = state, P
+        states, covariances, detected = leaf.states.copy(), leaf.covariances.copy(), leaf.detected.copy()
+        states[:, 0], covariances[:, 0], detected[:, 0] = state, P, seen
         misses = np.where(seen, 0, leaf.misses + 1)
-        leaf = replace(leaf, state=state[None], covariance=P[None], states=states, covariances=covariances, misses=misses)
-    return leaf
+        leaf = replace(leaf, state=state[None], covariance=P[None], states=states, covariances=covariances, detected=detected, misses=misses)
+        out.append(leaf)
+    return out
+
+
+PRESENT = np.ones(1, dtype=bool)
 
 
 @pytest.mark.parametrize("unseen", [(), range(2, 9)])
-def test_coasting_tracks_are_smoothed_as_by_the_other_tracker(unseen: Sequence[int]) -> None:
-    tracks, measured, R = filtered(np.random.default_rng(0), STEPS, unseen)
-    lag = GnnFixedLagSmoother(STEPS - 1, PERIOD, MOTION)
-    first = [lag.feed(t, np.ones(1, dtype=bool), hidden) for t in tracks][-1]
+def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None:
+    steps = 12
+    measured = measurements(np.random.default_rng(0), steps, unseen)
+    leaves, lag = filtered(measured), MhtFixedLagSmoother(steps - 1, PERIOD, MOTION)
+    reported = [lag.feed(leaf, PRESENT) for leaf in leaves]
+    assert all(tracks is None for tracks in reported[:-1])
+    first = reported[-1]
     assert first is not None
-    ours = smoothed(remembered(measured, R), STEPS - 1, (PERIOD, MOTION))
-    np.testing.assert_allclose(ours.state[:, :4], first.state[:, :4], atol=1e-9)
-    np.testing.assert_allclose(ours.covariance[:, :4, :4], first.covariance[:, :4, :4], atol=1e-9)
+    # The same by least squares over all states at once: prior, motion and measurements.
+    information, vector = np.zeros((5 * steps, 5 * steps)), np.zeros(5 * steps)
+    information[:5, :5] += np.linalg.inv(FIRST)
+    for k in range(steps):
+        if k not in unseen:
+            information[5 * k : 5 * k + 2, 5 * k : 5 * k + 2] += np.linalg.inv(R)
+            vector[5 * k : 5 * k + 2] += np.linalg.solve(R, measured[k])
+        if k:
+            (F,), Q = coasting_transition(leaves[k - 1].misses, PERIOD, MOTION)
+            A = np.zeros((5, 5 * steps))
+            A[:, 5 * k - 5 : 5 * k], A[:, 5 * k : 5 * k + 5] = -F, np.eye(5)
+            information += A.T @ np.linalg.solve(Q, A)
+    np.testing.assert_allclose(first.state[0], np.linalg.solve(information, vector)[:5], atol=1e-6)
+    np.testing.assert_allclose(first.covariance[0], np.linalg.inv(information)[:5, :5], atol=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0, 3, 20])
+def test_every_tick_is_reported_once(delay: int) -> None:
+    leaves = filtered(measurements(np.random.default_rng(1), 10))
+    lag = MhtFixedLagSmoother(delay, PERIOD, MOTION)
+    reported = [tracks for leaf in leaves if (tracks := lag.feed(leaf, PRESENT)) is not None]
+    assert len(reported) == max(0, 10 - delay)
+    while (tracks := lag.drain()) is not None:
+        reported.append(tracks)
+    assert len(reported) == 10
+    np.testing.assert_allclose(reported[-1].state, leaves[-1].state)
+
+
+def test_without_a_delay_nothing_is_changed() -> None:
+    lag = MhtFixedLagSmoother(0, PERIOD, MOTION)
+    for leaf in filtered(measurements(np.random.default_rng(2), 5)):
+        tracks = lag.feed(leaf, PRESENT)
+        assert tracks is not None
+        np.testing.assert_array_equal(tracks.state, leaf.state)
+
+
+def test_tracks_confirmed_later_and_coasting_tracks_that_are_not_deleted_are_reported() -> None:
+    def after(leaves: TrackHypotheses, detected: list[bool]) -> TrackHypotheses:
+        later = predict(leaves, PERIOD, MOTION)
+        later.detected[:, 0] = detected
+        return later
+
+    lag = MhtFixedLagSmoother(2, PERIOD, MOTION)
+    first = people([1, 2, 3, 4], 4)
+    first.detected[:, 0] = [True, False, False, False]
+    assert lag.feed(first, np.zeros(4, dtype=bool)) is None
+    second = after(first, [True, True, False, False])
+    assert lag.feed(second, np.zeros(4, dtype=bool)) is None
+    last = replace(after(second, [True, True, False, False]), confirmed=np.ones(4, dtype=bool), deleted=np.array([False, False, False, True]))
+    tracks = lag.feed(last, np.array([True, True, True, False]))
+    assert tracks is not None
+    # 1 is confirmed later, 2 has a box again, 3 coasts, 4 is deleted while coasting.
+    assert tracks.tree.tolist() == [1, 2, 3]
+
+
+def test_a_track_is_not_reported_before_its_initiation() -> None:
+    lag, new = MhtFixedLagSmoother(1, PERIOD, MOTION), replace(people([1], 3), confirmed=PRESENT)
+    assert lag.feed(people([], 3), np.zeros(0, dtype=bool)) is None
+    before = lag.feed(new, PRESENT)
+    assert before is not None
+    assert before.tree.tolist() == []
+    at = lag.drain()
+    assert at is not None
+    assert at.tree.tolist() == [1]
+
+
+def test_a_coasting_track_comes_to_a_halt() -> None:
+    walkers = people([1, 2], 2)
+    walkers.state[:] = [0.0, 0.0, 1.2, 0.0, 1.7]
+    for k in range(40):
+        walkers = predict(replace(walkers, misses=np.array([0, k])), PERIOD, MOTION)
+    seen, unseen = walkers.state
+    np.testing.assert_allclose(seen[0], 40 * PERIOD * 1.2)
+    # Constant velocity until `fade_after`, and then the distance that a velocity of time constant `fade_time` covers.
+    np.testing.assert_allclose(unseen[0], (3 * PERIOD + MOTION.fade_time) * 1.2, atol=0.01)
+    assert np.linalg.norm(unseen[2:4]) < 0.01
+    assert unseen[4] == seen[4] == 1.7
+
+
+def test_a_negative_delay_is_refused() -> None:
+    with pytest.raises(ValueError, match="delay is -1 ticks"):
+        MhtFixedLagSmoother(-1, PERIOD, MOTION)

@@ -21,7 +21,7 @@ def gaps(folder: Path, many: MhtParameters) -> np.ndarray:
     """Relative gap to the optimum of each graph of a run on a crowd with clutter."""
     rng = np.random.default_rng(3)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(8, 15, rng)
-    list(track(setup, synthetic_crowd.ticks(setup, walked, rng, clutter=0.2), Parameters(multiple=many)))
+    list(track(setup, synthetic_crowd.ticks(setup, walked, rng, clutter=0.2), Parameters(targets=many)))
     out = []
     for path in sorted(folder.glob("*.clq")):
         graph = read_graph(path)

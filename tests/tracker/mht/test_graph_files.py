@@ -14,7 +14,7 @@ from tracker.pipeline import Parameters, track
 def test_graph_files_hold_cliques_near_the_optimum(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(10, 12, rng)
-    many = Parameters(multiple=MhtParameters(graphs=tmp_path))
+    many = Parameters(targets=MhtParameters(graphs=tmp_path))
     list(track(setup, synthetic_crowd.ticks(setup, walked, rng, clutter=1.0), many))
     paths = sorted(tmp_path.glob("*.clq"))
     assert paths

@@ -21,7 +21,7 @@ from tracker.pipeline import Parameters, Tracker, track
 from tracker.tracks.tracks import MotionParameters
 from tracker.types import Setup, Tick
 
-MHT = Parameters(multiple=MhtParameters())
+MHT = Parameters()
 
 
 def scored(setup: Setup, walked: Array, ticks: list[Tick], parameters: Parameters = MHT) -> TargetScore:
@@ -42,7 +42,7 @@ def test_people_are_tracked_on_hills(delay: int) -> None:
 def test_one_graph_for_each_hypothesis() -> None:
     rng = np.random.default_rng(1)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(6, 40, rng)
-    small = Parameters(multiple=MhtParameters(small_graphs=True, k_h=5, i_bls_max=500))
+    small = Parameters(targets=MhtParameters(small_graphs=True, k_h=5, i_bls_max=500))
     assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), small).mota > 0.85
 
 
@@ -118,7 +118,8 @@ def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool) -> 
 @pytest.mark.parametrize("ago", [0, 40])
 def test_the_score_before_the_window_is_bounded_and_within_it_counts_in_full(ago: int) -> None:
     """The weights of two leaves of one tree differ by the scores of the last ticks alone, however large the score before."""
-    leaves = initiated(1, [CrossViewGroup(((0, 0),), np.zeros(2), np.eye(2))], MotionParameters(), 4).select(np.zeros(2, dtype=np.int64))
+    group = CrossViewGroup(((0, 0),), np.zeros(2), np.eye(2))
+    leaves = initiated(1, [group], MotionParameters(), (1.7, 0.1), (4, 0)).select(np.zeros(2, dtype=np.int64))
     before = np.full((2, 4), 30.0 + ago)
     old, new = weights(replace(leaves, past_scores=before, score=before[:, -1] + [2.0, -3.0]), 20.0)
     assert (old, new) == (22.0, 17.0)
@@ -138,7 +139,7 @@ def test_the_detection_rate_is_learned() -> None:
     tracker = Tracker(setup, MHT)
     for tick in synthetic_crowd.ticks(setup, walked, rng, misses=0.5):
         tracker.step(tick)
-    sensor_model = tracker._people.filter.sensor_model  # type: ignore[attr-defined]
+    sensor_model = tracker._people.filter.sensor_model
     found = [sensor_model.detection(camera) for camera in setup.mounts]
     # The prior is 0.9. Boxes outside the gate are not taken, and so not counted.
     assert abs(np.mean(found) - 0.5) < 0.1
@@ -155,6 +156,6 @@ def test_memory_and_time_are_bounded_in_heavy_clutter() -> None:
         began = time.process_time()
         tracker.step(tick)
         spent.append(time.process_time() - began)
-        leaves = tracker._people.filter.leaves  # type: ignore[attr-defined]
+        leaves = tracker._people.filter.leaves
         assert len(leaves) <= MhtParameters().max_leaves
     assert np.median(spent[100:]) < 3 * np.median(spent[20:60])

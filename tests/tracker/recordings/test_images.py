@@ -16,7 +16,6 @@ from tracker.detections.optical_flow import TrackletParameters
 from tracker.detections.silhouettes import SilhouetteParameters
 from tracker.io.video_files import VideoWriters
 from tracker.metrics.evaluation import evaluate
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
 from tracker.recordings.images import VideoFile
 from tracker.sequence.results import Results
@@ -71,11 +70,11 @@ def scores(folder: Path, frames: int, choice: SourceOptions, parameters: Paramet
     return dict(evaluate(short, results)["targets"])
 
 
-SINGLE = Parameters(images=ImageParameters(TrackletParameters(), SilhouetteParameters()), delay=5)
-MANY = Parameters(multiple=MhtParameters(), images=ImageParameters(None, SilhouetteParameters(), appearance=True), delay=10)
+WITH_IMAGES = Parameters(images=ImageParameters(None, SilhouetteParameters(), appearance=True), delay=10)
+TRACKLETS = replace(WITH_IMAGES, images=ImageParameters(TrackletParameters(), SilhouetteParameters(), appearance=True))
 
 
-@pytest.mark.parametrize("parameters", [SINGLE, MANY], ids=["single", "multiple"])
+@pytest.mark.parametrize("parameters", [TRACKLETS, WITH_IMAGES], ids=["tracklets", "no tracklets"])
 def test_tracking_real_people_with_images(data: Any, parameters: Parameters) -> None:
     """60 real frames, where nobody is to be confused."""
     found = scores(data("pets2009/S2.L1"), 60, SourceOptions(), parameters)
@@ -88,7 +87,7 @@ def test_silhouettes_compensate_a_poor_detector(data: Any) -> None:
     """An old detector loses whom the sign hides; 400 frames."""
     folder = data("pets2009/S2.L1")
     poor = SourceOptions.parse((f"1={folder / 'mot15' / 'det.txt'}",))
-    seen, blind = (scores(folder, 400, poor, p) for p in (MANY, replace(MANY, images=ImageParameters())))
+    seen, blind = (scores(folder, 400, poor, p) for p in (WITH_IMAGES, replace(WITH_IMAGES, images=ImageParameters())))
     assert seen["mota"] > 0.945
     assert seen["idf1"] > 0.96
     assert seen["mota"] > blind["mota"] + 0.05

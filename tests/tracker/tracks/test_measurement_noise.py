@@ -69,7 +69,7 @@ def with_noise(ticks: list[Tick], camera: str, sigma: float) -> list[Tick]:
 
 def mean_error(setup: Setup, walked: Array, ticks: list[Tick], noise: MeasurementNoiseParameters) -> float:
     """Mean distance, m, of people from their reported places."""
-    reported = track(setup, ticks, Parameters(multiple=MhtParameters(noise=noise)))
+    reported = track(setup, ticks, Parameters(targets=MhtParameters(noise=noise)))
     frames = [MatchingFrame(np.arange(walked.shape[1]), places, e.target_id, e.position) for places, e in zip(walked, reported, strict=True)]
     return score(frames).motp_m
 

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
+from tracker.detections.cross_view import CrossViewGroup
 from tracker.detections.ground_points import FusionParameters
 from tracker.detections.occlusion import Bodies, Viewpoint
-from tracker.geometry import Array
+from tracker.geometry import Array, Mask
 from tracker.geometry.ground import Grid
-from tracker.gnn.negative_information import ExpectedVisibility
+from tracker.mht.negative_information import ExpectedVisibility
+from tracker.mht.track_trees import TrackHypotheses, initiated
 from tracker.pipeline import Parameters, Tracker
 from tracker.tracks.parameters import TrackParameters
 from tracker.tracks.sensor_model import SensorModel
-from tracker.tracks.tracks import Tracks
+from tracker.tracks.tracks import MotionParameters
 from tracker.types import Setup
 
 PARAMETERS = TrackParameters(fusion=FusionParameters(reach=60.0), sampling_sigma=0.3)
@@ -31,42 +33,43 @@ def walled(end: float = 2.0) -> Setup:
     return replace(synthetic_crowd.setup(1), ground=grid[0], occluders=grid[1])
 
 
-def track(place: tuple[float, float], sigma: float) -> Tracks:
-    zero, one = np.zeros(1), np.ones(1, dtype=np.int64)
-    return Tracks(one, np.array([[*place, 0.0, 0.0, 1.7]]), np.diag([sigma**2, sigma**2, 0.1, 0.1, 0.01])[None], zero, 5 * one, one, 5 * one)
+def leaf(place: tuple[float, float], sigma: float) -> TrackHypotheses:
+    group = CrossViewGroup(((0, 0),), np.array(place), sigma**2 * np.eye(2))
+    return initiated(1, [group], MotionParameters(), (1.7, 0.1), (1, 0))
 
 
-def visibility(setup: Setup, tracks: Tracks) -> tuple[ExpectedVisibility, list[Viewpoint]]:
+def visibility(setup: Setup, leaves: TrackHypotheses, chosen: Mask | None = None) -> tuple[ExpectedVisibility, list[Viewpoint]]:
     views = []
     for name, mount in setup.mounts.items():
         start = setup.starts[mount.robot]
         assert start is not None
         views.append(Viewpoint(name, mount.camera, start.T_world_robot @ mount.T_body_camera))
-    return ExpectedVisibility.of(tracks, views, SensorModel(setup, PARAMETERS)), views
+    return ExpectedVisibility.of(leaves, views, SensorModel(setup, PARAMETERS), np.arange(0), chosen), views
 
 
 def test_posteriors_match_samples() -> None:
-    setup, tracks = walled(), track((0.0, 2.0), 1.2)
-    found, views = visibility(setup, tracks)
-    after = found.given_misses(tracks, np.zeros((1, 1), dtype=bool), DETECTION)
-    place = np.random.default_rng(0).multivariate_normal(tracks.state[0, :2], tracks.covariance[0, :2, :2], 50_000)
+    setup, leaves = walled(), leaf((0.0, 2.0), 1.2)
+    found, views = visibility(setup, leaves)
+    state, covariance = found.given_misses(leaves.state, leaves.covariance, np.zeros((1, 1), dtype=bool), DETECTION)
+    place = np.random.default_rng(0).multivariate_normal(leaves.state[0, :2], leaves.covariance[0, :2, :2], 50_000)
     share = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup).expected_detection(views[0], PARAMETERS.fusion.reach)
     weight = 1 - DETECTION * share
     expected: Array = weight @ place / weight.sum()
     assert found.share[0, 0] == pytest.approx(share.mean(), abs=0.05)
-    np.testing.assert_allclose(after.state[0, :2], expected, atol=0.1)
+    np.testing.assert_allclose(state[0, :2], expected, atol=0.1)
     apart = place - expected
-    np.testing.assert_allclose(after.covariance[0, :2, :2], (weight[:, None] * apart).T @ apart / weight.sum(), atol=0.1)
+    np.testing.assert_allclose(covariance[0, :2, :2], (weight[:, None] * apart).T @ apart / weight.sum(), atol=0.1)
     assert np.linalg.norm(expected - place.mean(axis=0)) > 0.2
 
 
-@pytest.mark.parametrize("why", ["seen", "sure", "unknown"])
-def test_detected_and_certain_tracks_and_tracks_in_unknown_worlds_are_unchanged(why: str) -> None:
-    setup, tracks = walled(), track((0.0, 2.0), 0.2 if why == "sure" else 1.2)
+@pytest.mark.parametrize("why", ["seen", "sure", "unknown", "left out"])
+def test_detected_and_certain_leaves_and_leaves_in_unknown_worlds_are_unchanged(why: str) -> None:
+    setup, leaves = walled(), leaf((0.0, 2.0), 0.2 if why == "sure" else 1.2)
     setup = replace(setup, occluders=None) if why == "unknown" else setup
-    after = visibility(setup, tracks)[0].given_misses(tracks, np.full((1, 1), why == "seen"), DETECTION)
-    np.testing.assert_array_equal(after.state, tracks.state)
-    np.testing.assert_array_equal(after.covariance, tracks.covariance)
+    found = visibility(setup, leaves, np.full(1, why != "left out"))[0]
+    state, covariance = found.given_misses(leaves.state, leaves.covariance, np.full((1, 1), why == "seen"), DETECTION)
+    np.testing.assert_array_equal(state, leaves.state)
+    np.testing.assert_array_equal(covariance, leaves.covariance)
 
 
 @pytest.mark.parametrize("known", [False, True])

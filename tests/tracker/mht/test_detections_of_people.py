@@ -1,4 +1,4 @@
-"""The global nearest neighbour tracker: deletion and confirmation of tracks, and people of PETS 2009 S2.L1, frames 0 to 399.
+"""People of PETS 2009 S2.L1, frames 0 to 399, and what confidences of boxes mean for tracks.
 
 Detections are given, poor, halved, or with false boxes (the mean of three seeds). People are reported 10 frames late.
 """
@@ -16,12 +16,11 @@ import pytest
 from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
 from tracker.datasets.source_options import SourceOptions
-from tracker.geometry import angles_from_bearing
-from tracker.gnn.tracker import GnnTracker
+from tracker.geometry import Array, angles_from_bearing
 from tracker.metrics.evaluation import evaluate
-from tracker.pipeline import Parameters, Tracker, track
+from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results
-from tracker.types import Setup, Tick, TicksInMemory
+from tracker.types import Detections, Estimate, Setup, Tick, TicksInMemory
 
 FRAMES = 400
 
@@ -57,43 +56,55 @@ def standing(people: list[tuple[float, float]], count: int, rng: np.random.Gener
     return setup, list(synthetic_crowd.ticks(setup, np.repeat(np.array([people]), count, axis=0), rng, misses=0.0, clutter=0.0))
 
 
-def test_of_three_tracks_on_two_people_one_is_deleted() -> None:
-    setup, ticks = standing([(-2.0, -2.0), (-2.0, -3.0)], 40, np.random.default_rng(0))
-    tracker = Tracker(setup, Parameters())
-    for tick in ticks[:10]:
-        tracker.step(tick)
-    people = tracker._people
-    assert isinstance(people, GnnTracker)
-    tracker_filter = people.filter
-    assert tracker_filter.confirmed.sum() == 2
-    # A third track between them, with the same score.
-    third = replace(
-        tracker_filter.tracks.select(np.array([0])), tree=np.array([99]), state=tracker_filter.tracks.state[:2].mean(axis=0, keepdims=True)
-    )
-    tracker_filter.tracks, tracker_filter.confirmed = tracker_filter.tracks.join(third), np.append(tracker_filter.confirmed, True)
-    tracker_filter._outside = np.append(tracker_filter._outside, 0.0)
-    for tick in ticks[10:13]:
-        tracker.step(tick)
-    # Each of the three has a box at times, which another of them would take: all scores fall.
-    assert (tracker_filter.tracks.score < tracker_filter.parameters.max_score).all()
-    for tick in ticks[13:]:
-        estimate = tracker.step(tick)
-    assert estimate is not None
-    assert len(estimate.target_id) == 2
+PEOPLE = np.array([[-2.0, -2.0], [2.0, 1.0], [0.0, 3.0], [3.0, -3.0]])
 
 
-def with_confidence(tick: Tick, confidence: float) -> Tick:
-    """The tick with boxes of that confidence."""
-    views = (replace(v, detections=replace(v.detections, confidence=np.full(len(v.detections), confidence))) for v in tick.views)
-    return replace(tick, views=tuple(views))
+def among_false_boxes(count: int, rng: np.random.Generator) -> tuple[Setup, list[Tick]]:
+    """Three cameras that see PEOPLE standing still, and one false box a view and tick on average; these have lower confidences."""
+    setup, walked = synthetic_crowd.setup(), np.repeat(PEOPLE[None], count, axis=0)
+    false = synthetic_crowd.ticks(setup, walked[:, :0], rng, misses=0.0, clutter=1.0)
+    true = synthetic_crowd.ticks(setup, walked, rng, misses=0.1, clutter=0.0)
+    out = []
+    for a, b in zip(false, true, strict=True):
+        views = zip(with_confidences(a, (0.1, 0.5), rng).views, with_confidences(b, (0.4, 0.9), rng).views, strict=True)
+        out.append(replace(a, views=tuple(replace(v, detections=joined([v.detections, w.detections])) for v, w in views)))
+    return setup, out
 
 
-def test_unconfident_boxes_neither_initiate_nor_sustain_a_track() -> None:
-    setup, ticks = standing([(-2.0, -2.0)], 60, np.random.default_rng(1))
-    assert all(len(e.target_id) == 0 for e in track(setup, [with_confidence(tick, 0.5) for tick in ticks]))
-    reported = list(track(setup, [tick if k < 20 else with_confidence(tick, 0.5) for k, tick in enumerate(ticks)]))
-    assert len(reported[19].target_id) == 1
-    assert len(reported[-1].target_id) == 0
+def with_confidences(tick: Tick, bounds: tuple[float, float], rng: np.random.Generator) -> Tick:
+    """The tick with uniform confidences of all boxes."""
+    boxes = ((v, v.detections) for v in tick.views)
+    return replace(tick, views=tuple(replace(v, detections=replace(d, confidence=rng.uniform(*bounds, len(d)))) for v, d in boxes))
+
+
+def joined(boxes: list[Detections]) -> Detections:
+    """All boxes of one view."""
+    names = ("bearing", "extent", "confidence", "covariance", "appearance")
+    return Detections(*(np.concatenate([getattr(d, name) for d in boxes]) for name in names))
+
+
+def reported(estimate: Estimate, place: Array) -> bool:
+    """Whether somebody is reported within 0.5 m of a place (2,) m."""
+    return bool((np.linalg.norm(estimate.position[:, :2] - place, axis=1) < 0.5).any())
+
+
+def test_false_boxes_of_low_confidence_make_no_tracks_and_cost_nobody_theirs() -> None:
+    setup, ticks = among_false_boxes(60, np.random.default_rng(1))
+    estimates = list(track(setup, ticks))[20:]
+    assert all(reported(e, place) for e in estimates for place in PEOPLE)
+    assert np.mean([len(e.target_id) for e in estimates]) < len(PEOPLE) + 0.1
+
+
+@pytest.mark.parametrize("scale", [np.square, np.sqrt, lambda c: 0.3 + 0.7 * c, lambda c: -np.log(1 - c)], ids=["square", "root", "narrow", "odds"])
+def test_the_order_of_confidences_matters_alone(scale: Callable[[Array], Array]) -> None:
+    setup, ticks = among_false_boxes(20, np.random.default_rng(2))
+    others = []
+    for tick in ticks:
+        boxes = ((v, v.detections) for v in tick.views)
+        others.append(replace(tick, views=tuple(replace(v, detections=replace(d, confidence=scale(d.confidence))) for v, d in boxes)))
+    for one, other in zip(track(setup, ticks), track(setup, others), strict=True):
+        np.testing.assert_array_equal(one.target_id, other.target_id)
+        np.testing.assert_array_equal(one.position, other.position)
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3, 4])
