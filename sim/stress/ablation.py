@@ -39,8 +39,8 @@ TINY_VARIANCE = 1e-10
 """m², rad²: variance of known quantities. Covariances of 0 could not be inverted."""
 
 ACCEPT_ALL = {
-    "usable_share": 0.0,
-    "initiation_share": 0.0,
+    "usable": (-np.inf, 0.0),
+    "initiation": (-np.inf, 0.0),
     "n_conf": 1,
     "confirm_score": -1e6,
     "delete_tentative_score": -1e6,

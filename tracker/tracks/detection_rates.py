@@ -1,8 +1,11 @@
 """Detection rate and clutter rate of each view, estimated while tracking.
 
-Both are counted by classes of confidence. A class is a range of ranks among the last boxes of the view, so that no detector's scale matters.
-The odds of a true box grow with its class (isotonic regression: Barlow et al. 1972, Statistical inference under order restrictions).
-Counts fade exponentially and start from weak prior counts, which are the same for all views.
+Both are counted by classes of confidence. So the less confident boxes of a good detector count in full, and a confident detector with many false
+boxes counts little. Counts fade exponentially and start from prior counts, which are the same for all views.
+
+A confidence is a probability as given, or it is learned what it says. Then a class is a range of ranks among the last boxes of the view, so that no
+detector's scale matters. The odds of a true box grow with its class (isotonic regression: Barlow et al. 1972, Statistical inference under order
+restrictions).
 
 Detection rates of partly visible people are counted by the share of the body that is covered, and by whether objects or people cover it.
 """
@@ -16,8 +19,10 @@ from numpy.typing import NDArray
 
 from tracker.geometry import Array, Ints
 
+LEVELS = np.array([0.5, 0.8, 0.9, 0.97])
+"""Bounds between the classes of confidences that are probabilities."""
 CLASSES = 8
-"""Number of classes of confidence."""
+"""Number of classes of learned confidences."""
 REMEMBERED = 600
 """Boxes of a view among which confidences are ranked, at most."""
 PRIOR_RANKS = 20.0
@@ -32,6 +37,8 @@ COVER_MIDDLES = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
 class DetectionRateParameters:
     """Prior counts, memory and bounds."""
 
+    learned: bool = False  # whether it is learned what a confidence says; else it is a probability
+    top_share: float = 0.6  # share of the prior counts in the highest class of confidences that are probabilities
     detection: float = 0.9  # prior detection rate of people in full view
     weight: float = 30.0  # people for which that rate counts
     false: float = 1e-3  # prior density of false boxes, a square metre of ground and tick
@@ -74,7 +81,9 @@ class DetectionRates:
         self._ranked[camera] = np.sort(self._seen[camera])
 
     def level(self, camera: str, confidence: Array) -> Ints:
-        """Class (n,) of confidences (n,) by their ranks among the last boxes of the view."""
+        """Class (n,) of confidences (n,): by value, or by their ranks among the last boxes of the view."""
+        if not self.parameters.learned:
+            return np.searchsorted(LEVELS, confidence, side="right")
         last = self._ranked.get(camera, confidence[:0])
         below = (np.searchsorted(last, confidence, side="left") + np.searchsorted(last, confidence, side="right")) / 2
         rank = (below + PRIOR_RANKS / 2) / (len(last) + PRIOR_RANKS)
@@ -85,6 +94,10 @@ class DetectionRates:
             q, rising = self.parameters, (np.arange(CLASSES) + 0.5) * 2 / CLASSES**2
             found = q.detection * q.weight * rising
             false = rising * q.detection * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, CLASSES))
+            if not q.learned:
+                n = len(LEVELS)
+                found = q.detection * q.weight * np.append(np.full(n, (1 - q.top_share) / n), q.top_share)
+                false = np.full(n + 1, q.false * self.ground_area * q.weight_false / (n + 1))
             self._counts[camera] = _Counts(found, q.weight, false, q.weight_false)
         return self._counts[camera]
 
@@ -97,10 +110,13 @@ class DetectionRates:
         """log (n,) of the rate of boxes of people over the density of false boxes a square metre, for boxes of such confidence (n,)."""
         c = self._of(camera)
         scale = self.detection(camera) / c.found.sum() * c.ticks * self.ground_area
-        return np.asarray(np.log(scale * _isotonic_odds(c.found, c.false)[self.level(camera, confidence)]))
+        odds = _isotonic_odds(c.found, c.false) if self.parameters.learned else c.found / c.false
+        return np.asarray(np.log(scale * odds[self.level(camera, confidence)]))
 
     def share(self, camera: str, confidence: Array) -> Array:
-        """Share (n,) of people among the boxes of such confidence (n,)."""
+        """Probability (n,) that boxes of such confidence (n,) are of people."""
+        if not self.parameters.learned:
+            return confidence
         c = self._of(camera)
         prior, q = self.parameters.weight_share * np.linspace(*self.parameters.shares, CLASSES), self.parameters
         odds = _isotonic_odds(c.found + prior, c.false + q.weight_share - prior)[self.level(camera, confidence)]
@@ -132,7 +148,8 @@ class DetectionRates:
         found (n,): confidences of the boxes of confirmed people; expected: number of these people in full view. false: confidences and weights of the
         other boxes; a weight is the probability of a false box.
         """
-        c, n = self._of(camera), CLASSES
+        c = self._of(camera)
+        n = len(c.found)
         fade, q = np.exp(-1 / self.parameters.memory), self.parameters
         c.found = fade * c.found + np.bincount(self.level(camera, found), minlength=n)
         c.expected = fade * c.expected + expected

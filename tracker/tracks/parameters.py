@@ -19,8 +19,8 @@ class TrackParameters:
     motion: MotionParameters = field(default_factory=MotionParameters)
     detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
-    usable_share: float = 0.15  # learned share of people among boxes of a confidence, below which such boxes are ignored
-    initiation_share: float = 0.5  # the same, below which such boxes initiate no track
+    usable: tuple[float, float] = (0.6, 0.15)  # probability of a person, as given and as learned, below which a box is ignored
+    initiation: tuple[float, float] = (0.8, 0.5)  # the same, below which a box initiates no track
     arrival_rate: float = 2e-4  # new people, a square metre and tick
     initial_density: float = 2e-2  # people in the first tick, a square metre
     max_gain: float = 6.0  # greatest log-likelihood ratio of one box
