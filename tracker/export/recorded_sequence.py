@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -175,11 +176,35 @@ class RecordedSequence:
     def image(self, frame: int, camera: str, suffix: str = JPEG) -> bytes:
         """The image as the bytes of a JPEG or PNG file: those of the sequence if its format matches, else encoded again (quality 95)."""
         data, path = self._bytes("images", camera, frame)
-        if path.suffix == suffix:
-            return data
-        success, encoded = cv2.imencode(suffix, self._decode(data, path, camera, cv2.IMREAD_COLOR), _OPTIONS[suffix])
+        return data if path.suffix == suffix else self.encoded(self._decode(data, path, camera, cv2.IMREAD_COLOR), suffix)
+
+    def has_images(self, camera: str) -> bool:
+        """Whether the manifest names images of the camera."""
+        return any(name.startswith(f"images/{camera}/") for name in self._checksums)
+
+    def image_suffix(self, camera: str) -> str:
+        """The suffix of the camera's image files, that of frame 0."""
+        return JPEG if f"images/{camera}/{0:06d}{JPEG}" in self._checksums else PNG
+
+    def pixels(self, frame: int, camera: str) -> NDArray[np.uint8]:
+        """The decoded image (H, W, 3), blue, green, red."""
+        data, path = self._bytes("images", camera, frame)
+        return np.asarray(self._decode(data, path, camera, cv2.IMREAD_COLOR), dtype=np.uint8)
+
+    @staticmethod
+    def encoded(pixels: NDArray[Any], suffix: str) -> bytes:
+        """Pixels (H, W) or (H, W, 3), blue, green, red, as the bytes of a JPEG (quality 95) or PNG file."""
+        success, encoded = cv2.imencode(suffix, pixels, _OPTIONS[suffix])
         assert success
         return bytes(encoded.tobytes())
+
+    def stamps(self, epoch: int = 0) -> list[int]:
+        """Time of each frame in nanoseconds. epoch: the time of frame 0, whole seconds."""
+        return [epoch * 10**9 + round(k * self.setup.period * 1e9) for k in range(len(self.truth))]
+
+    def true_poses(self, robot: str) -> list[Pose]:
+        """T_world_robot of each frame."""
+        return [t.T_world_robot[robot] for t in self.truth]
 
     def instances(self, frame: int, camera: str) -> NDArray[np.uint16]:
         """The instance image (H, W) of person ids, 0 for no person."""
