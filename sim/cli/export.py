@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from sim.cli.options import Out, json_text, unset
 
-Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording", "euroc", "kitti"]
+Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording", "euroc", "kitti", "mcap"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class Export:
       - tum        TUM: trajectories of robots
       - euroc      EuRoC MAV data for SLAM: a folder a robot, true states
       - kitti      KITTI odometry: a sequence a robot, true poses
+      - mcap       a bag of ROS 2 (MCAP), for Foxglove and `ros2 bag play`:
+                   images, calibration, boxes, odometry, TF, people, terrain
       - aicity     AI City Challenge, track 1 (fixed pinhole cameras only); of the
                    results of `track`: the one text file of a submission
       - recording  pilsim's open format (recording.json), of any source:
@@ -49,7 +51,7 @@ class Export:
     faces: bool = False
     """euroc: give a panorama as six pinhole images of 90°, in place of one that pinhole programs cannot read."""
     epoch: Annotated[int, arg(metavar="SECONDS")] = 0
-    """euroc: the time of the first frame in whole seconds, for instance a Unix time."""
+    """euroc, mcap: the time of the first frame in whole seconds, for instance a Unix time."""
     scene: Annotated[int | None, unset("INT", "the number in the name of what was tracked")] = None
     """aicity, of results: scene_id of the file."""
     json: bool = False

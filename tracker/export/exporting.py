@@ -23,6 +23,8 @@ from tracker.export.pets2009 import export_pets
 from tracker.export.recorded_sequence import Progress, RecordedSequence, export_folder
 from tracker.export.recording import README as README_RECORDING
 from tracker.export.recording import export_recording
+from tracker.export.ros2.mcap import README as README_MCAP
+from tracker.export.ros2.mcap import export_mcap
 from tracker.export.tum import README as README_TUM
 from tracker.export.tum import export_tum
 from tracker.export.wildtrack import README as README_WILDTRACK
@@ -52,6 +54,7 @@ FORMATS = {
     "tum": ExportFormat("TUM trajectories", README_TUM, export_tum),
     "euroc": ExportFormat("EuRoC MAV data", README_EUROC, export_euroc),
     "kitti": ExportFormat("KITTI odometry", README_KITTI, export_kitti),
+    "mcap": ExportFormat("MCAP with ROS 2 messages", README_MCAP, export_mcap),
 }
 
 
@@ -74,6 +77,8 @@ class ExportOptions:
             return partial(export_wildtrack, rectangles=self.rectangles)
         if form == "euroc":
             return partial(export_euroc, epoch=self.epoch, as_faces=self.faces)
+        if form == "mcap":
+            return partial(export_mcap, epoch=self.epoch)
         return FORMATS[form].write
 
 
