@@ -35,6 +35,19 @@ class ScenarioSettings:
 
 
 @dataclass(frozen=True)
+class SensorSettings:
+    """The robots' own sensors, beside cameras and odometry."""
+
+    imu: Annotated[str | None, unset("NAME[@HZ]", "none")] = None
+    """IMU of each rover, 100 to 400 Hz: adis16448, bmi088, icm20948 or ideal; without @HZ at the highest rate that the physics gives."""
+    wheels: Annotated[float | None, unset("HZ", "none")] = None
+    """Wheel encoders of each rover at this rate, Hz."""
+    clock: Annotated[str | None, unset("ERRORS", "exact")] = None
+    """Errors of the clocks, as offset=0.02,jitter=0.001,drift=20 (s, s, ppm); ± before a value draws it; NAME: before them and ; between them
+    for single robots and cameras."""
+
+
+@dataclass(frozen=True)
 class DetectorSettings:
     """The simulated detector of people."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sim.recording.frame_loop import simulated_frames, truth_of
 from sim.scenario import Scenario
@@ -11,16 +11,20 @@ from sim.sensors.person_detector import Detector
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.sensors.robot_detector import RobotDetector, is_rover_panorama
 from sim.simulation.simulation import Simulation
-from tracker.types import Setup, Tick, Truth, View, ViewTruth
+from tracker.types import SensorSamples, Setup, Tick, Truth, View, ViewTruth
 
 
 @dataclass(frozen=True, eq=False)
 class RaycastFrame:
-    """One frame without images: the tick for the tracker, the truth, and the truth of the view by camera."""
+    """One frame without images: the tick for the tracker, the truth, and the truth of the view by camera.
+
+    samples: of the robots' own sensors since the frame before.
+    """
 
     tick: Tick
     truth: Truth
     views: dict[str, ViewTruth]
+    samples: SensorSamples = field(default_factory=SensorSamples)
 
 
 def run_raycast(scenario: Scenario, simulation: Simulation, setup: Setup, raycast_camera: RaycastCamera | None = None) -> Iterator[RaycastFrame]:
@@ -37,4 +41,4 @@ def run_raycast(scenario: Scenario, simulation: Simulation, setup: Setup, raycas
             found = detector.detect(mount.camera, true[name], streams[name])
             seen = raycast_camera.sightings(pose, landmark_streams[name]) if is_rover_panorama(simulation, mount) else None
             views.append(View(name, found, seen, state.odometry.get(mount.robot), robot_detections=robot_detector.detect(name)))
-        yield RaycastFrame(Tick(state.index, state.index * scenario.period, tuple(views)), truth_of(state, simulation, true), true)
+        yield RaycastFrame(Tick(state.index, state.index * scenario.period, tuple(views)), truth_of(state, simulation, true), true, state.samples)
