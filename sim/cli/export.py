@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from sim.cli.options import Out, json_text, unset
 
-Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording", "euroc", "kitti", "mcap"]
+Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording", "euroc", "kitti", "colmap", "mcap"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class Export:
       - tum        TUM: trajectories of robots
       - euroc      EuRoC MAV data for SLAM: a folder a robot, true states
       - kitti      KITTI odometry: a sequence a robot, true poses
+      - colmap     COLMAP: images with exact poses, panoramas as six pinholes
       - mcap       a bag of ROS 2 (MCAP), for Foxglove and `ros2 bag play`:
                    images, calibration, boxes, odometry, TF, people, terrain
       - aicity     AI City Challenge, track 1 (fixed pinhole cameras only); of the

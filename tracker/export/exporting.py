@@ -11,6 +11,8 @@ from tracker.export.aicity import README as README_AICITY
 from tracker.export.aicity import export_aicity
 from tracker.export.coco import README as README_COCO
 from tracker.export.coco import export_coco
+from tracker.export.colmap import README as README_COLMAP
+from tracker.export.colmap import export_colmap
 from tracker.export.euroc import README as README_EUROC
 from tracker.export.euroc import export_euroc
 from tracker.export.jrdb import README as README_JRDB
@@ -54,6 +56,7 @@ FORMATS = {
     "tum": ExportFormat("TUM trajectories", README_TUM, export_tum),
     "euroc": ExportFormat("EuRoC MAV data", README_EUROC, export_euroc),
     "kitti": ExportFormat("KITTI odometry", README_KITTI, export_kitti),
+    "colmap": ExportFormat("COLMAP", README_COLMAP, export_colmap),
     "mcap": ExportFormat("MCAP with ROS 2 messages", README_MCAP, export_mcap),
 }
 
