@@ -46,6 +46,7 @@ geometry_msgs/Vector3 angular_velocity
 float64[9] angular_velocity_covariance
 geometry_msgs/Vector3 linear_acceleration
 float64[9] linear_acceleration_covariance""",
+    "sensor_msgs/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
     "vision_msgs/Point2D": "float64 x\nfloat64 y",
     "vision_msgs/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
     "vision_msgs/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,15 +23,20 @@ from tracker.export.ros2.messages import (
     detections_message,
     fixed_axes,
     header,
+    imu_message,
     odometry_message,
     pose_message,
     transform,
+    wheels_message,
 )
 from tracker.geometry import Array, Pose
 from tracker.geometry.ground import Grid
+from tracker.sequence.schema import WHEEL_NAMES
 from tracker.types import Odometry
 
 WORLD = "world"
+ROUNDING = 500
+"""ns: times of samples in the tables are rounded by less."""
 README = f"""
     SEQUENCE/SEQUENCE.mcap   a bag of ROS 2 (CDR, chunks of zstd, index, statistics) with the definitions of all messages
     SEQUENCE/metadata.yaml   makes the folder a bag of rosbag2
@@ -51,13 +57,16 @@ for `ros2 bag play` to offer the boxes. Ten lines of Python read it (pip install
 | /CAMERA/detections | vision_msgs/Detection2DArray | boxes [px] of the detector, score: its confidence |
 | /CAMERA/truth/detections | vision_msgs/Detection2DArray | boxes [px] of what is seen, id: the person's, score: visible share of the body |
 | /ROBOT/odom | nav_msgs/Odometry | odometry from the start: ROBOT/odom → ROBOT/base_link as the robot believes |
+| /ROBOT/imu | sensor_msgs/Imu | angular velocity [rad/s], specific force [m/s²], along the body's axes; where the sequence has imu.csv |
+| /ROBOT/wheels | sensor_msgs/JointState | total angle of each wheel [rad]; where the sequence has wheels.csv |
 | /ROBOT/truth/odom | nav_msgs/Odometry | true pose in the world, and velocity since the frame before |
 | /ROBOT/truth/pose | geometry_msgs/PoseStamped | true pose in the world |
 | /truth/people | visualization_msgs/MarkerArray | people as cylinders of 1.75 m by 0.5 m on their feet, and their ids |
 | /terrain, /obstacles | visualization_msgs/Marker | the ground, and walls and furniture, as triangles; once, latched |
 
 Times [ns] are --epoch (0 where it was not given) · 10⁹ + frame · period, frames from 0; header and log have the same. To tf2 a time of 0 means
-"the latest": with --epoch 1 and more the first frame is found like the others.
+"the latest": with --epoch 1 and more the first frame is found like the others. Where the sequence's clocks have errors (generate --clock), headers of
+images, calibrations, detections, odometry, IMU and wheels have the times of the clock of their camera or robot, and the log has true times.
 world: right-handed, z up, metres. base_link and camera: x forward, y left, z up; optical: x right, y down, z ahead. A transform maps points of the
 child to the parent.
 Boxes: centre and size [px]; the first pixel's centre is (0, 0). In a panorama a box over the seam passes the right edge.
@@ -83,6 +92,8 @@ def export_mcap(out: Path, recordings: Iterable[RecordedSequence], epoch: int = 
             for topic, message in scene.static():
                 bag.write(topic, message, scene.stamps[0])
             for frame in recording.frames():
+                for stamp, topic, message in scene.samples(frame):
+                    bag.write(topic, message, stamp)
                 for topic, message in scene.messages(frame):
                     bag.write(topic, message, scene.stamps[frame])
         without = [camera for camera in recording.cameras if not recording.has_images(camera)]
@@ -114,6 +125,12 @@ class BagScene:
         return ros_names(list(self.recording.setup.mounts))
 
     @cached_property
+    def clocks(self) -> dict[str, list[int]]:
+        """Camera or robot that moves → time of each frame by its clock [ns]."""
+        names = [*self.recording.setup.mounts, *self.recording.setup.moving_robots]
+        return {name: self.recording.clock_stamps(name, self.epoch) for name in names}
+
+    @cached_property
     def odometry(self) -> dict[tuple[int, str], Message]:
         """(frame, robot) → Odometry: steps joined from the start of the robot on."""
         poses = {robot: (Pose.identity(), np.zeros((6, 6))) for robot in self.recording.setup.moving_robots}
@@ -128,7 +145,7 @@ class BagScene:
 
     def _odometry(self, frame: int, robot: str, step: Odometry, pose: Pose, covariance: Array) -> Message:
         period, name = self.recording.setup.period, self.robots[robot]
-        where = (self.stamps[frame], f"{name}/odom", f"{name}/base_link")
+        where = (self.clocks[robot][frame], f"{name}/odom", f"{name}/base_link")
         spread = fixed_axes(covariance, pose.rotation)
         return odometry_message(pose, spread, step.T_before_now.log() / period, step.covariance / period**2, where)
 
@@ -145,6 +162,9 @@ class BagScene:
             mount = setup.mounts[camera]
             transforms.append(transform(f"{self.robots[mount.robot]}/base_link", f"{name}/camera", mount.T_body_camera, stamp))
             transforms.append(transform(f"{name}/camera", f"{name}/optical", OPTICAL, stamp))
+        for robot in self.recording.imu:
+            name = self.robots[robot]
+            transforms.append(transform(f"{name}/base_link", f"{name}/imu", self.recording.imu_noise.T_body_imu, stamp))
         yield Topic("/tf_static", "tf2_msgs/TFMessage", latched=True), {"transforms": transforms}
         if isinstance(setup.ground, Grid):
             maps = {"terrain": terrain_marker(setup.ground, "terrain", stamp)}
@@ -153,6 +173,46 @@ class BagScene:
             for name, marker in maps.items():
                 if marker is not None:
                     yield Topic(f"/{name}", "visualization_msgs/Marker", latched=True), marker
+
+    def samples(self, frame: int) -> Iterator[tuple[int, Topic, Message]]:
+        """Samples of IMUs and wheel encoders since the frame before, with their true times [ns], in the order of time."""
+        for stamp, robot, sensor, row in self._samples.get(frame, []):
+            topic, message = self._imu(robot, row) if sensor == "imu" else self._wheels(robot, row)
+            yield stamp, topic, message
+
+    @cached_property
+    def _samples(self) -> dict[int, list[tuple[int, str, str, int]]]:
+        """Frame → true time [ns], robot, sensor and row of its samples. Those after the last frame belong to the last."""
+        found: list[tuple[int, str, str, int]] = []
+        for sensor in ("imu", "wheels"):
+            for robot, samples in getattr(self.recording, sensor).items():
+                times = self.recording.nanoseconds(samples.time, self.epoch, robot)
+                found += [(time, robot, sensor, row) for row, time in enumerate(times)]
+        found.sort(key=lambda sample: sample[0])
+        out: dict[int, list[tuple[int, str, str, int]]] = {}
+        for sample in found:
+            # Times of the tables are rounded to 9 digits: a sample at the time of a frame comes before it.
+            frame = min(bisect_left(self.stamps, sample[0] - ROUNDING), len(self.stamps) - 1)
+            out.setdefault(frame, []).append(sample)
+        return out
+
+    def _imu(self, robot: str, row: int) -> tuple[Topic, Message]:
+        samples, noise, name = self.recording.imu[robot], self.recording.imu_noise, self.robots[robot]
+        sigma = (noise.gyro_noise * noise.rate**0.5, noise.force_noise * noise.rate**0.5)
+        stamp = self._sample_stamps["imu", robot][row]
+        return Topic(f"/{name}/imu", "sensor_msgs/Imu"), imu_message(samples.gyro[row], samples.force[row], sigma, stamp, f"{name}/imu")
+
+    def _wheels(self, robot: str, row: int) -> tuple[Topic, Message]:
+        name, stamp = self.robots[robot], self._sample_stamps["wheels", robot][row]
+        message = wheels_message(WHEEL_NAMES, self.recording.wheels[robot].angle[row], stamp, f"{name}/base_link")
+        return Topic(f"/{name}/wheels", "sensor_msgs/JointState"), message
+
+    @cached_property
+    def _sample_stamps(self) -> dict[tuple[str, str], list[int]]:
+        """(sensor, robot) → times of its samples by the robot's clock [ns]."""
+        named = [("imu", robot, s.stamp) for robot, s in self.recording.imu.items()]
+        named += [("wheels", robot, s.stamp) for robot, s in self.recording.wheels.items()]
+        return {(sensor, robot): self.recording.nanoseconds(stamps, self.epoch, robot) for sensor, robot, stamps in named}
 
     def messages(self, frame: int) -> Iterator[tuple[Topic, Message]]:
         """The messages of a frame: transforms first."""
@@ -182,7 +242,7 @@ class BagScene:
         return odometry_message(pose, np.zeros((6, 6)), tangent, np.zeros((6, 6)), where)
 
     def _camera(self, frame: int, camera: str) -> Iterator[tuple[Topic, Message]]:
-        name, stamp = self.cameras[camera], self.stamps[frame]
+        name, stamp = self.cameras[camera], self.clocks[camera][frame]
         optical = f"{name}/optical"
         if self.recording.has_images(camera):
             suffix = self.recording.image_suffix(camera)
@@ -196,7 +256,7 @@ class BagScene:
             true = self.recording.views[frame, camera].boxes
             seen = true.visible > 0
             edges, ids = ltwh_from_edges(true.seen[seen]), map(str, true.person[seen].tolist())
-            message = detections_message(edges, true.visible[seen], ids, stamp, optical)
+            message = detections_message(edges, true.visible[seen], ids, self.stamps[frame], optical)
             yield Topic(f"/{name}/truth/detections", "vision_msgs/Detection2DArray"), message
 
 

@@ -99,6 +99,26 @@ def fixed_axes(covariance: Array, rotation: Array) -> Array:
     return np.asarray(R @ covariance @ R.T)
 
 
+def imu_message(rate: Array, force: Array, sigma: tuple[float, float], stamp: int, frame: str) -> Message:
+    """Imu: angular velocity (3,) rad/s and specific force (3,) m/s². sigma: white noise of a sample, rad/s and m/s². It has no orientation."""
+    spread = [(s * s * np.eye(3)).ravel().tolist() for s in sigma]
+    return {
+        "header": header(stamp, frame),
+        "orientation": {"w": 1.0},
+        # −1 in the first place: there is no orientation (sensor_msgs/Imu).
+        "orientation_covariance": [-1.0] + [0.0] * 8,
+        "angular_velocity": vector(rate),
+        "angular_velocity_covariance": spread[0],
+        "linear_acceleration": vector(force),
+        "linear_acceleration_covariance": spread[1],
+    }
+
+
+def wheels_message(names: Iterable[str], angles: Array, stamp: int, frame: str) -> Message:
+    """JointState: total angle of each wheel, rad."""
+    return {"header": header(stamp, frame), "name": list(names), "position": angles.tolist()}
+
+
 def detections_message(boxes: Array, scores: Array, ids: Iterable[str], stamp: int, frame: str) -> Message:
     """Detection2DArray of people. boxes (n, 4): left, top, width, height px from the image's corner. scores (n,). ids: n texts."""
     top = header(stamp, frame)
