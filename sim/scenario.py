@@ -20,8 +20,10 @@ from sim.robots.sensor_rates import IMU_RATES, WHEEL_RATES, steps_a_sample
 
 CROWD_STEP = 0.05
 """s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
-OPTIONAL = {"imu": "", "wheels": 0.0, "clock": ""}
-"""Fields of the robots' own sensors with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
+INDEPENDENT = "independent"
+"""The detector model of the fields misses, clutter, bearing_noise and min_visible."""
+OPTIONAL = {"imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT}
+"""Fields of sensors with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "difficulty": (0.0, 1.0),
     "seed": (0, 2**63 - 1),
@@ -58,6 +60,7 @@ class Scenario:
     bearing_noise is one sigma of a box's edge, rad; a body with a smaller visible fraction than min_visible is never detected.
     Sensors of the robots, off by default: imu is NAME or NAME@HZ with a part of sim.robots.imu. wheels is the rate of the encoders, Hz.
     clock has the errors of the clocks of robots and cameras, as sim.robots.clock.parse_clocks reads them.
+    detector_model: "independent" for these errors; otherwise the name of a model of tracker.detector_models, or its JSON, in their place.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -82,6 +85,7 @@ class Scenario:
     imu: str = ""
     wheels: float = 0.0
     clock: str = ""
+    detector_model: str = INDEPENDENT
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -92,6 +96,13 @@ class Scenario:
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
         self._check_sensors()
+        if not isinstance(self.detector_model, str):
+            raise ValueError(f"detector_model is {repr(self.detector_model)[:60]}, needs a text")
+        if self.detector_model != INDEPENDENT:
+            # Imported on demand: most scenarios have none.
+            from tracker.detector_models.model import model_of
+
+            model_of(self.detector_model)
 
     def _check_sensors(self) -> None:
         for name in ("imu", "clock"):

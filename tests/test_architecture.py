@@ -51,6 +51,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "metrics": {"geometry", "types", "formats", "sequence", "ekf", "slam"},
         "recordings": {"geometry", "types", "io", "formats", "sequence", "detections"},
         "datasets": {"geometry", "types", "io", "formats", "sequence", "detections", "ekf", "recordings"},
+        "detector_models": {"geometry", "types", "io", "formats", "recordings", "datasets"},
         "export": {"geometry", "types", "io", "formats", "sequence", "metrics", "recordings", "datasets"},
         "pipeline": {"geometry", "types", "detections", "tracks", "gnn", "mht", "slam"},
         "options": {"pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},

@@ -22,9 +22,10 @@ from sim.rendering.semantic_labels import classes
 from sim.scenario import Scenario
 from sim.sensors.exposure import Exposure
 from sim.sensors.keypoints import InstanceImage
-from sim.sensors.person_detector import Detector, true_view
+from sim.sensors.person_detector import true_view
 from sim.sensors.robot_detector import RobotDetector
 from sim.sensors.robot_sensors import RobotSensors
+from sim.sensors.view_detectors import ViewDetectors
 from sim.simulation.simulation import Simulation
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Grid
@@ -64,16 +65,16 @@ def run(
 
     sensors: those of the scenario where they are made already.
     """
-    detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
+    detectors = ViewDetectors(scenario, setup.mounts, simulation.all_persons)
     robot_detector = RobotDetector(scenario, setup, simulation)
     exposures = {
         name: Exposure(scenario.exposure, scenario.image_noise, scenario.period, scenario.stream(f"exposure/{name}")) for name in setup.mounts
     }
     for state in simulated_frames(scenario, simulation, setup, sensors):
         images, true = _rendered_views(simulation, setup, renderer, state)
-        views = []
+        views, feet = [], simulation.feet()
         for name, mount in setup.mounts.items():
-            found = detector.detect(mount.camera, true[name], streams[name])
+            found = detectors.detect(name, true[name], state.people.person, feet)
             image, robots = exposures[name].apply(images[name].colour), robot_detector.detect(name)
             views.append(View(name, found, odometry=state.odometry.get(mount.robot), image=image, robot_detections=robots))
         instances = {name: image.instances for name, image in images.items()}

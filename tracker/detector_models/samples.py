@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -81,6 +82,9 @@ class FalseSamples:
     seconds: Array
 
 
+Rows = TypeVar("Rows", PeopleSamples, FalseSamples)
+
+
 @dataclass(frozen=True, eq=False)
 class Samples:
     """Samples of the people and of the false boxes; period s; cameras: names by number of the view."""
@@ -119,6 +123,27 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
     people = _people(rows)
     counts = np.array([sum(one.camera == name for one in frames) for name in names], dtype=np.int64)
     return Samples(people, _false(recording, boxes, counts, np.concatenate(seconds), everywhere), 1 / recording.rate, names)
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """The samples of several recordings as one; people of different recordings are different. Raises ValueError where their rates differ."""
+    if len({round(1 / part.period, 6) for part in parts}) > 1:
+        raise ValueError(f"rates are {', '.join(f'{1 / part.period:g}' for part in parts)} frames/s, needs one for sources that are fitted together")
+    people, false, views, persons, sites = [], [], 0, 0, 0
+    for part in parts:
+        p, f = part.people, part.false
+        people.append(replace(p, view=p.view + views, person=np.unique(p.person, return_inverse=True)[1] + persons))
+        false.append(replace(f, view=f.view + views, site=np.where(f.site >= 0, f.site + sites, -1)))
+        views, persons = views + len(part.cameras), persons + len(np.unique(p.person))
+        sites += int(f.site.max(initial=-1)) + 1
+    names = tuple(name for part in parts for name in part.cameras)
+    return Samples(_concatenated(people), _concatenated(false), parts[0].period, names)
+
+
+def _concatenated(parts: Sequence[Rows]) -> Rows:
+    """Rows of several values as one; numbers are added."""
+    columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(parts[0])}
+    return type(parts[0])(**{name: sum(values) if isinstance(values[0], int) else np.concatenate(values) for name, values in columns.items()})
 
 
 def _rows(one: ViewFrame, view: int, image: tuple[int, int], part: Array) -> tuple[Array, ...]:
