@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import Out, numbers, unset
-from sim.cli.scenario_options import DetectorSettings, Number, ScenarioSettings, SensorSettings, Whole, Word, given
+from sim.cli.scenario_options import DetectorSettings, Number, ScenarioSettings, SensorSettings, Whole, Word, detector_given, given
 
 if TYPE_CHECKING:
     from sim.datasets.pets_twin import Twin
@@ -120,7 +120,7 @@ class Generate:
 
     def _given(self) -> dict[str, Any]:
         """Name → value of the options of a scenario on the command line."""
-        return given(self, _COMMON) | given(self.sensors) | given(self.scenario) | given(self.detector)
+        return given(self, _COMMON) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
 
     def _preset(self) -> Preset:
         """The preset with the settings of the file, overridden by those of the command line."""
@@ -134,6 +134,10 @@ class Generate:
         if self.config is None:
             return preset_of(self.preset, changes)
         settings = read_settings(self.config)
+        if isinstance(text := settings.get("detector_model"), str):
+            from tracker.detector_models.model import chosen_model
+
+            settings["detector_model"] = chosen_model(text)
         try:
             preset_of(self.preset, settings)
         except ValueError as error:
@@ -150,11 +154,12 @@ class Generate:
 
         if self.twin.annotations is None or self.twin.calibration is None:
             raise ValueError("a twin needs --annotations FILE and --calibration DIR")
-        own = {"frames", "robots", "width", "seed"}
+        own = {"frames", "robots", "width", "seed", "detector_model"}
         changes = self._given()
         plain = self.count == self.workers == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
         if set(changes) - own or not plain:
-            raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}; the annotation sets the rest")
+            named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(own))
+            raise ValueError(f"a twin takes --views and {named}; the annotation sets the rest")
         views = tuple(numbers(self.views or "1"))
         twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
         check_absent(self.out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,22 @@ from scipy.stats import chi2
 from tracker.detector_models import processes
 from tracker.detector_models.bodies import FEATURES
 from tracker.detector_models.model import (
-    CLEAR, EDGES, KNOTS, MOST_SAMPLES, OVERLAPS, Confidences, DetectorModel, EdgeErrors, FalseBoxes, Merges, Misses, SecondBoxes, StandingBoxes,
+    CLEAR,
+    EDGES,
+    KNOTS,
+    MOST_SAMPLES,
+    OVERLAPS,
+    Confidences,
+    DetectorModel,
+    EdgeErrors,
+    FalseBoxes,
+    Merges,
+    Misses,
+    SecondBoxes,
+    StandingBoxes,
 )  # fmt: skip
 from tracker.detector_models.samples import FalseSamples, PeopleSamples, Samples
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array, Ints, Mask
 
 LEAST_BODIES, LEAST_PEOPLE, LEAST_FOUND = 200, 2, 100
 """Fewest true bodies, true people, and boxes of them, of a fit."""
@@ -53,8 +66,8 @@ def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], seed:
     found_figures |= _exact(parts, samples)
     counts = {
         "bodies": len(people), "people": len(persons), "found": found, "views": len(samples.cameras), "frames": int(false.frames.sum()),
-        "second": len(false.seconds), "new": int((false.site < 0).sum()), "standing": int((false.site >= 0).sum()), "sites": len(np.unique(false.site[false.site >= 0])),
-        "unjudged": false.unjudged, "merged": int(people.merged.sum()),
+        "second": len(false.seconds), "new": int((false.site < 0).sum()), "standing": int((false.site >= 0).sum()),
+        "sites": len(np.unique(false.site[false.site >= 0])), "unjudged": false.unjudged, "merged": int(people.merged.sum()),
     }  # fmt: skip
     rounded = {key: (round(value, 5), round(low, 5), round(high, 5)) for key, (value, low, high) in found_figures.items()}
     return DetectorModel(name, bodies, made=dict(made), figures=rounded, counts=counts, **parts)
@@ -246,7 +259,8 @@ def _second(samples: Samples, weight: Array) -> SecondBoxes:
     rates = [float(np.average(people.seconds >= k, weights=weight)) for k in range(1, MOST_SECONDS + 1)]
     rates = [round(rate, 5) for rate in rates if rate > 0]
     some = people.seconds > 0
-    time_s = processes.hidden_chain(np.full(len(people), rates[0] if rates else 0.0), some, samples.pairs, weight, flickers=(0.0,))[0] if some.any() else 0.0
+    first = np.full(len(people), rates[0] if rates else 0.0)
+    time_s = processes.hidden_chain(first, some, samples.pairs, weight, flickers=(0.0,))[0]
     return SecondBoxes(tuple(rates), time_s, _thinned(rows[:, 1:]))
 
 
@@ -315,14 +329,14 @@ def figures(parts: Mapping[str, Any], samples: Samples, weight: Array, box_weigh
     return out
 
 
-def miss_groups(people: PeopleSamples) -> dict[str, dict[str, Array]]:
+def miss_groups(people: PeopleSamples) -> dict[str, dict[str, Mask]]:
     """Groups of true bodies of which misses are stated: by visible share, by height over image height, by place in the image, and by the border."""
     size, (u, v) = 2.0**people.size, people.place.T
     ends, middle = (0.0, 0.25, 0.5, 0.75, 1.0), np.percentile(size, [0, 33, 67, 100])
-    visible = {f"{a:.2f}-{b:.2f}": (people.visible >= a) & (people.visible < b) for a, b in zip(ends[:-1], ends[1:], strict=True)}
+    visible = {f"{a:.2f}-{b:.2f}": (people.visible >= a) & (people.visible < b) for a, b in pairwise(ends)}
     return {
         "visible": visible | {"1.00": people.visible >= 1.0},
-        "height": {f"{a:.2f}-{b:.2f}": (size >= a) & (size <= b) for a, b in zip(middle[:-1], middle[1:], strict=True)},
+        "height": {f"{a:.2f}-{b:.2f}": (size >= a) & (size <= b) for a, b in pairwise(middle)},
         "place": {
             f"{row} {column}": (np.clip(v * 3, 0, 2).astype(int) == r) & (np.clip(u * 3, 0, 2).astype(int) == c)
             for r, row in enumerate(("top", "middle", "bottom"))

@@ -16,6 +16,7 @@ from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import TruePeople, observed, true_people
 from tracker.detector_models.samples import Samples, joined, samples_of
 from tracker.detector_models.simulation import Simulated, independent_detections, simulated_detections
+from tracker.io.resume import checksum
 from tracker.recordings import Recording
 
 SEED = 1
@@ -51,7 +52,10 @@ def open_source(path: Path, options: SourceOptions) -> Source:
     if not recording.detections:
         raise ValueError(f"{path}: has no detections, which a fit needs (--detections)")
     description = {"folder": path.resolve().name, "cameras": list(recording.detections), "frames": [0, recording.frames], **recording.source}
-    return Source(recording, true_people(path, recording), description)
+    truth = true_people(path, recording)
+    if truth.file:
+        description["truth"] = {Path(truth.file).name: checksum(Path(truth.file))}
+    return Source(recording, truth, description)
 
 
 def fit_sources(sources: Sequence[Source], name: str) -> Fit:

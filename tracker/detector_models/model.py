@@ -51,8 +51,9 @@ class Misses:
 class EdgeErrors:
     """Errors of the edges of a box, as TERMS: the middle of left and right, top, the width, bottom.
 
-    They are in heights of the whole body; right and down are positive. quantiles (2, 4, KNOTS): of each term, for bodies of which at least CLEAR is visible, and for others. Normal scores of errors are sqrt(lasting) B + sqrt(1 − lasting) A: B is constant for a person and view, A is an
-    AR(1) process of time constant time_s. correlation (4, 4): of both, between terms.
+    They are in heights of the whole body; right and down are positive. quantiles (2, 4, KNOTS): of each term, for bodies of which at least CLEAR is
+    visible, and for others. Normal scores of errors are sqrt(lasting) B + sqrt(1 − lasting) A.
+    B is constant for a person and view, A is an AR(1) process of time constant time_s. correlation (4, 4): of both, between terms.
     hidden, border: by which share of its distance a box extends over the part that is hidden, and over the part beyond the border.
     """
 

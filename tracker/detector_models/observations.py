@@ -16,7 +16,7 @@ from tracker.detector_models.overlaps import MATCH, iou, nearest_overlap
 from tracker.formats.pets2009 import ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import Camera
-from tracker.recordings import Recording, RecordingCamera
+from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 
 INSIDE = 0.7
 """A box that belongs to nobody is a second box of a person where so much of it lies in the person's true box."""
@@ -32,10 +32,14 @@ NOBODY = -1
 
 @dataclass(frozen=True, eq=False)
 class TruePeople:
-    """The true people of a recording: frame → ids (n,) and feet (n, 3) m; camera → frame → boxes (n, 4) px in the same order, where they are known."""
+    """The true people of a recording: frame → ids (n,) and feet (n, 3) m.
+
+    boxes: camera → frame → boxes (n, 4) px in the same order, where they are known. file: that of the truth, "" where it is one of the recording.
+    """
 
     places: Mapping[int, tuple[Ints, Array]]
     boxes: Mapping[str, Mapping[int, Array]]
+    file: str = ""
 
     @property
     def kind(self) -> str:
@@ -83,13 +87,13 @@ def true_people(path: Path, recording: Recording, cameras: Iterable[str] = ()) -
             content = {frame - first: one for frame, one in read_annotations(whole[0]).items() if 0 <= frame - first < recording.frames}
             places = ground_truth(content, camera.camera, camera.pose, recording.ground)
             boxes = {"View_001": {frame: box for frame, (_, box) in content.items()}}
-            return TruePeople(places, boxes if names == ["View_001"] else {})
+            return TruePeople(places, boxes if names == ["View_001"] else {}, str(whole[0]))
     if not recording.truth:
         raise ValueError(f"{path}: has no truth, which a fit needs")
     return TruePeople(recording.truth, {})
 
 
-def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, Mapping[int, tuple[Array, Array]]] | None = None) -> Iterator[ViewFrame]:
+def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, FrameBoxes] | None = None) -> Iterator[ViewFrame]:
     """The views of all frames with truth. detections: in place of those of the recording."""
     given = recording.detections if detections is None else detections
     for name, boxes in given.items():

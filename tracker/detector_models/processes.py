@@ -1,6 +1,7 @@
 """Estimators of the processes of a detector model: logistic regression, a hidden Markov chain, and an AR(1) process with a lasting part.
 
-Samples of a person in a view are a series; pairs of its frames at several lags carry what is known of persistence (pairwise likelihood, Lindsay 1988).
+Samples of a person in a view are a series. Pairs of its frames at several lags carry what is known of persistence
+(pairwise likelihood, Lindsay 1988).
 """
 
 from __future__ import annotations
@@ -75,8 +76,8 @@ def hidden_chain(p: Array, event: Mask, pairs: Pairs, weight: Array, flickers: S
             total[k] += _likelihood(middle, cells, stay, flicker) / len(pairs)
     if not pairs or not event.any():
         return 0.0, 0.0
-    best = np.unravel_index(int(np.argmax(total)), total.shape)
-    return round(float(times[best[1]]), 4), float(flickers[best[0]])
+    flicker, time = divmod(int(np.argmax(total)), total.shape[1])
+    return round(float(times[time]), 4), float(flickers[flicker])
 
 
 def _bins(p: Array) -> tuple[Ints, Array]:

@@ -228,7 +228,7 @@ def confidence_of(model: DetectorModel, features: Array, score: Array) -> Array:
 
 
 def expected_edges(model: DetectorModel, bodies: TrueBodies, camera: Camera) -> Array:
-    """Edges (n, 4) px of boxes without errors: of the whole body, less what the detector leaves out of the hidden part and of that beyond the border."""
+    """Edges (n, 4) px of boxes without errors: of the whole body, less what the detector leaves out of its hidden part and beyond the border."""
     part = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera)
     seen = np.where((bodies.seen[:, 2] > bodies.seen[:, 0])[:, None], bodies.seen, part)
     e = model.edges

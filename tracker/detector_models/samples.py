@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,11 +29,12 @@ SITE_IOU = 0.5
 class PeopleSamples:
     """A row for each true body in a view and frame, ordered by view, person and frame; n rows.
 
-    view, person, frame (n,). size: log2 of body height over image height. visible, cut (n,) as in TrueBodies. place (n, 2): the middle of the box over
-    the size of the image. detected, merged (n,). overlap (n,): with the nearer person whose box overlaps most, 0 for none.
-    near_detected (n,): whether that person has a box. error (n, 4): of edges in body heights, NaN without a box or where a cut or hidden edge says
-    nothing. hidden_in, border_in (n, 4): by how much of a body height an edge is moved inward by what hides it, and by the border.
+    view, person, frame (n,). size: log2 of body height over image height. visible, cut (n,) as in TrueBodies. place (n, 2): the middle of the box
+    over the size of the image. detected, merged (n,). overlap (n,): with the nearer person whose box overlaps most, 0 for none.
+    near_detected (n,): whether that person has a box. hidden_in, border_in (n, 4): by how much of a body height an edge is moved
+    inward by what hides it, and by the border.
     moved (n, 4): the same of the box found. confidence (n,), NaN without a box. seconds (n,): number of second boxes.
+    whole_error (n, 4): of edges from the whole body, in body heights.
     """
 
     view: Ints
@@ -65,10 +66,10 @@ class PeopleSamples:
 
 @dataclass(frozen=True, eq=False)
 class FalseSamples:
-    """A row for each false box that is judged: view, frame, site (n,), −1 for new ones; edges (n, 4) px; distance, height, width (n, 3) m; confidence.
+    """A row for each false box that is judged: view, frame, site (n,), −1 for new ones; edges (n, 4) px; confidence (n,).
 
-    unjudged: number of boxes beyond the area. frames: by view, the number of frames. seconds: rows (m, 6) of second boxes: person, four errors, and
-    confidence.
+    size (n, 3) m: distance, height, width. unjudged: number of boxes beyond the area. frames: by view, the number of frames. 
+    seconds (m, 6): rows of second boxes, with person, four errors and confidence.
     """
 
     view: Ints
@@ -108,7 +109,7 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
         raise ValueError("too little truth: no frame has both truth and detections")
     names = tuple(dict.fromkeys(one.camera for one in frames))
     number = {name: k for k, name in enumerate(names)}
-    rows, seconds = list[tuple[Array, ...]](), [np.zeros((0, 6))]
+    rows, seconds = list[tuple[Any, ...]](), [np.zeros((0, 6))]
     boxes: dict[str, list[tuple[int, Array, float]]] = {name: [] for name in names}
     for one in frames:
         camera = recording.cameras[one.camera].camera
@@ -142,11 +143,12 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 def _concatenated(parts: Sequence[Rows]) -> Rows:
     """Rows of several values as one; numbers are added."""
-    columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(parts[0])}
-    return type(parts[0])(**{name: sum(values) if isinstance(values[0], int) else np.concatenate(values) for name, values in columns.items()})
+    columns: dict[str, list[Any]] = {f.name: [getattr(part, f.name) for part in parts] for f in fields(parts[0])}
+    whole: dict[str, Any] = {name: sum(v) if isinstance(v[0], int) else np.concatenate(v) for name, v in columns.items()}
+    return type(parts[0])(**whole)
 
 
-def _rows(one: ViewFrame, view: int, image: tuple[int, int], part: Array) -> tuple[Array, ...]:
+def _rows(one: ViewFrame, view: int, image: tuple[int, int], part: Array) -> tuple[Any, ...]:
     """Columns of PeopleSamples of a view and frame; part (n, 4): edges of the bodies in the image."""
     bodies: TrueBodies = one.bodies
     n, height = len(bodies.person), bodies.height[:, None]
@@ -174,14 +176,14 @@ def _rows(one: ViewFrame, view: int, image: tuple[int, int], part: Array) -> tup
     )  # fmt: skip
 
 
-def _people(rows: list[tuple[Array, ...]]) -> PeopleSamples:
+def _people(rows: list[tuple[Any, ...]]) -> PeopleSamples:
     columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
     order = np.lexsort((columns[2], columns[1], columns[0]))
     return PeopleSamples(*(column[order] for column in columns))
 
 
 def _false(recording: Recording, boxes: dict[str, list[tuple[int, Array, float]]], frames: Ints, seconds: Array, everywhere: bool) -> FalseSamples:
-    out, unjudged, first = list[tuple[Array, ...]](), 0, 0
+    out, unjudged, first = list[tuple[Any, ...]](), 0, 0
     for view, (name, found) in enumerate(boxes.items()):
         if not found:
             continue
