@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import expit, ndtri
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from tracker.detector_models import processes
 from tracker.detector_models.bodies import FEATURES
@@ -44,8 +45,8 @@ PRIOR = 1.0
 """Ridge of the logistic regression, as so many squared coefficients."""
 
 
-def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], seed: int = 0) -> DetectorModel:
-    """The model of a detector. bodies, made: as in DetectorModel. Raises ValueError where there is too little truth."""
+def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], replicates: int = REPLICATES) -> DetectorModel:
+    """The model of a detector. bodies, made: as in DetectorModel. replicates: of the bootstrap. Raises ValueError where there is too little truth."""
     people, false = samples.people, samples.false
     found, persons = int(people.detected.sum()), np.unique(people.person)
     if len(people) < LEAST_BODIES or len(persons) < LEAST_PEOPLE or found < LEAST_FOUND:
@@ -53,23 +54,28 @@ def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], seed:
             f"too little truth: {len(people)} true bodies of {len(persons)} people, {found} of them with a box,"
             f" needs at least {LEAST_BODIES} of {LEAST_PEOPLE} and {LEAST_FOUND}"
         )
-    parts, rng = _parts(samples, np.ones(len(people)), None), np.random.default_rng(seed)
-    replicates = list[dict[str, float]]()
+    parts, rng = _parts(samples, np.ones(len(people)), None), np.random.default_rng(0)
+    drawn = list[dict[str, float]]()
     of_person = np.searchsorted(persons, people.person)
     blocks = _blocks(false, samples.period)
-    for _ in range(REPLICATES):
+    for _ in range(replicates):
         weight = np.bincount(rng.integers(0, len(persons), len(persons)), minlength=len(persons)).astype(float)
         frame_weight = np.bincount(rng.integers(0, blocks[1], blocks[1]), minlength=blocks[1]).astype(float)
-        replicates.append(figures(_parts(samples, weight[of_person], frame_weight[blocks[0]]), samples, weight[of_person], frame_weight[blocks[0]]))
+        drawn.append(figures(_parts(samples, weight[of_person], frame_weight[blocks[0]]), samples, weight[of_person], frame_weight[blocks[0]]))
     best = figures(parts, samples, np.ones(len(people)), np.ones(len(false.view)))
-    found_figures = {key: (value, *_interval([one[key] for one in replicates])) for key, value in best.items() if np.isfinite(value)}
+    found_figures = {}
+    for key, value in best.items():
+        if np.isfinite(value):
+            low, high = _interval([one[key] for one in drawn])
+            wider = _few(len(persons))
+            found_figures[key] = (value, value - wider * max(value - low, 0.0), value + wider * max(high - value, 0.0))
     found_figures |= _exact(parts, samples)
     counts = {
         "bodies": len(people), "people": len(persons), "found": found, "views": len(samples.cameras), "frames": int(false.frames.sum()),
         "second": len(false.seconds), "new": int((false.site < 0).sum()), "standing": int((false.site >= 0).sum()),
         "sites": len(np.unique(false.site[false.site >= 0])), "unjudged": false.unjudged, "merged": int(people.merged.sum()),
     }  # fmt: skip
-    rounded = {key: (round(value, 5), round(low, 5), round(high, 5)) for key, (value, low, high) in found_figures.items()}
+    rounded = {key: _rounded(key, *triple) for key, triple in found_figures.items()}
     return DetectorModel(name, bodies, made=dict(made), figures=rounded, counts=counts, **parts)
 
 
@@ -89,6 +95,19 @@ def _exact(parts: Mapping[str, Any], samples: Samples) -> dict[str, tuple[float,
                 bound = min(1.0, 3 / number)
                 out[f"misses.{group}.{label}"] = (0.0, 0.0, bound) if missed == 0 else (1.0, 1 - bound, 1.0)
     return out
+
+
+def _rounded(key: str, value: float, low: float, high: float) -> tuple[float, float, float]:
+    """A figure and its interval, within the bounds of what the figure is."""
+    signed = key.endswith(".mean") or ".coefficients." in key
+    share = key.startswith(("misses.", "merges.", "edges.hidden", "edges.border")) or key.endswith((".lasting", ".median"))
+    least, most = -np.inf if signed else 0.0, 1.0 if share and not signed and not key.endswith("_s") else np.inf
+    return round(value, 5), round(float(np.clip(low, least, most)), 5), round(float(np.clip(high, least, most)), 5)
+
+
+def _few(people: int) -> float:
+    """How much wider than a bootstrap's an interval of few people is: Student's t over the normal quantile."""
+    return float(student.ppf(0.975, people - 1) / ndtri(0.975) * np.sqrt(people / (people - 1)))
 
 
 def _interval(values: list[float]) -> tuple[float, float]:

@@ -68,7 +68,7 @@ class PeopleSamples:
 class FalseSamples:
     """A row for each false box that is judged: view, frame, site (n,), −1 for new ones; edges (n, 4) px; confidence (n,).
 
-    size (n, 3) m: distance, height, width. unjudged: number of boxes beyond the area. frames: by view, the number of frames. 
+    size (n, 3) m: distance, height, width. unjudged: number of boxes beyond the area. frames: by view, the number of frames.
     seconds (m, 6): rows of second boxes, with person, four errors and confidence.
     """
 
