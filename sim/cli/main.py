@@ -108,7 +108,7 @@ def overview() -> str:
     lines = ["usage: pilsim COMMAND [OPTIONS]", "", "Simulate people and panoramic robots in irregular worlds, track them, score.", ""]
     for title, commands in GROUPS.items():
         lines.append(f"{title}:")
-        lines += [f"  {name_of(command):12} {(command.__doc__ or '').splitlines()[0]}" for command in commands]
+        lines += [f"  {name_of(command):9} {(command.__doc__ or '').splitlines()[0]}" for command in commands]
         lines.append("")
     return "\n".join([*lines, "`pilsim COMMAND --help` shows options and examples; see also `pilsim --version`."])
 

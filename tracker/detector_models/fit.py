@@ -349,7 +349,7 @@ def figures(parts: Mapping[str, Any], samples: Samples, weight: Array, box_weigh
 
 
 def miss_groups(people: PeopleSamples) -> dict[str, dict[str, Mask]]:
-    """Groups of true bodies of which misses are stated: by visible share, by height over image height, by place in the image, and by the border."""
+    """Groups of true bodies of which misses are stated: by visible share, height over image height, place in the image, and border."""
     size, (u, v) = 2.0**people.size, people.place.T
     ends, middle = (0.0, 0.25, 0.5, 0.75, 1.0), np.percentile(size, [0, 33, 67, 100])
     visible = {f"{a:.2f}-{b:.2f}": (people.visible >= a) & (people.visible < b) for a, b in pairwise(ends)}

@@ -21,7 +21,7 @@ from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 INSIDE = 0.7
 """A box that belongs to nobody is a second box of a person where so much of it lies in the person's true box."""
 MERGED_GAIN = 0.05
-"""A box shows two people where its IoU with the box around both is higher by this than with each of them, and at least MERGED."""
+"""A box shows two people where its IoU with the box around both is at least MERGED. It is higher by this than with each of them."""
 MERGED = 0.5
 MARGIN = 1.0
 """m: false boxes farther than this beyond the area are not judged, since truth may end there."""
