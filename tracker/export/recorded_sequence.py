@@ -203,9 +203,16 @@ class RecordedSequence:
         return JPEG if f"images/{camera}/{0:06d}{JPEG}" in self._checksums else PNG
 
     def pixels(self, frame: int, camera: str) -> NDArray[np.uint8]:
-        """The decoded image (H, W, 3), blue, green, red."""
-        data, path = self._bytes("images", camera, frame)
-        return np.asarray(self._decode(data, path, camera, cv2.IMREAD_COLOR), dtype=np.uint8)
+        """The decoded image (H, W, 3), blue, green, red. The last one is kept, since six faces ask for one panorama."""
+        if (frame, camera) not in self._decoded:
+            data, path = self._bytes("images", camera, frame)
+            self._decoded.clear()
+            self._decoded[frame, camera] = np.asarray(self._decode(data, path, camera, cv2.IMREAD_COLOR), dtype=np.uint8)
+        return self._decoded[frame, camera]
+
+    @cached_property
+    def _decoded(self) -> dict[tuple[int, str], NDArray[np.uint8]]:
+        return {}
 
     @staticmethod
     def encoded(pixels: NDArray[Any], suffix: str) -> bytes:
@@ -258,7 +265,7 @@ class RecordedSequence:
             T_body_imu = pose_from(content.get("T_body_imu", [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
             rate, gyro, gyro_walk, force, force_walk = (float(content.get(name, 0.0)) for name in IMU_FIELDS)
             return ImuNoise(rate, gyro, gyro_walk, force, force_walk, T_body_imu)
-        except (TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{self.folder / 'sensors.json'}: imu: {error}") from None
 
     def true_poses(self, robot: str) -> list[Pose]:

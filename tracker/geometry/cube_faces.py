@@ -46,7 +46,10 @@ class Resampling:
 
     @cached_property
     def _map(self) -> NDArray[np.float32]:
-        """Column and row of the source, the first pixel's centre at (0, 0), for each pixel of the target: (H, W, 2)."""
+        """Column and row of the source, its first pixel's centre at (0, 0), for each pixel of the target: (2, H, W).
+
+        In a source that wraps, columns count from the one that `image` puts before the first.
+        """
         shift = self.target.pixel_centre
         u, v = np.meshgrid(np.arange(self.target.width) + shift, np.arange(self.target.height) + shift)
         aim = np.column_stack([u.ravel(), v.ravel()])
@@ -56,12 +59,13 @@ class Resampling:
         low = np.array([-1.0 if self.source.wraps else 0.0, 0.0])
         high = np.array([self.source.width - (0.0 if self.source.wraps else 1.0), self.source.height - 1.0])
         at = np.where(at > FARTHEST_OUT, np.clip(at, low, high), at)
-        return np.asarray(at.reshape(self.target.height, self.target.width, 2), dtype=np.float32)
+        if self.source.wraps:
+            at = at + np.array([1.0, 0.0])
+        return np.ascontiguousarray(at.T.reshape(2, self.target.height, self.target.width), dtype=np.float32)
 
     def image(self, image: NDArray[Any]) -> NDArray[Any]:
         """The source's image (H, W) or (H, W, 3) → the target's, sampled bilinearly; black where the source sees nothing."""
-        maps = self._map
         if self.source.wraps:
             image = np.concatenate([image[:, -1:], image, image[:, :1]], axis=1)
-            maps = maps + np.array([1.0, 0.0], dtype=np.float32)
-        return np.asarray(cv2.remap(image, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+        u, v = self._map
+        return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))

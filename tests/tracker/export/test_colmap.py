@@ -134,3 +134,17 @@ def test_text_and_binary_hold_the_same(exported: Exported) -> None:
     models[1].read_binary(str(folder))
     for key, image in models[0].images.items():
         assert_array_equal(image.cam_from_world().params, models[1].images[key].cam_from_world().params)
+
+
+def test_rigs_are_those_of_the_robots(exported: Exported, model: Any) -> None:
+    """pycolmap reads the configuration, and places of its cameras in the rig are those of the images of one frame."""
+    configurations = pycolmap.read_rig_config(str(exported("colmap") / "plaza" / "rig_config.json"))
+    assert [len(rig.cameras) for rig in configurations] == [6, 1, 1, 1]
+    by_name = {image.name: image for image in model.images.values()}
+    reference, *others = configurations[0].cameras
+    assert reference.ref_sensor
+    for frame in range(FRAMES):
+        first = by_name[f"{reference.image_prefix}{frame:06d}.jpg"].cam_from_world()
+        for camera in others:
+            expected = by_name[f"{camera.image_prefix}{frame:06d}.jpg"].cam_from_world()
+            assert_allclose((camera.cam_from_rig * first).matrix(), expected.matrix(), atol=1e-9)

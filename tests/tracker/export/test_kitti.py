@@ -9,8 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.tracker.export.scene import FRAMES, RATE
+from tracker.export.camera_parameters import straight
+from tracker.export.kitti import projection
 from tracker.geometry import Pose
-from tracker.geometry.cameras import OPTICAL_FROM_CAMERA
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Pinhole
 from tracker.geometry.cube_faces import FACES, Resampling, face_camera
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_views
@@ -56,3 +58,10 @@ def test_images_are_the_front_view_and_agree_with_the_projection(sequence: Path,
         expected, inside = target.pixels_from_bearings((body @ mount.T_body_camera).inverse().apply(ahead))
         assert inside.all()
         assert_allclose(pixel[:, :2] / pixel[:, 2:], expected, atol=1e-6)
+
+
+def test_a_second_camera_has_the_baseline_in_its_projection() -> None:
+    """A camera 0.54 m to the right of the first: P1 has −fx · 0.54 in its last column (Geiger et al. 2013, eq. 3)."""
+    view = straight("right", Pinhole(1242, 375, 718.0, 718.0, 607.0, 185.0))
+    P1 = projection(view, Pose(np.eye(3), np.array([-0.54, 0.0, 0.0])))
+    assert_allclose(P1, [[718, 0, 607, -718 * 0.54], [0, 718, 185, 0], [0, 0, 1, 0]])
