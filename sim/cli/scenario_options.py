@@ -43,8 +43,7 @@ class SensorSettings:
     wheels: Annotated[float | None, unset("HZ", "none")] = None
     """Wheel encoders of each rover at this rate, Hz."""
     clock: Annotated[str | None, unset("ERRORS", "exact")] = None
-    """Errors of the clocks, as offset=0.02,jitter=0.001,drift=20 (s, s, ppm); ± before a value draws it; NAME: before them and ; between them
-    for single robots and cameras."""
+    """Errors of the clocks of robots and cameras, as offset=±0.02,jitter=0.001,drift=20 (s, s, ppm); sim/README.md has the rest."""
 
 
 @dataclass(frozen=True)

@@ -81,15 +81,17 @@ def _of_sensors(folder: Path, files: dict[str, Any]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name in ("imu", "wheels"):
         if f"{name}.csv" in files:
-            entry = sensors.description.get(name, {})
+            if name not in sensors.description:
+                raise ValueError(f"{folder / 'sensors.json'}: has no {name}, though there is {name}.csv")
+            entry = sensors.description[name]
             rows = len(read_table(folder / f"{name}.csv", SENSOR_TABLES[name])["time"])
-            out[name] = {"name": entry["name"]} if "name" in entry else {}
-            out[name] |= {"rate": entry.get("rate"), "samples": rows}
+            out[name] = {"name": str(entry.get("name"))[:40]} if name == "imu" else {}
+            out[name] |= {"rate": entry["rate"], "samples": rows}
     return out | ({"clocks": len(sensors.clocks)} if sensors.clocks else {})
 
 
 def _sensors_text(row: dict[str, Any]) -> str:
-    parts = [f"IMU {row['imu'].get('name')} at {row['imu']['rate']:g} Hz"] if "imu" in row else []
+    parts = [f"IMU {row['imu']['name']} at {row['imu']['rate']:g} Hz"] if "imu" in row else []
     parts += [f"wheels at {row['wheels']['rate']:g} Hz"] if "wheels" in row else []
     parts += [f"{row['clocks']} clocks with errors"] if "clocks" in row else []
     return f" {', '.join(parts)};" if parts else ""

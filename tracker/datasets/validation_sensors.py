@@ -5,23 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from tracker.geometry import Array
-from tracker.sequence.robot_sensors import read_imu, read_sensor_setup, read_stamps, read_wheels
+from tracker.sequence.robot_sensors import SENSOR_TABLES, read_imu, read_sensor_setup, read_stamps, read_wheels, sensor_tables
 from tracker.types import ImuSamples, SensorSetup, Sequence
 
 Finding = tuple[Path, str]
 MAX_DEVIATION = 8.0
 """Largest error of a sample or a stamp, in standard deviations."""
+MISSING = "missing, though sensors.json or truth/clocks.csv tells of it"
+UNTOLD = "sensors.json and truth/clocks.csv tell of no such table"
 _DIGITS = 1e-8
 """Relative rounding of numbers in a table: 9 digits."""
-_BOUNDS: dict[str, tuple[float, float]] = {
-    "rate": (1.0, 10_000.0), "gyro_noise": (0.0, 100.0), "force_noise": (0.0, 100.0), "counts": (1.0, 1e9),
-}  # fmt: skip
-"""Lowest and highest values of the entries of sensors.json that the checks use."""
 
 
 def sensor_faults(folder: Path, sequence: Sequence, files: Collection[str]) -> Iterator[Finding]:
@@ -32,28 +29,17 @@ def sensor_faults(folder: Path, sequence: Sequence, files: Collection[str]) -> I
     sensors = read_sensor_setup(folder)
     robots = [robot for robot in sequence.setup.starts if not sequence.setup.is_fixed(robot)]
     seconds = (len(sequence.truth or ()) - 1) * sequence.setup.period
-    if {"imu.csv", "truth/inertial.csv"} <= set(files):
-        fault, entry = _entry(folder, sensors.description, "imu", ("rate", "gyro_noise", "force_noise"))
-        yield from fault
-        if entry:
-            yield from _imu(folder, robots, seconds, entry, sensors)
+    wanted = {f"{name}.csv" for name in sensor_tables(sensors)}
+    for name in sorted(wanted | {f"{name}.csv" for name in SENSOR_TABLES}):
+        if (name in wanted) != (folder / name).exists():
+            yield folder / name, MISSING if name in wanted else UNTOLD
+    files = wanted & set(files)
+    if {"imu.csv", "truth/inertial.csv"} <= files:
+        yield from _imu(folder, robots, seconds, sensors.description["imu"], sensors)
     if "wheels.csv" in files:
-        fault, entry = _entry(folder, sensors.description, "wheels", ("rate", "counts"))
-        yield from fault
-        if entry:
-            yield from _wheels(folder, robots, seconds, entry, sensors)
+        yield from _wheels(folder, robots, seconds, sensors.description["wheels"], sensors)
     if "stamps.csv" in files:
         yield from _frames(folder, [*robots, *sequence.setup.mounts], sequence, sensors)
-
-
-def _entry(folder: Path, description: Mapping[str, Any], name: str, numbers: tuple[str, ...]) -> tuple[list[Finding], dict[str, float]]:
-    """Faults of an entry of sensors.json, and its numbers; these are empty where there are faults."""
-    entry, faults = description.get(name), []
-    for number in numbers:
-        value, (low, high) = entry.get(number) if entry else None, _BOUNDS[number]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            faults.append((folder / "sensors.json", f"{name}.{number} is {str(value)[:40]}, needs a number in [{low:g}, {high:g}]"))
-    return faults, {} if faults or not entry else {number: float(entry[number]) for number in numbers}
 
 
 def _imu(folder: Path, robots: list[str], seconds: float, entry: Mapping[str, float], sensors: SensorSetup) -> Iterator[Finding]:

@@ -26,6 +26,12 @@ SENSOR_TABLES: dict[str, Mapping[str, type]] = {
 }
 """Table → its columns."""
 
+NUMBERS: dict[str, dict[str, tuple[float, float]]] = {
+    "imu": {"rate": (1.0, 10_000.0), "gyro_noise": (0.0, 100.0), "force_noise": (0.0, 100.0)},
+    "wheels": {"rate": (1.0, 10_000.0), "counts": (1.0, 1e9)},
+}
+"""Entry of sensors.json → the numbers that it needs, with their lowest and highest values."""
+
 
 def sensor_tables(sensors: SensorSetup) -> dict[str, list[str]]:
     """Tables that a sequence with these sensors has → their columns."""
@@ -87,18 +93,28 @@ def read_stamps(folder: Path) -> dict[str, Array]:
 
 
 def read_sensor_setup(folder: Path) -> SensorSetup:
-    """Description of the sensors, and true errors of the clocks; empty where the sequence has none. Raises ValueError with file and line."""
-    description: dict[str, Any] = {}
-    if (folder / "sensors.json").is_file():
-        content = read_json(folder / "sensors.json")
-        if not isinstance(content, dict) or not all(isinstance(entry, dict) for entry in content.values()):
-            raise ValueError(f"{folder / 'sensors.json'}: needs an object of objects")
-        description = content
+    """Description of the sensors, and true errors of the clocks; empty where the sequence has none.
+
+    Raises ValueError with file and line or field, also for an entry whose NUMBERS are missing or out of their bounds.
+    """
+    description = _description(folder / "sensors.json") if (folder / "sensors.json").is_file() else {}
     clocks = {}
     if (folder / "truth" / "clocks.csv").is_file():
         table = read_table(folder / "truth" / "clocks.csv", CLOCKS)
         clocks = {str(name): (float(o), float(d), float(j)) for name, o, d, j in zip(*table.values(), strict=True)}
     return SensorSetup(description, clocks)
+
+
+def _description(path: Path) -> dict[str, Any]:
+    content = read_json(path)
+    if not isinstance(content, dict) or not all(isinstance(entry, dict) for entry in content.values()):
+        raise ValueError(f"{path}: needs an object of objects")
+    for name, bounds in NUMBERS.items():
+        for number, (low, high) in bounds.items() if name in content else ():
+            value = content[name].get(number)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+                raise ValueError(f"{path}: {name}.{number} is {str(value)[:40]}, needs a number in [{low:g}, {high:g}]")
+    return content
 
 
 def _by_robot(folder: Path, name: str) -> dict[str, Array]:

@@ -62,7 +62,8 @@ def test_faults_are_found(folder: Path, name: str, row: int, column: str, value:
         ('"rate": 198.0', '"rate": 200.0', "imu.csv: sample 0 of robot_0 is at 0.00505051 s, needs 0.005 s"),
         ('"rate": 198.0', '"rate": "fast"', "sensors.json: imu.rate is fast, needs a number in [1, 10000]"),
         ('"gyro_noise": 0.0001', '"gyro_noise": 1e-6', "imu.csv: gyro of robot_0"),
-        ('"wheels"', '"wheel"', "sensors.json: wheels.rate is None, needs a number"),
+        ('"wheels"', '"wheel"', "wheels.csv: sensors.json and truth/clocks.csv tell of no such table"),
+        ('"rate": 49.5', '"speed": 49.5', "sensors.json: wheels.rate is None, needs a number in [1, 10000]"),
         ('"counts": 1024', '"counts": 1000', "wheels.csv: an angle of robot_0 is no whole count"),
     ],
 )
@@ -79,6 +80,17 @@ def test_a_missing_sample_is_found(folder: Path) -> None:
         (folder / name).write_text("\n".join([*lines[:9], *lines[10:]]) + "\n")
     sealed(folder)
     assert faults(folder) == ["imu.csv: robot_0 has 65 samples, needs 66"]
+
+
+def test_a_missing_table_is_found(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    for name in ("wheels.csv", "truth/inertial.csv"):
+        (folder / name).unlink()
+        del manifest["files"][name]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    sealed(folder)
+    said = "missing, though sensors.json or truth/clocks.csv tells of it"
+    assert faults(folder) == [f"truth/inertial.csv: {said}", f"wheels.csv: {said}"]
 
 
 def test_the_summary_names_the_sensors(folder: Path, tmp_path: Path) -> None:
