@@ -1,4 +1,4 @@
-"""Markers for RViz and Foxglove: people as cylinders with their ids, and height maps as triangles."""
+"""Markers for RViz and Foxglove: people as cylinders with their ids, boxes on images as lines, and height maps as triangles."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from tracker.export.ros2.messages import Message, header, vector
 from tracker.geometry import Array
 from tracker.geometry.ground import Grid
 
-CYLINDER, TEXT, TRIANGLES, DELETE = 3, 9, 11, 2
-"""Marker.CYLINDER, TEXT_VIEW_FACING, TRIANGLE_LIST and DELETE."""
+CYLINDER, TEXT, TRIANGLES, DELETE, LINES = 3, 9, 11, 2, 2
+"""Marker.CYLINDER, TEXT_VIEW_FACING, TRIANGLE_LIST and DELETE; ImageMarker.LINE_LIST."""
 HEIGHT, DIAMETER = 1.75, 0.5
 """m: of the cylinder of every person."""
 GOLDEN = 0.618033988749895
@@ -31,13 +31,35 @@ def people_markers(people: list[int], feet: Array, gone: list[int], stamp: int) 
     top = header(stamp, "world")
     markers: list[Message] = []
     for person, foot in zip(people, feet, strict=True):
-        r, g, b = colorsys.hsv_to_rgb(person * GOLDEN % 1.0, 0.7, 0.9)
-        shared = {"header": top, "id": person, "color": {"r": r, "g": g, "b": b, "a": 0.7}}
+        shared = {"header": top, "id": person, "color": person_color(person) | {"a": 0.7}}
         scale = {"x": DIAMETER, "y": DIAMETER, "z": HEIGHT}
         markers.append(shared | {"ns": "people", "type": CYLINDER, "pose": _at(foot, HEIGHT / 2), "scale": scale})
         markers.append(shared | {"ns": "ids", "type": TEXT, "pose": _at(foot, HEIGHT + 0.2), "scale": {"z": 0.3}, "text": str(person)})
     markers += [{"header": top, "ns": ns, "id": person, "action": DELETE} for person in gone for ns in ("people", "ids")]
     return {"markers": markers}
+
+
+def person_color(person: int) -> Message:
+    """ColorRGBA of a person, the same in all topics."""
+    r, g, b = colorsys.hsv_to_rgb(person * GOLDEN % 1.0, 0.7, 0.9)
+    return {"r": r, "g": g, "b": b, "a": 1.0}
+
+
+def boxes_marker(boxes: Array, colors: list[Message], turn: float, stamp: int, frame: str) -> Message:
+    """ImageMarker with the four sides of each box. boxes (n, 4): left, top, width, height px from the image's corner. colors: n ColorRGBA.
+
+    turn: width of a panorama, px, inf for other cameras. A box that passes the right edge of a panorama is drawn on the left side, too.
+    Points have the first pixel's centre at (0, 0).
+    """
+    points: list[Message] = []
+    sides: list[Message] = []
+    for (left, top, across, down), color in zip(boxes.tolist(), colors, strict=True):
+        for low in [left - 0.5] + [left - 0.5 - turn] * (left + across > turn):
+            corners = [(low, top - 0.5), (low + across, top - 0.5), (low + across, top - 0.5 + down), (low, top - 0.5 + down)]
+            ends = [corners[k % 4] for k in (0, 1, 1, 2, 2, 3, 3, 4)]
+            points += [{"x": u, "y": v} for u, v in ends]
+            sides += [color] * len(ends)
+    return {"header": header(stamp, frame), "ns": "boxes", "type": LINES, "scale": 2.0, "points": points, "outline_colors": sides}
 
 
 def _at(foot: Array, above: float) -> Message:

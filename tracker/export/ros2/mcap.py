@@ -14,7 +14,7 @@ import numpy as np
 from tracker.export.camera_parameters import OPTICAL, PANORAMAS, pixel_errors
 from tracker.export.recorded_sequence import RecordedSequence, ltwh_from_edges
 from tracker.export.ros2.bag import BagWriter, Topic
-from tracker.export.ros2.markers import people_markers, terrain_marker
+from tracker.export.ros2.markers import boxes_marker, people_markers, person_color, terrain_marker
 from tracker.export.ros2.messages import (
     Message,
     camera_info,
@@ -35,6 +35,7 @@ from tracker.sequence.schema import WHEEL_NAMES
 from tracker.types import Odometry
 
 WORLD = "world"
+IMAGE_MARKER = "visualization_msgs/ImageMarker"
 ROUNDING = 500
 """ns: times of samples in the tables are rounded by less."""
 README = f"""
@@ -56,6 +57,7 @@ for `ros2 bag play` to offer the boxes. Ten lines of Python read it (pip install
 | /CAMERA/camera_info | sensor_msgs/CameraInfo | calibration, with each image |
 | /CAMERA/detections | vision_msgs/Detection2DArray | boxes [px] of the detector, score: its confidence |
 | /CAMERA/truth/detections | vision_msgs/Detection2DArray | boxes [px] of what is seen, id: the person's, score: visible share of the body |
+| /CAMERA/detections/markers, /CAMERA/truth/detections/markers | visualization_msgs/ImageMarker | the same boxes as lines on the image |
 | /ROBOT/odom | nav_msgs/Odometry | odometry from the start: ROBOT/odom → ROBOT/base_link as the robot believes |
 | /ROBOT/imu | sensor_msgs/Imu | angular velocity [rad/s], specific force [m/s²], along the body's axes; where the sequence has imu.csv |
 | /ROBOT/wheels | sensor_msgs/JointState | total angle of each wheel [rad]; where the sequence has wheels.csv |
@@ -251,13 +253,19 @@ class BagScene:
         yield Topic(f"/{name}/camera_info", "sensor_msgs/CameraInfo"), camera_info(self.recording.cameras[camera], stamp, optical)
         boxes, confidence = self.recording.detection_boxes(frame, camera)
         given = detections_message(boxes, confidence, [""] * len(boxes), stamp, optical)
+        white = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 0.8}
+        turn = self.recording.cameras[camera].width if self.recording.cameras[camera].wraps else np.inf
         yield Topic(f"/{name}/detections", "vision_msgs/Detection2DArray"), given
+        yield Topic(f"/{name}/detections/markers", IMAGE_MARKER), boxes_marker(boxes, [white] * len(boxes), turn, stamp, optical)
         if (frame, camera) in self.recording.views:
             true = self.recording.views[frame, camera].boxes
             seen = true.visible > 0
-            edges, ids = ltwh_from_edges(true.seen[seen]), map(str, true.person[seen].tolist())
-            message = detections_message(edges, true.visible[seen], ids, self.stamps[frame], optical)
+            edges, people = ltwh_from_edges(true.seen[seen]), true.person[seen].tolist()
+            message = detections_message(edges, true.visible[seen], map(str, people), self.stamps[frame], optical)
             yield Topic(f"/{name}/truth/detections", "vision_msgs/Detection2DArray"), message
+            # Foxglove draws markers of the image's own time.
+            marker = boxes_marker(edges, [person_color(person) for person in people], turn, stamp, optical)
+            yield Topic(f"/{name}/truth/detections/markers", IMAGE_MARKER), marker
 
 
 def ros_names(names: list[str]) -> dict[str, str]:

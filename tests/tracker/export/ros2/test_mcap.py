@@ -33,6 +33,7 @@ EVERY_FRAME = {
     **{f"/{camera}/camera_info": "sensor_msgs/msg/CameraInfo" for camera in CAMERAS},
     **{f"/{camera}/detections": "vision_msgs/msg/Detection2DArray" for camera in CAMERAS},
     **{f"/{camera}/truth/detections": "vision_msgs/msg/Detection2DArray" for camera in CAMERAS},
+    **{f"/{camera}/{boxes}/markers": "visualization_msgs/msg/ImageMarker" for camera in CAMERAS for boxes in ("detections", "truth/detections")},
 }
 ONCE = {"/tf_static": "tf2_msgs/msg/TFMessage", "/terrain": "visualization_msgs/msg/Marker"}
 
@@ -65,7 +66,8 @@ def test_the_script_of_ten_lines_lists_all_topics(bag: Path) -> None:
 
 def test_summary_has_statistics_and_an_index(bag: Path) -> None:
     with bag.open("rb") as file:
-        reader = make_reader(file)
+        reader = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in reader.iter_messages()) == len(EVERY_FRAME) * FRAMES + len(ONCE) - 1
         summary = reader.get_summary()
         assert reader.get_header().profile == "ros2"
     assert summary is not None
@@ -156,6 +158,25 @@ def test_people_lie_in_their_boxes(messages: dict[str, list[tuple[int, Any]]], c
             assert abs(v - centre.y) <= size[1] / 4
             found += 1
     assert found >= FRAMES
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_lines_on_images_are_the_boxes(messages: dict[str, list[tuple[int, Any]]], camera: str) -> None:
+    """Each box has four sides; the lines of one time span the same place as the boxes of that time."""
+    for topic in (f"/{camera}/detections", f"/{camera}/truth/detections"):
+        for (time, boxes), (_, marker), (_, image) in zip(
+            messages[topic], messages[f"{topic}/markers"], messages[f"/{camera}/camera_info"], strict=True
+        ):
+            assert time == marker.header.stamp.sec * 10**9 + marker.header.stamp.nanosec
+            lines = np.array([[p.x, p.y] for p in marker.points]).reshape(-1, 4, 2, 2)
+            over = [b.bbox.center.position.x + b.bbox.size_x / 2 > image.width - 0.5 for b in boxes.detections]
+            assert len(lines) == len(boxes.detections) + sum(over) * (camera == "robot_0_camera")
+            assert len(marker.outline_colors) == len(marker.points)
+            spans = [(*box.min(axis=(0, 1)), *box.max(axis=(0, 1))) for box in lines]
+            for box in boxes.detections:
+                c, w, h = box.bbox.center.position, box.bbox.size_x, box.bbox.size_y
+                expected = (c.x - w / 2, c.y - h / 2, c.x + w / 2, c.y + h / 2)
+                assert any(np.allclose(span, expected, atol=1e-6) for span in spans)
 
 
 def test_transforms_and_poses_are_the_truth(sequence: Path, messages: dict[str, list[tuple[int, Any]]]) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tracker.export.ros2.markers import DELETE, people_markers, terrain_marker
+from tracker.export.ros2.markers import DELETE, boxes_marker, people_markers, person_color, terrain_marker
 from tracker.export.ros2.messages import camera_info, composed_covariance, fixed_axes
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Cylinder, Fisheye
@@ -44,6 +44,15 @@ def test_who_leaves_is_removed() -> None:
     markers = people_markers([3], np.array([[1.0, 2.0, 0.5]]), [7], 0)["markers"]
     assert [(m["ns"], m["id"], m.get("action", 0)) for m in markers] == [("people", 3, 0), ("ids", 3, 0), ("people", 7, DELETE), ("ids", 7, DELETE)]
     assert markers[0]["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 0.5 + 1.75 / 2}
+
+
+def test_boxes_over_the_seam_are_drawn_on_both_sides() -> None:
+    boxes = np.array([[60.0, 10.0, 8.0, 20.0], [5.0, 5.0, 2.0, 4.0]])
+    colors = [person_color(1), person_color(2)]
+    panorama = boxes_marker(boxes, colors, 64, 0, "c")
+    assert sorted({p["x"] for p in panorama["points"]}) == [-4.5, 3.5, 4.5, 6.5, 59.5, 67.5]
+    assert panorama["outline_colors"] == [colors[0]] * 16 + [colors[1]] * 8
+    assert sorted({p["x"] for p in boxes_marker(boxes, colors, np.inf, 0, "c")["points"]}) == [4.5, 6.5, 59.5, 67.5]
 
 
 def test_obstacles_are_what_stands_above_the_ground() -> None:
