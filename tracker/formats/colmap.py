@@ -34,11 +34,18 @@ class ColmapCamera:
 
 @dataclass(frozen=True, eq=False)
 class ColmapImage:
-    """An image: name below the folder of images, number of its camera from 1, and T_optical_world (x right, y down, z ahead)."""
+    """An image: name below the folder of images, number of its camera from 1, and T_optical_world (x right, y down, z ahead).
+
+    Raises ValueError for a name with a blank, which ends a name in COLMAP's text files.
+    """
 
     name: str
     camera: int
     T_optical_world: Pose
+
+    def __post_init__(self) -> None:
+        if len(self.name.split()) != 1:
+            raise ValueError(f"name of an image is {self.name!r}, needs one without blanks for COLMAP")
 
     @property
     def numbers(self) -> list[float]:

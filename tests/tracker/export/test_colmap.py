@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES
 from tracker.export.colmap import colmap_camera
-from tracker.geometry import Array
+from tracker.formats.colmap import ColmapCamera, ColmapImage
+from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Fisheye, Panorama, Pinhole
 from tracker.geometry.cube_faces import FACES, face_camera
 from tracker.sequence.reader import read_sequence
@@ -125,6 +126,13 @@ def test_models_project_alike(camera: Camera, model: str) -> None:
 def test_a_panorama_has_no_model() -> None:
     with pytest.raises(ValueError, match="camera is equirectangular, needs a pinhole or a fisheye"):
         colmap_camera(Panorama(512, 256))
+
+
+def test_names_with_blanks_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"name of an image is 'C 1/000000\.jpg', needs one without blanks for COLMAP"):
+        ColmapImage("C 1/000000.jpg", 1, Pose.identity())
+    with pytest.raises(ValueError, match="camera has 3 parameters, PINHOLE needs 4"):
+        ColmapCamera("PINHOLE", 320, 240, (1.0, 2.0, 3.0))
 
 
 def test_text_and_binary_hold_the_same(exported: Exported) -> None:
