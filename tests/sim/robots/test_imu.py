@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from sim.robots.imu import PARTS, ImuErrors, parse_imu
 from sim.robots.sensor_rates import IMU_RATES, WHEEL_RATES, possible_rates, steps_a_sample
 
-RATE, COUNT = 200.0, 400_000
+RATE, COUNT = 200.0, 200_000
 RARE = 1e-7
 """Probability of a value beyond each of the bounds of a test."""
 
@@ -38,7 +38,7 @@ def assert_variance(squares: np.ndarray, variance: np.ndarray) -> None:
 
 @pytest.fixture(scope="module", params=[name for name in PARTS if name != "ideal"])
 def drawn(request: pytest.FixtureRequest) -> tuple[str, np.ndarray, np.ndarray]:
-    """A part at rest for 2000 s, in pieces as a recording draws them: name, biases and noise."""
+    """A part at rest for 1000 s, in pieces as a recording draws them: name, biases and noise."""
     errors = ImuErrors(PARTS[request.param], 1 / RATE, np.random.default_rng(7))
     bias, noise = (np.concatenate(parts) for parts in zip(*(errors.draw(COUNT // 16) for _ in range(16)), strict=True))
     return request.param, bias, noise
