@@ -110,7 +110,7 @@ def _runs(axis: Any, found: Fit) -> None:
         runs = np.sort(miss_runs(samples.people, samples.period))
         if len(runs):
             axis.step(runs, 1 - np.arange(len(runs)) / len(runs), where="post", color=colour, label=f"{label}, {len(runs)} runs")
-    axis.set(title="How long misses last", xlabel="s", ylabel="share of runs that last as long", yscale="log", xscale="log")
+    axis.set(title="How long misses last", xlabel="s", ylabel="share of runs that last as long", yscale="log")
     axis.legend(fontsize=8)
     axis.grid(alpha=0.3)
 
@@ -119,7 +119,7 @@ def _edge_bars(axis: Any, found: Fit) -> None:
     f = found.model.figures
     labels, rows = [], []
     for edge in EDGES:
-        labels += [f"{edge}: mean", "deviation"]
+        labels += [f"{edge}, mean", "deviation"]
         rows += [f[f"edges.{edge}.mean"], f[f"edges.{edge}.deviation"]]
     _bars(axis, labels, rows)
     axis.axhline(0, color=INK, lw=0.6)
@@ -186,17 +186,17 @@ def _rates(axis: Any, found: Fit) -> None:
     f = found.model.figures
     _bars(
         axis,
-        ["second boxes\na person", "new false\na view", "standing false\na view", *(f"merged at\noverlap {low:g}+" for low in OVERLAPS)],
+        ["second\na person", "new\na view", "standing\na view", *(f"merged,\n{low:g}+" for low in OVERLAPS)],
         [f["second.rate"], f["false.rate"], f["standing.rate"], *(f[f"merges.{low:g}"] for low in OVERLAPS)],
     )
     axis.set_ylim(0, None)
-    axis.set(title="Boxes that are no person's, and merged boxes", ylabel="boxes in a frame; share merged")
+    axis.set(title="Second and false boxes; merges by overlap", ylabel="boxes in a frame; share merged")
 
 
 def _border(axis: Any, found: Fit) -> None:
     f = found.model.figures
     rows = {f"missed,\n{label}": value for label, value in _group(found, "misses.border.").items()}
-    rows |= {"hidden part\nin the box": f["edges.hidden"], "part beyond the\nborder in the box": f["edges.border"]}
+    rows |= {"hidden part\nin the box": f["edges.hidden"], "part beyond\nborder in it": f["edges.border"]}
     _bars(axis, list(rows), list(rows.values()))
     axis.set_ylim(-0.05, 1.05)
     axis.set(title="Bodies that the border or things cut", ylabel="share")

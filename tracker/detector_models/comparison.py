@@ -48,12 +48,13 @@ def counts(samples: Samples) -> Array:
 
 
 def distances(real: Samples, simulated: Samples, filled: tuple[float, float]) -> dict[str, float]:
-    """Distances by name: Kolmogorov and Smirnov's of two samples, in [0, 1], and the differences of autocorrelations.
+    """Distances by name: Kolmogorov and Smirnov's of two samples, in [0, 1], and differences of autocorrelations and of the share of misses.
 
     filled: the model's edges.hidden and edges.border, by which errors of edges are measured. NaN where a sample is empty.
     """
     a, b = real.people, simulated.people
-    out = {"miss runs": _ks(miss_runs(a, real.period), miss_runs(b, simulated.period))}
+    out = {"share missed": abs(float(a.detected.mean()) - float(b.detected.mean()))}
+    out |= {"miss runs": _ks(miss_runs(a, real.period), miss_runs(b, simulated.period))}
     first, second = edge_errors(a, *filled), edge_errors(b, *filled)
     for k, edge in enumerate(EDGES):
         out[f"{edge} edge"] = _ks(first[:, k], second[:, k])

@@ -32,10 +32,17 @@ def test_fit(room, tmp_path, monkeypatch, capsys):
     assert "spread of stature" in said
     assert read_model(out).made["sources"][0]["frames"] == [0, 50]
     assert picture.read_bytes()[:4] == b"\x89PNG"
-    command(monkeypatch, "fit-detector", room, "--out", out, "--frames", "0:50", "--json")
-    assert {"name", "figures", "counts", "distances"} <= set(json.loads(capsys.readouterr().out))
     command(monkeypatch, "stress", "--list", "--json", "--sweep", "density/0", "--detector-model", out)
     assert json.loads(json.loads(capsys.readouterr().out)["scenario"]["detector_model"])["name"] == "detector"
+
+
+@pytest.mark.slow
+def test_printed_json(room, tmp_path, monkeypatch, capsys):
+    command(monkeypatch, "fit-detector", room, room, "--out", tmp_path / "two.json", "--name", "both", "--json")
+    content = json.loads(capsys.readouterr().out)
+    assert set(content) == {"name", "figures", "counts", "distances"}
+    assert content["name"] == read_model(tmp_path / "two.json").name == "both"
+    assert content["counts"]["people"] == 10
 
 
 @pytest.mark.parametrize(
