@@ -14,6 +14,16 @@ from typing import Any
 
 import numpy as np
 
+from sim.robots.clock import parse_clocks
+from sim.robots.imu import parse_imu
+from sim.robots.sensor_rates import IMU_RATES, WHEEL_RATES, steps_a_sample
+
+CROWD_STEP = 0.05
+"""s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
+INDEPENDENT = "independent"
+"""The detector model of the fields misses, clutter, bearing_noise and min_visible."""
+OPTIONAL = {"imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT}
+"""Fields of sensors with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "difficulty": (0.0, 1.0),
     "seed": (0, 2**63 - 1),
@@ -48,6 +58,9 @@ class Scenario:
     Images: exposure is the sigma of its slow drift in stops, image_noise the sigma of every pixel and channel in counts of 255.
     Detector: misses is the share of visible people not detected, clutter the mean number of false detections a view and frame.
     bearing_noise is one sigma of a box's edge, rad; a body with a smaller visible fraction than min_visible is never detected.
+    Sensors of the robots, off by default: imu is NAME or NAME@HZ with a part of sim.robots.imu. wheels is the rate of the encoders, Hz.
+    clock has the errors of the clocks of robots and cameras, as sim.robots.clock.parse_clocks reads them.
+    detector_model: "independent" for these errors; otherwise the name of a model of tracker.detector_models, or its JSON, in their place.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -69,6 +82,10 @@ class Scenario:
     clutter: float = 0.05
     bearing_noise: float = math.radians(0.15)
     min_visible: float = 0.2
+    imu: str = ""
+    wheels: float = 0.0
+    clock: str = ""
+    detector_model: str = INDEPENDENT
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -78,6 +95,54 @@ class Scenario:
                 object.__setattr__(self, field.name, _bounded(field.name, getattr(self, field.name), whole=field.type == "int"))
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
+        self._check_sensors()
+        if not isinstance(self.detector_model, str):
+            raise ValueError(f"detector_model is {repr(self.detector_model)[:60]}, needs a text")
+        if self.detector_model != INDEPENDENT:
+            # Imported on demand: most scenarios have none.
+            from tracker.detector_models.model import model_of
+
+            model_of(self.detector_model)
+
+    def _check_sensors(self) -> None:
+        for name in ("imu", "clock"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name} is {repr(getattr(self, name))[:60]}, needs a text")
+        if isinstance(self.wheels, bool) or not isinstance(self.wheels, (int, float, np.integer, np.floating)):
+            raise ValueError(f"wheels is {repr(self.wheels)[:60]}, needs a number of Hz")
+        object.__setattr__(self, "wheels", float(self.wheels))
+        _ = self.imu_steps, self.wheel_steps
+        if self.clock:
+            own = {f"robot_{i}{part}" for i in range(self.robots) for part in ("", "_camera")}
+            for name in parse_clocks(self.clock):
+                # Names of fixed cameras are checked where their number is known.
+                if name and name not in own and not name.startswith("View_"):
+                    raise ValueError(f"clock names {name[:60]!r}, needs a robot or a camera, as robot_0, robot_0_camera or View_001")
+
+    @property
+    def crowd_steps(self) -> int:
+        """Number of steps of the crowd and of commands in a frame."""
+        return max(1, round(self.period / CROWD_STEP))
+
+    @property
+    def substeps(self) -> int:
+        """Number of physics steps in a step of the crowd."""
+        return max(1, round(self.period / self.crowd_steps / self.timestep))
+
+    @property
+    def physics_rate(self) -> float:
+        """Physics steps a second."""
+        return self.rate * self.crowd_steps * self.substeps
+
+    @property
+    def imu_steps(self) -> int:
+        """Physics steps between samples of the IMU; 0 without one."""
+        return steps_a_sample("imu", parse_imu(self.imu)[1], self.physics_rate, IMU_RATES) if self.imu else 0
+
+    @property
+    def wheel_steps(self) -> int:
+        """Physics steps between samples of the wheel encoders; 0 without them."""
+        return steps_a_sample("wheels", self.wheels, self.physics_rate, WHEEL_RATES) if self.wheels else 0
 
     @property
     def height(self) -> int:
@@ -94,8 +159,9 @@ class Scenario:
         return np.random.default_rng([self.seed, zlib.crc32(name.encode())])
 
     def to_json(self) -> str:
-        """One JSON object with a key for each field, and floats as their shortest exact decimals."""
-        return json.dumps(dataclasses.asdict(self), indent=2, allow_nan=False) + "\n"
+        """One JSON object with a key for each field that is not OPTIONAL or is switched on, and floats as their shortest exact decimals."""
+        fields = {name: value for name, value in dataclasses.asdict(self).items() if name not in OPTIONAL or value != OPTIONAL[name]}
+        return json.dumps(fields, indent=2, allow_nan=False) + "\n"
 
     @staticmethod
     def from_json(text: str) -> Scenario:
@@ -104,7 +170,7 @@ class Scenario:
         if not isinstance(content, dict):
             raise ValueError(f"scenario is a JSON {type(content).__name__}, needs an object")
         names = [field.name for field in dataclasses.fields(Scenario)]
-        unknown, missing = sorted(set(content) - set(names)), [name for name in names if name not in content]
+        unknown, missing = sorted(set(content) - set(names)), [name for name in names if name not in content and name not in OPTIONAL]
         if unknown:
             raise ValueError(f"scenario has unknown fields {unknown}, knows {names}")
         if missing:

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.cli.options import Out, json_text
+from sim.cli.options import DetectorModelName, Out, json_text
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario
@@ -45,11 +45,14 @@ class Demo:
     """Difficulty of the terrain, from 0 (gentle) to 1."""
     width: int = 1024
     """Width of a panorama, pixels; it is half as high."""
+    detector_model: DetectorModelName = "independent"
+    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
     out: Out = Path("runs/demo")
     """Folder of all results. The same scenario again reuses what is there."""
 
     def run(self) -> None:
         from sim.scenario import Scenario
+        from tracker.detector_models.model import chosen_model
 
         scenario = Scenario(
             world=self.world,
@@ -59,6 +62,7 @@ class Demo:
             people=self.people,
             frames=self.frames,
             width=self.width,
+            detector_model=chosen_model(self.detector_model),
         )
         from tracker.io.file_lock import folder_lock
 

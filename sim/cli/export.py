@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from sim.cli.options import Out, json_text, unset
 
-Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording"]
+Format = Literal["pets", "mot15", "mot17", "wildtrack", "coco", "jrdb", "tum", "aicity", "recording", "euroc", "kitti", "colmap", "mcap"]
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,11 @@ class Export:
       - coco       COCO with masks, key points and tracks
       - jrdb       JRDB: panoramas
       - tum        TUM: trajectories of robots
+      - euroc      EuRoC MAV data for SLAM: a folder a robot, true states
+      - kitti      KITTI odometry: a sequence a robot, true poses
+      - colmap     COLMAP: images with exact poses, panoramas as six pinholes
+      - mcap       a bag of ROS 2 (MCAP), for Foxglove and `ros2 bag play`:
+                   images, calibration, boxes, odometry, TF, people, terrain
       - aicity     AI City Challenge, track 1 (fixed pinhole cameras only); of the
                    results of `track`: the one text file of a submission
       - recording  pilsim's open format (recording.json), of any source:
@@ -33,6 +38,7 @@ class Export:
 
     Examples: pilsim export runs/pilsun --format mot17 --out runs/mot17
               pilsim export runs/pilsun/pilsun-00000 --format coco --out runs/coco
+              pilsim export runs/pilsun --format euroc --faces --out runs/euroc
     """
 
     source: Annotated[Positional[Path], arg(metavar="DIR")]
@@ -43,6 +49,10 @@ class Export:
     """Folder of the result; it must not exist yet."""
     rectangles: bool = False
     """wildtrack: write rectangles.pom too, a line for every camera and cell (millions of lines)."""
+    faces: bool = False
+    """euroc: give a panorama as six pinhole images of 90°, in place of one that pinhole programs cannot read."""
+    epoch: Annotated[int, arg(metavar="SECONDS")] = 0
+    """euroc, mcap: the time of the first frame in whole seconds, for instance a Unix time."""
     scene: Annotated[int | None, unset("INT", "the number in the name of what was tracked")] = None
     """aicity, of results: scene_id of the file."""
     json: bool = False
@@ -52,7 +62,7 @@ class Export:
         from tracker.datasets.opening import FORMATS, is_pilsim
         from tracker.datasets.source_options import SourceOptions
         from tracker.export.aicity import export_results, is_results
-        from tracker.export.exporting import export
+        from tracker.export.exporting import ExportOptions, export
         from tracker.export.recording import export_source
         from tracker.io.progress import progress_bar
 
@@ -78,7 +88,8 @@ class Export:
             return
         if (form := next((form for form in FORMATS if form.matches(self.source)), None)) is not None and not is_pilsim(self.source):
             raise ValueError(f"{self.source}: is {form.title}, which --format recording writes; {self.format} needs a sequence of pilsim")
-        found = export(self.source, self.format, self.out, progress, self.rectangles)
+        options = ExportOptions(self.rectangles, self.epoch, self.faces)
+        found = export(self.source, self.format, self.out, progress, options)
         if self.json:
             print(json_text({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))
         else:

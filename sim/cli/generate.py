@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import Out, numbers, unset
-from sim.cli.scenario_options import DetectorSettings, Number, ScenarioSettings, Whole, Word, given
+from sim.cli.scenario_options import DetectorSettings, Number, ScenarioSettings, SensorSettings, Whole, Word, detector_given, given
 
 if TYPE_CHECKING:
     from sim.datasets.pets_twin import Twin
@@ -60,6 +60,7 @@ class Generate:
               pilsim generate pilsun --world forest --count 20 --workers 2 --out D
               pilsim generate s2l2 --frames 100 --range --video --out D
               pilsim generate pilsun --config mine.toml --cluster tcp://10.0.0.1:8786 --count 500 --out /shared/D
+              pilsim generate pilsun --rate 10 --imu bmi088@200 --wheels 50 --clock offset=±0.02,jitter=0.001 --out D
               pilsim generate twin --annotations S2.L1/annotations/PETS2009-S2L1.xml --calibration calibration --views 1,5,7 --out runs/twin
     """
 
@@ -91,6 +92,8 @@ class Generate:
     """These options choose what is written beside JPEG images and tables."""
     twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
     """The preset twin needs both files; no other preset takes them."""
+    sensors: Annotated[OmitArgPrefixes[SensorSettings], arg(name="robot sensors")] = SensorSettings()
+    """These options add tables of the robots' own sensors: imu.csv, wheels.csv, stamps.csv."""
     scenario: Annotated[OmitArgPrefixes[ScenarioSettings], arg(name="expert scenario")] = ScenarioSettings()
     """These options change people, cameras and physics of the preset."""
     detector: Annotated[OmitArgPrefixes[DetectorSettings], arg(name="expert detector")] = DetectorSettings()
@@ -117,7 +120,7 @@ class Generate:
 
     def _given(self) -> dict[str, Any]:
         """Name → value of the options of a scenario on the command line."""
-        return given(self, _COMMON) | given(self.scenario) | given(self.detector)
+        return given(self, _COMMON) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
 
     def _preset(self) -> Preset:
         """The preset with the settings of the file, overridden by those of the command line."""
@@ -131,6 +134,10 @@ class Generate:
         if self.config is None:
             return preset_of(self.preset, changes)
         settings = read_settings(self.config)
+        if isinstance(text := settings.get("detector_model"), str):
+            from tracker.detector_models.model import chosen_model
+
+            settings["detector_model"] = chosen_model(text)
         try:
             preset_of(self.preset, settings)
         except ValueError as error:
@@ -147,11 +154,12 @@ class Generate:
 
         if self.twin.annotations is None or self.twin.calibration is None:
             raise ValueError("a twin needs --annotations FILE and --calibration DIR")
-        own = {"frames", "robots", "width", "seed"}
+        own = {"frames", "robots", "width", "seed", "detector_model"}
         changes = self._given()
         plain = self.count == self.workers == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
         if set(changes) - own or not plain:
-            raise ValueError(f"a twin takes --views and {', '.join(f'--{name}' for name in sorted(own))}; the annotation sets the rest")
+            named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(own))
+            raise ValueError(f"a twin takes --views and {named}; the annotation sets the rest")
         views = tuple(numbers(self.views or "1"))
         twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
         check_absent(self.out)

@@ -7,6 +7,7 @@ import difflib
 import importlib.metadata
 import io
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -23,6 +24,7 @@ from sim.cli.compare import Compare
 from sim.cli.demo import Demo
 from sim.cli.doctor import Doctor
 from sim.cli.export import Export
+from sim.cli.fit_detector import FitDetector
 from sim.cli.generate import Generate
 from sim.cli.info import Info
 from sim.cli.place import Place
@@ -48,20 +50,28 @@ Command = (
     | Annotated[Track, subcommand("track")]
     | Annotated[Score, subcommand("score")]
     | Annotated[Clique, subcommand("clique")]
+    | Annotated[FitDetector, subcommand("fit-detector")]
     | Annotated[Stress, subcommand("stress")]
     | Annotated[Report, subcommand("report")]
     | Annotated[Compare, subcommand("compare")]
     | Annotated[Place, subcommand("place")]
     | Annotated[Study, subcommand("study")]
 )
+
+
+def name_of(command: type) -> str:
+    """The name of a command on the command line: FitDetector is fit-detector."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", command.__name__).lower()
+
+
 GROUPS: dict[str, tuple[type, ...]] = {
     "Start": (Demo, Doctor),
     "Data": (Generate, Worlds, Check, Info, Export, View),
     "Tracking": (Track, Score, Clique),
-    "Experiments": (Stress, Report, Compare, Place, Study),
+    "Experiments": (FitDetector, Stress, Report, Compare, Place, Study),
 }
 """The commands as the overview shows them."""
-COMMANDS = {command.__name__.lower(): command for group in GROUPS.values() for command in group}
+COMMANDS = {name_of(command): command for group in GROUPS.values() for command in group}
 WIDEST = 120
 """Largest width of the help of a command, columns."""
 NEAR = 0.7
@@ -98,7 +108,7 @@ def overview() -> str:
     lines = ["usage: pilsim COMMAND [OPTIONS]", "", "Simulate people and panoramic robots in irregular worlds, track them, score.", ""]
     for title, commands in GROUPS.items():
         lines.append(f"{title}:")
-        lines += [f"  {command.__name__.lower():9} {(command.__doc__ or '').splitlines()[0]}" for command in commands]
+        lines += [f"  {name_of(command):9} {(command.__doc__ or '').splitlines()[0]}" for command in commands]
         lines.append("")
     return "\n".join([*lines, "`pilsim COMMAND --help` shows options and examples; see also `pilsim --version`."])
 

@@ -27,6 +27,10 @@ def options_of(command: Any) -> Iterator[tuple[str, Any, Any]]:
             yield field.name, value, field.default
 
 
+DetectorModelName = Annotated[str, unset("FILE|NAME", "independent")]
+"""The value of --detector-model: a file that `pilsim fit-detector` wrote, or the name of a model of the package."""
+
+
 def numbers(text: str) -> list[int]:
     """Parse numbers of views, as in 1,5,7. Raises ValueError for anything else."""
     try:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import json_text, unset
+from sim.cli.options import DetectorModelName, json_text, unset
 
 if TYPE_CHECKING:
     from sim.policies.rollouts import EpisodeResult
@@ -26,6 +26,8 @@ class EpisodeOptions:
     """Motion of the robots: kinematic, or physics (wheels on MuJoCo's terrain)."""
     observation: str = "state"
     """What a policy observes: state gives visible people their true ids; tracks runs SLAM and tracker, and gives MOTA, too."""
+    detector_model: DetectorModelName = "independent"
+    """The detector of --observation tracks: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
     density: Annotated[str | None, unset("STR", "none")] = None
     """A preset, pilsun, s2l1, s2l2 or s2l3: its world, robots and people replace --world, --robots and --people."""
 
@@ -141,7 +143,11 @@ class Place:
         return out
 
     def _options(self) -> dict[str, Any]:
+        from tracker.detector_models.model import INDEPENDENT, chosen_model
+
         options: dict[str, Any] = {"difficulty": self.scene.difficulty, "drive": self.scene.drive, "observation": self.scene.observation}
+        if self.scene.detector_model != INDEPENDENT:
+            options["detector_model"] = chosen_model(self.scene.detector_model)
         if self.scene.density is not None:
             return options | {"density": self.scene.density}
         return options | {"world": self.world, "robots": self.robots, "people": self.people}

@@ -35,6 +35,18 @@ class ScenarioSettings:
 
 
 @dataclass(frozen=True)
+class SensorSettings:
+    """The robots' own sensors, beside cameras and odometry."""
+
+    imu: Annotated[str | None, unset("NAME[@HZ]", "none")] = None
+    """IMU of each rover, 100 to 400 Hz: adis16448, bmi088, icm20948 or ideal; without @HZ at the highest rate that the physics gives."""
+    wheels: Annotated[float | None, unset("HZ", "none")] = None
+    """Wheel encoders of each rover at this rate, Hz."""
+    clock: Annotated[str | None, unset("ERRORS", "exact")] = None
+    """Errors of the clocks of robots and cameras, as offset=±0.02,jitter=0.001,drift=20 (s, s, ppm); sim/README.md has the rest."""
+
+
+@dataclass(frozen=True)
 class DetectorSettings:
     """The simulated detector of people."""
 
@@ -46,6 +58,24 @@ class DetectorSettings:
     """Standard deviation of an edge of a detection, rad."""
     min_visible: Number = None
     """Visible fraction of a body, from 0 to 1, below which it is never detected."""
+    detector_model: Annotated[str | None, unset("FILE|NAME", "independent")] = None
+    """Errors of a real detector in place of these: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
+
+
+def detector_given(options: DetectorSettings) -> dict[str, Any]:
+    """Name → value of the settings of the detector; a model as scenarios hold it.
+
+    Raises ValueError for an unknown or invalid model, and for settings of the independent detector beside one.
+    """
+    from tracker.detector_models.model import INDEPENDENT, chosen_model
+
+    values = given(options)
+    if (text := values.get("detector_model")) is None:
+        return values
+    beside = [name for name in values if name != "detector_model"]
+    if beside and text != INDEPENDENT:
+        raise ValueError(f"--detector-model {text} has its own errors, and --{beside[0].replace('_', '-')} is of the independent detector")
+    return values | {"detector_model": chosen_model(text)}
 
 
 def given(options: Any, names: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import json_text, options_of, unset
+from sim.cli.options import DetectorModelName, json_text, options_of, unset
 
 if TYPE_CHECKING:
     from sim.stress.sweeps import Case
@@ -82,6 +82,8 @@ class Stress:
     """Width of a panorama, pixels."""
     world: str = "pilsun"
     """Name of the world, unless the sweep sets it."""
+    detector_model: DetectorModelName = "independent"
+    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
     render: bool = True
     """Render panoramas and detect features in them. --no-render makes boxes and landmarks by ray casting, many times faster."""
     ladder: bool = False
@@ -130,13 +132,16 @@ class Stress:
     def _cases(self) -> list[Case]:
         from sim.stress.sweeps import cases, default_scenario, pets_cases, recording_cases
         from tracker.datasets.opening import open_recording
+        from tracker.detector_models.model import INDEPENDENT, chosen_model
 
         if self.pets is not None and not self.pets.is_dir():
             raise ValueError(f"{self.pets}: no such folder")
-        start = replace(default_scenario(self.frames, self.width), world=self.world)
+        start = replace(default_scenario(self.frames, self.width), world=self.world, detector_model=chosen_model(self.detector_model))
         if self.recording is not None:
             if self.pets is not None:
                 raise ValueError("--recording and --pets exclude each other")
+            if self.detector_model != INDEPENDENT:
+                raise ValueError("--detector-model is for simulated runs, and --recording has boxes of its own")
             recording = open_recording(self.recording)
             if recording.truth is None:
                 raise ValueError(f"{self.recording}: has no truth, which a stress test needs")

@@ -17,6 +17,7 @@ from pathlib import Path
 from sim.datasets.generation_worker import SequenceTask, run_task
 from sim.datasets.presets import Preset
 from sim.parallel.pool import Pool, WorkerLost
+from sim.scenario import OPTIONAL
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
 from tracker.io.atomic import Kept, write_text
@@ -115,7 +116,9 @@ def _check_free(plan: Plan) -> None:
     """Raises ValueError where `out` holds other files than this dataset, or more sequences of it than the plan has."""
     if holds_run(plan.out, FILE, (".*",)):
         existing, planned = read_dataset(plan.out), plan.dataset
-        flat = [{"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (existing, planned)]
+        # A scenario names optional sensors only where it has them: a missing one counts as None, so that it differs from one that is there.
+        absent = dict.fromkeys(OPTIONAL)
+        flat = [absent | {"preset": d.preset, "views": d.views} | d.form | d.scenario for d in (existing, planned)]
         check_same(plan.out, flat[0], flat[1], "another dataset")
         if len(existing.sequences) > plan.count:
             raise ValueError(f"{plan.out}: is a dataset of {len(existing.sequences)} sequences, --count is {plan.count}; ask for as many or more")

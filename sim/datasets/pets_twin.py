@@ -20,7 +20,7 @@ from sim.crowd.replay import Paths
 from sim.pedestrian.skeleton import ADULTS
 from sim.recording.record import Recording, check_absent, write_recording
 from sim.recording.tracker_setup import FixedCamera
-from sim.scenario import Scenario
+from sim.scenario import INDEPENDENT, Scenario
 from sim.simulation.simulation import Simulation
 from tracker.datasets.pets2009 import PETS_RATE
 from tracker.formats.pets2009 import Annotations, ground_truth, read_annotations, read_camera
@@ -60,6 +60,7 @@ class Twin:
     robots: int = 2
     width: int = 1024
     seed: int = 0
+    detector_model: str = INDEPENDENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,7 @@ def recording_of(twin: Twin, world: World | None = None) -> Recording:
         frames=walkers.position.shape[1],
         rate=PETS_RATE,
         width=twin.width,
+        detector_model=twin.detector_model,
     )
     site = catalogue.build(WORLD, scenario.stream("world"), 0.0) if world is None else world
     paths = Paths(walkers.id, scenario.period * np.arange(scenario.frames, dtype=np.float64), walkers.position, walkers.stature)

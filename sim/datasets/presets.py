@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from sim.robots.clock import parse_clocks
 from sim.scenario import Scenario
 from tracker.geometry import Array
 from tracker.io.json_files import read_json
@@ -84,6 +85,10 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
     if not isinstance(world, str) or world not in WORLDS:
         raise ValueError(f"world is {repr(world)[:60]}, needs one of {', '.join(sorted(WORLDS))}")
     scenario = dataclasses.replace(preset.scenario, **{key: value for key, value in changes.items() if key != "views"})
+    cameras = [f"View_{k + 1:03d}" for k in range(views)]
+    for clock in parse_clocks(scenario.clock) if scenario.clock else ():
+        if clock.startswith("View_") and clock not in cameras:
+            raise ValueError(f"clock names {clock[:60]!r}, but the fixed cameras are {', '.join(cameras) or 'none'}")
     return dataclasses.replace(preset, scenario=scenario, views=views)
 
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from sim.placement.visibility import VisibilityLimits
+from sim.scenario import INDEPENDENT
+from tracker.detector_models.model import model_of
 from worlds import catalogue
 
 DRIVES = ("kinematic", "physics")
@@ -64,7 +66,7 @@ class PlacementConfig:
     * action: velocity (forward speed and yaw rate) or waypoint (a point on the map).
     * reach (m) and smallest (°): people farther away, or of a smaller apparent height, are not seen. camera_height: m above the ground.
     * cells, cell (m): the local map of a robot has cells × cells of that size. width: px of the panoramas of "pixels".
-    * misses, clutter: the detector of "tracks", as in Scenario.
+    * misses, clutter, detector_model: the detector of "tracks", as in Scenario.
     * panorama: index of the robot whose panorama `render` shows, or None for a plan view.
     """
 
@@ -85,6 +87,7 @@ class PlacementConfig:
     misses: float = 0.1
     clutter: float = 0.05
     panorama: int | None = None
+    detector_model: str = INDEPENDENT
 
     def __post_init__(self) -> None:
         for name, choices in (("world", tuple(sorted(catalogue.WORLDS))), ("drive", DRIVES), ("observation", OBSERVATIONS), ("action", ACTIONS)):
@@ -95,6 +98,8 @@ class PlacementConfig:
                 _check(field.name, getattr(self, field.name), BOUNDS[field.name], whole=field.type == "int")
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
+        if model_of(self.detector_model) is not None and self.observation != "tracks":
+            raise ValueError(f"detector_model is of the observation tracks, and observation is {self.observation!r}")
         if self.map_seed is not None:
             _check("map_seed", self.map_seed, (0, 2**31), whole=True)
         if self.panorama is not None:

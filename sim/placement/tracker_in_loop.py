@@ -18,6 +18,9 @@ from sim.recording.tracker_setup import START_SIGMA
 from sim.robots import odometry, rover
 from sim.sensors.person_detector import Detector
 from sim.sensors.raycast_camera import LandmarkSensor
+from sim.sensors.view_detectors import modelled
+from tracker.detector_models.model import DetectorModel, model_of
+from tracker.detector_models.sampler import ViewSampler
 from tracker.geometry import Array, Ints, Pose, angles_from_bearing, perturbed_bearings, wrap
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
@@ -100,7 +103,8 @@ class TrackerInLoop:
     """The tracker of a team, its simulated sensors, and the last estimate: position (k, 2) m and covariance (k, 2, 2) m² of people.
 
     landmarks (n, 3) m and descriptors (n, d): of the scene. last_translation (r, 3) m: motion of each robot in the last frame.
-    wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame.
+    wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame. model: of the detector, with a sampler for each robot; None
+    for independent errors.
     """
 
     config: PlacementConfig
@@ -120,6 +124,8 @@ class TrackerInLoop:
     detected: list[Detections] = field(default_factory=list)
     frames: list[MatchingFrame] = field(default_factory=list)
     memory: TrackMemory = field(default_factory=TrackMemory)
+    model: DetectorModel | None = None
+    samplers: list[ViewSampler] = field(default_factory=list)
 
     @staticmethod
     def begin(config: PlacementConfig, place: PlacementMap, mover: Mover, rng: np.random.Generator) -> TrackerInLoop:
@@ -135,6 +141,10 @@ class TrackerInLoop:
         descriptors = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True))[: len(landmarks)]
         systematic_errors = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
         out = TrackerInLoop(config, place, rng, tracker, landmarks, descriptors, systematic_errors)
+        out.model = model_of(config.detector_model)
+        if out.model is not None:
+            everyone = range(1, config.people + 1)
+            out.samplers = [ViewSampler(out.model, CAMERA, config.frame_period, everyone, stream) for stream in rng.spawn(count)]
         out.last_translation, out.wheel_angles = np.zeros((count, 3)), np.zeros((count, 4))
         return out
 
@@ -143,7 +153,7 @@ class TrackerInLoop:
         poses = mover.poses()
         measured = self._odometry(mover, poses) if self.index else [None] * len(poses)
         cameras = [pose @ rover.camera_mount(self.config.camera_height) for pose in poses]
-        self.detected = [self._detect(camera, people, tipped) for camera, tipped in zip(cameras, mover.tipped(), strict=True)]
+        self.detected = [self._detect(k, camera, people, tipped) for k, (camera, tipped) in enumerate(zip(cameras, mover.tipped(), strict=True))]
         views = [
             View(f"robot_{k}_camera", found, self._sightings(camera), measured[k])
             for k, (camera, found) in enumerate(zip(cameras, self.detected, strict=True))
@@ -181,13 +191,15 @@ class TrackerInLoop:
         position_error = np.hypot(*(self.planar_poses()[:, :2] - np.array([pose.translation[:2] for pose in self.previous_poses])).T)
         return {"mota": found.mota, "idf1": found.idf1, "robots_off": float(position_error.mean())}
 
-    def _detect(self, camera: Pose, people: Array, tipped: bool) -> Detections:
+    def _detect(self, robot: int, camera: Pose, people: Array, tipped: bool) -> Detections:
         config = self.config
         detector = Detector(config.misses, config.clutter, NOISE, config.visibility_limits.share)
         boxes = Boxes.none() if tipped or not len(people) else _true_boxes(self.place, camera, people, config.visibility_limits)
         below = camera.translation[None, :2]
         view = ViewTruth(camera, float(self.place.floor_at(below)[0]), np.array([0.0, 0.0, 1.0]), boxes, Keypoints.none())
-        return detector.detect(CAMERA, view, self.rng)
+        if self.model is None:
+            return detector.detect(CAMERA, view, self.rng)
+        return modelled(self.model, self.samplers[robot], (CAMERA, view), np.arange(1, len(people) + 1), people[:, :3])
 
     def _sightings(self, camera: Pose) -> Sightings:
         """Sightings of landmarks by a camera, with errors as in raycast_camera.LandmarkSensor."""

@@ -3,35 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sim.scenario import Scenario
 from sim.sensors.person_detector import People
+from sim.sensors.robot_sensors import RobotSensors
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Pose
-from tracker.types import Odometry, Setup, Truth, ViewTruth
+from tracker.types import Odometry, SensorSamples, Setup, Truth, ViewTruth
 
 
 @dataclass(frozen=True, eq=False)
 class FrameState:
-    """State of one frame: index, odometry by robot (empty at frame 0), T_world_robot by robot, and the people who are present."""
+    """State of one frame: index, odometry by robot (empty at frame 0), T_world_robot by robot, and the people who are present.
+
+    samples: of the robots' own sensors since the frame before.
+    """
 
     index: int
     odometry: dict[str, Odometry]
     robots: dict[str, Pose]
     people: People
+    samples: SensorSamples = field(default_factory=SensorSamples)
 
 
-def simulated_frames(scenario: Scenario, simulation: Simulation, setup: Setup) -> Iterator[FrameState]:
-    """Advance a simulation frame by frame, from its current state as frame 0, and yield the state of every frame."""
+def simulated_frames(scenario: Scenario, simulation: Simulation, setup: Setup, sensors: RobotSensors | None = None) -> Iterator[FrameState]:
+    """Advance a simulation frame by frame, from its current state as frame 0, and yield the state of every frame.
+
+    sensors: those of the scenario where they are made already.
+    """
+    sensors = sensors or RobotSensors.of(scenario, simulation, setup)
     for index in range(scenario.frames):
         if index:
             simulation.step()
         odometry = simulation.odometry() if index else {}
         people = People(np.asarray(simulation.persons, dtype=np.int64), simulation.joints())
-        yield FrameState(index, odometry, robot_poses(simulation, setup), people)
+        samples = sensors.sample(index) if sensors else SensorSamples()
+        yield FrameState(index, odometry, robot_poses(simulation, setup), people, samples)
 
 
 def truth_of(state: FrameState, simulation: Simulation, views: Mapping[str, ViewTruth]) -> Truth:

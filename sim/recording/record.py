@@ -22,14 +22,16 @@ from sim.rendering.semantic_labels import classes
 from sim.scenario import Scenario
 from sim.sensors.exposure import Exposure
 from sim.sensors.keypoints import InstanceImage
-from sim.sensors.person_detector import Detector, true_view
+from sim.sensors.person_detector import true_view
 from sim.sensors.robot_detector import RobotDetector
+from sim.sensors.robot_sensors import RobotSensors
+from sim.sensors.view_detectors import ViewDetectors
 from sim.simulation.simulation import Simulation
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Grid
 from tracker.io.atomic import is_free
 from tracker.sequence.writer import ImageForm, Layers, SequenceWriter
-from tracker.types import Setup, Tick, Truth, View, ViewTruth
+from tracker.types import SensorSamples, Setup, Tick, Truth, View, ViewTruth
 from worlds.export import export
 
 
@@ -38,6 +40,7 @@ class RenderedFrame:
     """One frame: the tick for the tracker, the truth, and by camera the truth of the view and images.
 
     instances: (H, W), 0 for nobody. range: (H, W) m along the ray, inf for no hit. classes: (H, W) of worlds.semantics.
+    samples: of the robots' own sensors since the frame before.
     """
 
     tick: Tick
@@ -46,6 +49,7 @@ class RenderedFrame:
     views: dict[str, ViewTruth]
     range: dict[str, NDArray[np.float32]]
     classes: dict[str, NDArray[np.uint8]]
+    samples: SensorSamples = field(default_factory=SensorSamples)
 
 
 def open_renderer(scenario: Scenario, simulation: Simulation, others: Iterable[Camera] = ()) -> PanoramaRenderer:
@@ -54,25 +58,30 @@ def open_renderer(scenario: Scenario, simulation: Simulation, others: Iterable[C
     return PanoramaRenderer(simulation.model, cameras, simulation.person_of_geom.astype(np.uint16), classes(simulation.model))
 
 
-def run(scenario: Scenario, simulation: Simulation, setup: Setup, renderer: PanoramaRenderer) -> Iterator[RenderedFrame]:
-    """The frames of a scenario, rendered. The renderer must have been opened with every camera of the setup."""
-    detector, streams = Detector.of(scenario), {name: scenario.stream(f"detector/{name}") for name in setup.mounts}
+def run(
+    scenario: Scenario, simulation: Simulation, setup: Setup, renderer: PanoramaRenderer, sensors: RobotSensors | None = None
+) -> Iterator[RenderedFrame]:
+    """The frames of a scenario, rendered. The renderer must have been opened with every camera of the setup.
+
+    sensors: those of the scenario where they are made already.
+    """
+    detectors = ViewDetectors(scenario, setup.mounts, simulation.all_persons)
     robot_detector = RobotDetector(scenario, setup, simulation)
     exposures = {
         name: Exposure(scenario.exposure, scenario.image_noise, scenario.period, scenario.stream(f"exposure/{name}")) for name in setup.mounts
     }
-    for state in simulated_frames(scenario, simulation, setup):
+    for state in simulated_frames(scenario, simulation, setup, sensors):
         images, true = _rendered_views(simulation, setup, renderer, state)
-        views = []
+        views, feet = [], simulation.feet()
         for name, mount in setup.mounts.items():
-            found = detector.detect(mount.camera, true[name], streams[name])
+            found = detectors.detect(name, true[name], state.people.person, feet)
             image, robots = exposures[name].apply(images[name].colour), robot_detector.detect(name)
             views.append(View(name, found, odometry=state.odometry.get(mount.robot), image=image, robot_detections=robots))
         instances = {name: image.instances for name, image in images.items()}
         ranges = {name: image.range for name, image in images.items()}
         kinds = {name: image.classes for name, image in images.items() if image.classes is not None}
         tick = Tick(state.index, state.index * scenario.period, tuple(views))
-        yield RenderedFrame(tick, truth_of(state, simulation, true), instances, true, ranges, kinds)
+        yield RenderedFrame(tick, truth_of(state, simulation, true), instances, true, ranges, kinds, state.samples)
 
 
 def _rendered_views(
@@ -133,12 +142,15 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
     occluders = setup.occluders
     assert isinstance(occluders, Grid)
     others = dict.fromkeys(one.camera for one in recording.fixed.values())
-    with open_renderer(scenario, simulation, others) as renderer, SequenceWriter(folder, setup, occluders, recording.form) as writer:
+    sensors = RobotSensors.of(scenario, simulation, setup)
+    written = SequenceWriter(folder, setup, occluders, recording.form, sensors.setup() if sensors else None)
+    with open_renderer(scenario, simulation, others) as renderer, written as writer:
         if recording.form.mesh:
             export(simulation.world, writer.partial / "terrain.glb")
-        frames: Iterable[RenderedFrame] = run(scenario, simulation, setup, renderer)
+        frames: Iterable[RenderedFrame] = run(scenario, simulation, setup, renderer, sensors)
         for frame in progress(frames, total=scenario.frames) if progress else frames:
             writer.add(frame.tick, frame.truth, Layers(frame.instances, frame.range, frame.classes), frame.views)
+            writer.add_samples(frame.tick.index, frame.samples)
         writer.finish(recording.provenance, versions())
 
 

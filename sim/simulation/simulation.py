@@ -17,14 +17,13 @@ from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
 from sim.scenario import Scenario
 from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
+from sim.simulation.step_states import StepStates
 from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
 from tracker.types import Odometry
 from worlds import catalogue
 from worlds.engine import mujoco
 from worlds.world import World
 
-CROWD_STEP = 0.05
-"""s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
 SETTLING_TIME = 1.0
 """s of simulation before frame 0 in which the rovers come to rest."""
 TIPPED = math.cos(math.pi / 4)
@@ -59,6 +58,7 @@ class Simulation:
     paths: given paths of the people, with their ids, instead of random plans. start: given initial states instead of random ones.
     Raises ValueError for an unknown world, for robots or people that do not fit in, for paths that leave the world or enter a wall.
     It is also raised for a start with other numbers of robots or people.
+    keep_steps: whether the states at the physics steps of the last frame are kept, for `step_states`. This changes no result.
     """
 
     def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None, start: InitialStates | None = None) -> None:
@@ -75,6 +75,8 @@ class Simulation:
         self.all_persons: Ints = np.arange(1, scenario.people + 1) if paths is None else paths.ids
         self.T_body_camera = rover.camera_mount(scenario.camera_height)
         self.frame = 0
+        self.keep_steps = False
+        self._steps: list[tuple[Array, Array]] = []
         people = [scenario.stream(f"person_{i}") for i in self.all_persons]
         drawn = np.array([skeleton.statures(rng, 1, scenario.children)[0] for rng in people])
         self.stature = drawn if paths is None or paths.stature is None else paths.stature
@@ -106,6 +108,7 @@ class Simulation:
         velocity = self._data.qvel[self._velocities].copy()
         rates = []
         self._copy_state(self._data, self._physics_data)
+        self._steps = [(self._data.qpos.copy(), self._data.qvel.copy())] if self.keep_steps else []
         for _ in range(self._crowd_steps):
             self._move_people()
             rates.append(self._drive())
@@ -159,6 +162,19 @@ class Simulation:
         """Odometry of each rover since the previous frame; empty at frame 0."""
         return dict(self._odometry)
 
+    def wheel_angles(self) -> Array:
+        """Total angles (robots, 4) rad of the wheels, in the order of rover.WHEELS."""
+        return self._data.qpos[self._wheel_qpos].copy()
+
+    def step_states(self) -> StepStates:
+        """States of the rovers at the physics steps of the last frame. Raises ValueError where they were not kept (`keep_steps`)."""
+        if not self._steps:
+            raise ValueError("physics steps were not kept: set keep_steps before the step")
+        qpos, qvel = (np.array(values) for values in zip(*self._steps, strict=True))
+        poses, velocities = qpos[:, self._poses], qvel[:, self._velocities]
+        timestep, gravity = float(self._physics.opt.timestep), np.array(self._physics.opt.gravity)
+        return StepStates(timestep, gravity, poses[..., :3], poses[..., 3:], velocities, qpos[:, self._wheel_qpos])
+
     def tipped(self) -> dict[str, bool]:
         """Whether each rover leans by more than 45 degrees."""
         return {name: bool(self.T_world_robot(name).rotation[2, 2] < TIPPED) for name in self.robots}
@@ -175,7 +191,7 @@ class Simulation:
         """Restore a state from `save`; what follows is identical, bit by bit. Raises ValueError for a state of another model."""
         if (snapshot.data.qpos.shape, snapshot.data.mocap_pos.shape) != (self._data.qpos.shape, self._data.mocap_pos.shape):
             raise ValueError(f"snapshot has {len(snapshot.data.mocap_pos)} moved bodies, needs {len(self._data.mocap_pos)}, as this simulation has")
-        self.frame = snapshot.frame
+        self.frame, self._steps = snapshot.frame, []
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self._posed = True
         mujoco.mj_copyData(self._physics_data, self._physics, snapshot.moving)
@@ -201,9 +217,8 @@ class Simulation:
             rover.add_rover(spec, name, i, self.scenario.camera_height)
         for person, stature in zip(self.all_persons, self.stature, strict=True):
             clothing.add_collider(spec, f"person_{person}", float(stature))
-        self._crowd_steps = max(1, round(self.scenario.period / CROWD_STEP))
+        self._crowd_steps, self._substeps = self.scenario.crowd_steps, self.scenario.substeps
         self._dt = self.scenario.period / self._crowd_steps
-        self._substeps = max(1, round(self._dt / self.scenario.timestep))
         spec.option.timestep = self._dt / self._substeps
         # An elliptic friction cone: friction of skidding wheels is opposite to their slip, not along the axes of a pyramid.
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -329,6 +344,8 @@ class Simulation:
             ctrl[:] = commands[k]
             mujoco.mj_step(self._physics, self._physics_data)
             velocities[k] = qvel
+            if self.keep_steps:
+                self._steps.append((self._physics_data.qpos.copy(), qvel.copy()))
         return velocities[:, self._velocities[:, 3:]]
 
     def _pose_people(self) -> None:

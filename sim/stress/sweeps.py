@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.scenario import Scenario
+from sim.scenario import INDEPENDENT, Scenario
 from sim.stress.faults import KNOWLEDGE, Faults
 
 Value = int | float | str
@@ -80,6 +80,8 @@ RECORDING_SWEEPS: dict[str, Sweep] = {
 """Sweeps of a recording. Values of 0 are the recording as it is. Cameras are left out from the last one on."""
 KNOWN_SWEEPS = SWEEPS | RECORDING_SWEEPS
 
+DETECTOR_SWEEPS = ("misses", "clutter", "box_noise")
+"""Sweeps of the independent detector; a detector model has errors of its own."""
 FAULT_SWEEPS = ("dropout", "slip", "skew", "terrain", "kidnapped")
 TRACKER_SWEEPS = ("filter", "hypotheses", "moves")
 
@@ -128,13 +130,16 @@ def default_scenario(frames: int = 60, width: int = 512) -> Scenario:
 def cases(names: Iterable[str], start: Scenario) -> list[Case]:
     """The cases of the named sweeps, or single ones, as density/3; all cases where there are no names.
 
-    Raises ValueError for an unknown name, with a list of the known ones.
+    Raises ValueError for an unknown name, with a list of the known ones, and for a sweep of DETECTOR_SWEEPS with a detector model.
     """
     out: dict[str, Case] = {}
-    for name in list(names) or list(SWEEPS):
+    modelled = start.detector_model != INDEPENDENT
+    for name in list(names) or [name for name in SWEEPS if not (modelled and name in DETECTOR_SWEEPS)]:
         sweep, _, number = name.partition("/")
         if sweep not in SWEEPS:
             raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(SWEEPS)}")
+        if modelled and sweep in DETECTOR_SWEEPS:
+            raise ValueError(f"--sweep {sweep} varies the independent detector, and --detector-model has errors of its own")
         count = len(SWEEPS[sweep].values)
         if number and not (number.isdecimal() and int(number) < count):
             raise ValueError(f"--sweep is {name!r}, needs {sweep}/0 to {sweep}/{count - 1}")

@@ -147,7 +147,9 @@ def _twin_recording(case: Case) -> Recording:
     whole = [file for file in files if "cropped" not in file.name] or files
     if not whole:
         raise ValueError(f"{folder / 'annotations'}: no *.xml")
-    return recording_of(Twin(whole[0], calibration, PETS_VIEWS, robots=1, width=case.scenario.width, seed=case.scenario.seed))
+    scenario = case.scenario
+    twin = Twin(whole[0], calibration, PETS_VIEWS, robots=1, width=scenario.width, seed=scenario.seed, detector_model=scenario.detector_model)
+    return recording_of(twin)
 
 
 def match_persons(detections: Detections, camera: Camera, boxes: Boxes) -> Ints:

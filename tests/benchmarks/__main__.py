@@ -11,7 +11,10 @@ import sys
 
 from sim.rendering.gl_context import GLUnavailable
 
-NAMES = ("crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement")
+NAMES = (
+    "crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement",
+    "detector_models",
+)  # fmt: skip
 LONG = ("space", "crowds")
 
 

@@ -23,7 +23,7 @@ from sim.stress.runner import _read_rows
 from sim.studies.hypothesis_count import Cell, read_cells
 from tests.fuzz import samples
 from tracker.datasets.opening import open_sequence
-from tracker.datasets.summary import summarize
+from tracker.datasets.summary import summarize, summary_text
 from tracker.datasets.validation import validate
 from tracker.export.recorded_sequence import RecordedSequence
 from tracker.formats import aicity, coco, jrdb, motchallenge, pets2009, pom, wildtrack
@@ -38,6 +38,7 @@ from tracker.sequence.dataset import read_dataset
 from tracker.sequence.manifest import manifest_checksum, read_manifest
 from tracker.sequence.reader import read_contents, read_sequence
 from tracker.sequence.results import read_results
+from tracker.sequence.robot_sensors import SENSOR_TABLES, read_imu, read_sensor_setup, read_stamps, read_wheels
 from tracker.sequence.truth_tables import read_joints, read_views
 
 
@@ -86,6 +87,12 @@ def _contents(folder: Path) -> object:
     sequence = read_contents(where, read_manifest(where)["files"])
     odometry = list(sequence.ticks.odometry())
     return odometry, read_views(where), read_joints(where), RecordedSequence(where, sequence).detections, summarize(where)
+
+
+def _sensors(folder: Path) -> object:
+    """The robots' own sensors of a sequence."""
+    where = folder / "s"
+    return read_imu(where), read_wheels(where), read_stamps(where), read_sensor_setup(where), summary_text(summarize(where))
 
 
 def _checked(folder: Path) -> object:
@@ -154,6 +161,10 @@ FOLDERS = (
     ),
     Reader("validation of calibration.json", samples.sequence, "s/calibration.json", _validated),
     Reader("validation of boxes.csv", samples.sequence, "s/truth/boxes.csv", _validated),
+    *(Reader(f"sensors {name}", samples.sensors, f"s/{name}.csv", _sensors, "lines") for name in SENSOR_TABLES),
+    Reader("sensors sensors.json", samples.sensors, "s/sensors.json", _sensors),
+    Reader("validation of sensors.json", samples.sensors, "s/sensors.json", _validated),
+    Reader("validation of imu.csv", samples.sensors, "s/imu.csv", _validated),
     Reader("dataset.json", samples.dataset, "dataset.json", _dataset),
     *(
         Reader(f"results {name}", samples.results, f"r/{name}", lambda folder: read_results(folder / "r"), "text" if name == "run.json" else "lines")

@@ -12,7 +12,7 @@ import numpy as np
 from sim.datasets.presets import PRESETS
 from sim.policies.training import Curve
 from tests.sim import stress_rows
-from tests.tracker import sequences
+from tests.tracker import disc_sequence, sequences
 from tests.tracker.formats.mrclam import write_set
 from tracker.clique import Graph
 from tracker.formats import aicity, coco, jrdb, motchallenge, pets2009, pom, wildtrack
@@ -135,6 +135,11 @@ def sequence(folder: Path) -> None:
     sequences.write(folder / "s")
 
 
+def sensors(folder: Path) -> None:
+    """A sequence whose robot has an IMU, wheel encoders and clocks."""
+    disc_sequence.write(folder / "s", sensors=disc_sequence.SENSORS)
+
+
 def dataset(folder: Path) -> None:
     form = {"png": False, "range": False, "classes": False, "video": False, "mesh": False}
     (folder / "dataset.json").write_text(Dataset("pilsun", json.loads(PRESETS["pilsun"].scenario.to_json()), 2, form, ("s",)).to_json())
@@ -224,7 +229,8 @@ def utias(folder: Path) -> None:
 
 
 def settings_toml(file: Path) -> None:
-    file.write_text('world = "pilsun"\npeople = 5\nframes = 12\nrate = 6.0\nseed = 3\nviews = 2\nchildren = 0.25\n')
+    sensors = 'imu = "bmi088@198"\nwheels = 66\nclock = "offset=0.1,jitter=0.01;View_001:drift=20"\n'
+    file.write_text('world = "pilsun"\npeople = 5\nframes = 12\nrate = 6.0\nseed = 3\nviews = 2\nchildren = 0.25\n' + sensors)
 
 
 def settings_json(file: Path) -> None:

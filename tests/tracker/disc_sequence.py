@@ -16,16 +16,20 @@ from tracker.types import (
     VISIBLE,
     Boxes,
     Detections,
+    ImuSamples,
     Keypoints,
     Mount,
     Odometry,
     RobotDetections,
+    SensorSamples,
+    SensorSetup,
     Setup,
     Start,
     Tick,
     Truth,
     View,
     ViewTruth,
+    WheelSamples,
 )
 
 FRAMES = 3
@@ -93,12 +97,41 @@ def robot_detections(poses: dict[str, Pose]) -> RobotDetections:
     return RobotDetections(sight[None] / np.linalg.norm(sight), ("View_001",), 1e-5 * np.eye(2)[None])
 
 
-def write(folder: Path, form: ImageForm | None = None) -> None:
-    """Write the sequence into `folder`."""
+SENSORS = SensorSetup(
+    {"imu": {"name": "test", "rate": 198.0, "gyro_noise": 1e-4, "force_noise": 2e-3}, "wheels": {"rate": 49.5, "counts": 1024}},
+    {"robot_0": (0.25, 100.0, 1e-3), "robot_0_camera": (0.0, 0.0, 0.0), "View_001": (-1.0, 0.0, 1e-4)},
+)
+"""Sensors of the robot, with clocks."""
+
+
+def samples(k: int) -> SensorSamples:
+    """Samples of frame k of those sensors."""
+    rng = np.random.default_rng(k)
+
+    def stamps(name: str, time: Array) -> Array:
+        offset, drift, jitter = SENSORS.clocks[name]
+        return time * (1 + drift * 1e-6) + offset + rng.normal(0.0, jitter, len(time))
+
+    time = (33 * (k - 1) + np.arange(1, 34)) / 198
+    true, bias = rng.normal(0.0, 1.0, (33, 6)), np.full((33, 6), 0.01)
+    measured = true + bias + rng.normal(0.0, 1.0, (33, 6)) * np.repeat([1e-4, 2e-3], 3) * np.sqrt(198)
+    parts = [each[:, axes] for each in (measured, true, bias) for axes in (slice(3), slice(3, 6))]
+    steps = np.arange(33 * (k - 1) + 1, 33 * k + 1) if k else np.zeros(1)
+    turned = steps[steps % 4 == 0] / 198
+    angle = np.floor(turned[:, None] * [10.0, 11.0, 12.0, -13.0]) * 2 * np.pi / 1024
+    return SensorSamples(
+        {"robot_0": ImuSamples(time, stamps("robot_0", time), *parts)} if k else {},
+        {"robot_0": WheelSamples(turned, stamps("robot_0", turned), angle)},
+        {name: (k / 6, float(stamps(name, np.array([k / 6]))[0])) for name in SENSORS.clocks},
+    )
+
+
+def write(folder: Path, form: ImageForm | None = None, sensors: SensorSetup | None = None) -> None:
+    """Write the sequence into `folder`, with the samples of SENSORS where sensors are given."""
     rng = np.random.default_rng(3)
     tops = setup().ground
     assert isinstance(tops, Grid)
-    with SequenceWriter(folder, setup(), tops, form) as writer:
+    with SequenceWriter(folder, setup(), tops, form, sensors) as writer:
         for k in range(FRAMES):
             poses = {name: robots(k)[mount.robot] @ mount.T_body_camera for name, mount in setup().mounts.items()}
             instances = {name: instance_image(camera, poses[name], joints(k)) for name, camera in CAMERAS.items()}
@@ -114,4 +147,6 @@ def write(folder: Path, form: ImageForm | None = None) -> None:
             ranges = {n: np.where(i > 0, 3.0, np.inf).astype(np.float32) for n, i in instances.items()}
             classes = {n: (i > 0).astype(np.uint8) for n, i in instances.items()}
             writer.add(Tick(k, k / 6, tuple(views)), truth, Layers(instances, ranges, classes), truths)
+            if sensors:
+                writer.add_samples(k, samples(k))
         writer.finish({"world": "painted", "seed": 0, "frames": FRAMES}, {"pilsim": "test"})

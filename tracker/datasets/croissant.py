@@ -16,7 +16,22 @@ from typing import Any
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 from tracker.sequence.dataset import sequences
-from tracker.sequence.schema import BOXES, CAMERAS, DETECTIONS, JOINTS, KEYPOINTS, ODOMETRY, ROBOT_DETECTIONS, ROBOTS, people_columns
+from tracker.sequence.schema import (
+    BOXES,
+    CAMERAS,
+    CLOCKS,
+    DETECTIONS,
+    IMU,
+    INERTIAL,
+    JOINTS,
+    KEYPOINTS,
+    ODOMETRY,
+    ROBOT_DETECTIONS,
+    ROBOTS,
+    STAMPS,
+    WHEELS,
+    people_columns,
+)
 
 FILE = "croissant.json"
 CONFORMS = "http://mlcommons.org/croissant/1.0"
@@ -70,6 +85,11 @@ TABLES: dict[str, tuple[str, Mapping[str, type], str]] = {
     "boxes": ("truth/boxes.csv", BOXES, "True boxes of people in every view."),
     "keypoints": ("truth/keypoints.csv", KEYPOINTS, "The 17 key points of COCO in every view."),
     "joints": ("truth/joints.csv", JOINTS, "The 17 key points of COCO in the world."),
+    "imu": ("imu.csv", IMU, "Samples of the robots' IMU in their body frame (x forward, y left, z up)."),
+    "inertial": ("truth/inertial.csv", INERTIAL, "The samples of imu.csv without errors, and the biases that are in them."),
+    "wheels": ("wheels.csv", WHEELS, "Samples of the robots' wheel encoders."),
+    "stamps": ("stamps.csv", STAMPS, "Times of the frames, true and by the clock of each robot and camera."),
+    "clocks": ("truth/clocks.csv", CLOCKS, "True errors of the clocks."),
 }
 """Record set → file in a sequence, its columns, description. people.csv is not among them, because its columns depend on the cameras."""
 PEOPLE = "Where people stand, and the share of each that every camera sees."
@@ -77,6 +97,16 @@ _POSE = "of the pose (x forward, y left, z up; to the world, or now to before)"
 COLUMNS: tuple[tuple[str, str], ...] = (
     (r"frame", "index from 0; time = frame · period of calibration.json"),
     (r"robot|camera", "name, as in calibration.json"),
+    (r"clock", "name of the robot or camera whose clock it is, as in calibration.json"),
+    (r"time", "[s] true time since frame 0; of the IMU the end of the sample"),
+    (r"stamp", "[s] that time on the clock of the robot or camera"),
+    (r"gyro_[xyz]", "[rad/s] angular velocity in the body frame"),
+    (r"force_[xyz]", "[m/s²] specific force in the body frame"),
+    (r"gyro_bias_[xyz]", "[rad/s] bias of the gyroscope"),
+    (r"force_bias_[xyz]", "[m/s²] bias of the accelerometer"),
+    (r"(front|rear)_(left|right)", "[rad] total angle of that wheel"),
+    (r"offset|jitter", "[s] constant error of a clock (offset), or one sigma of the error of each stamp (jitter)"),
+    (r"drift", "[ppm] relative error of the rate of a clock"),
     (r"person", "id, the same in all views and at all times"),
     (r"tipped", "1 where the robot has tipped over, else 0"),
     (r"[xyz]", "[m]"),

@@ -27,8 +27,11 @@ TABLES = {
     "cameras": "truth/cameras.csv",
     "detections": "detections.csv",
     "odometry": "odometry.csv",
+    "imu": "imu.csv",
+    "wheels": "wheels.csv",
+    "stamps": "stamps.csv",
 }
-"""Configuration on the hub → table of each sequence."""
+"""Configuration on the hub → table of each sequence; those that no sequence has are left out."""
 
 BODY = """
 People walk through the world `{world}` ({people} a sequence), robots with panoramic cameras drive among them ({robots}), and fixed pinhole cameras
@@ -106,17 +109,24 @@ def card_of(folder: Path) -> str:
         names=f"`{names[0]}`" if len(names) == 1 else f"`{names[0]}` to `{names[-1]}`",
         first=names[0],
     )
-    return "\n".join(["---", *_front(title, size.images, names), "---", "", f"# {title}", *body.splitlines(), ""])
+    return "\n".join(["---", *_front(title, size.images, _tables(found)), "---", "", f"# {title}", *body.splitlines(), ""])
 
 
-def _front(title: str, images: int, names: list[str]) -> list[str]:
+def _tables(found: Iterable[Path]) -> dict[str, list[str]]:
+    """Configuration on the hub → its files, as paths in the dataset."""
+    files = {path.name: read_json(path / "manifest.json")["files"] for path in found}
+    paths = {config: [f"{name}/{file}" for name, there in files.items() if file in there] for config, file in TABLES.items()}
+    return {config: listed for config, listed in paths.items() if listed}
+
+
+def _front(title: str, images: int, tables: dict[str, list[str]]) -> list[str]:
     """Lines of YAML. Strings are quoted as in JSON, which is valid YAML."""
     lines = [f"pretty_name: {json.dumps(title)}", f"license: {LICENSE}", "annotations_creators:", "- machine-generated", "task_categories:"]
     lines += [f"- {task}" for task in TASKS]
     lines += ["size_categories:", f"- {json.dumps(size_of(images))}", "tags:", *(f"- {tag}" for tag in TAGS), "configs:"]
-    for config, file in TABLES.items():
+    for config, paths in tables.items():
         lines += [f"- config_name: {config}", "  data_files:", "  - split: train", "    path:"]
-        lines += [f"    - {json.dumps(f'{name}/{file}')}" for name in names]
+        lines += [f"    - {json.dumps(path)}" for path in paths]
     return lines
 
 

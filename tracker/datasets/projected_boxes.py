@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tracker.geometry import Array, Pose
+from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.camera_protocol import Camera
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 
@@ -60,7 +60,7 @@ class BoxNoise:
             box, confidence = box[kept], confidence[kept]
             noise = self.edges * rng.normal(size=(len(box), 4)) * box[:, [2, 3, 2, 3]]
             low, high = box[:, :2] + noise[:, :2], box[:, :2] + box[:, 2:] + noise[:, 2:]
-            noisy = _clipped(np.minimum(low, high), np.maximum(low, high), camera)
+            noisy = clipped(np.minimum(low, high), np.maximum(low, high), camera)
             out[frame] = np.column_stack([_in_turn(noisy[:, :1], camera), noisy[:, 1:2], noisy[:, 2:] - noisy[:, :2]]), confidence
         return out
 
@@ -81,7 +81,7 @@ def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: i
     for name, camera in recording.cameras.items():
         boxes: dict[int, tuple[Array, Array]] = {}
         for frame, (_, feet) in sorted(recording.truth.items()):
-            pose = _pose(recording, camera, frame)
+            pose = pose_at(recording, camera, frame)
             box = np.zeros((0, 4)) if pose is None else body_boxes(camera.camera, pose, feet, body)
             boxes[frame] = box, np.full(len(box), CONFIDENCE)
         detections[name] = boxes
@@ -103,7 +103,7 @@ def noisy_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int =
     return replace(recording, detections=detections, source=source)
 
 
-def _pose(recording: Recording, camera: RecordingCamera, frame: int) -> Pose | None:
+def pose_at(recording: Recording, camera: RecordingCamera, frame: int) -> Pose | None:
     """T_world_camera in a frame, None where the true pose of its robot is not known."""
     if camera.robot is None:
         return camera.pose
@@ -117,6 +117,20 @@ def body_boxes(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[fl
     body: height and width, m, of an upright cylinder. Bodies with a point that the camera cannot project (behind it, or beyond the fold) have none.
     Boxes of panoramas have left in [0, W), and left + width may exceed W.
     """
+    _, low, high = body_outlines(camera, T_world_camera, feet, body)
+    seen = clipped(low, high, camera)
+    size, whole = seen[:, 2:] - seen[:, :2], high - low
+    shown = np.prod(size, axis=1) > LEAST_VISIBLE * np.prod(whole, axis=1)
+    boxes = np.concatenate([_in_turn(seen[:, :1], camera), seen[:, 1:2], size], axis=1)
+    return np.asarray(boxes[shown])
+
+
+def body_outlines(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float, float] = (1.75, 0.5)) -> tuple[Ints, Array, Array]:
+    """Outlines of bodies, also where they lie beyond the image: rows (m,) of `feet`, and lowest and highest corner (m, 2) px of each.
+
+    feet (k, 3) m, world. body: height and width, m, of an upright cylinder. Bodies with a point that the camera cannot project are left out.
+    Outlines in panoramas are not brought into [0, W).
+    """
     height, width = body
     around = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
     ring = width / 2 * np.column_stack([np.cos(around), np.sin(around), np.zeros(CORNERS)])
@@ -126,19 +140,15 @@ def body_boxes(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[fl
     rays = T_world_camera.inverse().apply(points)
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
     pixels = camera.pixels_from_bearings(rays)[0].reshape(-1, len(cylinder), 2)
-    pixels = pixels[np.isfinite(pixels).all(axis=(1, 2))]
+    rows = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))
+    pixels = pixels[rows]
     if camera.wraps:
         apart = pixels[:, :, 0] - pixels[:, -1:, 0]
         pixels[:, :, 0] = pixels[:, -1:, 0] + np.mod(apart + camera.width / 2, camera.width) - camera.width / 2
-    low, high = pixels[:, :-1].min(axis=1), pixels[:, :-1].max(axis=1)
-    seen = _clipped(low, high, camera)
-    size, whole = seen[:, 2:] - seen[:, :2], high - low
-    shown = np.prod(size, axis=1) > LEAST_VISIBLE * np.prod(whole, axis=1)
-    boxes = np.concatenate([_in_turn(seen[:, :1], camera), seen[:, 1:2], size], axis=1)
-    return np.asarray(boxes[shown])
+    return rows, pixels[:, :-1].min(axis=1), pixels[:, :-1].max(axis=1)
 
 
-def _clipped(low: Array, high: Array, camera: Camera) -> Array:
+def clipped(low: Array, high: Array, camera: Camera) -> Array:
     """Corners low and high (n, 2) px → edges left, top, right, bottom (n, 4) px of the part in the image; panoramas have no left and right end."""
     first = camera.pixel_centre - 0.5
     least, most = np.array([first, first]), np.array([first + camera.width, first + camera.height])

@@ -17,6 +17,7 @@ from tracker.recordings.camera_json import model_of
 from tracker.sequence.dataset import sequences
 from tracker.sequence.manifest import read_manifest
 from tracker.sequence.reader import read_contents
+from tracker.sequence.robot_sensors import SENSOR_TABLES, read_sensor_setup
 from tracker.sequence.schema import BOXES, people_columns
 
 SEEN = 0.2
@@ -71,7 +72,29 @@ def _of_sequence(folder: Path) -> dict[str, Any]:
         "files": len(manifest["files"]) + 1,
         "bytes": sum(sizes.values()),
         "bytes_of": dict(sizes),
-    }
+    } | _of_sensors(folder, manifest["files"])
+
+
+def _of_sensors(folder: Path, files: dict[str, Any]) -> dict[str, Any]:
+    """Entries of the robots' own sensors, only where the sequence has them: part and rate of the IMU, rate of the wheels, number of clocks."""
+    sensors = read_sensor_setup(folder)
+    out: dict[str, Any] = {}
+    for name in ("imu", "wheels"):
+        if f"{name}.csv" in files:
+            if name not in sensors.description:
+                raise ValueError(f"{folder / 'sensors.json'}: has no {name}, though there is {name}.csv")
+            entry = sensors.description[name]
+            rows = len(read_table(folder / f"{name}.csv", SENSOR_TABLES[name])["time"])
+            out[name] = {"name": str(entry.get("name"))[:40]} if name == "imu" else {}
+            out[name] |= {"rate": entry["rate"], "samples": rows}
+    return out | ({"clocks": len(sensors.clocks)} if sensors.clocks else {})
+
+
+def _sensors_text(row: dict[str, Any]) -> str:
+    parts = [f"IMU {row['imu']['name']} at {row['imu']['rate']:g} Hz"] if "imu" in row else []
+    parts += [f"wheels at {row['wheels']['rate']:g} Hz"] if "wheels" in row else []
+    parts += [f"{row['clocks']} clocks with errors"] if "clocks" in row else []
+    return f" {', '.join(parts)};" if parts else ""
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
@@ -120,7 +143,7 @@ def summary_text(summary: dict[str, Any]) -> str:
         lines.append(
             f"{row['name']}: {row['frames']} frames at {row['rate']:g}/s, {', '.join(f'{n} {kind}' for kind, n in kinds.items())};"
             f" world {row['world']}, seed {row['seed']}; {row['people']} people, up to {row['at_once']} at once, {row['a_square_metre']:g} a m²;"
-            f" {row['boxes']} boxes ({row['seen']} seen); {row['bytes'] / 1e6:.1f} MB"
+            f" {row['boxes']} boxes ({row['seen']} seen);{_sensors_text(row)} {row['bytes'] / 1e6:.1f} MB"
         )
     total = summary["total"]
     sizes = ", ".join(f"{name} {size / 1e6:.1f}" for name, size in sorted(total["bytes_of"].items(), key=lambda item: -item[1]))

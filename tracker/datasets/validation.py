@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from tracker.datasets.validation_sensors import sensor_faults
 from tracker.datasets.validation_tables import inconsistencies
 from tracker.formats.pets2009 import read_camera
 from tracker.geometry.cameras import Tsai
@@ -116,6 +117,8 @@ def _sequence_faults(folder: Path, progress: Progress | None) -> Iterator[Fault]
         sequence = read_contents(folder, files)
         yield from _calibration_faults(folder, sequence, files)
         for file, reason in inconsistencies(folder, sequence, set(files) - damaged, progress):
+            yield Fault(file, reason)
+        for file, reason in sensor_faults(folder, sequence, set(files) - damaged):
             yield Fault(file, reason)
     except (ValueError, OSError) as error:
         fault = Fault.of(ValueError(error), folder)

@@ -11,14 +11,22 @@ from tracker.export.aicity import README as README_AICITY
 from tracker.export.aicity import export_aicity
 from tracker.export.coco import README as README_COCO
 from tracker.export.coco import export_coco
+from tracker.export.colmap import README as README_COLMAP
+from tracker.export.colmap import export_colmap
+from tracker.export.euroc import README as README_EUROC
+from tracker.export.euroc import export_euroc
 from tracker.export.jrdb import README as README_JRDB
 from tracker.export.jrdb import export_jrdb
+from tracker.export.kitti import README as README_KITTI
+from tracker.export.kitti import export_kitti
 from tracker.export.motchallenge import README15, README17, export_mot15, export_mot17
 from tracker.export.pets2009 import README as README_PETS
 from tracker.export.pets2009 import export_pets
 from tracker.export.recorded_sequence import Progress, RecordedSequence, export_folder
 from tracker.export.recording import README as README_RECORDING
 from tracker.export.recording import export_recording
+from tracker.export.ros2.mcap import README as README_MCAP
+from tracker.export.ros2.mcap import export_mcap
 from tracker.export.tum import README as README_TUM
 from tracker.export.tum import export_tum
 from tracker.export.wildtrack import README as README_WILDTRACK
@@ -46,22 +54,55 @@ FORMATS = {
     "aicity": ExportFormat("AI City Challenge, track 1", README_AICITY, export_aicity),
     "recording": ExportFormat("A recording of one's own", README_RECORDING, export_recording),
     "tum": ExportFormat("TUM trajectories", README_TUM, export_tum),
+    "euroc": ExportFormat("EuRoC MAV data", README_EUROC, export_euroc),
+    "kitti": ExportFormat("KITTI odometry", README_KITTI, export_kitti),
+    "colmap": ExportFormat("COLMAP", README_COLMAP, export_colmap),
+    "mcap": ExportFormat("MCAP with ROS 2 messages", README_MCAP, export_mcap),
 }
 
 
-def export(folder: Path, form: str, out: Path, progress: Progress | None = None, rectangles: bool = False) -> list[Path]:
+@dataclass(frozen=True)
+class ExportOptions:
+    """rectangles: also write rectangles.pom (wildtrack). epoch: time of frame 0, whole s (euroc, mcap). faces: panoramas as cube faces (euroc)."""
+
+    rectangles: bool = False
+    epoch: int = 0
+    faces: bool = False
+
+    def writer(self, form: str) -> Callable[[Path, Iterable[RecordedSequence]], list[str]]:
+        """The writer of a format with these options. Raises ValueError for one that is set and that the format does not have."""
+        for name, forms in OPTIONS.items():
+            if getattr(self, name) and form not in forms:
+                raise ValueError(f"{name} is set for {form}, needs {' or '.join(forms)}")
+        if not 0 <= self.epoch <= LATEST:
+            raise ValueError(f"epoch is {self.epoch} s, needs 0 to {LATEST}")
+        if form == "wildtrack":
+            return partial(export_wildtrack, rectangles=self.rectangles)
+        if form == "euroc":
+            return partial(export_euroc, epoch=self.epoch, as_faces=self.faces)
+        if form == "mcap":
+            return partial(export_mcap, epoch=self.epoch)
+        return FORMATS[form].write
+
+
+OPTIONS = {"rectangles": ("wildtrack",), "epoch": ("euroc", "mcap"), "faces": ("euroc",)}
+"""Option → the formats that have it."""
+LATEST = 2**31 - 1000000
+"""s: times of ROS 2 end at 2³¹ s; the rest is for the length of the sequence."""
+PLAIN = ExportOptions()
+
+
+def export(folder: Path, form: str, out: Path, progress: Progress | None = None, options: ExportOptions = PLAIN) -> list[Path]:
     """Write the sequences of `folder` (one, or a dataset) into `out` atomically; returns their folders.
 
-    form: a key of FORMATS. rectangles: also write rectangles.pom, for wildtrack only.
-    Raises ValueError for an unknown format, a folder without sequences, and an `out` that is not empty or lies in `folder`.
+    form: a key of FORMATS. Raises ValueError for an unknown format, for options that it does not have, and for a folder without sequences.
+    Raises ValueError for an `out` that is not empty or lies in `folder`.
     Raises ValueError where a sequence lacks what the format needs, and where another process writes into `out`.
     Raises Kept where the disk is full, with the place of what was made.
     """
     if form not in FORMATS:
         raise ValueError(f"format is {form!r}, needs one of {', '.join(FORMATS)}")
-    if rectangles and form != "wildtrack":
-        raise ValueError(f"rectangles is set for {form}, needs wildtrack")
-    write = partial(export_wildtrack, rectangles=True) if rectangles else FORMATS[form].write
+    write = options.writer(form)
     found = sequences(folder)
     with export_folder(folder, out) as unfinished:
         notes = write(unfinished, (RecordedSequence.open(path, progress) for path in found))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,16 +23,20 @@ from tracker.io.csv_tables import read_table
 from tracker.io.file_lock import folder_lock
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
+from tracker.sequence.calibration import pose_from
 from tracker.sequence.reader import read_sequence
+from tracker.sequence.robot_sensors import read_imu, read_sensor_setup, read_stamps, read_wheels
 from tracker.sequence.schema import DETECTIONS
 from tracker.sequence.truth_tables import read_views
-from tracker.types import Detections, Sequence, Setup, Truth, ViewTruth
+from tracker.types import Detections, ImuSamples, Sequence, Setup, Truth, ViewTruth, WheelSamples
 
 Progress = Callable[[Iterable[int], str], Iterable[int]]
 """Wraps the frames of a sequence, with its name, to show progress."""
 JPEG, PNG = ".jpg", ".png"
 OPENCV_CORNER = -0.5
 """px: u and v of the image's corner where the first pixel has its centre at (0, 0), as in OpenCV."""
+IMU_FIELDS = ("rate", "gyro_noise", "gyro_walk", "force_noise", "force_walk")
+"""Numbers of the IMU in sensors.json, in the order of ImuNoise."""
 ITERATIONS = 60
 """Fixed-point iterations for the width of a detection; each reduces the error to a few per cent."""
 
@@ -56,6 +61,18 @@ class FixedView:
 
     camera: Camera
     T_world_camera: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class ImuNoise:
+    """rate Hz; gyro_noise rad/s/√Hz, gyro_walk rad/s²/√Hz, force_noise m/s²/√Hz, force_walk m/s³/√Hz; T_body_imu. Unknown numbers are 0."""
+
+    rate: float
+    gyro_noise: float
+    gyro_walk: float
+    force_noise: float
+    force_walk: float
+    T_body_imu: Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,11 +192,85 @@ class RecordedSequence:
     def image(self, frame: int, camera: str, suffix: str = JPEG) -> bytes:
         """The image as the bytes of a JPEG or PNG file: those of the sequence if its format matches, else encoded again (quality 95)."""
         data, path = self._bytes("images", camera, frame)
-        if path.suffix == suffix:
-            return data
-        success, encoded = cv2.imencode(suffix, self._decode(data, path, camera, cv2.IMREAD_COLOR), _OPTIONS[suffix])
+        return data if path.suffix == suffix else self.encoded(self._decode(data, path, camera, cv2.IMREAD_COLOR), suffix)
+
+    def has_images(self, camera: str) -> bool:
+        """Whether the manifest names images of the camera."""
+        return any(name.startswith(f"images/{camera}/") for name in self._checksums)
+
+    def image_suffix(self, camera: str) -> str:
+        """The suffix of the camera's image files, that of frame 0."""
+        return JPEG if f"images/{camera}/{0:06d}{JPEG}" in self._checksums else PNG
+
+    def pixels(self, frame: int, camera: str) -> NDArray[np.uint8]:
+        """The decoded image (H, W, 3), blue, green, red. The last one is kept, since six faces ask for one panorama."""
+        if (frame, camera) not in self._decoded:
+            data, path = self._bytes("images", camera, frame)
+            self._decoded.clear()
+            self._decoded[frame, camera] = np.asarray(self._decode(data, path, camera, cv2.IMREAD_COLOR), dtype=np.uint8)
+        return self._decoded[frame, camera]
+
+    @cached_property
+    def _decoded(self) -> dict[tuple[int, str], NDArray[np.uint8]]:
+        return {}
+
+    @staticmethod
+    def encoded(pixels: NDArray[Any], suffix: str) -> bytes:
+        """Pixels (H, W) or (H, W, 3), blue, green, red, as the bytes of a JPEG (quality 95) or PNG file."""
+        success, encoded = cv2.imencode(suffix, pixels, _OPTIONS[suffix])
         assert success
         return bytes(encoded.tobytes())
+
+    def stamps(self, epoch: int = 0) -> list[int]:
+        """Time of each frame in nanoseconds. epoch: the time of frame 0, whole seconds."""
+        return [epoch * 10**9 + round(k * self.setup.period * 1e9) for k in range(len(self.truth))]
+
+    def clock_stamps(self, clock: str, epoch: int = 0) -> list[int]:
+        """Time of each frame in nanoseconds by the clock of a robot or camera; the true times where clocks have no errors.
+
+        Raises ValueError for a time before 0, which ROS and EuRoC do not hold, and for a clock without a time in each frame.
+        """
+        if "stamps.csv" not in self._checksums:
+            return self.stamps(epoch)
+        rows = self._clocks.get(clock, np.zeros((0, 3)))
+        if rows[:, 0].tolist() != list(range(len(self.truth))):
+            raise ValueError(f"{self.folder / 'stamps.csv'}: {clock} has no time in each frame")
+        return self.nanoseconds(rows[:, 2], epoch, clock)
+
+    def nanoseconds(self, seconds: Array, epoch: int, clock: str) -> list[int]:
+        """Times (n,) s of a clock since frame 0 as nanoseconds. Raises ValueError for a time before 0."""
+        if (first := seconds.min(initial=0.0)) + epoch < 0:
+            raise ValueError(f"{self.folder}: the clock of {clock} begins at {first:.3g} s, needs --epoch {int(np.ceil(-first))} or more")
+        return [epoch * 10**9 + round(time * 1e9) for time in seconds.tolist()]
+
+    @cached_property
+    def _clocks(self) -> dict[str, Array]:
+        return read_stamps(self.folder)
+
+    @cached_property
+    def imu(self) -> dict[str, ImuSamples]:
+        """Robot → samples of its IMU; empty where the sequence has none."""
+        return read_imu(self.folder) if "imu.csv" in self._checksums else {}
+
+    @cached_property
+    def wheels(self) -> dict[str, WheelSamples]:
+        """Robot → samples of its wheel encoders; empty where the sequence has none."""
+        return read_wheels(self.folder) if "wheels.csv" in self._checksums else {}
+
+    @cached_property
+    def imu_noise(self) -> ImuNoise:
+        """The rate, place and noise of the IMUs. Raises ValueError for fields of sensors.json that are no such numbers."""
+        content = read_sensor_setup(self.folder).description.get("imu", {})
+        try:
+            T_body_imu = pose_from(content.get("T_body_imu", [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+            rate, gyro, gyro_walk, force, force_walk = (float(content.get(name, 0.0)) for name in IMU_FIELDS)
+            return ImuNoise(rate, gyro, gyro_walk, force, force_walk, T_body_imu)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{self.folder / 'sensors.json'}: imu: {error}") from None
+
+    def true_poses(self, robot: str) -> list[Pose]:
+        """T_world_robot of each frame."""
+        return [t.T_world_robot[robot] for t in self.truth]
 
     def instances(self, frame: int, camera: str) -> NDArray[np.uint16]:
         """The instance image (H, W) of person ids, 0 for no person."""

@@ -44,6 +44,24 @@ KEYPOINTS: dict[str, type] = {"frame": int, "camera": str, "person": int} | {
 JOINTS: dict[str, type] = {"frame": int, "person": int} | {f"{name}_{axis}": float for name in KEYPOINT_NAMES for axis in "xyz"}
 
 
+_GYRO, _FORCE = [f"gyro_{axis}" for axis in "xyz"], [f"force_{axis}" for axis in "xyz"]
+
+IMU: dict[str, type] = {"robot": str} | dict.fromkeys(["time", "stamp", *_GYRO, *_FORCE], float)
+"""Columns of imu.csv, which is optional, as are the following tables."""
+
+INERTIAL: dict[str, type] = {"robot": str} | dict.fromkeys(
+    ["time", *_GYRO, *_FORCE, *(f"{name[:-1]}bias_{name[-1]}" for name in (*_GYRO, *_FORCE))], float
+)
+"""Columns of truth/inertial.csv: the samples of imu.csv without errors, and their biases."""
+
+WHEEL_NAMES = ("front_left", "front_right", "rear_left", "rear_right")
+WHEELS: dict[str, type] = {"robot": str} | dict.fromkeys(["time", "stamp", *WHEEL_NAMES], float)
+
+STAMPS: dict[str, type] = {"frame": int, "clock": str, "time": float, "stamp": float}
+
+CLOCKS: dict[str, type] = {"clock": str, "offset": float, "drift": float, "jitter": float}
+
+
 def people_columns(cameras: Iterable[str]) -> dict[str, type]:
     """Columns of truth/people.csv, with one for each camera."""
     return {"frame": int, "person": int, "x": float, "y": float, "z": float} | {f"visible_{camera}": float for camera in cameras}
@@ -107,4 +125,20 @@ Only where they were asked for:
 * `videos/CAMERA.mp4`: the images as MPEG-4, at the frame rate of the sequence; for looking at, they have lost more than the JPEG.
 * `terrain.glb`: the place without people and robots, as triangles with textures (glTF 2.0: metres, y up: x, y, z here are x, -z, y of the world).
 * `TABLE.npz` beside a large TABLE.csv: the same rows, an array a column, numbers in full (int64, float64) where the CSV has 9 digits.
+"""
+
+SENSORS_README = """
+The robots' own sensors, only where they were asked for:
+
+* `sensors.json`: `imu` has the part, its rate [Hz], where it sits (T_body_imu), gravity [m/s²] in the world, and the errors of its kind: densities
+  of white noise (gyro_noise [rad/s/√Hz], force_noise [m/s²/√Hz]) and of the bias's random walk (gyro_walk [rad/s²/√Hz], force_walk [m/s³/√Hz]),
+  and one sigma of the bias at switching on. A sample's noise has standard deviation density·√rate; a step of the bias has walk/√rate. `wheels` has
+  the rate [Hz], names, radius [m], positions in the body's frame [m], and the encoder's counts a turn.
+* `imu.csv`: angular velocity gyro [rad/s] and specific force [m/s²] (about +9.81 along up at rest) in the robot's body frame. A sample is the mean
+  over the physics steps since the sample before; time [s] is the true time at its end, stamp [s] the same on the robot's clock.
+* `wheels.csv`: total angle of each wheel [rad], in whole counts of its encoder, at time [s]; stamp [s] is that time on the robot's clock.
+* `stamps.csv`: time [s] of each frame, and stamp [s] by the clock of each camera (of its image) and of each robot (of its odometry).
+* `truth/inertial.csv`: the samples of imu.csv without errors, and the biases that are in them. imu.csv is their sum and white noise.
+* `truth/clocks.csv`: offset [s], drift [ppm] and jitter [s, one sigma] of each clock: stamp = time·(1 + drift·1e-6) + offset + jitter·normal.
+  Without this table every stamp is the true time.
 """

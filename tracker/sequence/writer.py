@@ -26,6 +26,7 @@ from tracker.io.image_files import JPEG, PNG, PNG_RUN_LENGTH, RANGE, ImageWriter
 from tracker.io.video_files import VideoWriters
 from tracker.sequence.calibration import calibration_of, pose_row
 from tracker.sequence.manifest import manifest_checksum
+from tracker.sequence.robot_sensors import sample_rows, sensor_tables
 from tracker.sequence.schema import (
     BOXES,
     CAMERAS,
@@ -37,11 +38,12 @@ from tracker.sequence.schema import (
     ROBOT_DETECTIONS,
     ROBOTS,
     SCHEMA,
+    SENSORS_README,
     UPPER_TRIANGLE,
     people_columns,
 )
 from tracker.sequence.truth_tables import box_rows, camera_row, joint_rows, keypoint_rows
-from tracker.types import Odometry, Setup, Tick, Truth, View, ViewTruth
+from tracker.types import Odometry, SensorSamples, SensorSetup, Setup, Tick, Truth, View, ViewTruth
 
 LARGE = 250_000
 """A table with more values than this is also written as NPZ."""
@@ -88,24 +90,27 @@ class SequenceWriter:
     """Writes a sequence under a temporary name until `finish` renames it. As a context manager it removes unfinished files.
 
     Unfinished files stay after an OSError, for instance of a full disk. The context raises Kept then, which names their place.
-    tops: height map of walls and furniture on the grid of the ground.
+    tops: height map of walls and furniture on the grid of the ground. sensors: of the robots, beside cameras and odometry.
     """
 
-    def __init__(self, folder: Path, setup: Setup, tops: Grid, form: ImageForm | None = None) -> None:
+    def __init__(self, folder: Path, setup: Setup, tops: Grid, form: ImageForm | None = None, sensors: SensorSetup | None = None) -> None:
         self.folder, self.setup, self.form = folder, setup, form or ImageForm()
         self.partial = unfinished_path(folder)
-        self.tops = tops
+        self.tops, self.sensors = tops, sensors
         self._image_writer = ImageWriter(self.partial)
         self._videos = VideoWriters(self.partial / "videos", 1 / setup.period) if self.form.video else None
         self._has_robot_detections = False
         self._rows: dict[str, list[list[object]]] = {name.split("/")[-1]: [] for name in self._tables()}
+        if sensors and sensors.clocks:
+            self._rows["clocks"] = [[name, *errors] for name, errors in sensors.clocks.items()]
 
     def _tables(self) -> dict[str, list[str]]:
         """Table → its columns."""
         truth: dict[str, dict[str, type]] = {"robots": ROBOTS, "cameras": CAMERAS, "boxes": BOXES, "keypoints": KEYPOINTS, "joints": JOINTS}
         truth["people"] = people_columns(self.setup.mounts)
         measured = {"odometry": list(ODOMETRY), "detections": list(DETECTIONS), "companions": list(ROBOT_DETECTIONS)}
-        return measured | {f"truth/{name}": list(columns) for name, columns in truth.items()}
+        tables = measured | {f"truth/{name}": list(columns) for name, columns in truth.items()}
+        return tables | (sensor_tables(self.sensors) if self.sensors else {})
 
     def __enter__(self) -> SequenceWriter:
         (begin_folder(self.folder) / "truth").mkdir()
@@ -146,6 +151,11 @@ class SequenceWriter:
         if truth.joints is None:
             raise ValueError(f"truth of frame {k} has no joints, needs them")
         rows["joints"] += joint_rows(k, truth.person_id, truth.joints)
+
+    def add_samples(self, frame: int, samples: SensorSamples) -> None:
+        """Append the samples of the robots' own sensors since the frame before."""
+        for name, rows in sample_rows(frame, samples):
+            self._rows[name].extend(rows)
 
     def _add_measurements(self, k: int, view: View) -> None:
         """Add the rows of odometry, detections and robot detections of a view."""
@@ -191,7 +201,9 @@ class SequenceWriter:
             if len(rows) * len(columns) > LARGE:
                 write_arrays(root / f"{name}.npz", columns, rows)
         self._write_calibrations()
-        (root / "README.md").write_text(README, encoding="utf-8")
+        (root / "README.md").write_text(README + (SENSORS_README if self.sensors else ""), encoding="utf-8")
+        if self.sensors and self.sensors.description:
+            _write_json(root / "sensors.json", dict(self.sensors.description))
         _write_json(root / "scenario.json", provenance)
         _write_json(root / "calibration.json", calibration_of(self.setup))
         paths = [path.relative_to(root).as_posix() for path in sorted(root.rglob("*")) if path.is_file()]

@@ -5,6 +5,7 @@ Read `ticks.py` first.
 
 from tracker.types.detections import Detections, RobotDetections, Sightings
 from tracker.types.estimate import Estimate, LandmarkHistory, MapSnapshot
+from tracker.types.robot_sensors import ImuSamples, SensorSamples, SensorSetup, WheelSamples
 from tracker.types.sequence import Sequence, Ticks, TicksInMemory, without_starts
 from tracker.types.setup import Mount, Setup, Start
 from tracker.types.ticks import Odometry, Tick, View
@@ -18,12 +19,15 @@ __all__ = [
     "Boxes",
     "Detections",
     "Estimate",
+    "ImuSamples",
     "Keypoints",
     "LandmarkHistory",
     "MapSnapshot",
     "Mount",
     "Odometry",
     "RobotDetections",
+    "SensorSamples",
+    "SensorSetup",
     "Sequence",
     "Setup",
     "Sightings",
@@ -34,5 +38,6 @@ __all__ = [
     "Truth",
     "View",
     "ViewTruth",
+    "WheelSamples",
     "without_starts",
 ]

@@ -127,6 +127,14 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["pilsun", "--config", "/"], "/: is a folder, needs a file"),
         (["pilsun", "--world", "mars"], "world is 'mars', needs one of campus, forest, "),
         (["twin", "--annotations", "a", "--calibration", "b", "--no-mesh"], "a twin takes --views and --frames"),
+        (["pilsun", "--imu", "mpu"], "imu is 'mpu', needs NAME or NAME@HZ with a name of adis16448, bmi088, icm20948, ideal"),
+        (["pilsun", "--imu", "bmi088@50"], "imu is 50 Hz, needs 100 to 400 Hz"),
+        (["pilsun", "--imu", "bmi088@200"], "imu is 200 Hz, needs a whole number of physics steps: 198 Hz"),
+        (["pilsun", "--wheels", "50"], "wheels is 50 Hz, needs a whole number of physics steps: 198, 99, 66, 49.5, "),
+        (["pilsun", "--clock", "jitter=-0.001"], "clock has jitter '-0.001', needs a number in [0, 1] s"),
+        (["pilsun", "--clock", "robot_9:offset=1"], "clock names 'robot_9', needs a robot or a camera"),
+        (["pilsun", "--views", "2", "--clock", "View_003:offset=1"], "clock names 'View_003', but the fixed cameras are View_001, View_002"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --views and --frames"),
         (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
         (["twin"], "a twin needs --annotations FILE and --calibration DIR"),
         (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --frames, --robots, --seed, --width"),
@@ -143,6 +151,34 @@ def test_a_wrong_setting_is_reported_with_its_file(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=re.escape("mine.toml: setting is 'framse' (frames?), needs one of views, ")):
         generate("pilsun", "--config", str(tmp_path / "mine.toml"), out=tmp_path / "D")
     assert not (tmp_path / "D").exists()
+
+
+SENSORS = ["--imu", "bmi088", "--wheels", "49.5", "--clock", "offset=±0.05,jitter=0.001;View_002:drift=20"]
+
+
+@pytest.mark.slow
+def test_sensors_add_tables_and_change_no_other(dataset: Path, tmp_path: Path) -> None:
+    """By options or by a file, with any number of workers and after an interruption; a folder without them is another dataset."""
+    out = tmp_path / "D"
+    done = pilsim("generate", "pilsun", *SMALL, *SENSORS, "--workers", 2, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert [str(fault) for fault in validate(out)] == []
+    before = sums(out)
+    added = {"imu.csv", "wheels.csv", "stamps.csv", "sensors.json", "truth/inertial.csv", "truth/clocks.csv"}
+    for path in sequences(out):
+        files, plain = (json.loads((root / path.name / "manifest.json").read_text())["files"] for root in (out, dataset))
+        assert added <= set(files)
+        same = [name for name in files if name not in added | {"README.md", "scenario.json"}]
+        assert len(same) > 20
+        assert [name for name in same if files[name] != plain[name]] == []
+    for arguments, said in (([], "(imu bmi088 there, null asked for)"), ([*SENSORS, "--imu", "ideal"], "(imu bmi088 there, ideal asked for)")):
+        assert said in last_line(pilsim("generate", "pilsun", *SMALL, *arguments, "--out", out))
+    shutil.rmtree(out / "pilsun-00001")
+    (tmp_path / "mine.toml").write_text('imu = "bmi088"\nwheels = 49.5\nclock = "offset=±0.05,jitter=0.001;View_002:drift=20"\n', encoding="utf-8")
+    done = pilsim("generate", "pilsun", *SMALL, "--config", tmp_path / "mine.toml", "--out", out)
+    assert "2 sequences, 1 new" in done.stdout, done.stderr
+    assert sums(out) == before
+    assert "IMU bmi088 at 198 Hz, wheels at 49.5 Hz, 6 clocks with errors" in pilsim("info", out).stdout
 
 
 @pytest.mark.slow

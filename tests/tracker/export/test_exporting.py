@@ -8,7 +8,7 @@ import pytest
 
 from tests.tracker import sequences
 from tests.tracker.export import scene
-from tracker.export.exporting import FORMATS, export
+from tracker.export.exporting import FORMATS, ExportOptions, export
 
 SUM = "its SHA-256 is not the manifest's"
 
@@ -66,7 +66,7 @@ def test_same_sequence_gives_same_bytes(plaza: Path, tmp_path: Path, form: str) 
 def test_damaged_image_leaves_no_export(plaza: Path, tmp_path: Path, form: str) -> None:
     folder = tmp_path / "in" / "plaza"
     shutil.copytree(plaza, folder)
-    camera = "robot_0_camera" if form == "jrdb" else "view_0"
+    camera = "robot_0_camera" if form in ("jrdb", "euroc", "kitti") else "view_0"
     image = folder / "images" / camera / "000003.jpg"
     data = bytearray(image.read_bytes())
     data[len(data) // 2] ^= 1
@@ -85,8 +85,12 @@ def test_missing_fixed_cameras_are_reported_with_advice(tmp_path: Path, form: st
 
 
 def test_invalid_exports_are_refused(plaza: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="format is 'kitti', needs one of pets, mot15"):
-        export(plaza, "kitti", tmp_path / "out")
+    with pytest.raises(ValueError, match="format is 'nuscenes', needs one of pets, mot15"):
+        export(plaza, "nuscenes", tmp_path / "out")
+    with pytest.raises(ValueError, match="faces is set for kitti, needs euroc"):
+        export(plaza, "kitti", tmp_path / "out", options=ExportOptions(faces=True))
+    with pytest.raises(ValueError, match="epoch is -1 s, needs 0 to 2146483648"):
+        export(plaza, "euroc", tmp_path / "out", options=ExportOptions(epoch=-1))
     with pytest.raises(ValueError, match="neither a sequence"):
         export(tmp_path, "tum", tmp_path / "out")
     with pytest.raises(ValueError, match="needs a place outside it"):

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.export.scene import FRAMES
 from tracker.datasets.wildtrack import read_wildtrack
-from tracker.export.exporting import export
+from tracker.export.exporting import ExportOptions, export
 from tracker.export.recorded_sequence import RecordedSequence
 from tracker.formats.pom import read_rectangles
 from tracker.formats.wildtrack import HIDDEN, read_calibration, read_ground_grid, read_positions
@@ -86,7 +86,7 @@ def test_png_images_have_the_same_pixels(sequence: Path, exported: Exported) -> 
 
 
 def test_rectangles_contain_the_boxes_of_people(sequence: Path, tmp_path: Path) -> None:
-    export(sequence, "wildtrack", tmp_path / "out", rectangles=True)
+    export(sequence, "wildtrack", tmp_path / "out", options=ExportOptions(rectangles=True))
     root = tmp_path / "out" / "plaza"
     region, first = read_ground_grid(root / "config.json"), read_positions(root / "annotations_positions" / "00000.json")
     found = read_rectangles(root / "rectangles.pom", 3, region.columns * region.rows)
@@ -102,7 +102,7 @@ def test_rectangles_contain_the_boxes_of_people(sequence: Path, tmp_path: Path) 
             checked += 1
     assert checked > 5
     with pytest.raises(ValueError, match="rectangles is set for coco, needs wildtrack"):
-        export(sequence, "coco", tmp_path / "other", rectangles=True)
+        export(sequence, "coco", tmp_path / "other", options=ExportOptions(rectangles=True))
 
 
 def test_an_export_read_back_has_the_same_truth_detections_and_scores(sequence: Path, exported: Exported) -> None:

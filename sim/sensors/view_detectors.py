@@ -1,0 +1,99 @@
+"""The simulated detectors of all views of a run: with independent errors, or with the errors of a detector model.
+
+Both have one random stream a view, and give the same detections with and without rendering where the truth of the views is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import final
+
+import numpy as np
+
+from sim.scenario import Scenario
+from sim.sensors.person_detector import Detector
+from tracker.datasets.projected_boxes import body_outlines
+from tracker.detections.boxes import detections_from_boxes
+from tracker.detector_models.bodies import BODY, LEAST_IN_IMAGE, TrueBodies, outlined
+from tracker.detector_models.model import DetectorModel, model_of
+from tracker.detector_models.sampler import Place, ViewSampler
+from tracker.geometry import Array, Ints
+from tracker.geometry.cameras import Camera
+from tracker.types import Detections, Mount, ViewTruth
+
+BORDER = 1.0
+"""px: an edge of a box that is nearer to the border of the image is cut by it."""
+
+
+@final
+class ViewDetectors:
+    """The simulated detectors of the views of a scenario, as its `detector_model` says. Call `detect` once a view and frame.
+
+    mounts: camera → Mount. persons: ids of all people of the run.
+    """
+
+    def __init__(self, scenario: Scenario, mounts: Mapping[str, Mount], persons: Iterable[int]) -> None:
+        self.mounts, self.detector = mounts, Detector.of(scenario)
+        self.model, self.streams = model_of(scenario.detector_model), {name: scenario.stream(f"detector/{name}") for name in mounts}
+        persons = list(persons)
+        self.samplers: dict[str, ViewSampler] = {}
+        if self.model is not None:
+            for name, mount in mounts.items():
+                self.samplers[name] = ViewSampler(self.model, mount.camera, scenario.period, persons, self.streams[name])
+
+    def detect(self, name: str, view: ViewTruth, persons: Ints, feet: Array) -> Detections:
+        """Detections in a view. persons (m,) ids and feet (m, 3) m, world, of all people who are present."""
+        camera = self.mounts[name].camera
+        if self.model is None:
+            return self.detector.detect(camera, view, self.streams[name])
+        return modelled(self.model, self.samplers[name], (camera, view), persons, feet)
+
+
+def modelled(model: DetectorModel, sampler: ViewSampler, seen: tuple[Camera, ViewTruth], persons: Ints, feet: Array) -> Detections:
+    """Detections of the next frame of a view by a detector model; arguments as in `true_bodies`."""
+    camera, view = seen
+    made = sampler.step(true_bodies(model, camera, view, persons, feet), Place(view.T_world_camera, view.ground))
+    return detections_from_boxes(camera, made.boxes, made.confidence)
+
+
+def true_bodies(model: DetectorModel, camera: Camera, view: ViewTruth, persons: Ints, feet: Array) -> TrueBodies:
+    """The bodies in a view, as the model's errors refer to them: true boxes, or projected bodies of one stature.
+
+    persons (m,) and feet (m, 3) m of all people who are present. The visible parts are those of the true boxes.
+    """
+    boxes = view.boxes
+    row_of = {int(person): k for k, person in enumerate(persons)}
+    at = np.array([row_of[int(person)] for person in boxes.person], dtype=np.int64)
+    rows, low, high = body_outlines(camera, view.T_world_camera, np.asarray(feet)[at].reshape(-1, 3), BODY)
+    shift = camera.pixel_centre - 0.5
+    full, seen = boxes.full[rows] + shift, boxes.seen[rows] + shift
+    if camera.wraps:
+        full, seen = (_turned(edges, (low + high)[:, 0] / 2, camera.width) for edges in (full, seen))
+    whole, part, cut = outlined(camera, low, high)
+    if model.bodies == "boxes":
+        whole = _beyond_border(full, whole, camera)
+        _, part, cut = outlined(camera, whole[:, :2], whole[:, 2:])
+    size = np.maximum(full[:, 2:] - full[:, :2], 1e-9)
+    lost = np.clip(np.concatenate([(seen[:, :2] - full[:, :2]) / size, (seen[:, 2:] - full[:, 2:]) / size], axis=1), -1.0, 1.0)
+    shown = part + lost * np.tile(part[:, 2:] - part[:, :2], (1, 2))
+    shown[boxes.visible[rows] <= 0] = 0.0
+    kept = cut <= 1.0 - LEAST_IN_IMAGE
+    r = rows[kept]
+    return TrueBodies(boxes.person[r], whole[kept], shown[kept], boxes.visible[r], cut[kept], boxes.range[r])
+
+
+def _beyond_border(full: Array, whole: Array, camera: Camera) -> Array:
+    """True boxes (n, 4), which end at the border of the image, with the edges there taken from projected bodies where those lie beyond it."""
+    first = camera.pixel_centre - 0.5
+    low, high = np.full(2, first + BORDER), np.array([first + camera.width - BORDER, first + camera.height - BORDER])
+    if camera.wraps:
+        low[0], high[0] = -np.inf, np.inf
+    at = np.concatenate([full[:, :2] <= low, full[:, 2:] >= high], axis=1)
+    farther = np.concatenate([np.minimum(full[:, :2], whole[:, :2]), np.maximum(full[:, 2:], whole[:, 2:])], axis=1)
+    return np.where(at, farther, full)
+
+
+def _turned(edges: Array, middle: Array, width: int) -> Array:
+    """Boxes of a panorama moved by full turns to the nearest of the middles (n,) px."""
+    turn = np.round((middle - edges[:, [0, 2]].mean(axis=1)) / width) * width
+    return np.asarray(edges + turn[:, None] * np.array([1.0, 0.0, 1.0, 0.0]))

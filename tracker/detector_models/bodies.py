@@ -1,0 +1,127 @@
+"""True bodies in a view: the whole box of each, the part that nothing hides, and what misses of a detector depend on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.datasets.projected_boxes import body_outlines, clipped
+from tracker.geometry import Array, Ints, Pose, set_array, set_ints
+from tracker.geometry.cameras import Camera
+
+BODY = (1.75, 0.5)
+"""m: height and width of the upright cylinder that stands for a body whose place alone is known."""
+CELLS = (7, 14)
+"""Sample points of a box, across and up, of which the hidden ones are counted."""
+SILHOUETTE = 0.7
+"""Share of the width of a box over which its body hides what is behind it."""
+NEARER = 0.15
+"""m by which a body must be nearer to hide another one."""
+LEAST_IN_IMAGE = 0.25
+"""Bodies of which a smaller share lies in the image are no subject of a detector."""
+FEATURES = ("constant", "hidden", "mostly hidden", "size", "cut")
+"""What the probability of a miss depends on: see `features`."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrueBodies:
+    """The bodies of n people of whom at least LEAST_IN_IMAGE is in one image.
+
+    person (n,) ids. whole, seen (n, 4): left, top, right, bottom px of the whole body, also beyond the image, and of its visible part.
+    visible (n,): share of the part in the image that nothing hides. cut (n,): share of the whole box beyond the image. distance (n,) m.
+    """
+
+    person: Ints
+    whole: Array
+    seen: Array
+    visible: Array
+    cut: Array
+    distance: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.person)
+        set_ints(self, "person", (n,))
+        for name, shape in (("whole", (n, 4)), ("seen", (n, 4)), ("visible", (n,)), ("cut", (n,)), ("distance", (n,))):
+            set_array(self, name, shape)
+
+    @property
+    def height(self) -> Array:
+        """Height (n,) px of the whole bodies: the unit of errors of edges."""
+        return np.asarray(np.maximum(self.whole[:, 3] - self.whole[:, 1], 1.0))
+
+    def features(self, image_height: int, sizes: tuple[float, float]) -> Array:
+        """Features (n, 5) in the order of FEATURES. sizes: lowest and highest log2 of body over image height; others are taken to the nearest."""
+        hidden = 1.0 - self.visible
+        size = np.clip(np.log2(self.height / image_height), *sizes)
+        return np.column_stack([np.ones(len(hidden)), hidden, np.maximum(hidden - 0.5, 0.0), size, self.cut])
+
+
+def outlined(camera: Camera, low: Array, high: Array) -> tuple[Array, Array, Array]:
+    """Corners low and high (n, 2) px → edges (n, 4) px of the whole, edges of the part in the image, and share (n,) beyond the image."""
+    whole, part = np.concatenate([low, high], axis=1), clipped(low, high, camera)
+    area = np.maximum(np.prod(high - low, axis=1), 1e-9)
+    cut = 1.0 - np.prod(np.maximum(part[:, 2:] - part[:, :2], 0.0), axis=1) / area
+    return whole, part, np.clip(cut, 0.0, 1.0)
+
+
+def bodies_in_view(view: tuple[Camera, Pose], person: Ints, feet: Array, pillars: Array, boxes: Array | None = None) -> TrueBodies:
+    """The bodies of people at feet (n, 3) m, world, in a view (camera, T_world_camera).
+
+    pillars (p, 5) as in Setup. boxes (n, 4): left, top, width, height px where true boxes are known; otherwise bodies are projected.
+    Bodies hide what is behind them over SILHOUETTE of the width of their boxes.
+    """
+    camera, pose = view
+    if boxes is None:
+        rows, low, high = body_outlines(camera, pose, feet, BODY)
+    else:
+        rows, low, high = np.arange(len(person)), boxes[:, :2], boxes[:, :2] + boxes[:, 2:]
+    whole, part, cut = outlined(camera, low, high)
+    distance = np.linalg.norm(feet[rows] - pose.translation, axis=1)
+    front, depth = _silhouettes(whole), distance
+    if len(pillars):
+        things, far = _pillar_boxes(camera, pose, pillars)
+        front, depth = np.concatenate([front, things]), np.concatenate([depth, far])
+    kept = np.flatnonzero(cut <= 1.0 - LEAST_IN_IMAGE)
+    seen, visible = part[kept].copy(), np.ones(len(kept))
+    for k, row in enumerate(kept.tolist()):
+        nearer = front[depth < distance[row] - NEARER]
+        if len(nearer):
+            seen[k], visible[k] = _unhidden(part[row], nearer, camera)
+    return TrueBodies(np.asarray(person)[rows[kept]], whole[kept], seen, visible, cut[kept], distance[kept])
+
+
+def _silhouettes(whole: Array) -> Array:
+    inset = (1.0 - SILHOUETTE) / 2 * (whole[:, 2] - whole[:, 0])
+    return whole + np.column_stack([inset, 0 * inset, -inset, 0 * inset])
+
+
+def _pillar_boxes(camera: Camera, pose: Pose, pillars: Array) -> tuple[Array, Array]:
+    """Edges (m, 4) px of the pillars that the camera can project, and their distances (m,) m."""
+    out, far = [np.zeros((0, 4))], [np.zeros(0)]
+    for x, y, radius, bottom, top in pillars:
+        foot = np.array([[x, y, bottom]])
+        rows, low, high = body_outlines(camera, pose, foot, (top - bottom, 2 * radius))
+        out.append(np.concatenate([low, high], axis=1))
+        far.append(np.linalg.norm(foot[rows] - pose.translation, axis=1))
+    return np.concatenate(out), np.concatenate(far)
+
+
+def _unhidden(box: Array, nearer: Array, camera: Camera) -> tuple[Array, float]:
+    """Edges (4,) px of the sample points of a box that no nearer box (m, 4) covers, and their share."""
+    across, up = CELLS
+    step = np.array([(box[2] - box[0]) / across, (box[3] - box[1]) / up])
+    u, v = box[0] + step[0] * (np.arange(across) + 0.5), box[1] + step[1] * (np.arange(up) + 0.5)
+    turn = 0.0
+    if camera.wraps:
+        turn = np.round(((box[0] + box[2]) / 2 - (nearer[:, 0] + nearer[:, 2]) / 2) / camera.width) * camera.width
+    left, right = nearer[:, 0] + turn, nearer[:, 2] + turn
+    columns = (u[None] > left[:, None]) & (u[None] < right[:, None])
+    lines = (v[None] > nearer[:, 1, None]) & (v[None] < nearer[:, 3, None])
+    free = ~(lines[:, :, None] & columns[:, None, :]).any(axis=0)
+    if free.all() or not free.any():
+        return (box, 1.0) if free.all() else (np.array([*box[:2], *box[:2]]), 0.0)
+    rows, cols = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
+    half = step / 2
+    edges = np.array([u[cols[0]] - half[0], v[rows[0]] - half[1], u[cols[-1]] + half[0], v[rows[-1]] + half[1]])
+    return edges, float(free.mean())

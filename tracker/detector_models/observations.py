@@ -1,0 +1,190 @@
+"""What a recording says of its detector: true bodies and boxes of each view matched, and the boxes that belong to nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tracker.datasets.opening import format_of
+from tracker.datasets.projected_boxes import body_outlines, clipped, pose_at
+from tracker.detector_models.bodies import TrueBodies, bodies_in_view
+from tracker.detector_models.overlaps import MATCH, iou, nearest_overlap
+from tracker.formats.pets2009 import ground_truth, read_annotations
+from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.geometry.cameras import Camera
+from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+
+INSIDE = 0.7
+"""A box that belongs to nobody is a second box of a person where so much of it lies in the person's true box."""
+MERGED_GAIN = 0.05
+"""A box shows two people where its IoU with the box around both is at least MERGED. It is higher by this than with each of them."""
+MERGED = 0.5
+MARGIN = 1.0
+"""m: false boxes farther than this beyond the area are not judged, since truth may end there."""
+FARTHEST = 60.0
+"""m: false boxes without feet on the ground, or farther, are taken to stand here."""
+NOBODY = -1
+
+
+@dataclass(frozen=True, eq=False)
+class TruePeople:
+    """The true people of a recording: frame → ids (n,) and feet (n, 3) m.
+
+    boxes: camera → frame → boxes (n, 4) px in the same order, where they are known. file: that of the truth, "" where it is one of the recording.
+    """
+
+    places: Mapping[int, tuple[Ints, Array]]
+    boxes: Mapping[str, Mapping[int, Array]]
+    file: str = ""
+
+    @property
+    def kind(self) -> str:
+        """As DetectorModel.bodies, of cameras with boxes."""
+        return "boxes" if self.boxes else "places"
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFrame:
+    """One view in one frame: true bodies, boxes (d, 4) as edges px with confidence (d,), and what was matched.
+
+    match (n,): box of each person, NOBODY for none. merged (n,): person in whose box the person is merged, NOBODY for none.
+    owner (d,): row of the person of whom a box that matches nobody is a second box, NOBODY for false boxes.
+    """
+
+    camera: str
+    frame: int
+    bodies: TrueBodies
+    edges: Array
+    confidence: Array
+    match: Ints
+    merged: Ints
+    owner: Ints
+
+    @property
+    def free(self) -> Ints:
+        """Boxes that match no person."""
+        return np.setdiff1d(np.arange(len(self.edges)), self.match[self.match >= 0])
+
+
+def true_people(path: Path, recording: Recording, cameras: Iterable[str] = ()) -> TruePeople:
+    """The true people of a recording that was read from `path`; those of PETS 2009 with the boxes of View_001, outside the area, too.
+
+    cameras: those that will be used. True boxes are used where they are known of all of them. Raises ValueError for a recording without truth.
+    """
+    names = list(cameras) or list(recording.detections)
+    if recording.source.get("labels_as_detections"):
+        raise ValueError(f"{path}: its boxes are labels and not of a detector, needs detections (--detections)")
+    if format_of(path).name == "pets2009":
+        first = int((recording.source.get("frames") or [0])[0])
+        files = sorted((path / "annotations").glob("*.xml"))
+        whole = [file for file in files if "cropped" not in file.name] or files
+        if whole and "View_001" in recording.cameras:
+            camera = recording.cameras["View_001"]
+            content = {frame - first: one for frame, one in read_annotations(whole[0]).items() if 0 <= frame - first < recording.frames}
+            places = ground_truth(content, camera.camera, camera.pose, recording.ground)
+            boxes = {"View_001": {frame: box for frame, (_, box) in content.items()}}
+            return TruePeople(places, boxes if names == ["View_001"] else {}, str(whole[0]))
+    if not recording.truth:
+        raise ValueError(f"{path}: has no truth, which a fit needs")
+    return TruePeople(recording.truth, {})
+
+
+def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, FrameBoxes] | None = None) -> Iterator[ViewFrame]:
+    """The views of all frames with truth. detections: in place of those of the recording."""
+    given = recording.detections if detections is None else detections
+    for name, boxes in given.items():
+        camera = recording.cameras[name]
+        for frame, (person, feet) in sorted(truth.places.items()):
+            pose = pose_at(recording, camera, frame)
+            if pose is None or not 0 <= frame < recording.frames:
+                continue
+            known = truth.boxes.get(name, {}).get(frame)
+            bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known)
+            box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
+            yield match_frame(name, frame, bodies, (np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]]), confidence), camera.camera)
+
+
+def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, Array], camera: Camera) -> ViewFrame:
+    """Match boxes (edges (d, 4) px, confidences (d,)) with bodies by the largest sum of IoU (Hungarian method)."""
+    edges, confidence = found
+    edges = edges.reshape(-1, 4)
+    inside, whole = clipped(edges[:, :2], edges[:, 2:], camera), clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera)
+    if camera.wraps and len(edges) and len(whole):
+        inside, edges = _unwrapped(inside, whole, camera.width), _unwrapped(edges, whole, camera.width)
+    n, match = len(whole), np.full(len(whole), NOBODY)
+    alike = np.maximum(iou(whole, inside), iou(bodies.seen, inside))
+    for person, box in zip(*linear_sum_assignment(np.where(alike >= MATCH, alike, 0.0), maximize=True), strict=True):
+        if alike[person, box] >= MATCH:
+            match[person] = box
+    merged, owner = np.full(n, NOBODY), np.full(len(edges), NOBODY)
+    other, _ = nearest_overlap(bodies)
+    for k in np.flatnonzero(other >= 0):
+        near = int(other[k])
+        one = match[near] if match[near] >= 0 and match[k] < 0 else match[k] if match[k] >= 0 and match[near] < 0 else NOBODY
+        if one >= 0 and _shows_both(inside[one], whole[near], whole[k]):
+            merged[k], match[near], match[k] = near, one, NOBODY
+    free = np.setdiff1d(np.arange(len(edges)), match[match >= 0])
+    if n and len(free):
+        again = iou(inside[free], whole)
+        part = _share_inside(inside[free], whole)
+        best = np.argmax(np.maximum(again, part), axis=1)
+        mine = (again[np.arange(len(free)), best] >= MATCH) | (part[np.arange(len(free)), best] >= INSIDE)
+        owner[free[mine]] = best[mine]
+    return ViewFrame(name, frame, bodies, edges, np.asarray(confidence), match, merged, owner)
+
+
+def _shows_both(box: Array, first: Array, second: Array) -> bool:
+    both = np.concatenate([np.minimum(first[:2], second[:2]), np.maximum(first[2:], second[2:])])
+    alike = iou(box[None], np.array([both, first, second]))[0]
+    return bool(alike[0] >= MERGED and alike[0] > alike[1:].max() + MERGED_GAIN)
+
+
+def _share_inside(boxes: Array, whole: Array) -> Array:
+    low, high = np.maximum(boxes[:, None, :2], whole[None, :, :2]), np.minimum(boxes[:, None, 2:], whole[None, :, 2:])
+    area = np.maximum(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1), 1e-9)
+    return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=2) / area[:, None])
+
+
+def _unwrapped(edges: Array, whole: Array, width: int) -> Array:
+    """Boxes of a panorama, turned by full turns to the nearest true box."""
+    middle, true = edges[:, [0, 2]].mean(axis=1), whole[:, [0, 2]].mean(axis=1)
+    turns = np.round((true[None] - middle[:, None]) / width) * width
+    apart = np.abs(middle[:, None] + turns - true[None])
+    turn = turns[np.arange(len(edges)), np.argmin(apart, axis=1)]
+    return np.asarray(edges + turn[:, None] * np.array([1.0, 0.0, 1.0, 0.0]))
+
+
+def ground_place(recording: Recording, camera: RecordingCamera, pose: Pose, edges: Array) -> tuple[Array, Array]:
+    """Feet (n, 3) m of boxes (n, 4) px on the ground, and sizes (n, 2) m, height and width; feet at most FARTHEST away.
+
+    A box that does not reach the ground is taken to stand at FARTHEST.
+    """
+    lens = camera.camera
+    pixels = np.stack([edges[:, [0, 2]].mean(axis=1), edges[:, 3]], axis=1)
+    if lens.wraps:
+        pixels[:, 0] = np.mod(pixels[:, 0], lens.width)
+    rays = lens.bearings_from_pixels(pixels) @ pose.rotation.T
+    feet, hit = recording.ground.intersect(np.broadcast_to(pose.translation, rays.shape), rays, FARTHEST)
+    level = rays[:, :2] / np.maximum(np.linalg.norm(rays[:, :2], axis=1, keepdims=True), 1e-9)
+    far = np.column_stack([pose.translation[:2] + FARTHEST * level, np.full(len(rays), pose.translation[2])])
+    feet = np.where((hit & np.isfinite(feet).all(axis=1))[:, None], feet, far)
+    # The size of a body of 1 m at these feet gives metres a pixel.
+    sizes = np.full((len(edges), 2), np.nan)
+    rows, low, high = body_outlines(lens, pose, feet, (1.0, 0.5))
+    scale = np.maximum(high[:, 1] - low[:, 1], 1e-6)
+    sizes[rows, 0] = (edges[rows, 3] - edges[rows, 1]) / scale
+    sizes[rows, 1] = (edges[rows, 2] - edges[rows, 0]) / scale
+    return feet, sizes
+
+
+def judged(recording: Recording, feet: Array) -> Mask:
+    """Whether false boxes with feet (n, 3) m are within MARGIN of the area, where truth is complete."""
+    if recording.area is None:
+        return np.ones(len(feet), dtype=np.bool_)
+    low, high = np.asarray(recording.area)
+    return np.asarray(((feet[:, :2] >= low - MARGIN) & (feet[:, :2] <= high + MARGIN)).all(axis=1))
+
