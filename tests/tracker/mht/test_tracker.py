@@ -110,7 +110,9 @@ def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool) -> 
     rng = np.random.default_rng(0)
     hidden = np.abs(steps) < 0.6
     ticks = synthetic_crowd.ticks(setup, walked, rng, misses=0.0, clutter=0.0, lose=lambda frame, camera, person: bool(hidden[frame]))
-    reported = np.array([len(e.target_id) for e in track(setup, ticks, MHT)])
+    # However uncertain their place becomes.
+    parameters = Parameters(targets=MhtParameters(report_sigma=10.0))
+    reported = np.array([len(e.target_id) for e in track(setup, ticks, parameters)])
     assert reported[~hidden][8:20].all()
     assert reported[hidden][:20].all() == known
 
