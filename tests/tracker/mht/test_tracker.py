@@ -46,6 +46,20 @@ def test_one_graph_for_each_hypothesis() -> None:
     assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), small).mota > 0.85
 
 
+def test_greedy_decisions_stand_at_once() -> None:
+    """With an N-scan window of 0 each confirmed person in the global hypothesis has one leaf, and a crowd is tracked nevertheless."""
+    rng = np.random.default_rng(1)
+    setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(8, 40, rng)
+    ticks, greedy = synthetic_crowd.ticks(setup, walked, rng), Parameters(targets=MhtParameters(n_scan=0.0))
+    tracker = Tracker(setup, greedy)
+    for tick in ticks:
+        tracker.step(tick)
+        leaves = tracker._people.filter.leaves
+        held = np.isin(leaves.tree, leaves.tree[tracker._people.filter.best])
+        assert len(np.unique(leaves.tree[held])) == held.sum()
+    assert scored(setup, walked, ticks, greedy).mota > 0.85
+
+
 def test_estimates_depend_on_the_past_alone() -> None:
     rng = np.random.default_rng(1)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(5, 30, rng)
