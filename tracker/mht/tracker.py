@@ -296,10 +296,10 @@ class MhtFilter:
             (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent],
         )  # fmt: skip
         # Tracks outside the area, and boxes that may be false, would shift the estimates.
-        old = known[leaves.confirmed[known] & self.setup.contains(leaves.state[known, :2])]
+        old = known[leaves.confirmed[known]]
         for v, boxes in enumerate(views):
             sure = np.append(self.sensor_model.may_start(boxes), False)
-            residual = np.where(sure[np.maximum(self._boxes[old, v] - start[v], -1)][:, None], children.residual[old, v], np.nan)
+            residual = children.residual[old, v]
             innovations = residual, children.H[old, v], children.S[old, v]
             mine = old[self._boxes[old, v] >= 0], v
             self.noise.learn(boxes.camera, children.residual[mine], children.S[mine], boxes.covariance[self._boxes[mine] - start[v]])
