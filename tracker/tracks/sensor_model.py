@@ -44,11 +44,13 @@ class SensorModel:
 
     def usable(self, feet: GroundDetections) -> Mask:
         """Which boxes (n,) are likely enough of people to count at all."""
-        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= self.parameters.usable[self.detection_rates.parameters.learned])
+        least = self.parameters.usable[self.detection_rates.parameters.learned]
+        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= least)
 
     def may_start(self, feet: GroundDetections) -> Mask:
         """Which boxes (n,) are likely enough of people to initiate tracks."""
-        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= self.parameters.initiation[self.detection_rates.parameters.learned])
+        least = self.parameters.initiation[self.detection_rates.parameters.learned]
+        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= least)
 
     def missed(self, camera: str, expected: Array) -> Array:
         """Log-likelihood (n,) of a missed detection in `camera`; expected (n,): relative detection rate, 0 to 1, of each person."""

@@ -18,8 +18,10 @@ from tracker.datasets.opening import open_sequence
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import Array, angles_from_bearing
 from tracker.metrics.evaluation import evaluate
+from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results
+from tracker.tracks.detection_rates import DetectionRateParameters
 from tracker.types import Detections, Estimate, Setup, Tick, TicksInMemory
 
 FRAMES = 400
@@ -54,6 +56,26 @@ def standing(people: list[tuple[float, float]], count: int, rng: np.random.Gener
     """One camera, and people who stand still."""
     setup = synthetic_crowd.setup(1)
     return setup, list(synthetic_crowd.ticks(setup, np.repeat(np.array([people]), count, axis=0), rng, misses=0.0, clutter=0.0))
+
+
+def with_confidence(tick: Tick, confidence: float) -> Tick:
+    """The tick with boxes of that confidence."""
+    views = (replace(v, detections=replace(v.detections, confidence=np.full(len(v.detections), confidence))) for v in tick.views)
+    return replace(tick, views=tuple(views))
+
+
+def test_unconfident_boxes_neither_initiate_nor_sustain_a_track() -> None:
+    setup, ticks = standing([(-2.0, -2.0)], 60, np.random.default_rng(1))
+    assert all(len(e.target_id) == 0 for e in track(setup, [with_confidence(tick, 0.5) for tick in ticks]))
+    estimates = list(track(setup, [tick if k < 20 else with_confidence(tick, 0.5) for k, tick in enumerate(ticks)]))
+    assert len(estimates[19].target_id) == 1
+    assert len(estimates[-1].target_id) == 0
+
+
+def test_one_number_for_all_confidences_is_enough_where_they_are_learned() -> None:
+    setup, ticks = standing([(-2.0, -2.0)], 30, np.random.default_rng(1))
+    learned = Parameters(targets=MhtParameters(detection_rates=DetectionRateParameters(learned=True)))
+    assert all(len(e.target_id) == 1 for e in list(track(setup, [with_confidence(tick, 0.5) for tick in ticks], learned))[10:])
 
 
 PEOPLE = np.array([[-2.0, -2.0], [2.0, 1.0], [0.0, 3.0], [3.0, -3.0]])
@@ -96,13 +118,14 @@ def test_false_boxes_of_low_confidence_make_no_tracks_and_cost_nobody_theirs() -
 
 
 @pytest.mark.parametrize("scale", [np.square, np.sqrt, lambda c: 0.3 + 0.7 * c, lambda c: -np.log(1 - c)], ids=["square", "root", "narrow", "odds"])
-def test_the_order_of_confidences_matters_alone(scale: Callable[[Array], Array]) -> None:
+def test_the_order_of_learned_confidences_matters_alone(scale: Callable[[Array], Array]) -> None:
+    learned = Parameters(targets=MhtParameters(detection_rates=DetectionRateParameters(learned=True)))
     setup, ticks = among_false_boxes(20, np.random.default_rng(2))
     others = []
     for tick in ticks:
         boxes = ((v, v.detections) for v in tick.views)
         others.append(replace(tick, views=tuple(replace(v, detections=replace(d, confidence=scale(d.confidence))) for v, d in boxes)))
-    for one, other in zip(track(setup, ticks), track(setup, others), strict=True):
+    for one, other in zip(track(setup, ticks, learned), track(setup, others, learned), strict=True):
         np.testing.assert_array_equal(one.target_id, other.target_id)
         np.testing.assert_array_equal(one.position, other.position)
 
@@ -117,7 +140,7 @@ def test_an_unconfident_box_keeps_a_track_from_the_box_of_another(seed: int) -> 
     def one_unconfident(tick: Tick) -> Tick:
         (view,) = tick.views
         nearer = np.argmin(angles_from_bearing(view.detections.bearing)[1] - view.detections.extent[:, 1] / 2)
-        confidence = np.where(np.arange(len(view.detections)) == nearer, 0.5, 0.99)
+        confidence = np.where(np.arange(len(view.detections)) == nearer, 0.7, 0.99)
         return replace(tick, views=(replace(view, detections=replace(view.detections, confidence=confidence)),))
 
     reported = list(track(setup, [one_unconfident(tick) if 20 <= k < 26 else tick for k, tick in enumerate(ticks)]))
