@@ -22,6 +22,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "slam": ("ekf", "iekf", "fej", "invariant"),
     "correction": ("on", "off"),
     "persistence": ("on", "off"),
+    "confidence": ("given", "learned"),
 }
 """Options with a choice of words."""
 WHOLE = ("iterations", "delay", "n_conf", "k_h", "i_bls_max", "seed_search", "l_c")
@@ -82,6 +83,8 @@ def _targets(given: Mapping[str, Any]) -> MhtParameters:
     chosen = MhtParameters()
     if "v_max" in given:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
+    if given.get("confidence") == "learned":
+        chosen = replace(chosen, detection_rates=replace(chosen.detection_rates, learned=True))
     fields = {"theta_s": "merge_distance"} | {name: name for name in ("delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")}
     own = {field: given[name] for name, field in fields.items() if name in given}
     graphs = Path(given["dump_graphs"]) if "dump_graphs" in given else None

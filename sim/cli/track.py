@@ -129,6 +129,8 @@ class Track:
     """These options choose what of a source is read, and replace or degrade its detections."""
     delay: int = 0
     """Number of frames by which the output lags; later frames smooth the positions of people."""
+    confidence: Literal["given", "learned"] = "given"
+    """What confidences of detections say: a probability as given, or learned for each view while tracking, for detectors of any other scale."""
     images: bool = False
     """Use the images, too: silhouettes, and appearance and tracklets. A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"

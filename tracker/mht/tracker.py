@@ -25,6 +25,7 @@ import numpy as np
 from tracker.detections.cross_view import CrossViewGroup, group_across_views
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Viewpoint
+from tracker.detections.optical_flow import TrackOwners
 from tracker.detections.walkable_prior import WalkablePrior
 from tracker.geometry import Array, Ints, Mask
 from tracker.mht.appearance_model import AppearanceModel
@@ -85,6 +86,7 @@ class MhtFilter:
         self.kept = np.zeros((0, 1), dtype=bool)  # which leaves each hypothesis holds; the last column is for roots, whose parent is −1
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
         self._conflicts = Conflicts(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
+        self._owners = TrackOwners()
         self._doubt: list[Array] = []
         self.noise = MeasurementNoise(parameters.noise)
         self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
@@ -102,7 +104,7 @@ class MhtFilter:
         table = BoxTable.of(views, self.sensor_model, self.parameters.clutter)
         expected = ExpectedVisibility.of(self.leaves, cameras, self.sensor_model, active).share
         missed = self._missed(views, expected)
-        parents = ParentHypotheses.of(self.leaves, self.setup.ground, missed, self.appearance.log_ratio(self.leaves, views))
+        parents = ParentHypotheses.of(self.leaves, self.setup.ground, missed, self._image_links(views, table))
         limits = self._branching_constants(views)
         joint, ratio = assign_jointly(active, parents, table, limits)
         children = union(branch(parents, table, limits), joint)
@@ -117,6 +119,7 @@ class MhtFilter:
         self._exclude_watched_places(views, cameras)
         self._update_appearance(views, table)
         chosen = solve(self.leaves, self._conflicts, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
+        self._own_boxes(views, table, chosen.best)
         self._discount_contested_boxes(chosen.best, table, rivals)
         confirmed = self._confirm(chosen.best)
         self._update_sensor_model(views, children, (table.start, expected, bodies.occluded_by_view(cameras)), chosen.best)
@@ -127,6 +130,23 @@ class MhtFilter:
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
         present &= (people.misses == 0) | (people.position_sigma <= self.parameters.report_sigma)
         return people, present
+
+    def _image_links(self, views: list[GroundDetections], table: BoxTable) -> Array:
+        """Log-likelihood ratio (n, D) of each box for each leaf by images: appearance, and tracklets from the boxes that its tree took before."""
+        out = self.appearance.log_ratio(self.leaves, views)
+        for v, boxes in enumerate(views):
+            if boxes.links:
+                hidden = self.parameters.covering_share * (1 - self.sensor_model.detection(boxes.camera))
+                out[:, table.start[v] : table.start[v + 1]] += self._owners.links(boxes.camera, self.leaves.tree, boxes.links, hidden)
+        return out
+
+    def _own_boxes(self, views: list[GroundDetections], table: BoxTable, best: Ints) -> None:
+        """Remember which trees the boxes of this tick belong to in the global hypothesis, for the tracklets of the next ticks."""
+        for v, boxes in enumerate(views):
+            if boxes.links is not None:
+                owner, mine = np.full(len(boxes), -1), best[self._boxes[best, v] >= 0]
+                owner[self._boxes[mine, v] - table.start[v]] = self.leaves.tree[mine]
+                self._owners.add(boxes.camera, owner)
 
     def _missed(self, views: list[GroundDetections], expected: Array) -> Array:
         """Log-likelihood (n, V) of a missed detection in each view, which should have a box with probability `expected` (n, V) times P_D."""
