@@ -99,4 +99,4 @@ def _images(given: Mapping[str, Any]) -> ImageParameters:
         raise ValueError("--l-c, --delta-min and --omega need --images")
     if not images:
         return ImageParameters()
-    return ImageParameters(TrackletParameters(**tracklets), SilhouetteParameters(), appearance=True)
+    return ImageParameters(TrackletParameters(**tracklets) if tracklets else None, SilhouetteParameters(), appearance=True)
