@@ -23,7 +23,7 @@ class MhtParameters(TrackParameters):
     fusion: FusionParameters = field(default_factory=lambda: FusionParameters(ahead=0.03))
     noise: MeasurementNoiseParameters = field(default_factory=MeasurementNoiseParameters)
     n_scan: float = 10 / 7  # s, age at which N-scan pruning fixes a decision
-    clutter: float = 1.0  # least density of false boxes of a view, a steradian
+    clutter: float = 0.6  # least density of false boxes of a view, a steradian
     min_ratio: float = 2.0  # least log-likelihood ratio of a box that a leaf takes
     margin: float = 15.0  # log-likelihood by which a child may be worse than the best child of its leaf
     uncontested_margin: float = 4.0  # the same where no other tree gates the boxes of the best child
@@ -39,7 +39,7 @@ class MhtParameters(TrackParameters):
     appearance_rate: float = 0.1  # learning rate of a track's appearance
     learn_partly_visible: bool = True
     supported: float = 0.5  # probability that a box that nobody takes is false, where a box of another view may be of the same person
-    report_sigma: float = 1.2  # m, standard deviation of a place from which a coasting person is reported no more
+    report_sigma: float = 1.0  # m, standard deviation of a place from which a coasting person is reported no more
     k_h: int = 25  # K_H, hypotheses that are kept
     i_bls_max: int = 2000  # moves of the local search, at most
     branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick

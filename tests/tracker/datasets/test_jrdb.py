@@ -157,7 +157,7 @@ def test_people_in_a_cafe_are_tracked_in_the_robots_frame(data: Data, tmp_path: 
     estimates = track(sequence.setup, sequence.ticks, parameters_from({"delay": 5}))
     scores = evaluate(sequence, Results.of(estimates, run={}))["targets"]
     assert scores["truths"] == 3347
-    assert scores["mota"] > 0.45
+    assert scores["mota"] > 0.42
     assert scores["idf1"] > 0.45
 
 
