@@ -100,8 +100,8 @@ class SensorModel:
             low, high = self.setup.height
             # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
             other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high)
-            # People are counted where false boxes are: tracks outside the area may be false.
-            known = visible & inside_area
+            # Learned confidences: no false box is counted outside the area, where tracks of false boxes would confirm themselves.
+            known = visible & (inside_area | (not self.detection_rates.parameters.learned))
             self.detection_rates.learn(
                 feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other])
             )

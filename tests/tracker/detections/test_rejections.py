@@ -83,7 +83,7 @@ def test_boxes_that_no_gate_stops_are_those_that_the_tracker_groups() -> None:
 def test_the_line_has_all_reasons_with_their_bounds() -> None:
     counts = {BOXES: 36} | {name: k for k, name in enumerate((NO_POSE, *ROWS), 0)}
     assert explain_few_people(counts, 0, SETUP, PARAMETERS) == (
-        "no people: of 36 boxes 1 are not confident enough to begin a track, 2 have no"
+        "no people: of 36 boxes 1 are not confident enough to begin a track (--confidence learned learns the scale of a detector), 2 have no"
         " ground point (the lower edge is above the horizon or more than 60 m away), 3 are lower than 1.4 m, 4 are higher than 2.3 m,"
         " 5 may hide the feet, 6 are outside the area,"
         " 7 may begin a track, but are in too few frames"
@@ -96,7 +96,7 @@ def test_the_line_has_all_reasons_with_their_bounds() -> None:
     ("counts", "line"),
     [
         ({BOXES: 0}, "no people: there are no boxes"),
-        ({BOXES: 5, LOW_CONFIDENCE: 5}, "no people: of 5 boxes 5 are not confident enough to begin a track"),
+        ({BOXES: 5, LOW_CONFIDENCE: 5}, "no people: of 5 boxes 5 are not confident enough to begin a track (--confidence learned learns the scale of a detector)"),
         ({}, ""),
     ],
 )
