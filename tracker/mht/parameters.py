@@ -23,7 +23,7 @@ class MhtParameters(TrackParameters):
     fusion: FusionParameters = field(default_factory=lambda: FusionParameters(ahead=0.03))
     noise: MeasurementNoiseParameters = field(default_factory=MeasurementNoiseParameters)
     n_scan: float = 10 / 7  # s, age at which N-scan pruning fixes a decision
-    clutter: float = 0.6  # least density of false boxes of a view, a steradian
+    clutter: float = 1.0  # least density of false boxes of a view, a steradian
     min_ratio: float = 2.0  # least log-likelihood ratio of a box that a leaf takes
     margin: float = 15.0  # log-likelihood by which a child may be worse than the best child of its leaf
     uncontested_margin: float = 4.0  # the same where no other tree gates the boxes of the best child
