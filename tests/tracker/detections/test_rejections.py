@@ -96,7 +96,10 @@ def test_the_line_has_all_reasons_with_their_bounds() -> None:
     ("counts", "line"),
     [
         ({BOXES: 0}, "no people: there are no boxes"),
-        ({BOXES: 5, LOW_CONFIDENCE: 5}, "no people: of 5 boxes 5 are not confident enough to begin a track (--confidence learned learns the scale of a detector)"),
+        (
+            {BOXES: 5, LOW_CONFIDENCE: 5},
+            "no people: of 5 boxes 5 are not confident enough to begin a track (--confidence learned learns the scale of a detector)",
+        ),
         ({}, ""),
     ],
 )
