@@ -126,7 +126,7 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["pilsun", "--config", "none.toml"], "none.toml: no such file"),
         (["pilsun", "--config", "/"], "/: is a folder, needs a file"),
         (["pilsun", "--world", "mars"], "world is 'mars', needs one of campus, forest, "),
-        (["twin", "--annotations", "a", "--calibration", "b", "--no-mesh"], "a twin takes --views and --frames"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--no-mesh"], "a twin takes --views and --detector-model, --frames"),
         (["pilsun", "--imu", "mpu"], "imu is 'mpu', needs NAME or NAME@HZ with a name of adis16448, bmi088, icm20948, ideal"),
         (["pilsun", "--imu", "bmi088@50"], "imu is 50 Hz, needs 100 to 400 Hz"),
         (["pilsun", "--imu", "bmi088@200"], "imu is 200 Hz, needs a whole number of physics steps: 198 Hz"),
@@ -134,10 +134,10 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["pilsun", "--clock", "jitter=-0.001"], "clock has jitter '-0.001', needs a number in [0, 1] s"),
         (["pilsun", "--clock", "robot_9:offset=1"], "clock names 'robot_9', needs a robot or a camera"),
         (["pilsun", "--views", "2", "--clock", "View_003:offset=1"], "clock names 'View_003', but the fixed cameras are View_001, View_002"),
-        (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --views and --frames"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --views and --detector-model, --frames"),
         (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
         (["twin"], "a twin needs --annotations FILE and --calibration DIR"),
-        (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --frames, --robots, --seed, --width"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --detector-model, --frames, --robots, --seed, --width"),
     ],
 )
 def test_invalid_arguments_are_refused(arguments: list[str], message: str, tmp_path: Path) -> None:
