@@ -137,7 +137,7 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
         (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --views and --detector-model, --frames"),
         (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
         (["twin"], "a twin needs --annotations FILE and --calibration DIR"),
-        (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --detector-model, --frames, --robots, --seed"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --detector-model, --frames, --robots"),
     ],
 )
 def test_invalid_arguments_are_refused(arguments: list[str], message: str, tmp_path: Path) -> None:
