@@ -132,7 +132,7 @@ class Track:
     confidence: Literal["given", "learned"] = "given"
     """What confidences of detections say: a probability as given, or learned for each view while tracking, for detectors of any other scale."""
     images: bool = False
-    """Use the images, too: silhouettes, and appearance and tracklets. A recording needs video/ or images/ of any camera."""
+    """Use the images, too: silhouettes and appearance. A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter knows the landmarks."""
     robots: Annotated[OmitArgPrefixes[SlamOptions], arg(name="expert SLAM")] = SlamOptions()
@@ -142,7 +142,7 @@ class Track:
     multiple: Annotated[OmitArgPrefixes[HypothesisOptions], arg(name="expert hypothesis")] = HypothesisOptions()
     """These are the paper's parameters of track trees and of the clique search."""
     tracklets: Annotated[OmitArgPrefixes[TrackletOptions], arg(name="expert tracklet")] = TrackletOptions()
-    """The paper's parameters of tracklets need --images."""
+    """The paper's parameters of tracklets need --images. Any of them has tracklets weigh boxes, too."""
 
     def run(self) -> None:
         from tracker.datasets.opening import UTIAS, format_of, open_sequence

@@ -14,7 +14,7 @@ from tracker.tracks.tracks import MotionParameters
 
 @dataclass(frozen=True)
 class MhtParameters(TrackParameters):
-    """The parameters of both trackers of people, and those of track trees."""
+    """The parameters of the tracker of people: of its sensors and tracks, and of track trees."""
 
     motion: MotionParameters = field(default_factory=lambda: MotionParameters(foot_spread=0.2))
     registration_bias: RegistrationBiasParameters = field(

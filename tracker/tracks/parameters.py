@@ -1,4 +1,4 @@
-"""Parameters that both trackers of people share: sensors, motion, gates, and the life of tracks."""
+"""Parameters of sensors, motion, gates, and the life of tracks."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ class TrackParameters:
     delete_confirmed_score: float = -5.0  # existence score below which a confirmed track is deleted
     max_score: float = 20.0  # greatest existence score
     joint_misses: float = 2.0  # missed detections for which a miss in all views at once counts at most, as its cause is common
-    footless_sigma: float = 0.6  # m, standard deviation of a place up to which a box without visible feet is in the gate
     covering_share: float = 0.3  # probability that a person without a box stands before another one's box, whose corners then are theirs
     max_outside: float = 3 / 7  # s outside all views after which a person is gone
     learn_partly_visible: bool = False  # whether detection rates of partly visible people are learned (detections/occlusion.py)
