@@ -127,8 +127,8 @@ def test_memory_and_time_are_bounded_in_heavy_clutter() -> None:
         began = time.process_time()
         tracker.step(tick)
         spent.append(time.process_time() - began)
-        held.append(len(tracker._people.filter.tracks))  # type: ignore[attr-defined]
-    # Clutter makes a few dozen tentative tracks at most, however many boxes there are.
+        held.append(len(tracker._people.filter.leaves))
+    # Clutter makes a few dozen tentative leaves at most, however many boxes there are.
     assert max(held) < 300
     assert max(held[100:]) <= 1.5 * max(held[20:60]) + 30
     assert np.median(spent[100:]) < 2 * np.median(spent[20:60])
