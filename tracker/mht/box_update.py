@@ -61,7 +61,7 @@ def innovation_covariance(predicted: Array, P: Array, spread: float) -> tuple[fl
 def log_likelihood(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any, limits: Any) -> float:
     """Log-likelihood ratio of box d of view v over clutter for a leaf x (5,), P (5, 5); −inf outside the gate."""
     if boxes.ambiguous[d] >= 0:
-        return boxes.detection_ratio[d] + range_log_density(predicted, x, P, v, d, boxes, limits)
+        return boxes.detection_ratio[d] + range_log_density(x, P, v, d, boxes, limits)
     height = boxes.origin[v, 2] - predicted[16] + predicted[14] * boxes.head_slope[d]
     slack = 0.15 + 0.02 * predicted[13]
     if not limits.min_height - slack < height < limits.max_height + slack:
@@ -136,15 +136,14 @@ def head_of(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any) ->
 
 
 @njit(cache=True)
-def update_child(k: int, i: int, v: int, d: int, parents: Any, boxes: Any, limits: Any, children: Any) -> float:
-    """Update child k of leaf i by box d of view v, in place; its log-likelihood ratio."""
+def update_child(k: int, i: int, v: int, d: int, parents: Any, boxes: Any, limits: Any, children: Any) -> None:
+    """Update child k of leaf i by box d of view v, in place."""
     predicted, x, P = np.empty(21), children.state[k], children.covariance[k]
     predict_measurement(x, i, parents, boxes.origin[v], predicted)
-    ratio = log_likelihood(predicted, x, P, v, d, boxes, limits) + parents.links[i, d]
     children.box[k, v] = d
     if boxes.ambiguous[d] >= 0:
-        correct_range(predicted, x, P, v, d, boxes, limits)
-        return ratio
+        correct_range(x, P, v, d, boxes, limits)
+        return
     r0, r1 = _residual(predicted, v, d, boxes)
     S = _innovation(predicted, P, d, boxes, limits)
     _, visible = _log_ratio(r0, r1, S, predicted, (boxes.detection_ratio[d], boxes.feet_hidden[d]), limits.gate)
@@ -158,7 +157,6 @@ def update_child(k: int, i: int, v: int, d: int, parents: Any, boxes: Any, limit
         H[0, 0], H[0, 1], H[1, 0], H[1, 1] = predicted[9], predicted[10], predicted[11], predicted[12]
         children.S[k, v, 0, 0], children.S[k, v, 1, 1] = S[0], S[2]
         children.S[k, v, 0, 1] = children.S[k, v, 1, 0] = S[1]
-    return ratio
 
 
 @njit(cache=True)

@@ -100,10 +100,14 @@ def _pairwise_ratios(v: int, rows: Ints, parents: Any, boxes: Any, limits: Any, 
 @njit(cache=True)
 def _update_all(v: int, box: Ints, parents: Any, boxes: Any, limits: Any, children: Any) -> None:
     """Update each partial child, in place, by its box (k,) of view v, −1 for a missed detection."""
+    predicted = np.empty(21)
     for k in range(len(box)):
         i, d = children.parent[k], box[k]
         if d < 0:
             children.increment[k] += parents.missed[i, v]
             children.missed[k] += parents.missed[i, v]
             continue
-        children.increment[k] += update_child(k, i, v, d, parents, boxes, limits, children)
+        predict_measurement(children.state[k], i, parents, boxes.origin[v], predicted)
+        ratio = log_likelihood(predicted, children.state[k], children.covariance[k], v, d, boxes, limits)
+        children.increment[k] += ratio + parents.links[i, d]
+        update_child(k, i, v, d, parents, boxes, limits, children)

@@ -33,7 +33,7 @@ def head_log_ratio(above: float, spread: float, height: float, noise: float, peo
 
 
 @njit(cache=True)
-def _across(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any, spread: float, out: Array) -> None:
+def _across(x: Array, P: Array, v: int, d: int, boxes: Any, spread: float, out: Array) -> None:
     """The place of x along and across the line of sight of box d of view v.
 
     out[0:2] unit vector along; [2] cross-range m and [3] its variance m², of box and leaf together. [4:6] distance and stature m after the update
@@ -104,10 +104,10 @@ def _posterior(row: int, prior: Array, ranges: Any, out: Array) -> float:
 
 
 @njit(cache=True)
-def range_log_density(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any, limits: Any) -> float:
+def range_log_density(x: Array, P: Array, v: int, d: int, boxes: Any, limits: Any) -> float:
     """Log density, a steradian, of the ambiguous box d of view v for the leaf x, P; −inf outside the gate."""
     line, after = np.empty(10), np.empty(5)
-    _across(predicted, x, P, v, d, boxes, limits.foot_spread, line)
+    _across(x, P, v, d, boxes, limits.foot_spread, line)
     square = line[2] * line[2]
     if square >= limits.gate**2 * line[3] or line[9] <= NEAREST / 2:
         return -np.inf
@@ -118,10 +118,10 @@ def range_log_density(predicted: Array, x: Array, P: Array, v: int, d: int, boxe
 
 
 @njit(cache=True)
-def correct_range(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any, limits: Any) -> None:
+def correct_range(x: Array, P: Array, v: int, d: int, boxes: Any, limits: Any) -> None:
     """Update x, P in place by the ambiguous box d of view v."""
     line, after = np.empty(10), np.empty(5)
-    _across(predicted, x, P, v, d, boxes, limits.foot_spread, line)
+    _across(x, P, v, d, boxes, limits.foot_spread, line)
     if _posterior(boxes.ambiguous[d], line[4:9], boxes.ranges, after) <= 0.0:
         return
     ux, uy, p = line[0], line[1], np.empty(5)

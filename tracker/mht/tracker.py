@@ -87,7 +87,6 @@ class MhtFilter:
         self._parent, self._boxes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
         self._conflicts = Conflicts(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
         self._owners = TrackOwners()
-        self._doubt: list[Array] = []
         self.noise = MeasurementNoise(parameters.noise)
         self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
@@ -111,19 +110,18 @@ class MhtFilter:
         rivals = self.leaves.tree[active], self.leaves.confirmed[active], ratio
         kept = prune_branches(children, self.leaves.tree, self.leaves.misses, self.parameters.uncontested_margin, len(table.usable))
         children = ChildHypotheses._make(column[kept] for column in children)
-        roots = self._initiate(views, table, children)
+        roots, doubt = self._initiate(views, table, children)
         score = self._initiation_scores(views, cameras, roots)
         self._extend_trees(children, (roots, score), (table, missed), bodies.in_any_view(cameras))
-        new = self._parent < 0
-        self._measure_new_people(np.flatnonzero(new), roots, views, (table, limits))
+        self._measure_new_people(np.flatnonzero(self._parent < 0), roots, views, (table, limits))
         self._exclude_watched_places(views, cameras)
         self._update_appearance(views, table)
         chosen = solve(self.leaves, self._conflicts, self.kept[:, self._parent], self.parameters, self._ticks + 1_000_003 * self.parameters.seed)
         self._own_boxes(views, table, chosen.best)
         self._discount_contested_boxes(chosen.best, table, rivals)
-        confirmed = self._confirm(chosen.best)
-        self._update_sensor_model(views, children, (table.start, expected, bodies.occluded_by_view(cameras)), chosen.best)
-        self._reidentify(chosen.best, confirmed)
+        new = self._confirm(chosen.best)
+        self._update_sensor_model((views, doubt), children, (table.start, expected, bodies.occluded_by_view(cameras)), chosen.best)
+        self._reidentify(chosen.best, new)
         self._prune(chosen)
         people = self.leaves.select(self.best)
         # Ticks at which no view could have had a box do not count as a gap.
@@ -160,15 +158,15 @@ class MhtFilter:
         missed_by_all = self.sensor_model.joint_miss(views)
         return BranchingConstants(q.gate, q.motion.foot_spread, low, high, missed_by_all, q.min_ratio, q.margin, q.beam_width, q.max_children)
 
-    def _initiate(self, views: list[GroundDetections], table: BoxTable, children: ChildHypotheses) -> list[CrossViewGroup]:
-        """Groups of unassigned boxes that may be new people, without those near a track that has no box in these views."""
+    def _initiate(self, views: list[GroundDetections], table: BoxTable, children: ChildHypotheses) -> tuple[list[CrossViewGroup], list[Array]]:
+        """Groups of unassigned boxes that may be new people, without those near a track without a box in their views. Also `_doubt`."""
         first = np.concatenate([[True], children.parent[1:] != children.parent[:-1]]) if len(children.parent) else np.zeros(0, dtype=bool)
         # A track that is detected again after a gap may be another person.
         trees = _one_leaf_per_tree(self.leaves, self.best)
         taken = assigned_boxes(trees[(self.leaves.misses[trees] < 2) & ~self.leaves.deleted[trees]], children, table)
         free = [~taken[start:end] & table.usable[start:end] for start, end in itertools.pairwise(table.start.tolist())]
         groups = group_across_views([self.sensor_model.corrected(boxes) for boxes in views], free, self.setup.height, self.parameters.fusion)
-        self._doubt = _doubt(views, groups, self.parameters.supported)
+        doubt = _doubt(views, groups, self.parameters.supported)
         sure = [self.sensor_model.may_start(f) for f in views]
         groups = [g for g in groups if any(sure[v][d] for v, d in g.members)]
         place, seen = children.state[first, :2], children.box[first] >= 0
@@ -177,7 +175,7 @@ class MhtFilter:
         for g in groups:
             near = np.linalg.norm(place - g.point, axis=1) < self.parameters.merge_distance
             known.append((near & recent & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
-        return [g for g, k in zip(groups, known, strict=True) if not k]
+        return [g for g, k in zip(groups, known, strict=True) if not k], doubt
 
     def _initiation_scores(self, views: list[GroundDetections], cameras: list[Viewpoint], roots: list[CrossViewGroup]) -> Array:
         """Log-likelihood ratio of each root being a new person over clutter."""
@@ -301,10 +299,13 @@ class MhtFilter:
         """Which leaves (n,) are outside all views for too long."""
         return np.asarray(leaves.out_of_view * self.setup.period > self.parameters.max_outside)
 
-    def _update_sensor_model(self, views: list[GroundDetections], children: ChildHypotheses, seen: tuple[Ints, Array, Array], best: Ints) -> None:
+    def _update_sensor_model(
+        self, doubted: tuple[list[GroundDetections], list[Array]], children: ChildHypotheses, seen: tuple[Ints, Array, Array], best: Ints
+    ) -> None:
         """Learn the detection rates, measurement noise and registration bias of each view from the confirmed tracks of the global hypothesis.
 
-        seen: first row of each view's boxes; probability (n, V) that a view should have a box of a parent; its occluded shares (n, V, 2).
+        doubted: the views, and `_doubt` of their boxes. seen: first row of each view's boxes; probability (n, V) that a view should have a box of a
+        parent; its occluded shares (n, V, 2).
         """
         (start, expected, occluded), leaves = seen, self.leaves
         known = best[self._parent[best] >= 0]
@@ -312,15 +313,12 @@ class MhtFilter:
         sure = leaves.confirmed[known] & (leaves.misses[known] <= self._max_gap)
         parent = self._parent[known]
         self.sensor_model.learn(
-            (views, self._doubt), np.where(box >= 0, box - start[:-1], -1), expected[parent],
+            doubted, np.where(box >= 0, box - start[:-1], -1), expected[parent],
             (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent],
         )  # fmt: skip
-        # Tracks outside the area, and boxes that may be false, would shift the estimates.
         old = known[leaves.confirmed[known]]
-        for v, boxes in enumerate(views):
-            sure = np.append(self.sensor_model.may_start(boxes), False)
-            residual = children.residual[old, v]
-            innovations = residual, children.H[old, v], children.S[old, v]
+        for v, boxes in enumerate(doubted[0]):
+            innovations = children.residual[old, v], children.H[old, v], children.S[old, v]
             mine = old[self._boxes[old, v] >= 0], v
             self.noise.learn(boxes.camera, children.residual[mine], children.S[mine], boxes.covariance[self._boxes[mine] - start[v]])
             self.sensor_model.registration_bias.learn(boxes.camera, leaves.state[old, :2], innovations)

@@ -76,7 +76,9 @@ class DetectionRates:
         self._covered: dict[tuple[str, int], tuple[Array, Array]] = {}  # camera, cover by objects (0) or people (1) → found and expected (classes,)
 
     def observe(self, camera: str, confidence: Array) -> None:
-        """Remember the confidences (n,) of a tick. Call it before they are ranked."""
+        """Remember the confidences (n,) of a tick where they are learned. Call it before they are ranked."""
+        if not self.parameters.learned:
+            return
         self._seen[camera] = np.concatenate([self._seen.get(camera, confidence[:0]), confidence])[-REMEMBERED:]
         self._ranked[camera] = np.sort(self._seen[camera])
 
@@ -91,11 +93,12 @@ class DetectionRates:
 
     def _of(self, camera: str) -> _Counts:
         if camera not in self._counts:
-            q, rising = self.parameters, (np.arange(CLASSES) + 0.5) * 2 / CLASSES**2
-            found = q.detection * q.weight * rising
-            false = rising * q.detection * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, CLASSES))
-            if not q.learned:
-                n = len(LEVELS)
+            q, n = self.parameters, len(LEVELS)
+            if q.learned:
+                rising = (np.arange(CLASSES) + 0.5) * 2 / CLASSES**2
+                found = q.detection * q.weight * rising
+                false = rising * q.detection * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, CLASSES))
+            else:
                 found = q.detection * q.weight * np.append(np.full(n, (1 - q.top_share) / n), q.top_share)
                 false = np.full(n + 1, q.false * self.ground_area * q.weight_false / (n + 1))
             self._counts[camera] = _Counts(found, q.weight, false, q.weight_false)

@@ -44,13 +44,17 @@ class SensorModel:
 
     def usable(self, feet: GroundDetections) -> Mask:
         """Which boxes (n,) are likely enough of people to count at all."""
-        least = self.parameters.usable[self.detection_rates.parameters.learned]
-        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= least)
+        return self._probable(feet, self.parameters.usable)
 
     def may_start(self, feet: GroundDetections) -> Mask:
         """Which boxes (n,) are likely enough of people to initiate tracks."""
-        least = self.parameters.initiation[self.detection_rates.parameters.learned]
-        return np.asarray(self.detection_rates.share(feet.camera, feet.confidence) >= least)
+        return self._probable(feet, self.parameters.initiation)
+
+    def _probable(self, feet: GroundDetections, least: tuple[float, float]) -> Mask:
+        """Which boxes (n,) are of people with a probability of at least `least`, as given and as learned."""
+        given, learned = least
+        share = self.detection_rates.share(feet.camera, feet.confidence)
+        return np.asarray(share >= (learned if self.detection_rates.parameters.learned else given))
 
     def missed(self, camera: str, expected: Array) -> Array:
         """Log-likelihood (n,) of a missed detection in `camera`; expected (n,): relative detection rate, 0 to 1, of each person."""

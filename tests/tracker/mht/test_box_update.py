@@ -84,7 +84,8 @@ def test_the_likelihood_is_gaussian_and_the_update_that_of_kalman() -> None:
     K = COVARIANCE @ H.T @ np.linalg.inv(S)
     child = ChildHypotheses(*empty_children(1, 1))
     child.state[:], child.covariance[:] = x, COVARIANCE
-    ratio = update_child(0, 0, 0, 0, parents, boxes, LIMITS, child)
+    ratio = log_likelihood(predicted, x, COVARIANCE, 0, 0, boxes, LIMITS)
+    update_child(0, 0, 0, 0, parents, boxes, LIMITS, child)
     np.testing.assert_allclose(child.state[0], x + K @ r, atol=1e-9)
     np.testing.assert_allclose(child.covariance[0], COVARIANCE - K @ S @ K.T, atol=1e-9)
     np.testing.assert_allclose(child.residual[0, 0], r, atol=1e-9)

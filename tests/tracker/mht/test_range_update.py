@@ -74,13 +74,13 @@ def table_of(feet: GroundDetections) -> BoxTable:
 def updated(state: State, feet: GroundDetections, limits: BranchingConstants = LIMITS) -> State:
     """The leaf after the ambiguous box 0."""
     x, P = state.x.copy(), state.P.copy()
-    correct_range(np.zeros(21), x, P, 0, 0, table_of(feet), limits)
+    correct_range(x, P, 0, 0, table_of(feet), limits)
     return State(x, P)
 
 
 def log_density(state: State, feet: GroundDetections) -> float:
     """Of the ambiguous box 0, a steradian."""
-    return float(range_log_density(np.zeros(21), state.x, state.P, 0, 0, table_of(feet), LIMITS))
+    return float(range_log_density(state.x, state.P, 0, 0, table_of(feet), LIMITS))
 
 
 def ambiguous_boxes(rng: np.random.Generator, count: int) -> list[GroundDetections]:
