@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from sim.cameras import EQUIRECTANGULAR, Rig, parse_camera
+from sim.effects import Effects, parse_effects
 from sim.robots.clock import parse_clocks
 from sim.robots.imu import parse_imu
 from sim.robots.sensor_rates import IMU_RATES, WHEEL_RATES, steps_a_sample
@@ -22,7 +24,7 @@ CROWD_STEP = 0.05
 """s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
 INDEPENDENT = "independent"
 """The detector model of the fields misses, clutter, bearing_noise and min_visible."""
-OPTIONAL = {"imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT}
+OPTIONAL = {"imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": ""}
 """Fields of sensors with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "difficulty": (0.0, 1.0),
@@ -61,6 +63,8 @@ class Scenario:
     Sensors of the robots, off by default: imu is NAME or NAME@HZ with a part of sim.robots.imu. wheels is the rate of the encoders, Hz.
     clock has the errors of the clocks of robots and cameras, as sim.robots.clock.parse_clocks reads them.
     detector_model: "independent" for these errors; otherwise the name of a model of tracker.detector_models, or its JSON, in their place.
+    camera, view_camera: models of the rovers' and the fixed cameras, as sim.cameras.parse_camera reads them; "" for panoramas and Tsai's model.
+    effects: errors of the cameras, as sim.effects.parse_effects reads them, or a list of such texts; "" for none.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -86,6 +90,9 @@ class Scenario:
     wheels: float = 0.0
     clock: str = ""
     detector_model: str = INDEPENDENT
+    camera: str = ""
+    view_camera: str = ""
+    effects: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -96,6 +103,7 @@ class Scenario:
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
         self._check_sensors()
+        self._check_cameras()
         if not isinstance(self.detector_model, str):
             raise ValueError(f"detector_model is {repr(self.detector_model)[:60]}, needs a text")
         if self.detector_model != INDEPENDENT:
@@ -118,6 +126,34 @@ class Scenario:
                 # Names of fixed cameras are checked where their number is known.
                 if name and name not in own and not name.startswith("View_"):
                     raise ValueError(f"clock names {name[:60]!r}, needs a robot or a camera, as robot_0, robot_0_camera or View_001")
+
+    def _check_cameras(self) -> None:
+        if isinstance(self.effects, (list, tuple)) and all(isinstance(one, str) for one in self.effects):
+            object.__setattr__(self, "effects", ",".join(self.effects))
+        for name in ("camera", "view_camera", "effects"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name} is {repr(getattr(self, name))[:60]}, needs a text")
+        if self.camera.strip() == EQUIRECTANGULAR:
+            object.__setattr__(self, "camera", "")
+        for text, width in ((self.camera, self.width), (self.view_camera, self.view_width)):
+            if text:
+                Rig.of(text, width)
+        effects = self.camera_effects
+        effects.check_period(self.period)
+        if effects.gain is not None and self.image_noise:
+            raise ValueError("effects have gain and image_noise is not 0: both are noise of the sensor, needs one of them")
+        if effects.seam is not None and not any(text and parse_camera(text).model == "dual-fisheye" for text in (self.camera, self.view_camera)):
+            raise ValueError("effects have seam, needs a camera with two lenses (dual-fisheye)")
+
+    @property
+    def camera_effects(self) -> Effects:
+        """The errors of the cameras."""
+        return parse_effects(self.effects)
+
+    @property
+    def view_width(self) -> int:
+        """Width of the pictures of fixed cameras, px."""
+        return 2 * round(0.375 * self.width)
 
     @property
     def crowd_steps(self) -> int:

@@ -58,7 +58,9 @@ LAYERS: dict[str, dict[str, set[str]]] = {
     },
     "sim": {
         "robots": set(),
-        "scenario": {"robots"},
+        "cameras": set(),
+        "effects": set(),
+        "scenario": {"robots", "cameras", "effects"},
         "confidence_intervals": set(),
         "rendering": set(),
         "pedestrian": set(),
@@ -67,7 +69,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "simulation": {"pedestrian", "crowd", "robots", "scenario"},
         "sensors": {"pedestrian", "rendering", "robots", "simulation", "scenario"},
         "visualization": {"simulation", "rendering", "scenario"},
-        "recording": {"sensors", "simulation", "rendering", "pedestrian", "scenario"},
+        "recording": {"sensors", "simulation", "rendering", "pedestrian", "scenario", "cameras", "effects"},
         "placement": {"recording", "sensors", "simulation", "crowd", "robots", "pedestrian", "rendering", "scenario"},
         "datasets": {"recording", "simulation", "crowd", "robots", "pedestrian", "parallel", "visualization", "scenario"},
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},
@@ -75,8 +77,8 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "report": {"stress", "confidence_intervals"},
         "studies": {"recording", "stress", "scenario"},
         "cli": {
-            "scenario", "confidence_intervals", "rendering", "pedestrian", "robots", "parallel", "crowd", "simulation", "sensors",
-            "visualization", "recording", "placement", "datasets", "policies", "stress", "report", "studies",
+            "scenario", "confidence_intervals", "cameras", "effects", "rendering", "pedestrian", "robots", "parallel", "crowd", "simulation",
+            "sensors", "visualization", "recording", "placement", "datasets", "policies", "stress", "report", "studies",
         },
     },
 }  # fmt: skip

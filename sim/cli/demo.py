@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import OmitArgPrefixes, arg
 
 from sim.cli.options import DetectorModelName, Out, json_text
+from sim.cli.scenario_options import CameraSettings, camera_given
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario
@@ -45,6 +48,8 @@ class Demo:
     """Difficulty of the terrain, from 0 (gentle) to 1."""
     width: int = 1024
     """Width of a panorama, pixels; it is half as high."""
+    cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
+    """These options change the cameras."""
     detector_model: DetectorModelName = "independent"
     """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
     out: Out = Path("runs/demo")
@@ -63,6 +68,7 @@ class Demo:
             frames=self.frames,
             width=self.width,
             detector_model=chosen_model(self.detector_model),
+            **camera_given(self.cameras),
         )
         from tracker.io.file_lock import folder_lock
 

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import Out, numbers, unset
-from sim.cli.scenario_options import DetectorSettings, Number, ScenarioSettings, SensorSettings, Whole, Word, detector_given, given
+from sim.cli.scenario_options import (
+    CameraSettings,
+    DetectorSettings,
+    Number,
+    ScenarioSettings,
+    SensorSettings,
+    Whole,
+    Word,
+    camera_given,
+    detector_given,
+    given,
+)
 
 if TYPE_CHECKING:
     from sim.datasets.pets_twin import Twin
@@ -92,6 +103,8 @@ class Generate:
     """These options choose what is written beside JPEG images and tables."""
     twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
     """The preset twin needs both files; no other preset takes them."""
+    cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
+    """These options change the cameras."""
     sensors: Annotated[OmitArgPrefixes[SensorSettings], arg(name="robot sensors")] = SensorSettings()
     """These options add tables of the robots' own sensors: imu.csv, wheels.csv, stamps.csv."""
     scenario: Annotated[OmitArgPrefixes[ScenarioSettings], arg(name="expert scenario")] = ScenarioSettings()
@@ -120,7 +133,7 @@ class Generate:
 
     def _given(self) -> dict[str, Any]:
         """Name → value of the options of a scenario on the command line."""
-        return given(self, _COMMON) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
+        return given(self, _COMMON) | camera_given(self.cameras) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
 
     def _preset(self) -> Preset:
         """The preset with the settings of the file, overridden by those of the command line."""

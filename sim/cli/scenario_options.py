@@ -6,6 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from tyro.conf import UseAppendAction, arg
+
 from sim.cli.options import unset
 
 _OWN = "the preset's"
@@ -32,6 +34,24 @@ class ScenarioSettings:
     """Standard deviation of a slow exposure drift, stops."""
     image_noise: Number = None
     """Standard deviation of the pixel noise, counts of 255."""
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """Models and errors of the cameras; sim/README.md has all of them."""
+
+    camera: Annotated[str | None, unset("MODEL[:OPTIONS]", "equirectangular")] = None
+    """Camera of the rovers: equirectangular, fisheye, pinhole, cylindrical, dual-fisheye, or theta-sc, tum-vi, euroc; as fisheye:fov=200,pitch=10."""
+    view_camera: Annotated[str | None, unset("MODEL[:OPTIONS]", "Tsai's pinhole")] = None
+    """The same of the fixed cameras."""
+    effect: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
+    """An error of all cameras, as readout=0.02 or vignette=1.5; may be repeated."""
+
+
+def camera_given(options: CameraSettings) -> dict[str, Any]:
+    """Name → value of the settings of the cameras, as a scenario has them."""
+    effects = {"effects": ",".join(options.effect)} if options.effect else {}
+    return given(options, ("camera", "view_camera")) | effects
 
 
 @dataclass(frozen=True)

@@ -55,8 +55,9 @@ class SequenceTask:
         if self.complete:
             return self.preset.scenario.frames
         try:
-            return len(os.listdir(self.partial / "images" / "robot_0_camera"))
-        except OSError:
+            images = self.partial / "images"
+            return len(os.listdir(images / sorted(os.listdir(images))[0]))
+        except (OSError, IndexError):
             return 0
 
     def remove_leftovers(self) -> None:
@@ -87,7 +88,7 @@ class SequenceTask:
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
-        fixed = place_cameras(world, self.preset.views, 2 * round(0.375 * scenario.width))
+        fixed = place_cameras(world, self.preset.views, scenario.view_width)
         return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form)
 
 

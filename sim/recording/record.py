@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.recording.calibration_error import error_rows, is_off, told_setup
 from sim.recording.frame_loop import FrameState, simulated_frames, truth_of
 from sim.recording.tracker_setup import FixedCamera, make_setup
+from sim.recording.view_rendering import ViewRenderer, effect_rows, is_plain, rendered_cameras
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from sim.rendering.semantic_labels import classes
 from sim.scenario import Scenario
@@ -40,7 +42,7 @@ class RenderedFrame:
     """One frame: the tick for the tracker, the truth, and by camera the truth of the view and images.
 
     instances: (H, W), 0 for nobody. range: (H, W) m along the ray, inf for no hit. classes: (H, W) of worlds.semantics.
-    samples: of the robots' own sensors since the frame before.
+    samples: of the robots' own sensors since the frame before. rows: of truth/rows.csv, empty where all rows show one time.
     """
 
     tick: Tick
@@ -50,11 +52,13 @@ class RenderedFrame:
     range: dict[str, NDArray[np.float32]]
     classes: dict[str, NDArray[np.uint8]]
     samples: SensorSamples = field(default_factory=SensorSamples)
+    rows: list[list[object]] = field(default_factory=list)
 
 
 def open_renderer(scenario: Scenario, simulation: Simulation, others: Iterable[Camera] = ()) -> PanoramaRenderer:
-    """A renderer for the panoramas of all robots and for other cameras. Its instances are the people. Close it, or use it as a context."""
-    cameras = [Panorama(scenario.width, scenario.height), *others]
+    """A renderer for the cameras of all robots and for other cameras. Its instances are the people. Close it, or use it as a context."""
+    panoramas = [Panorama(scenario.width, scenario.height), *others]
+    cameras = panoramas if is_plain(scenario) else rendered_cameras(scenario, others)
     return PanoramaRenderer(simulation.model, cameras, simulation.person_of_geom.astype(np.uint16), classes(simulation.model))
 
 
@@ -70,18 +74,22 @@ def run(
     exposures = {
         name: Exposure(scenario.exposure, scenario.image_noise, scenario.period, scenario.stream(f"exposure/{name}")) for name in setup.mounts
     }
+    view_renderer = None if is_plain(scenario) else ViewRenderer(scenario, simulation, setup, renderer)
     for state in simulated_frames(scenario, simulation, setup, sensors):
-        images, true = _rendered_views(simulation, setup, renderer, state)
-        views, feet = [], simulation.feet()
+        images, true = view_renderer.render(state) if view_renderer else _rendered_views(simulation, setup, renderer, state)
+        views, feet, odometry = [], simulation.feet(), dict(state.odometry)
         for name, mount in setup.mounts.items():
             found = detectors.detect(name, true[name], state.people.person, feet)
-            image, robots = exposures[name].apply(images[name].colour), robot_detector.detect(name)
-            views.append(View(name, found, odometry=state.odometry.get(mount.robot), image=image, robot_detections=robots))
+            image, robots = images[name].colour, robot_detector.detect(name)
+            image = image if view_renderer else exposures[name].apply(image)
+            # The first view of a robot brings its odometry.
+            views.append(View(name, found, odometry=odometry.pop(mount.robot, None), image=image, robot_detections=robots))
         instances = {name: image.instances for name, image in images.items()}
         ranges = {name: image.range for name, image in images.items()}
         kinds = {name: image.classes for name, image in images.items() if image.classes is not None}
         tick = Tick(state.index, state.index * scenario.period, tuple(views))
-        yield RenderedFrame(tick, truth_of(state, simulation, true), instances, true, ranges, kinds, state.samples)
+        rows = view_renderer.row_rows(state) if view_renderer else []
+        yield RenderedFrame(tick, truth_of(state, simulation, true), instances, true, ranges, kinds, state.samples, rows)
 
 
 def _rendered_views(
@@ -143,7 +151,10 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
     assert isinstance(occluders, Grid)
     others = dict.fromkeys(one.camera for one in recording.fixed.values())
     sensors = RobotSensors.of(scenario, simulation, setup)
-    written = SequenceWriter(folder, setup, occluders, recording.form, sensors.setup() if sensors else None)
+    told = told_setup(scenario, simulation, setup) if is_off(scenario) else setup
+    written = SequenceWriter(folder, told, occluders, recording.form, sensors.setup() if sensors else None)
+    if scenario.effects:
+        written.add_effects(_effect_rows(scenario, simulation, setup), setup, scenario.camera_effects.moves)
     with open_renderer(scenario, simulation, others) as renderer, written as writer:
         if recording.form.mesh:
             export(simulation.world, writer.partial / "terrain.glb")
@@ -151,7 +162,13 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
         for frame in progress(frames, total=scenario.frames) if progress else frames:
             writer.add(frame.tick, frame.truth, Layers(frame.instances, frame.range, frame.classes), frame.views)
             writer.add_samples(frame.tick.index, frame.samples)
+            writer.add_rows(frame.rows)
         writer.finish(recording.provenance, versions())
+
+
+def _effect_rows(scenario: Scenario, simulation: Simulation, setup: Setup) -> list[list[object]]:
+    """Rows of truth/effects.csv: what the cameras' effects are."""
+    return effect_rows(scenario, simulation, setup) + error_rows(scenario, simulation, setup)
 
 
 def versions() -> dict[str, str]:

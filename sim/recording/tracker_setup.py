@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.pedestrian import skeleton
+from sim.recording.rig_rendering import rig_of
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
-from tracker.geometry.cameras import Camera, Panorama
+from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Grid
 from tracker.types import Mount, Setup, Start
 
@@ -32,15 +33,24 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
 
     fixed: name → camera, in addition to those of the rovers.
     """
-    camera = Panorama(scenario.width, scenario.height)
+    rig = rig_of(scenario.camera, scenario.width)
     rng = scenario.stream("starts")
     starts: dict[str, Start | None] = {}
     for robot in simulation.robots:
         error = Pose.exp(rng.normal(0.0, START_SIGMA))
         starts[robot] = Start(simulation.T_world_robot(robot) @ error, np.diag(START_SIGMA**2))
-    mounts = {f"{robot}_camera": Mount(camera, simulation.T_body_camera, robot) for robot in simulation.robots}
+    mounts = {
+        f"{robot}_camera{view.suffix}": Mount(view.camera, simulation.T_body_camera @ view.T_rig_view, robot)
+        for robot in simulation.robots
+        for view in rig.views
+    }
     for name, one in (fixed or {}).items():
-        mounts[name], starts[name] = Mount(one.camera, Pose.identity(), name), Start(one.T_world_camera, np.zeros((6, 6)))
+        starts[name] = Start(one.T_world_camera, np.zeros((6, 6)))
+        if scenario.view_camera:
+            views = rig_of(scenario.view_camera, scenario.view_width).views
+            mounts |= {f"{name}{view.suffix}": Mount(view.camera, view.T_rig_view, name) for view in views}
+        else:
+            mounts[name] = Mount(one.camera, Pose.identity(), name)
     # The walkable surface, with decks of bridges, on the grid of the ground.
     floor = simulation.world.terrain.on_grid
     terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, simulation.world.tops()))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sim.rendering.face_atlas import Atlas, Sampled, codes_and_ranges
 from tracker.geometry import Array, Mask, frozen
-from tracker.geometry.cameras import Camera, Tsai
+from tracker.geometry.cameras import Camera, Pinhole, Tsai
 
 BORDER = 2
 """Texels that a face has on each side beyond what the camera sees."""
@@ -30,7 +30,7 @@ DENSITY = 1.0
 NARROW = 1.2
 """Largest tangent from the centre of a field of view that one face covers. The faces of a cube are cheaper for a wider field."""
 LARGEST_BLIND_SHARE = 0.5
-"""Share of the image. A calibration that leaves more of it blind was not made for this image size."""
+"""Share of the image. A calibration of a pinhole that leaves more of it blind was not made for this image size."""
 BLIND_ROWS = 2
 """Empty rows of an atlas that blind pixels point to. Bilinear interpolation needs two."""
 STRIP = 1 << 16
@@ -109,7 +109,7 @@ class FaceTable:
     def make(camera: Camera, density: float = DENSITY) -> FaceTable:
         """The table of a camera; density: texels along a pixel, where they are fewest.
 
-        Raises ValueError for a density outside [0.25, 16], and if more than LARGEST_BLIND_SHARE of the image is blind.
+        Raises ValueError for a density outside [0.25, 16], and if more than LARGEST_BLIND_SHARE of a pinhole's image is blind.
         """
         if not 0.25 <= density <= 16:
             raise ValueError(f"density is {density}, needs 0.25 to 16 texels a pixel")
@@ -169,7 +169,7 @@ def _faces(camera: Camera, density: float) -> tuple[Face, ...]:
     """One face, or the visible faces of the cube, stacked."""
     count = camera.width * camera.height
     unseen = sum(int(blind.sum()) for _, _, blind in _strips(camera)) / count
-    if unseen > LARGEST_BLIND_SHARE:
+    if unseen > LARGEST_BLIND_SHARE and isinstance(camera, Tsai | Pinhole):
         raise ValueError(f"{unseen:.0%} of the pixels of {camera} lie past the fold of its lens, needs {LARGEST_BLIND_SHARE:.0%} at most")
     mean = np.sum([bearings[~blind].sum(axis=0) for _, bearings, blind in _strips(camera)], axis=0) / ((1 - unseen) * count)
     for axes in [*([_axes_along(mean)[None]] if np.linalg.norm(mean) > 0.3 else []), CUBE]:

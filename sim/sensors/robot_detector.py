@@ -1,7 +1,7 @@
-"""Simulated detector of rovers in the panoramas of other rovers. It identifies them.
+"""Simulated detector of rovers in the images of other rovers. It identifies them.
 
 Like the detector of people, it misses a share Scenario.misses, and its bearings have the noise Scenario.bearing_noise.
-A rover is visible if nothing is on the line between the two cameras.
+A rover is visible if it is in the image and nothing is on the line between the two cameras.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class RobotDetector:
     def __init__(self, scenario: Scenario, setup: Setup, simulation: Simulation, raycaster: Raycaster | None = None) -> None:
         self._misses, self._noise = scenario.misses, scenario.bearing_noise
         self._simulation, self._raycaster = simulation, raycaster or Raycaster(simulation)
-        self._mounts = {name: mount for name, mount in setup.mounts.items() if is_rover_panorama(simulation, mount)}
+        self._mounts = {name: mount for name, mount in setup.mounts.items() if mount.robot in simulation.robots}
         self._streams = {name: scenario.stream(f"companions/{name}") for name in self._mounts}
 
     def detect(self, camera: str) -> RobotDetections | None:
@@ -38,10 +38,11 @@ class RobotDetector:
         if camera not in self._mounts:
             return None
         mount, rng, simulation = self._mounts[camera], self._streams[camera], self._simulation
-        others = [other.robot for other in self._mounts.values() if other.robot != mount.robot]
+        others = list(dict.fromkeys(other.robot for other in self._mounts.values() if other.robot != mount.robot))
         error, found = rng.normal(0.0, self._noise, (len(others), 2)), rng.random(len(others)) >= self._misses
         pose = simulation.T_world_robot(mount.robot) @ mount.T_body_camera
         targets = np.array([(simulation.T_world_robot(robot) @ simulation.T_body_camera).translation for robot in others]).reshape(-1, 3)
+        found &= mount.camera.pixels_from_bearings(pose.inverse().apply(targets))[1]
         found[found] = self._raycaster.first_hit(pose.translation, targets[found])[1]
         sight = pose.inverse().apply(targets[found])
         sight /= np.linalg.norm(sight, axis=1, keepdims=True)

@@ -33,7 +33,7 @@ class RobotSensors:
 
     def __init__(self, scenario: Scenario, simulation: Simulation, setup: Setup) -> None:
         self.scenario, self._simulation = scenario, simulation
-        simulation.keep_steps = bool(scenario.imu or scenario.wheels)
+        simulation.keep_steps = simulation.keep_steps or bool(scenario.imu or scenario.wheels)
         self.clocks = _draw_clocks(scenario, [*simulation.robots, *setup.mounts])
         self._stamp_streams = {name: scenario.stream(f"clock/{name}/frames") for name in self.clocks}
         self._step = 0

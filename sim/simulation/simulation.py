@@ -16,6 +16,7 @@ from sim.pedestrian import clothing, clothing_textures, gait, gaze, skeleton
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
 from sim.scenario import Scenario
+from sim.simulation.frame_history import FrameHistory
 from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
 from sim.simulation.step_states import StepStates
 from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
@@ -77,6 +78,8 @@ class Simulation:
         self.frame = 0
         self.keep_steps = False
         self._steps: list[tuple[Array, Array]] = []
+        self._history: FrameHistory | None = None
+        self._past_data: mujoco.MjData | None = None
         people = [scenario.stream(f"person_{i}") for i in self.all_persons]
         drawn = np.array([skeleton.statures(rng, 1, scenario.children)[0] for rng in people])
         self.stature = drawn if paths is None or paths.stature is None else paths.stature
@@ -109,12 +112,17 @@ class Simulation:
         rates = []
         self._copy_state(self._data, self._physics_data)
         self._steps = [(self._data.qpos.copy(), self._data.qvel.copy())] if self.keep_steps else []
+        people, head_yaw = [(self._crowd_state, self._footing)], self._gaze
         for _ in range(self._crowd_steps):
             self._move_people()
             rates.append(self._drive())
+            people.append((self._crowd_state, self._footing))
         self._copy_state(self._physics_data, self._data)
         self.frame += 1
         self._turn_heads()
+        if self.keep_steps:
+            qpos = [position for position, _ in self._steps]
+            self._history = FrameHistory(float(self._physics.opt.timestep), qpos, people, (head_yaw, self._gaze))
         self._posed = False
         self._measure_odometry(np.concatenate(rates), before, velocity)
 
@@ -137,11 +145,33 @@ class Simulation:
         """State of the crowd, absent people included."""
         return self._crowd_state
 
-    def T_world_robot(self, name: str) -> Pose:
-        """The pose of a rover's body. Raises ValueError for a name that is not in `robots`."""
+    def past(self, before: float) -> mujoco.MjData:
+        """The whole scene `before` s before the current frame, until the next call. Before the first frame everything is at rest.
+
+        Raises ValueError for a time before the last frame, and where its steps were not kept (`keep_steps`).
+        """
+        if before == 0 or not self.frame:
+            return self.data
+        if self._history is None:
+            raise ValueError("physics steps were not kept: set keep_steps before the step")
+        if self._past_data is None:
+            self._past_data = mujoco.MjData(self.model)
+        data, now = self._past_data, self.data
+        data.qpos[:] = self._history.rovers(self.model, before)
+        data.mocap_pos[:], data.mocap_quat[:] = now.mocap_pos, now.mocap_quat
+        if len(self.all_persons):
+            position, quaternion = self._history.limbs(self.stature, self.world.terrain, before)
+            data.mocap_pos[self._limbs], data.mocap_quat[self._limbs] = self._parked(position), quaternion
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_camlight(self.model, data)
+        return data
+
+    def T_world_robot(self, name: str, data: mujoco.MjData | None = None) -> Pose:
+        """The pose of a rover's body, now or in the scene of `past`. Raises ValueError for a name that is not in `robots`."""
         if name not in self.robots:
             raise ValueError(f"robot is {name!r}, needs one of {self.robots}")
-        qpos = self._data.qpos[self._poses[self.robots.index(name)]]
+        qpos = (self._data if data is None else data).qpos[self._poses[self.robots.index(name)]]
         return Pose(rotation_from_quaternion(qpos[3:]), qpos[:3])
 
     @property
@@ -191,7 +221,7 @@ class Simulation:
         """Restore a state from `save`; what follows is identical, bit by bit. Raises ValueError for a state of another model."""
         if (snapshot.data.qpos.shape, snapshot.data.mocap_pos.shape) != (self._data.qpos.shape, self._data.mocap_pos.shape):
             raise ValueError(f"snapshot has {len(snapshot.data.mocap_pos)} moved bodies, needs {len(self._data.mocap_pos)}, as this simulation has")
-        self.frame, self._steps = snapshot.frame, []
+        self.frame, self._steps, self._history = snapshot.frame, [], None
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self._posed = True
         mujoco.mj_copyData(self._physics_data, self._physics, snapshot.moving)

@@ -222,13 +222,17 @@ class Fisheye(LensCamera):
     A direction at θ rad from the axis is at θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from (cx, cy), at focal length 1 (Kannala and Brandt 2006, eq. 6).
     The model holds for fields of more than 180°: θ goes up to π, or to the fold. OpenCV itself stops at 90°.
     Pixels beyond that are blind, as the corners around the round image of such a lens are.
-    Raises ValueError where the distortion folds within the image at less than 90° from the axis.
+    field_of_view: rad, the angle of the cone that the lens sees; pixels outside of its round image are blind, too.
+    Raises ValueError where the distortion folds within the image at less than 90° from the axis, and for a field of view outside (0, 2π].
     """
 
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    field_of_view: float = 2 * np.pi
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not 0 < self.field_of_view <= 2 * np.pi:
+            raise ValueError(f"field_of_view is {self.field_of_view} rad, needs more than 0 and at most 2π")
         self._set_distortion(self.distortion, ("k1", "k2", "k3", "k4"))
         if self.fold < np.pi / 2:
             radius, angle = _grown(self.distortion, np.array(self.fold)), np.linspace(-np.pi, np.pi, DIRECTIONS, endpoint=False)
@@ -239,9 +243,14 @@ class Fisheye(LensCamera):
         """Angle from the axis, rad, up to which directions have pixels: that of the fold, at most π."""
         return min(fold_of(self.distortion), float(np.pi))
 
+    @property
+    def farthest(self) -> float:
+        """Angle from the axis, rad, up to which the lens sees: that of the fold, or half the field of view."""
+        return min(self.fold, self.field_of_view / 2)
+
     def _rays(self, plane: Array) -> tuple[Array, Mask]:
         length = np.hypot(plane[:, 0], plane[:, 1])
-        angle, solved = grown_root(self.distortion, length, self.fold)
+        angle, solved = grown_root(self.distortion, length, self.farthest)
         across = plane * np.where(length > 0, np.sin(angle) / np.where(length > 0, length, 1.0), 1.0)[:, None]
         return np.concatenate([across, np.cos(angle)[:, None]], axis=1), solved
 
@@ -250,7 +259,7 @@ class Fisheye(LensCamera):
         angle = np.arctan2(length, optical[:, 2])
         with np.errstate(invalid="ignore"):
             # Straight behind, the direction from the centre is not defined.
-            known = (angle <= self.fold) & ((length > 0) | (optical[:, 2] > 0))
+            known = (angle <= self.farthest) & ((length > 0) | (optical[:, 2] > 0))
         radius = _grown(self.distortion, np.where(known, angle, 0.0))
         return optical[:, :2] * np.where(length > 0, radius / np.where(length > 0, length, 1.0), 0.0)[:, None], np.asarray(known)
 

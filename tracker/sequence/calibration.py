@@ -78,4 +78,5 @@ def _camera_from(entry: Mapping[str, Any]) -> Camera:
     kind = MODELS.get(entry["model"])
     if kind is None:
         raise ValueError(f"model is {entry['model']!r}, needs one of {', '.join(MODELS)}")
-    return kind(**{name: entry[name] for name in kind.__dataclass_fields__})
+    # Older files have no field of view of a fisheye.
+    return kind(**{name: entry[name] for name in kind.__dataclass_fields__ if name != "field_of_view" or name in entry})

@@ -62,6 +62,13 @@ STAMPS: dict[str, type] = {"frame": int, "clock": str, "time": float, "stamp": f
 CLOCKS: dict[str, type] = {"clock": str, "offset": float, "drift": float, "jitter": float}
 
 
+EFFECTS: dict[str, type] = {"camera": str, "effect": str} | dict.fromkeys(["value", "u", "v", "radius"], float)
+"""Columns of truth/effects.csv, which is optional."""
+
+ROWS: dict[str, type] = {"frame": int, "camera": str, "first": int, "end": int} | dict.fromkeys(["time", *POSE], float)
+"""Columns of truth/rows.csv, which is optional."""
+
+
 def people_columns(cameras: Iterable[str]) -> dict[str, type]:
     """Columns of truth/people.csv, with one for each camera."""
     return {"frame": int, "person": int, "x": float, "y": float, "z": float} | {f"visible_{camera}": float for camera in cameras}
@@ -141,4 +148,18 @@ The robots' own sensors, only where they were asked for:
 * `truth/inertial.csv`: the samples of imu.csv without errors, and the biases that are in them. imu.csv is their sum and white noise.
 * `truth/clocks.csv`: offset [s], drift [ppm] and jitter [s, one sigma] of each clock: stamp = time·(1 + drift·1e-6) + offset + jitter·normal.
   Without this table every stamp is the true time.
+"""
+
+EFFECTS_README = """
+Errors of the cameras, only where they were asked for; `scenario.json` has their text (`effects`), each with a number in the unit below:
+
+* `truth/effects.csv`: what was done to the images of each lens: readout [s], shutter [s], subframes, chromatic [px], defocus [px], vignette [stops],
+  seam [stops of this lens], gain [dB], halos, jpeg [quality], mount_angle [degrees], mount_shift [m]; a row for each speck (dust) and each drop:
+  value is its opacity, u, v [pixel] its middle and radius [pixel]. u, v and radius are 0 elsewhere.
+* `truth/rows.csv`: rolling shutter and motion blur: rows first to end - 1 of a lens, the time [s] of the middle of their exposure, and the camera's
+  pose at that time. The time of a frame is the end of the exposure of its last row. Instances, range, classes and boxes of a row are those at its
+  own time; `truth/cameras.csv`, `robots.csv`, `people.csv`, `joints.csv` and `keypoints.csv` are those at the time of the frame.
+* `truth/calibration.json`: where the cameras really are, where `calibration.json` was made wrong (mount_angle, mount_shift).
+* Of a camera with two lenses, CAMERA_front and CAMERA_back are the lenses, and CAMERA is the panorama stitched of them. A pixel of it has the
+  instance, class and range of the lens with the larger share of it; range is along the ray of that lens.
 """

@@ -31,12 +31,15 @@ from tracker.sequence.schema import (
     BOXES,
     CAMERAS,
     DETECTIONS,
+    EFFECTS,
+    EFFECTS_README,
     JOINTS,
     KEYPOINTS,
     ODOMETRY,
     README,
     ROBOT_DETECTIONS,
     ROBOTS,
+    ROWS,
     SCHEMA,
     SENSORS_README,
     UPPER_TRIANGLE,
@@ -100,6 +103,8 @@ class SequenceWriter:
         self._image_writer = ImageWriter(self.partial)
         self._videos = VideoWriters(self.partial / "videos", 1 / setup.period) if self.form.video else None
         self._has_robot_detections = False
+        self._true_setup = setup
+        self._effect_tables: dict[str, list[str]] = {}
         self._rows: dict[str, list[list[object]]] = {name.split("/")[-1]: [] for name in self._tables()}
         if sensors and sensors.clocks:
             self._rows["clocks"] = [[name, *errors] for name, errors in sensors.clocks.items()]
@@ -110,7 +115,21 @@ class SequenceWriter:
         truth["people"] = people_columns(self.setup.mounts)
         measured = {"odometry": list(ODOMETRY), "detections": list(DETECTIONS), "companions": list(ROBOT_DETECTIONS)}
         tables = measured | {f"truth/{name}": list(columns) for name, columns in truth.items()}
-        return tables | (sensor_tables(self.sensors) if self.sensors else {})
+        return tables | (sensor_tables(self.sensors) if self.sensors else {}) | self._effect_tables
+
+    def add_effects(self, rows: list[list[object]], true_setup: Setup, moves: bool) -> None:
+        """Add the errors of the cameras: rows of truth/effects.csv, and the setup without errors.
+
+        moves: whether there is a truth/rows.csv. Call it before frames are added.
+        """
+        self._true_setup = true_setup
+        self._effect_tables = {"truth/effects": list(EFFECTS)} | ({"truth/rows": list(ROWS)} if moves else {})
+        self._rows |= {"effects": rows, "rows": []}
+
+    def add_rows(self, rows: list[list[object]]) -> None:
+        """Append rows of truth/rows.csv. Nothing happens without any."""
+        if rows:
+            self._rows["rows"] += rows
 
     def __enter__(self) -> SequenceWriter:
         (begin_folder(self.folder) / "truth").mkdir()
@@ -201,11 +220,14 @@ class SequenceWriter:
             if len(rows) * len(columns) > LARGE:
                 write_arrays(root / f"{name}.npz", columns, rows)
         self._write_calibrations()
-        (root / "README.md").write_text(README + (SENSORS_README if self.sensors else ""), encoding="utf-8")
+        notes = (SENSORS_README if self.sensors else "") + (EFFECTS_README if self._effect_tables else "")
+        (root / "README.md").write_text(README + notes, encoding="utf-8")
         if self.sensors and self.sensors.description:
             _write_json(root / "sensors.json", dict(self.sensors.description))
         _write_json(root / "scenario.json", provenance)
         _write_json(root / "calibration.json", calibration_of(self.setup))
+        if self._true_setup is not self.setup:
+            _write_json(root / "truth" / "calibration.json", calibration_of(self._true_setup))
         paths = [path.relative_to(root).as_posix() for path in sorted(root.rglob("*")) if path.is_file()]
         sums = {name: self._image_writer.checksums.get(name) or _checksum(root / name) for name in paths}
         files = {name: {"sha256": sha256, "bytes": size} for name, (sha256, size) in sums.items()}

@@ -1,0 +1,151 @@
+"""The text that names a camera: a model or a published camera, and options, as in `dual-fisheye:fov=200,baseline=0.02`."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from sim.cameras.published import PUBLISHED
+
+EQUIRECTANGULAR = "equirectangular"
+OUTPUTS = ("both", "stitched", "raw")
+"""What is recorded of a dual fisheye: the pictures of the lenses and the stitched panorama, or one kind."""
+UNSET = math.nan
+
+_SIZE = {"width": (UNSET, 32.0, 8192.0), "height": (UNSET, 32.0, 8192.0)}
+_AIM = {"yaw": (0.0, -180.0, 180.0), "pitch": (0.0, -90.0, 90.0)}
+_LENS = {"fx": (UNSET, 1.0, 1e5), "fy": (UNSET, 1.0, 1e5), "cx": (UNSET, -1e5, 1e5), "cy": (UNSET, -1e5, 1e5)}
+_RADIAL = {f"k{i}": (0.0, -10.0, 10.0) for i in range(1, 5)}
+OPTIONS: dict[str, dict[str, tuple[float, float, float]]] = {
+    EQUIRECTANGULAR: {},
+    "fisheye": {"fov": (190.0, 10.0, 360.0)} | _SIZE | _AIM | _LENS | _RADIAL,
+    "pinhole": {"fov": (90.0, 10.0, 160.0)}
+    | _SIZE
+    | _AIM
+    | _LENS
+    | dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), (0.0, -10.0, 10.0)),
+    "cylindrical": {"fov": (60.0, 10.0, 150.0), "width": _SIZE["width"]},
+    "dual-fisheye": {
+        "fov": (200.0, 180.0, 260.0),
+        "baseline": (0.02, 0.0, 0.3),
+        "distance": (3.0, 0.2, 1000.0),
+        "feather": (5.0, 0.0, 60.0),
+        "width": _SIZE["width"],
+        "lens": (UNSET, 32.0, 8192.0),
+    }
+    | _RADIAL,
+}
+"""Model → option → its default, lowest and highest value.
+
+fov: degrees; of a fisheye the cone that it sees, of a pinhole from left to right, of a cylinder from top to bottom. width, height: px.
+yaw, pitch: degrees, the direction of the optical axis, to the left and up. fx, fy, cx, cy: px, in place of fov.
+k1 to k4, p1, p2: distortion as OpenCV has it. baseline: m between the lenses. distance: m, at which stitching has no parallax.
+feather: degrees over which the two pictures are blended. lens: px, side of a lens' picture. A dual fisheye has the option output, too.
+"""
+WHOLE = ("width", "height", "lens")
+
+
+@dataclass(frozen=True)
+class CameraSpecification:
+    """A camera model with all its options, in the units of OPTIONS. output: of a dual fisheye, one of OUTPUTS.
+
+    published_width: px, of a published calibration, which `width` scales; 0 without one.
+    """
+
+    model: str
+    values: Mapping[str, float]
+    output: str = OUTPUTS[0]
+    published_width: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+    def size(self, name: str, default: int) -> int:
+        """A number of pixels, or the default where it is not set."""
+        value = self.values[name]
+        return default if math.isnan(value) else int(value)
+
+
+def parse_camera(text: str, subject: str = "camera") -> CameraSpecification:
+    """The camera that a text names. subject: of the error messages.
+
+    Raises ValueError for an unknown model or option, a value out of bounds, and options that do not go together.
+    """
+    name, _, options = text.partition(":")
+    name = name.strip()
+    known = (*OPTIONS, *PUBLISHED)
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1, 0.6)
+        raise ValueError(f"{subject} is {name[:60]!r}{f' ({near[0]}?)' if near else ''}, needs one of {', '.join(known)}")
+    model, preset = PUBLISHED.get(name, (name, {}))
+    values = {option: default for option, (default, _, _) in OPTIONS[model].items()} | preset
+    own = _options(options, model, subject)
+    output = own.pop("output", OUTPUTS[0])
+    given = {option: _number(text, model, option, subject) for option, text in own.items()}
+    specification = CameraSpecification(model, values | given, output, int(preset.get("width", 0)))
+    _check(specification, frozenset(given), preset, subject)
+    return specification
+
+
+def _options(text: str, model: str, subject: str) -> dict[str, str]:
+    """Option → its text. Raises ValueError for unknown and repeated options."""
+    found: dict[str, str] = {}
+    known = [*OPTIONS[model], *(["output"] if model == "dual-fisheye" else [])]
+    for item in filter(None, (part.strip() for part in text.split(","))):
+        option, equals, value = (part.strip() for part in item.partition("="))
+        if not equals or option not in known:
+            near = difflib.get_close_matches(option, known, 1, 0.6)
+            hint = f" ({near[0]}?)" if near and option not in known else ""
+            raise ValueError(f"{subject} {model} has {item[:60]!r}{hint}, needs NAME=VALUE of {', '.join(known) or 'no options'}")
+        if option in found:
+            raise ValueError(f"{subject} {model} has {option} twice")
+        if option == "output" and value not in OUTPUTS:
+            raise ValueError(f"{subject} {model} has output {value[:40]!r}, needs one of {', '.join(OUTPUTS)}")
+        found[option] = value
+    return found
+
+
+def _number(text: str, model: str, option: str, subject: str) -> float:
+    _, low, high = OPTIONS[model][option]
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high or (option in WHOLE and value != int(value)):
+        kind = "an even whole number" if option in WHOLE else "a number"
+        why = " for stitching" if (model, option) == ("dual-fisheye", "fov") and value < low else ""
+        raise ValueError(f"{subject} {model} has {option} {text[:40]!r}, needs {kind} in [{low:g}, {high:g}] {_unit(option)}{why}".rstrip())
+    if option in WHOLE and value % 2:
+        raise ValueError(f"{subject} {model} has {option} {text[:40]}, needs an even whole number of px")
+    return value
+
+
+def _unit(option: str) -> str:
+    units = {"degrees": ("fov", "yaw", "pitch", "feather"), "m": ("baseline", "distance"), "px": (*WHOLE, "fx", "fy", "cx", "cy")}
+    return next((unit for unit, names in units.items() if option in names), "")
+
+
+def _check(specification: CameraSpecification, given: frozenset[str], preset: Mapping[str, float], subject: str) -> None:
+    """Raises ValueError for options that do not go together. given: those that the text has."""
+    values, model = specification.values, specification.model
+    if preset and model != "dual-fisheye" and given - {"width", *_AIM}:
+        raise ValueError(f"{subject} has a published calibration and {', '.join(sorted(given))}, needs none but width, {', '.join(_AIM)}")
+    if {"fx", "fov"} <= given or ("fy" in given and "fx" not in given):
+        raise ValueError(f"{subject} {model} has {', '.join(sorted(given))}, needs either fov, or fx with or without fy")
+    if model == "dual-fisheye":
+        widest = math.degrees(lens_angle(math.pi / 2 + math.radians(values["feather"] / 2), values["baseline"], values["distance"]))
+        if widest > values["fov"] / 2 + 1e-9:
+            raise ValueError(
+                f"{subject} {model} has fov {values['fov']:g}, too narrow for feather {values['feather']:g}, baseline {values['baseline']:g}"
+                f" and distance {values['distance']:g}; needs at least {2 * widest:.4g} degrees"
+            )
+
+
+def lens_angle(angle: float, baseline: float, distance: float) -> float:
+    """Angle from a lens' axis, rad, of the point at `distance` m and `angle` rad from the axis, as seen from between the lenses."""
+    return float(np.arctan2(distance * math.sin(angle), distance * math.cos(angle) - baseline / 2))

@@ -1,0 +1,234 @@
+"""Effects of lens, sensor and compression on an image, one function each, in the order in which light and data pass them.
+
+1. `drops` and 2. `dust` on the lens; 3. `chromatic_shift`, 4. `defocus` and 5. `vignette` of the lens; 6. `exposed`: the exposure of the sensor;
+7. `gain_noise` of the sensor; 8. `halos` of sharpening; 9. `jpeg`. Effects 1 to 7 act on linear light (H, W, 3) float32, 0 to 1, the others on
+counts (H, W, 3) uint8. Linear light and counts are related by the sRGB curve (IEC 61966-2-1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.effects.optical_field import OpticalField
+from sim.effects.specification import Effects
+from tracker.geometry.cameras import Camera
+
+Light = NDArray[np.float32]
+Counts = NDArray[np.uint8]
+
+FULL_WELL, READ_NOISE = 8000.0, 3.0
+"""Electrons of a pixel at count 255 and gain 0 dB, and sigma of the read noise in electrons: orders of magnitude of small CMOS pixels."""
+HALO_RADIUS = 1.5
+"""px: sigma of the Gaussian of unsharp masking."""
+DUST_RADIUS, DUST_OPACITY = (0.004, 0.02), (0.2, 0.7)
+"""Ranges of radius, as a share of the image's height, and opacity of a speck."""
+DROP_RADIUS = (0.02, 0.06)
+"""Range of the radius of a drop, as a share of the image's height."""
+DROP_SCALE = 4.0
+"""A drop shows its surroundings upside down and smaller by this factor."""
+
+_ENCODED = np.arange(256) / 255
+_LINEAR = np.where(_ENCODED <= 0.04045, _ENCODED / 12.92, ((_ENCODED + 0.055) / 1.055) ** 2.4).astype(np.float32)
+_LEVELS = np.arange(1 << 16) / ((1 << 16) - 1)
+_COUNTS = np.rint(255 * np.where(_LEVELS <= 0.0031308, 12.92 * _LEVELS, 1.055 * _LEVELS ** (1 / 2.4) - 0.055)).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A speck or a drop on a lens: middle and radius px from the image's corner; opacity from 0 to 1."""
+
+    effect: str
+    u: float
+    v: float
+    radius: float
+    opacity: float
+
+
+def linear_light(counts: Counts) -> Light:
+    """Linear light of counts."""
+    return np.asarray(cv2.LUT(counts, _LINEAR), dtype=np.float32)
+
+
+def counts_of(light: Light) -> Counts:
+    """Counts of linear light, clipped."""
+    return _COUNTS.take(np.clip(light * np.float32(65535) + np.float32(0.5), 0, 65535).astype(np.uint16))
+
+
+def drops(light: Light, spots: list[Spot], wraps: bool) -> Light:
+    """Drops of water: each shows a blurred, smaller image of its surroundings upside down."""
+    height, width = light.shape[:2]
+    out = light.copy()
+    for spot in spots:
+        reach = int(np.ceil(spot.radius))
+        v, u = np.mgrid[int(spot.v) - reach : int(spot.v) + reach + 1, int(spot.u) - reach : int(spot.u) + reach + 1]
+        inside = (v >= 0) & (v < height) & (wraps | ((u >= 0) & (u < width)))
+        away = np.stack([u + 0.5 - spot.u, v + 0.5 - spot.v])
+        share = np.clip(spot.radius - np.hypot(*away), 0, 1) * inside
+        at = np.array([spot.u, spot.v])[:, None, None] - DROP_SCALE * away - 0.5
+        at[0] = np.mod(at[0], width) if wraps else at[0]
+        columns_at, rows_at = at.astype(np.float32)
+        seen = cv2.remap(light, columns_at, rows_at, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        seen = cv2.GaussianBlur(seen, (0, 0), max(spot.radius / 8, 0.5))
+        rows, columns = np.clip(v, 0, height - 1), u % width if wraps else np.clip(u, 0, width - 1)
+        now = out[rows, columns]
+        mixed = now + (share * spot.opacity)[..., None].astype(np.float32) * (seen - now)
+        out[rows[inside], columns[inside]] = mixed[inside]
+    return out
+
+
+def dust(light: Light, transmission: Light) -> Light:
+    """Specks on the lens, which hold back light. transmission: as `dust_transmission` gives it."""
+    return light * transmission
+
+
+def dust_transmission(shape: tuple[int, int], spots: list[Spot], wraps: bool) -> Light:
+    """Share (H, W, 1) of the light that passes specks. They are out of focus: opacity falls from the middle to the border as a cosine."""
+    height, width = shape
+    out = np.ones(shape, np.float32)
+    v, u = np.mgrid[:height, :width].astype(np.float32) + np.float32(0.5)
+    for spot in spots:
+        first, last = max(int(spot.v - spot.radius), 0), min(int(spot.v + spot.radius) + 2, height)
+        across = np.abs(u[first:last] - spot.u)
+        across = np.minimum(across, width - across) if wraps else across
+        near = np.minimum(np.hypot(across, v[first:last] - spot.v) / spot.radius, 1)
+        out[first:last] *= (1 - spot.opacity * (1 + np.cos(np.pi * near)) / 2).astype(np.float32)
+    return out[..., None]
+
+
+def chromatic_shift(light: Light, field: OpticalField, shift: float) -> Light:
+    """Lateral chromatic aberration: red lies `shift` px farther from the axis than green at the border of the field, blue nearer.
+
+    The shift grows with the distance from the axis.
+    """
+    out = light.copy()
+    for channel, sign in ((0, 1.0), (2, -1.0)):
+        out[..., channel] = field.shifted(np.ascontiguousarray(light[..., channel]), sign * shift)
+    return out
+
+
+def defocus(light: Light, radius: float, wraps: bool) -> Light:
+    """Blur by a disc, the circle of confusion. radius: px."""
+    reach, fine = int(np.ceil(radius + 0.5)), 8
+    axis = (np.arange((2 * reach + 1) * fine) + 0.5) / fine - reach - 0.5
+    disc = (np.hypot(*np.meshgrid(axis, axis)) <= radius).astype(np.float32)
+    kernel = disc.reshape(2 * reach + 1, fine, 2 * reach + 1, fine).mean(axis=(1, 3))
+    return _padded(light, reach, wraps, lambda image: cv2.filter2D(image, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE))
+
+
+def vignette(light: Light, field: OpticalField, stops: float) -> Light:
+    """Light lost towards the border of the field: `stops` there, growing with the square of the distance from the axis."""
+    return light * field.attenuation(stops)
+
+
+def exposed(light: Light, stops: float) -> Light:
+    """Light of a sensor that is exposed by so many stops more."""
+    return light * np.float32(2.0**stops)
+
+
+def gain_noise(light: Light, gain: float, rng: np.random.Generator) -> Light:
+    """Noise of a sensor at a gain of `gain` dB: shot noise of the electrons and read noise (linear model of EMVA 1288)."""
+    per_electron = 10 ** (gain / 20) / FULL_WELL
+    sigma = np.sqrt(np.maximum(light, 0) * np.float32(per_electron) + np.float32((READ_NOISE * per_electron) ** 2))
+    return light + sigma * rng.standard_normal(light.shape, dtype=np.float32)
+
+
+def halos(counts: Counts, amount: float, wraps: bool) -> Counts:
+    """Unsharp masking: the detail, what a Gaussian blur takes away, is added `amount` times."""
+    image = counts.astype(np.float32)
+    smooth = _padded(image, int(4 * HALO_RADIUS), wraps, lambda one: cv2.GaussianBlur(one, (0, 0), HALO_RADIUS, borderType=cv2.BORDER_REPLICATE))
+    return np.asarray(np.clip(np.rint(image + np.float32(amount) * (image - smooth)), 0, 255), dtype=np.uint8)
+
+
+def jpeg(counts: Counts, quality: int) -> Counts:
+    """The image after JPEG compression of a quality from 1 to 100."""
+    _, data = cv2.imencode(".jpg", counts[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))[..., ::-1], dtype=np.uint8)
+
+
+class ImageEffects:
+    """The effects on the images of one lens or one recorded view, frame by frame.
+
+    camera: of the images. stops: of exposure beyond the usual one. rng: draws specks and drops once, and noise for every image.
+    Equal arguments give equal images. spots: specks and drops on the lens.
+    """
+
+    def __init__(self, effects: Effects, camera: Camera, rng: np.random.Generator, stops: float = 0.0) -> None:
+        self.effects, self._camera, self.stops = effects, camera, stops
+        spot_rng, self._rng = rng.spawn(2)
+        self._field = OpticalField(camera) if effects.chromatic or effects.vignette else None
+        self._seen = _seen(camera) if effects.drops or effects.dust else None
+        self._drops = list(_drawn_spots("drops", int(effects.drops or 0), self._seen, spot_rng))
+        specks = list(_drawn_spots("dust", int(effects.dust or 0), self._seen, spot_rng))
+        self._transmission = dust_transmission((camera.height, camera.width), specks, camera.wraps) if specks else None
+        self.spots = (*self._drops, *specks)
+
+    def captured(self, counts: Counts) -> Counts:
+        """What the sensor captures of an image (H, W, 3): effects 1 to 7."""
+        e, camera = self.effects, self._camera
+        if not (self._drops or self._transmission is not None or self.stops) and {e.chromatic, e.defocus, e.vignette, e.gain} == {None}:
+            return counts
+        light = linear_light(counts)
+        if self._drops:
+            light = drops(light, self._drops, camera.wraps) * np.asarray(self._seen)[..., None]
+        if self._transmission is not None:
+            light = dust(light, self._transmission)
+        if e.chromatic is not None and self._field is not None:
+            light = chromatic_shift(light, self._field, e.chromatic)
+        if e.defocus is not None:
+            light = defocus(light, e.defocus, camera.wraps)
+        if e.vignette is not None and self._field is not None:
+            light = vignette(light, self._field, e.vignette)
+        if self.stops:
+            light = exposed(light, self.stops)
+        if e.gain is not None:
+            light = gain_noise(light, e.gain, self._rng)
+        return counts_of(light)
+
+    def processed(self, counts: Counts) -> Counts:
+        """What the camera makes of the captured image (H, W, 3): effects 8 and 9."""
+        if self.effects.halos is not None:
+            counts = halos(counts, self.effects.halos, self._camera.wraps)
+        return counts if self.effects.jpeg is None else jpeg(counts, int(self.effects.jpeg))
+
+    def apply(self, counts: Counts) -> Counts:
+        """All effects on one image (H, W, 3)."""
+        return self.processed(self.captured(counts))
+
+
+def averaged(images: list[Counts]) -> Counts:
+    """The mean of images (H, W, 3) in linear light: one exposure of a scene that moves."""
+    return counts_of(np.mean([linear_light(image) for image in images], axis=0, dtype=np.float32))
+
+
+def _seen(camera: Camera) -> NDArray[np.bool_]:
+    """Which pixels (H, W) the lens casts light on."""
+    u, v = np.meshgrid(np.arange(camera.width) + camera.pixel_centre, np.arange(camera.height) + camera.pixel_centre)
+    return np.asarray(~camera.blind(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(camera.height, camera.width))
+
+
+def _drawn_spots(effect: str, count: int, seen: NDArray[np.bool_] | None, rng: np.random.Generator) -> Iterator[Spot]:
+    """Spots at random places of the image, where it is seen (H, W)."""
+    if seen is None or not count:
+        return
+    rows, columns = np.nonzero(seen)
+    low, high = DUST_RADIUS if effect == "dust" else DROP_RADIUS
+    for _ in range(count):
+        place, radius, opacity = rng.random(3)
+        k = int(place * len(rows))
+        opacity = DUST_OPACITY[0] + opacity * (DUST_OPACITY[1] - DUST_OPACITY[0]) if effect == "dust" else 0.9
+        size = max((low + radius * (high - low)) * seen.shape[0], 1.0)
+        yield Spot(effect, columns[k] + 0.5, rows[k] + 0.5, size, opacity)
+
+
+def _padded(image: NDArray[np.float32], reach: int, wraps: bool, function: Callable[[NDArray[np.float32]], Any]) -> NDArray[np.float32]:
+    """`function` of an image, continued by `reach` columns over the seam of a panorama."""
+    if not wraps:
+        return np.asarray(function(image), dtype=np.float32)
+    wide = np.concatenate([image[:, -reach:], image, image[:, :reach]], axis=1)
+    return np.asarray(function(wide)[:, reach:-reach], dtype=np.float32)

@@ -1,0 +1,79 @@
+"""What happens within a frame: rovers at the physics steps, people at the steps of the crowd, and both in between.
+
+Between physics steps a rover moves on the geodesic of its pose. Between steps of the crowd (0.05 s) limbs move straight and turn evenly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim.crowd.crowd import CrowdState
+from sim.pedestrian import gait, gaze, skeleton
+from sim.pedestrian.gait import Terrain
+from tracker.geometry import Array
+from worlds.engine import mujoco
+
+
+@dataclass(eq=False)
+class FrameHistory:
+    """States since the frame before, the first of each list being that frame's.
+
+    timestep: s of a physics step. qpos: of all physics steps. people: crowd and footfalls at all steps of the crowd.
+    head_yaw: (m,) rad at the frame before and now. `poses` holds limb poses that were computed already.
+    """
+
+    timestep: float
+    qpos: list[Array]
+    people: list[tuple[CrowdState, gait.Footing]]
+    head_yaw: tuple[Array, Array]
+    poses: dict[int, skeleton.Poses] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """s between the two frames."""
+        return self.timestep * (len(self.qpos) - 1)
+
+    def rovers(self, model: mujoco.MjModel, before: float) -> Array:
+        """Positions (nq,) of all joints `before` s before the end. Raises ValueError for a time outside of the frame."""
+        k, share = self._place(before, len(self.qpos) - 1)
+        if share == 0:
+            return self.qpos[k].copy()
+        velocity, out = np.zeros(model.nv), self.qpos[k].copy()
+        mujoco.mj_differentiatePos(model, velocity, 1.0, self.qpos[k], self.qpos[k + 1])
+        mujoco.mj_integratePos(model, out, velocity, share)
+        return out
+
+    def limbs(self, stature: Array, ground: Terrain, before: float) -> tuple[Array, Array]:
+        """Positions (m, limbs, 3) m and quaternions (m, limbs, 4) wxyz of the limbs `before` s before the end.
+
+        People who were not there at the step before are where they are at the step after.
+        """
+        k, share = self._place(before, len(self.people) - 1)
+        if share == 0:
+            now = self._poses(stature, ground, k)
+            return now.position, now.quaternion
+        first, last = self._poses(stature, ground, k), self._poses(stature, ground, k + 1)
+        weight = np.where(self.people[k][0].present, 1 - share, 0.0)[:, None, None]
+        position = weight * first.position + (1 - weight) * last.position
+        near = np.where((first.quaternion * last.quaternion).sum(axis=-1, keepdims=True) < 0, -first.quaternion, first.quaternion)
+        quaternion = weight * near + (1 - weight) * last.quaternion
+        return position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+
+    def _place(self, before: float, steps: int) -> tuple[int, float]:
+        """The step at or before a time, and the share of the way to the next one."""
+        if not -1e-9 <= before <= self.duration + 1e-9:
+            raise ValueError(f"before is {before} s, needs 0 to {self.duration:g}, the time since the frame before")
+        at = steps * (1 - min(max(before / self.duration, 0.0), 1.0))
+        whole = round(at)
+        if abs(at - whole) < 1e-9 * steps or whole == at:
+            return whole, 0.0
+        return int(at), at - int(at)
+
+    def _poses(self, stature: Array, ground: Terrain, k: int) -> skeleton.Poses:
+        if k not in self.poses:
+            state, footing = self.people[k]
+            turned = self.head_yaw[0] + k / (len(self.people) - 1) * (self.head_yaw[1] - self.head_yaw[0])
+            self.poses[k] = gaze.with_head_yaw(skeleton.limb_poses(stature, footing, state.position, state.heading, ground), turned)
+        return self.poses[k]

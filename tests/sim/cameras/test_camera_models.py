@@ -1,0 +1,185 @@
+"""Camera models against exact rays, the stitched panorama against both lenses, and texts of cameras."""
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.cameras import Rig, parse_camera
+from sim.cameras.partial import PartialCamera
+from sim.rendering.panorama import PanoramaRenderer, RenderedImage
+from tests.sim.rays import GROUPS, cast, silhouettes
+from tests.sim.scenes import Scene, court
+from tracker.geometry import Pose
+from tracker.geometry.cameras import Camera, Fisheye
+
+POSE = Pose.planar(-6.0, -1.0, 0.3, 1.4)
+MODELS = [
+    "fisheye:fov=200,k1=0.02,pitch=20",
+    "pinhole:fov=80,k1=-0.1,k2=0.01,p1=0.001",
+    "cylindrical:fov=70",
+    "tum-vi:width=256",
+    "euroc:width=376,yaw=10",
+    "dual-fisheye:fov=200,baseline=0.1,distance=4",
+]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return court()
+
+
+@pytest.fixture(scope="module")
+def shots(scene: Scene) -> Iterator[dict[str, list[tuple[Camera, Pose, RenderedImage]]]]:
+    """Model → every camera that is rendered for it, its pose, and its image."""
+    wanted: dict[str, list[tuple[Camera, Pose]]] = {}
+    for text in MODELS:
+        rig = Rig.of(text, 512)
+        wanted[text] = [(lens.camera, POSE @ lens.T_rig_view) for lens in rig.lenses]
+        if rig.stitching:
+            wanted[text] += [(half, POSE @ T) for half, T in zip(rig.stitching.halves, rig.stitching.T_rig_lens, strict=True)]
+    cameras = list(dict.fromkeys(camera for entries in wanted.values() for camera, _ in entries))
+    with PanoramaRenderer(scene.model, cameras, scene.instances) as renderer:
+        yield {
+            text: [(camera, pose, renderer.render(scene.data, [pose], [cameras.index(camera)])[0]) for camera, pose in entries]
+            for text, entries in wanted.items()
+        }
+
+
+@pytest.mark.parametrize("text", MODELS)
+def test_instances_and_range_are_those_of_rays_at_1000_pixels(scene: Scene, shots: dict, text: str) -> None:
+    rng = np.random.default_rng(3)
+    for camera, pose, shot in shots[text]:
+        geom, distance = cast(scene.model, scene.data, camera, pose)
+        away = ~silhouettes(geom, distance)
+        v, u = np.nonzero(away)
+        pixels = np.stack([u, v], axis=1) + camera.pixel_centre
+        seen = ~camera.blind(pixels)
+        chosen = rng.choice(np.flatnonzero(seen), 1000, replace=False)
+        u, v = u[chosen], v[chosen]
+        truth = np.where(geom[v, u] < 0, 0, scene.instances[geom[v, u]])
+        assert (shot.instances[v, u] == truth).mean() >= 0.999
+        hit = np.isfinite(distance[v, u])
+        error = np.abs(shot.range[v, u][hit] - distance[v, u][hit]) / distance[v, u][hit]
+        assert np.median(error) < 0.0005
+        assert np.percentile(error, 99) < 0.01
+    assert any(shot.instances.any() for _, _, shot in shots[text])
+
+
+def test_blind_pixels_of_a_round_image_show_nothing(shots: dict) -> None:
+    camera, _, shot = shots["dual-fisheye:fov=200,baseline=0.1,distance=4"][0]
+    for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
+        assert not shot.colour[corner].any()
+        assert np.isinf(shot.range[corner])
+    assert shot.colour[camera.height // 2, camera.width // 2].any()
+
+
+def test_stitched_truth_at_the_seam_is_that_of_the_lens_that_owns_it(scene: Scene) -> None:
+    """Each pixel beside the seam, against a ray from the place of its lens to the point at the stitching distance."""
+    rig = Rig.of("dual-fisheye:fov=200,baseline=0.1,distance=4", 512)
+    assert rig.stitching
+    stitching, (front, back) = rig.stitching, rig.stitching.halves
+    pose = Pose.planar(0.0, 0.0, 0.4, 1.4)
+    with PanoramaRenderer(scene.model, [front, back], scene.instances) as renderer:
+        poses = [pose @ T for T in stitching.T_rig_lens]
+        images = renderer.render(scene.data, poses, [0, 1])
+    owner, errors = {0: range(128, 132), 1: range(124, 128)}, []
+    for lens, columns in owner.items():
+        start = poses[lens].translation
+        for row in range(75, 180):
+            for column in columns:
+                bearing = stitching.panorama.bearings_from_pixels([[column + 0.5, row + 0.5]])
+                towards = pose.apply(stitching.distance * bearing)[0] - start
+                geom = np.zeros(1, np.int32)
+                length = mujoco.mj_ray(scene.model, scene.data, start, towards / np.linalg.norm(towards), GROUPS, 1, -1, geom, None)
+                if length > 0:
+                    errors.append(abs(images[lens].range[row, column] - length) / length)
+        assert np.isinf(images[1 - lens].range[:, list(columns)]).all()
+    assert len(errors) > 300
+    assert np.mean(np.array(errors) < 0.005) > 0.97
+
+
+def test_both_lenses_agree_at_the_stitching_distance_and_weights_sum_to_one() -> None:
+    rig = Rig.of("dual-fisheye:fov=200,baseline=0.1,distance=4,feather=6", 512)
+    assert rig.stitching
+    s = rig.stitching
+    azimuth = np.radians(np.arange(-180, 180, 0.5))
+    bearings = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=1)
+    for k, T in enumerate(s.T_rig_lens):
+        own = s.lens_bearings(bearings, k)
+        points = T.apply(own * np.linalg.norm(T.inverse().apply(4 * bearings), axis=1)[:, None])
+        np.testing.assert_allclose(points, 4 * bearings, atol=1e-12)
+    weight = s.weights(bearings)
+    np.testing.assert_allclose(weight + s.weights(-bearings), 1, atol=1e-12)
+    blended = np.degrees(azimuth[(weight > 0) & (weight < 1)])
+    assert np.abs(np.abs(blended) - 90).max() < 3.001
+    assert s.weights(bearings)[len(azimuth) // 2] == 1
+
+
+def test_a_flat_picture_stays_flat_when_it_is_stitched() -> None:
+    rig = Rig.of("dual-fisheye", 256)
+    assert rig.stitching
+    flat = np.full((128, 128, 3), 77, np.uint8)
+    assert (rig.stitching.stitched((flat, flat)) == 77).all()
+
+
+def test_directions_of_a_half_panorama_are_inverted() -> None:
+    rig = Rig.of("dual-fisheye:baseline=0.2,distance=2,fov=220", 512)
+    assert rig.stitching
+    rng = np.random.default_rng(0)
+    for half in rig.stitching.halves:
+        pixels = rng.uniform([0, 60], [512, 200], (400, 2))
+        pixels = pixels[~half.blind(pixels)]
+        found, inside = half.pixels_from_bearings(half.bearings_from_pixels(pixels))
+        assert inside.all()
+        np.testing.assert_allclose(found, pixels, atol=1e-6)
+
+
+def test_a_part_of_a_camera_has_its_pixels() -> None:
+    camera = Fisheye(64, 64, 20.0, 20.0, 31.5, 31.5, field_of_view=np.radians(170))
+    mask = np.zeros((64, 64), bool)
+    mask[20:30, 5:60] = True
+    part = PartialCamera.of(camera, mask)
+    assert (part.width, part.height, part.left, part.top) == (55, 10, 5, 20)
+    pixels = np.array([[0.0, 0.0], [30.0, 7.0]])
+    np.testing.assert_array_equal(part.bearings_from_pixels(pixels), camera.bearings_from_pixels(pixels + np.array([5.0, 20.0])))
+    whole = np.zeros((64, 64), int)
+    part.paste(np.ones((10, 55), int), whole)
+    assert (whole == mask).all()
+    with pytest.raises(ValueError, match="needs a pixel"):
+        PartialCamera.of(camera, np.zeros((64, 64), bool))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fishey", r"'fishey' \(fisheye\?\), needs one of"),
+        ("fisheye:fow=3", r"'fow=3' \(fov\?\)"),
+        ("dual-fisheye:fov=170", "for stitching"),
+        ("dual-fisheye:baseline=1", r"needs a number in \[0, 0.3\] m"),
+        ("dual-fisheye:fov=181", "too narrow for feather"),
+        ("dual-fisheye:output=x", "needs one of both, stitched, raw"),
+        ("euroc:fx=3", "published calibration"),
+        ("pinhole:width=33", "even whole number"),
+        ("pinhole:width=33.5", "even whole number"),
+        ("pinhole:fov=90,fx=100", "needs either fov"),
+        ("pinhole:fov=90,fov=80", "fov twice"),
+        ("cylindrical:fov=nan", "needs a number in"),
+        ("equirectangular:fov=3", "no options"),
+    ],
+)
+def test_texts_that_are_no_camera(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as error:
+        parse_camera(text)
+    assert "\n" not in str(error.value)
+
+
+def test_a_published_camera_is_that_of_its_source() -> None:
+    (lens,) = Rig.of("euroc:width=752", 1024).lenses
+    assert (lens.camera.width, lens.camera.height) == (752, 480)
+    front = Rig.of("theta-sc", 1024).lenses[0].camera
+    assert isinstance(front, Fisheye)
+    # 4.7488 px a degree, as measured.
+    assert front.fx * np.pi / 180 == pytest.approx(4.7488, abs=1e-4)
+    assert Rig.of("theta-sc", 1024).stitching
