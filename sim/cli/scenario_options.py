@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import UseAppendAction
 
 from sim.cli.options import unset
 
@@ -44,7 +44,7 @@ class CameraSettings:
     """Camera of the rovers: equirectangular, fisheye, pinhole, cylindrical, dual-fisheye, or theta-sc, tum-vi, euroc; as fisheye:fov=200,pitch=10."""
     view_camera: Annotated[str | None, unset("MODEL[:OPTIONS]", "Tsai's pinhole")] = None
     """The same of the fixed cameras."""
-    effect: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
+    effect: Annotated[UseAppendAction[tuple[str, ...]], unset("NAME=VALUE", "none")] = ()
     """An error of all cameras, as readout=0.02 or vignette=1.5; may be repeated."""
 
 
