@@ -3,9 +3,7 @@
 Both are counted by classes of confidence. So the less confident boxes of a good detector count in full, and a confident detector with many false
 boxes counts little. Counts fade exponentially and start from prior counts, which are the same for all views.
 
-A confidence is a probability as given, or it is learned what it says. Then a class is a range of ranks among the last boxes of the view, so that no
-detector's scale matters. The odds of a true box grow with its class (isotonic regression: Barlow et al. 1972, Statistical inference under order
-restrictions).
+A confidence is a probability as given, or it is learned what it says (confidence_calibration.py), so that no detector's scale matters.
 
 Detection rates of partly visible people are counted by the share of the body that is covered, and by whether objects or people cover it.
 """
@@ -17,16 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array
+from tracker.tracks.confidence_calibration import RANKS, ConfidenceCalibration
 
 LEVELS = np.array([0.5, 0.8, 0.9, 0.97])
 """Bounds between the classes of confidences that are probabilities."""
-CLASSES = 8
-"""Number of classes of learned confidences."""
-REMEMBERED = 600
-"""Boxes of a view among which confidences are ranked, at most."""
-PRIOR_RANKS = 20.0
-"""Boxes that a rank in the middle counts for, while few boxes were seen."""
 COVER_BOUNDS = np.array([0.05, 0.2, 0.4, 0.6, 0.8])
 """Covered shares of a body at which the classes of cover begin."""
 COVER_MIDDLES = np.array([0.0, 0.12, 0.3, 0.5, 0.7, 0.9])
@@ -57,12 +50,13 @@ class DetectionRateParameters:
 
 @dataclass(eq=False)
 class _Counts:
-    """Counts of a view: found and false (levels,) boxes by classes of confidence, expected people, and ticks."""
+    """Counts of a view: found and false (levels,) boxes by classes of confidence, expected people, and ticks, all faded; ticks without fading."""
 
     found: Array
     expected: float
     false: Array
     ticks: float
+    steps: int = 0
 
 
 class DetectionRates:
@@ -71,36 +65,24 @@ class DetectionRates:
     def __init__(self, parameters: DetectionRateParameters, ground_area: float) -> None:
         self.parameters, self.ground_area = parameters, ground_area
         self._counts: dict[str, _Counts] = {}
-        self._seen: dict[str, Array] = {}  # camera → confidences of its last boxes, the latest last
-        self._ranked: dict[str, Array] = {}  # the same, sorted
+        self._calibration: dict[str, ConfidenceCalibration] = {}  # of each camera, where it is learned what confidences say
         self._covered: dict[tuple[str, int], tuple[Array, Array]] = {}  # camera, cover by objects (0) or people (1) → found and expected (classes,)
 
     def observe(self, camera: str, confidence: Array) -> None:
-        """Remember the confidences (n,) of a tick where they are learned. Call it before they are ranked."""
-        if not self.parameters.learned:
-            return
-        self._seen[camera] = np.concatenate([self._seen.get(camera, confidence[:0]), confidence])[-REMEMBERED:]
-        self._ranked[camera] = np.sort(self._seen[camera])
+        """Remember the confidences (n,) of a tick where they are learned. Call it before they are judged."""
+        if self.parameters.learned:
+            self._calibrated(camera).observe(confidence)
 
-    def level(self, camera: str, confidence: Array) -> Ints:
-        """Class (n,) of confidences (n,): by value, or by their ranks among the last boxes of the view."""
-        if not self.parameters.learned:
-            return np.searchsorted(LEVELS, confidence, side="right")
-        last = self._ranked.get(camera, confidence[:0])
-        below = (np.searchsorted(last, confidence, side="left") + np.searchsorted(last, confidence, side="right")) / 2
-        rank = (below + PRIOR_RANKS / 2) / (len(last) + PRIOR_RANKS)
-        return np.minimum((CLASSES * rank).astype(np.int64), CLASSES - 1)
+    def _calibrated(self, camera: str) -> ConfidenceCalibration:
+        if camera not in self._calibration:
+            self._calibration[camera] = ConfidenceCalibration(self.parameters.memory)
+        return self._calibration[camera]
 
     def _of(self, camera: str) -> _Counts:
         if camera not in self._counts:
             q, n = self.parameters, len(LEVELS)
-            if q.learned:
-                rising = (np.arange(CLASSES) + 0.5) * 2 / CLASSES**2
-                found = q.detection * q.weight * rising
-                false = rising * q.detection * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, CLASSES))
-            else:
-                found = q.detection * q.weight * np.append(np.full(n, (1 - q.top_share) / n), q.top_share)
-                false = np.full(n + 1, q.false * self.ground_area * q.weight_false / (n + 1))
+            found = q.detection * q.weight * np.append(np.full(n, (1 - q.top_share) / n), q.top_share)
+            false = np.full(n + 1, q.false * self.ground_area * q.weight_false / (n + 1))
             self._counts[camera] = _Counts(found, q.weight, false, q.weight_false)
         return self._counts[camera]
 
@@ -111,18 +93,23 @@ class DetectionRates:
 
     def log_ratio(self, camera: str, confidence: Array) -> Array:
         """log (n,) of the rate of boxes of people over the density of false boxes a square metre, for boxes of such confidence (n,)."""
-        c = self._of(camera)
+        c, q = self._of(camera), self.parameters
         scale = self.detection(camera) / c.found.sum() * c.ticks * self.ground_area
-        odds = _isotonic_odds(c.found, c.false) if self.parameters.learned else c.found / c.false
-        return np.asarray(np.log(scale * odds[self.level(camera, confidence)]))
+        if not q.learned:
+            return np.asarray(np.log(scale * (c.found / c.false)[np.searchsorted(LEVELS, confidence, side="right")]))
+        # The prior fades as the counts that it is a part of.
+        rising = (np.arange(RANKS) + 0.5) * 2 / RANKS**2 * q.detection
+        false = rising * q.weight_false * self.ground_area * np.exp(-np.linspace(*q.log_ratios, RANKS))
+        faded = np.exp(-(c.steps / q.memory))
+        return np.asarray(np.log(scale * self._calibrated(camera).odds(confidence, faded * q.weight * rising, faded * false)))
 
     def share(self, camera: str, confidence: Array) -> Array:
         """Probability (n,) that boxes of such confidence (n,) are of people."""
-        if not self.parameters.learned:
+        q = self.parameters
+        if not q.learned:
             return confidence
-        c = self._of(camera)
-        prior, q = self.parameters.weight_share * np.linspace(*self.parameters.shares, CLASSES), self.parameters
-        odds = _isotonic_odds(c.found + prior, c.false + q.weight_share - prior)[self.level(camera, confidence)]
+        prior = q.weight_share * np.linspace(*q.shares, RANKS)
+        odds = self._calibrated(camera).odds(confidence, prior, q.weight_share - prior)
         return np.asarray(odds / (1 + odds))
 
     def relative_detection(self, camera: str, cover: Array) -> Array:
@@ -151,24 +138,14 @@ class DetectionRates:
         found (n,): confidences of the boxes of confirmed people; expected: number of these people in full view. false: confidences and weights of the
         other boxes; a weight is the probability of a false box.
         """
-        c = self._of(camera)
-        n = len(c.found)
+        c, n = self._of(camera), len(LEVELS) + 1
         fade, q = np.exp(-1 / self.parameters.memory), self.parameters
-        c.found = fade * c.found + np.bincount(self.level(camera, found), minlength=n)
+        c.found = fade * c.found + np.bincount(np.searchsorted(LEVELS, found, side="right"), minlength=n)
         c.expected = fade * c.expected + expected
-        c.false = fade * c.false + np.bincount(self.level(camera, false[0]), weights=false[1], minlength=n)
-        c.ticks = fade * c.ticks + 1.0
+        c.false = fade * c.false + np.bincount(np.searchsorted(LEVELS, false[0], side="right"), weights=false[1], minlength=n)
+        c.ticks, c.steps = fade * c.ticks + 1.0, c.steps + 1
         # Floors keep all log ratios finite.
         c.false = np.maximum(c.false, 0.02 * q.false * self.ground_area * c.ticks / n)
         c.found = np.maximum(c.found, 0.002 * c.expected)
-
-
-def _isotonic_odds(found: Array, false: Array) -> Array:
-    """Odds (k,) found over false that do not fall from class to class; classes that would are pooled (pool adjacent violators)."""
-    pools: list[tuple[float, float, int]] = []
-    for good, bad in zip(found.tolist(), false.tolist(), strict=True):
-        pools.append((good, bad, 1))
-        while len(pools) > 1 and pools[-2][0] * pools[-1][1] >= pools[-1][0] * pools[-2][1]:
-            (a, b, m), (c, d, n) = pools[-2:]
-            pools[-2:] = [(a + c, b + d, m + n)]
-    return np.repeat([good / bad for good, bad, _ in pools], [n for _, _, n in pools])
+        if q.learned:
+            self._calibrated(camera).learn(found, *false)
