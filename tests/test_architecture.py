@@ -69,7 +69,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "simulation": {"pedestrian", "crowd", "robots", "scenario"},
         "sensors": {"pedestrian", "rendering", "robots", "simulation", "scenario"},
         "visualization": {"simulation", "rendering", "scenario"},
-        "recording": {"sensors", "simulation", "rendering", "pedestrian", "scenario", "cameras", "effects"},
+        "recording": {"sensors", "simulation", "rendering", "pedestrian", "scenario", "cameras", "effects", "parallel"},
         "placement": {"recording", "sensors", "simulation", "crowd", "robots", "pedestrian", "rendering", "scenario"},
         "datasets": {"recording", "simulation", "crowd", "robots", "pedestrian", "parallel", "visualization", "scenario"},
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},

@@ -83,6 +83,7 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
 
     Hold the lock of the folder. Raises ValueError where it holds another run.
     """
+    from sim.parallel.pool import usable_cores
     from sim.recording.record import record
     from tracker.io.atomic import is_free, write_text
     from tracker.io.progress import progress_bar
@@ -96,7 +97,7 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     check_folder(scenario, out)
     folder = out / "sequence"
     if not folder.exists():
-        record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"))
+        record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"), usable_cores())
     sequence = read_sequence(folder)
     if not is_free(out / "track") and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
         print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")

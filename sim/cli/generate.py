@@ -97,8 +97,8 @@ class Generate:
     """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
     views: Annotated[str | None, unset("STR", "the preset's; 1 of a twin")] = None
     """Number of fixed cameras; for a twin the numbers of the PETS cameras, as in 1,5,7."""
-    workers: int = 1
-    """Number of processes on this machine; the bytes are the same with any number."""
+    workers: Annotated[int | None, unset("INT", "one a core")] = None
+    """Number of processes that draw on this machine; the bytes are the same with any number."""
     files: Annotated[OmitArgPrefixes[ImageFiles], arg(name="file")] = ImageFiles()
     """These options choose what is written beside JPEG images and tables."""
     twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
@@ -121,12 +121,13 @@ class Generate:
             self._twin()
             return
         from sim.datasets.generation import Plan, generate
+        from sim.parallel.pool import usable_cores
         from tracker.sequence.writer import ImageForm
 
         if self.twin.annotations or self.twin.calibration:
             raise ValueError("--annotations and --calibration are for a twin: pilsim generate twin …")
         form = ImageForm(**vars(self.files))
-        plan = Plan(self.preset, self._preset(), self.out, self.count, form, self.workers, self.cluster)
+        plan = Plan(self.preset, self._preset(), self.out, self.count, form, usable_cores() if self.workers is None else self.workers, self.cluster)
         made = generate(plan)
         counted = f"{plan.count} sequence{'s' * (plan.count != 1)}, {made} new"
         print(f"{self.out}: {counted} (README.md in it); `pilsim check {self.out}` verifies what is there")
@@ -169,7 +170,7 @@ class Generate:
             raise ValueError("a twin needs --annotations FILE and --calibration DIR")
         own = {"frames", "robots", "width", "seed", "detector_model"}
         changes = self._given()
-        plain = self.count == self.workers == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
+        plain = self.count == 1 and self.workers in (None, 1) and not (self.cluster or self.config) and self.files == ImageFiles()
         if set(changes) - own or not plain:
             named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(own))
             raise ValueError(f"a twin takes --views and {named}; the annotation sets the rest")

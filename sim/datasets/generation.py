@@ -20,7 +20,7 @@ from sim.parallel.pool import Pool, WorkerLost
 from sim.scenario import OPTIONAL
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
-from tracker.io.atomic import Kept, write_text
+from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock
 from tracker.io.progress import progress_bar
 from tracker.io.resume import check_same, holds_run
@@ -34,7 +34,7 @@ MAX_COUNT = 100_000
 class Plan:
     """A dataset to generate: `count` sequences of a preset in the folder `out`. The n-th has the seed of the preset's scenario + n.
 
-    name: of the preset. form: of the images. workers: number of processes on this machine. cluster: address of a Dask scheduler, or None.
+    name: of the preset. form: of the images. workers: number of processes that draw on this machine. cluster: address of a Dask scheduler, or None.
     The cluster must see `out` under the same path. Raises ValueError for a count or a number of workers out of bounds.
     """
 
@@ -79,7 +79,7 @@ def generate(plan: Plan) -> int:
         _check_free(plan)
         tasks = plan.tasks()
         for task in tasks:
-            task.remove_leftovers()
+            task.remove_leftovers(resumable=True)
         new = not (plan.out / FILE).exists()
         write_text(plan.out / FILE, plan.dataset.to_json())
         missing = [task for task in tasks if not task.complete]
@@ -95,18 +95,17 @@ def generate(plan: Plan) -> int:
 
 def _make(plan: Plan, tasks: list[SequenceTask], missing: list[SequenceTask], new: bool) -> None:
     """Make the missing sequences of all tasks. new: whether the dataset is."""
-    named = False
+    resumable = False
     try:
         with _progress(tasks):
             _run(plan, missing)
-    except Kept:
-        # The message names the files of the sequence that could not be finished. The next run removes them.
-        named = True
+    except (OSError, KeyboardInterrupt):
+        # The next run resumes the sequences that could not be finished.
+        resumable = True
         raise
     finally:
         for task in missing:
-            if not named:
-                task.remove_leftovers()
+            task.remove_leftovers(resumable)
         if new and not any(task.complete for task in tasks):
             # No sequence was made: the folder stays free for another dataset.
             (plan.out / FILE).unlink(missing_ok=True)
@@ -125,7 +124,9 @@ def _check_free(plan: Plan) -> None:
 
 
 def _run(plan: Plan, tasks: list[SequenceTask]) -> None:
-    """Run the tasks in other processes, on this machine or on the cluster."""
+    """Run the tasks in other processes, on this machine or on the cluster. Local workers without a sequence of their own draw for the others."""
+    if plan.cluster is None:
+        tasks = [dataclasses.replace(task, workers=max(1, plan.workers // len(tasks))) for task in tasks]
     try:
         for _ in plan.pool.as_completed(run_task, ((task,) for task in tasks)):
             pass

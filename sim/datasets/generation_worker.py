@@ -12,6 +12,7 @@ from pathlib import Path
 
 from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.presets import Preset, confine, provenance
+from sim.recording.frame_journal import NAME as JOURNAL
 from sim.recording.record import Recording, write_recording
 from sim.simulation.simulation import Simulation
 from tracker.io.atomic import partial_path
@@ -30,7 +31,7 @@ _watched_parents: set[int] = set()
 class SequenceTask:
     """A sequence to generate: its folder, the name and value of its preset, and the form of its images.
 
-    parent: id of the process that needs it, or None. The worker ends when that process has ended.
+    parent: id of the process that needs it, or None. The worker ends when that process has ended. workers: processes that draw it.
     """
 
     folder: Path
@@ -38,6 +39,7 @@ class SequenceTask:
     preset: Preset
     form: ImageForm
     parent: int | None = None
+    workers: int = 1
 
     @property
     def complete(self) -> bool:
@@ -60,8 +62,10 @@ class SequenceTask:
         except (OSError, IndexError):
             return 0
 
-    def remove_leftovers(self) -> None:
-        """Remove the files of a killed run. A sequence that another process writes stays."""
+    def remove_leftovers(self, resumable: bool = False) -> None:
+        """Remove the files of a killed run. A sequence that another process writes stays. resumable: whether to keep what can be resumed."""
+        if resumable and (self.partial / JOURNAL).exists():
+            return
         if self.partial.exists() or self._lock.exists():
             with suppress(Locked), file_lock(self._lock):
                 shutil.rmtree(self.partial, ignore_errors=True)
@@ -89,7 +93,7 @@ class SequenceTask:
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
         fixed = place_cameras(world, self.preset.views, scenario.view_width)
-        return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form)
+        return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form, self.workers)
 
 
 def _exit_with_parent(parent: int) -> None:

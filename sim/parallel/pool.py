@@ -18,6 +18,12 @@ CONNECT_TIMEOUT = 15
 """s to wait for the scheduler of a cluster."""
 
 
+def usable_cores() -> int:
+    """The number of cores that this process may use, MAX_WORKERS at most."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, MAX_WORKERS)
+
+
 class WorkerLost(OSError):  # noqa: N818
     """A worker ended in the middle of a call."""
 

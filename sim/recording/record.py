@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sim.recording.calibration_error import error_rows, is_off, told_setup
 from sim.recording.frame_loop import FrameState, simulated_frames, truth_of
+from sim.recording.resumable import ResumableFrames
 from sim.recording.tracker_setup import FixedCamera, make_setup
 from sim.recording.view_rendering import ViewRenderer, effect_rows, is_plain, rendered_cameras
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
@@ -112,6 +113,7 @@ class Recording:
     """A sequence to be written: a simulation at its first frame, and fixed cameras by name.
 
     provenance: JSON values that describe how it was made. form: which images are written, and how.
+    workers: number of processes that draw; with one, this process draws. The bytes do not depend on it.
     """
 
     scenario: Scenario
@@ -119,21 +121,23 @@ class Recording:
     fixed: Mapping[str, FixedCamera]
     provenance: dict[str, Any]
     form: ImageForm = field(default_factory=ImageForm)
+    workers: int = 1
 
     @staticmethod
-    def of(scenario: Scenario) -> Recording:
-        return Recording(scenario, Simulation(scenario), {}, json.loads(scenario.to_json()))
+    def of(scenario: Scenario, workers: int = 1) -> Recording:
+        return Recording(scenario, Simulation(scenario), {}, json.loads(scenario.to_json()), workers=workers)
 
 
-def record(scenario: Scenario, folder: Path, progress: Any = None) -> None:
+def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int = 1) -> None:
     """Write the sequence of a scenario into the new or empty folder `folder`. Nothing is left there after an error, but for an OSError.
 
+    A run that was killed, or ended by an OSError, is resumed at the first frame whose images are not there. workers: as of Recording.
     progress: wraps the iterator of frames (tqdm, for example), or None.
     Raises Kept for an OSError, with the place of unfinished files.
     Raises ValueError if the folder is not empty, or if robots or people do not fit into the world.
     """
     check_absent(folder)
-    write_recording(Recording.of(scenario), folder, progress)
+    write_recording(Recording.of(scenario, workers), folder, progress)
 
 
 def check_absent(folder: Path) -> None:
@@ -155,6 +159,10 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
     written = SequenceWriter(folder, told, occluders, recording.form, sensors.setup() if sensors else None)
     if scenario.effects:
         written.add_effects(_effect_rows(scenario, simulation, setup), setup, scenario.camera_effects.moves)
+    if is_plain(scenario) and not recording.form.video:
+        frames_of = ResumableFrames(scenario, simulation, setup, recording.form, recording.workers)
+        frames_of.write(written, sensors, (recording.provenance, versions()), progress, export_mesh=recording.form.mesh)
+        return
     with open_renderer(scenario, simulation, others) as renderer, written as writer:
         if recording.form.mesh:
             export(simulation.world, writer.partial / "terrain.glb")

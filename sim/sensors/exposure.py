@@ -27,9 +27,14 @@ class Exposure:
         self._decay = math.exp(-period / TIME_CONSTANT)
         self._stops_now = rng.normal(0.0, stops) if stops else 0.0
 
+    @property
+    def is_off(self) -> bool:
+        """Whether images pass unchanged."""
+        return not self._stops and not self._noise
+
     def apply(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The image (H, W, 3) of the next frame, with exposure and noise applied."""
-        if not self._stops and not self._noise:
+        if self.is_off:
             return picture
         light = picture.astype(np.float32)
         if self._stops:

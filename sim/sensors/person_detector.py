@@ -16,7 +16,7 @@ from sim.rendering.coverage import UnoccludedExtent
 from sim.scenario import Scenario
 from sim.sensors.keypoints import InstanceImage, true_keypoints
 from tracker.detections.boxes import detections_from_boxes
-from tracker.geometry import Array, Ints, angles_from_bearing, bearing_from_angles
+from tracker.geometry import Array, Ints, Pose, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, PanoramicCamera
 from tracker.types import KEYPOINT_NAMES, Boxes, Detections, Keypoints, ViewTruth
 from worlds.world import World
@@ -41,12 +41,21 @@ class People:
 
 def true_view(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent], world: World) -> ViewTruth:
     """Truth of a view. unoccluded (m,): extent of each person without occlusion."""
+    return truth_above(world, image.T_world_camera, *seen_people(image, people, unoccluded))
+
+
+def seen_people(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent]) -> tuple[Boxes, Keypoints]:
+    """True boxes and key points of the people in a view; arguments as of `true_view`."""
     boxes = true_boxes(image, people, unoccluded)
     shown = np.flatnonzero([body.pixels > 0 for body in unoccluded])
-    keypoints = true_keypoints(image, people.person[shown], people.joints[shown]) if len(shown) else Keypoints.none()
-    below = image.T_world_camera.translation[None]
+    return boxes, true_keypoints(image, people.person[shown], people.joints[shown]) if len(shown) else Keypoints.none()
+
+
+def truth_above(world: World, T_world_camera: Pose, boxes: Boxes, keypoints: Keypoints) -> ViewTruth:
+    """Truth of a view with these people, with the ground below the camera."""
+    below = T_world_camera.translation[None]
     ground, normal = world.terrain.height_at(below), world.terrain.normal_at(below)
-    return ViewTruth(image.T_world_camera, float(ground[0]), normal[0], boxes, keypoints)
+    return ViewTruth(T_world_camera, float(ground[0]), normal[0], boxes, keypoints)
 
 
 def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent]) -> Boxes:

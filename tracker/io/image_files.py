@@ -102,6 +102,12 @@ class ImageWriter:
         while len(self._pending) > MAX_WAITING:
             self._pending.popleft().result()
 
+    def put_encoded(self, name: str, content: bytes) -> None:
+        """Queue an image that is encoded already, as `put` does."""
+        self._pending.append(self._threads.submit(self._write, name, content))
+        while len(self._pending) > MAX_WAITING:
+            self._pending.popleft().result()
+
     def wait(self) -> None:
         """Wait until all images are written. Raises the error of an image whose writing failed."""
         while self._pending:
@@ -112,9 +118,16 @@ class ImageWriter:
         self._threads.shutdown(cancel_futures=True)
 
     def _encode(self, name: str, image: NDArray[Any], options: list[int]) -> None:
-        ok, data = cv2.imencode(Path(name).suffix, image, options)
-        if not ok:
-            raise ValueError(f"{name}: this image cannot be written as {Path(name).suffix}")
-        content = data.tobytes()
+        self._write(name, encoded(name, image, options))
+
+    def _write(self, name: str, content: bytes) -> None:
         (self.root / name).write_bytes(content)
         self.checksums[name] = hashlib.sha256(content).hexdigest(), len(content)
+
+
+def encoded(name: str, image: NDArray[Any], options: list[int]) -> bytes:
+    """The bytes of an image file, by the suffix of its name. Raises ValueError for an image that cannot be written so."""
+    ok, data = cv2.imencode(Path(name).suffix, image, options)
+    if not ok:
+        raise ValueError(f"{name}: this image cannot be written as {Path(name).suffix}")
+    return data.tobytes()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -70,6 +70,22 @@ class ImageForm:
         """Folders with a subfolder for each camera."""
         return ["images", "instances", *(["range"] if self.range else []), *(["classes"] if self.classes else [])]
 
+    def colour_file(self, name: str) -> tuple[str, list[int]]:
+        """Path of a colour image, and the options of its coding. name: CAMERA/FRAME, as of all files of a view."""
+        return (f"images/{name}.png", PNG) if self.png else (f"images/{name}.jpg", JPEG)
+
+    def layer_files(self, camera: str, frame: int, layers: Layers) -> Iterator[tuple[str, NDArray[Any], list[int]]]:
+        """Path, pixels and options of coding of the images of a view beside its colours. Raises ValueError where a layer is missing."""
+        name = view_name(camera, frame)
+        yield f"instances/{name}.png", layers.instances[camera], PNG_RUN_LENGTH
+        for layer, wanted, images in (("range", self.range, layers.range), ("classes", self.classes, layers.classes)):
+            if wanted and images is None:
+                raise ValueError(f"frame {frame} has no {layer}, needs it")
+        if self.range and layers.range is not None:
+            yield f"range/{name}.png", range_counts(layers.range[camera]), RANGE
+        if self.classes and layers.classes is not None:
+            yield f"classes/{name}.png", layers.classes[camera], PNG_RUN_LENGTH
+
 
 @dataclass(frozen=True, eq=False)
 class Layers:
@@ -83,6 +99,11 @@ class Layers:
     classes: Mapping[str, NDArray[np.uint8]] | None = None
 
 
+def view_name(camera: str, frame: int) -> str:
+    """The name CAMERA/FRAME of the files of a view, without suffix."""
+    return f"{camera}/{frame:06d}"
+
+
 def odometry_row(frame: int, robot: str, odometry: Odometry) -> list[object]:
     """A row of odometry.csv, in the order of schema.ODOMETRY; up is 0 where gravity is unknown."""
     up = [*map(float, odometry.gravity), odometry.gravity_sigma] if odometry.gravity is not None else [0.0, 0.0, 0.0, 0.0]
@@ -94,13 +115,16 @@ class SequenceWriter:
 
     Unfinished files stay after an OSError, for instance of a full disk. The context raises Kept then, which names their place.
     tops: height map of walls and furniture on the grid of the ground. sensors: of the robots, beside cameras and odometry.
+    `images` codes and writes the images, below the temporary folder. `resumed`: whether that folder is taken as it is, with images in it.
+    `resumable`: whether unfinished files stay after an interrupt, too.
     """
 
     def __init__(self, folder: Path, setup: Setup, tops: Grid, form: ImageForm | None = None, sensors: SensorSetup | None = None) -> None:
+        self.resumed = self.resumable = False
         self.folder, self.setup, self.form = folder, setup, form or ImageForm()
         self.partial = unfinished_path(folder)
         self.tops, self.sensors = tops, sensors
-        self._image_writer = ImageWriter(self.partial)
+        self.images = ImageWriter(self.partial)
         self._videos = VideoWriters(self.partial / "videos", 1 / setup.period) if self.form.video else None
         self._has_robot_detections = False
         self._true_setup = setup
@@ -132,34 +156,40 @@ class SequenceWriter:
             self._rows["rows"] += rows
 
     def __enter__(self) -> SequenceWriter:
-        (begin_folder(self.folder) / "truth").mkdir()
+        if not self.resumed:
+            begin_folder(self.folder)
+        (self.partial / "truth").mkdir(exist_ok=True)
         for camera in self.setup.mounts:
             for folder in self.form.folders():
-                (self.partial / folder / camera).mkdir(parents=True)
+                (self.partial / folder / camera).mkdir(parents=True, exist_ok=True)
         ground = self.setup.ground
         assert isinstance(ground, Grid)
         np.savez(self.partial / "terrain.npz", heights=ground.heights, origin=ground.origin, spacing=ground.spacing, tops=self.tops.heights)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._image_writer.close()
+        self.images.close()
         if self._videos:
             self._videos.close()
         if isinstance(error, OSError) and self.partial.is_dir():
             raise Kept.of(error, self.partial) from error
+        if isinstance(error, KeyboardInterrupt) and self.resumable:
+            return
         discard_folder(self.partial)
 
-    def add(self, tick: Tick, truth: Truth, layers: Layers, views: Mapping[str, ViewTruth]) -> None:
+    def add(self, tick: Tick, truth: Truth, layers: Layers | None, views: Mapping[str, ViewTruth]) -> None:
         """Append one tick with its truth and layers. views: camera → ground truth of the view.
 
+        layers: None where the caller puts the images into `images` itself; the views need no images then.
         Raises ValueError for a view without an image, an image that cannot be written, or a truth without joints.
         """
         k, rows = tick.index, self._rows
         for view in tick.views:
-            if view.image is None:
-                raise ValueError(f"frame {k} of {view.camera} has no image, needs one")
+            if layers is not None:
+                if view.image is None:
+                    raise ValueError(f"frame {k} of {view.camera} has no image, needs one")
+                self._add_images(k, view.camera, view.image, layers)
             self._add_measurements(k, view)
-            self._add_images(k, view.camera, view.image, layers)
             true = views[view.camera]
             rows["cameras"].append(camera_row(k, view.camera, true))
             rows["boxes"] += box_rows(k, view.camera, true.boxes)
@@ -190,16 +220,10 @@ class SequenceWriter:
 
     def _add_images(self, k: int, camera: str, image: Image, layers: Layers) -> None:
         """Queue all images of a view. Raises ValueError where the form needs a layer that is missing."""
-        name, put = f"{camera}/{k:06d}", self._image_writer.put
-        put(f"images/{name}.png" if self.form.png else f"images/{name}.jpg", image[:, :, ::-1], PNG if self.form.png else JPEG)
-        put(f"instances/{name}.png", layers.instances[camera], PNG_RUN_LENGTH)
-        for layer, wanted, images in (("range", self.form.range, layers.range), ("classes", self.form.classes, layers.classes)):
-            if wanted and images is None:
-                raise ValueError(f"frame {k} has no {layer}, needs it")
-        if self.form.range and layers.range is not None:
-            put(f"range/{name}.png", range_counts(layers.range[camera]), RANGE)
-        if self.form.classes and layers.classes is not None:
-            put(f"classes/{name}.png", layers.classes[camera], PNG_RUN_LENGTH)
+        path, options = self.form.colour_file(view_name(camera, k))
+        self.images.put(path, image[:, :, ::-1], options)
+        for name, pixels, how in self.form.layer_files(camera, k, layers):
+            self.images.put(name, pixels, how)
         if self._videos:
             self._videos.put(camera, image)
 
@@ -208,7 +232,7 @@ class SequenceWriter:
 
         provenance: content of scenario.json. versions: program → version.
         """
-        self._image_writer.wait()
+        self.images.wait()
         if self._videos:
             self._videos.finish()
         root = self.partial
@@ -229,7 +253,7 @@ class SequenceWriter:
         if self._true_setup is not self.setup:
             _write_json(root / "truth" / "calibration.json", calibration_of(self._true_setup))
         paths = [path.relative_to(root).as_posix() for path in sorted(root.rglob("*")) if path.is_file()]
-        sums = {name: self._image_writer.checksums.get(name) or _checksum(root / name) for name in paths}
+        sums = {name: self.images.checksums.get(name) or _checksum(root / name) for name in paths}
         files = {name: {"sha256": sha256, "bytes": size} for name, (sha256, size) in sums.items()}
         manifest = {"schema": SCHEMA, "versions": versions, "files": files}
         _write_json(root / "manifest.json", manifest | {"sum": manifest_checksum(manifest)})
