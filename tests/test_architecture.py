@@ -42,6 +42,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "formats": {"geometry", "types", "io", "clique"},
         "ekf": {"geometry", "types"},
         "detections": {"geometry", "types"},
+        "person_detector": {"geometry", "types", "detections"},
         "sequence": {"geometry", "types", "io", "formats"},
         "slam": {"geometry", "types", "ekf"},
         "tracks": {"geometry", "types", "detections"},

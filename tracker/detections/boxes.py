@@ -18,9 +18,10 @@ DISTORTION_SHARE = 1.0
 """Standard deviation of a barrel distortion (κ1 < 0) as a share of its own size: such calibrations are poor (View_007 of PETS 2009, left)."""
 
 
-def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> Detections:
+def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array, deviation: Array | None = None) -> Detections:
     """Detections of pixel boxes (n, 4): left, top, width, height; confidence (n,), any finite number.
 
+    deviation (n, 2) px: standard deviations of the middle column and of the lower edge, where the detector knows them.
     The azimuth is that of the middle of the lower edge. The covariance is that of the same point.
     In an image that wraps, left may be anywhere, and left + width may pass the seam.
     """
@@ -35,9 +36,10 @@ def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array) -> De
     azimuth, low = angles(middle, bottom)
     _, high = angles(middle, top)
     span = _turned(camera, angles(left, waist)[0] - angles(left + width, waist)[0])
-    sigma = EDGE_PIXELS + EDGE_SHARE * height
-    by_side = _turned(camera, angles(middle - sigma, bottom)[0] - angles(middle + sigma, bottom)[0]) / 2 * np.cos(low)
-    by_height = (angles(middle, bottom - sigma)[1] - angles(middle, bottom + sigma)[1]) / 2
+    usual = EDGE_PIXELS + EDGE_SHARE * height
+    across, up = (usual, usual) if deviation is None else deviation.T
+    by_side = _turned(camera, angles(middle - across, bottom)[0] - angles(middle + across, bottom)[0]) / 2 * np.cos(low)
+    by_height = (angles(middle, bottom - up)[1] - angles(middle, bottom + up)[1]) / 2
     covariance = np.zeros((len(boxes), 2, 2))
     covariance[:, 0, 0], covariance[:, 1, 1] = by_side**2, by_height**2
     if isinstance(camera, Tsai) and camera.kappa1 < 0:
