@@ -56,6 +56,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "pipeline": {"geometry", "types", "detections", "tracks", "mht", "slam"},
         "options": {"pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},
         "run": {"pipeline", "types", "io", "sequence"},
+        "detection_run": {"geometry", "types", "io", "formats", "person_detector"},
     },
     "sim": {
         "robots": set(),

@@ -22,6 +22,7 @@ from sim.cli.check import Check
 from sim.cli.clique import Clique
 from sim.cli.compare import Compare
 from sim.cli.demo import Demo
+from sim.cli.detect import Detect
 from sim.cli.doctor import Doctor
 from sim.cli.export import Export
 from sim.cli.fit_detector import FitDetector
@@ -47,6 +48,7 @@ Command = (
     | Annotated[Info, subcommand("info")]
     | Annotated[Export, subcommand("export")]
     | Annotated[View, subcommand("view")]
+    | Annotated[Detect, subcommand("detect")]
     | Annotated[Track, subcommand("track")]
     | Annotated[Score, subcommand("score")]
     | Annotated[Clique, subcommand("clique")]
@@ -67,7 +69,7 @@ def name_of(command: type) -> str:
 GROUPS: dict[str, tuple[type, ...]] = {
     "Start": (Demo, Doctor),
     "Data": (Generate, Worlds, Check, Info, Export, View),
-    "Tracking": (Track, Score, Clique),
+    "Tracking": (Detect, Track, Score, Clique),
     "Experiments": (FitDetector, Stress, Report, Compare, Place, Study),
 }
 """The commands as the overview shows them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -36,13 +36,13 @@ class SourceChoice:
     seed: int = 0
     """Seed of --degrade and --project."""
 
-    def options(self, images: bool) -> SourceOptions:
+    def options(self, images: bool, pixels: bool = False) -> SourceOptions:
         """How the source is read. images: whether images are read, too. Raises ValueError as SourceOptions.parse, and for both names of cameras."""
         from tracker.datasets.source_options import SourceOptions
 
         if self.cameras and self.views:
             raise ValueError("--cameras and --views are two names of one option, needs one of them")
-        return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras or self.views, self.frames, images, self.project)
+        return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras or self.views, self.frames, images, self.project, pixels)
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,8 @@ class Track:
     """Number of frames by which the output lags; later frames smooth the positions of people."""
     confidence: Literal["given", "learned"] = "given"
     """What confidences of detections say: a probability as given, or learned for each view while tracking, for detectors of any other scale."""
+    detector: Literal["given", "simulated", "pixels"] = "given"
+    """Boxes of the source, those of a simulated detector, or those found in the images. `simulated` is --project for recordings."""
     images: bool = False
     """Use the images, too: silhouettes and appearance. A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"
@@ -145,9 +147,11 @@ class Track:
     """The paper's parameters of tracklets need --images. Any of them has tracklets weigh boxes, too."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import UTIAS, format_of, open_sequence
+        from tracker.datasets.opening import PILSIM, UTIAS, format_of, open_sequence
         from tracker.detections.rejections import explain_few_people
         from tracker.options import OPTIONS, parameters_from
+        from tracker.person_detector.detected_ticks import detected_in_images
+        from tracker.person_detector.network import PersonNetwork
         from tracker.run import check_output, tracked
         from tracker.types import without_starts
 
@@ -157,8 +161,15 @@ class Track:
             return
         if self.map != "unknown":
             raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
-        options = self.part.options(self.images)
+        part, pixels = self.part, self.detector == "pixels"
+        if self.detector == "simulated" and format_of(self.source).name != PILSIM and part.project is None:
+            part = replace(part, project="")
+        options = part.options(self.images, pixels)
         sequence = open_sequence(self.source, options)
+        if pixels:
+            # The network is checked before the work, and the run names it.
+            model = PersonNetwork().checksum
+            sequence = detected_in_images(sequence)
         first = next(iter(sequence.ticks), None)
         if first is None:
             raise ValueError(f"{self.source}: no frame, since the files of detections hold no box and there is no truth")
@@ -167,6 +178,8 @@ class Track:
         unknown = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
         sequence = without_starts(sequence, unknown)
         run = {"source": self.source.name} | options.to_run() | ({"unknown_start": unknown} if unknown else {})
+        if pixels:
+            run["model"] = model
         parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
         results = tracked(sequence, self.out, run, parameters)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})

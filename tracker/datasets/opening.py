@@ -22,6 +22,7 @@ from tracker.io.resume import checksum
 from tracker.recordings import Recording
 from tracker.recordings.degradation import Degradation
 from tracker.recordings.folder import is_recording, read_boxes, read_recording
+from tracker.recordings.images import VideoFile
 from tracker.sequence.dataset import FILE as DATASET
 from tracker.sequence.reader import read_sequence
 from tracker.types import Sequence
@@ -129,10 +130,23 @@ def open_sequence(path: Path, options: SourceOptions | None = None) -> Sequence:
             raise ValueError(f"{path}: --degrade and --project are for recordings; generate the sequence with another detector")
         return selected(read_sequence(path), options)
     recording = open_recording(path, options)
+    if options.pixels:
+        recording = _of_images(path, recording)
     try:
         return recording.sequence(options.images)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def _of_images(path: Path, recording: Recording) -> Recording:
+    """The cameras of a recording that have images, without boxes; a recording without boxes and truth is as long as its shortest video."""
+    if not recording.images:
+        raise ValueError(f"{path}: no images, neither video/CAMERA.mp4 nor images/CAMERA/, of {', '.join(recording.cameras)}")
+    recording = recording.choose([name for name in recording.cameras if name in recording.images])
+    if not recording.frames:
+        lengths = [source.frames() for source in recording.images.values() if isinstance(source, VideoFile)]
+        recording = replace(recording, frames=min(lengths, default=0))
+    return recording.with_detections({name: {} for name in recording.cameras})
 
 
 def _with_options(path: Path, recording: Recording, options: SourceOptions) -> Recording:

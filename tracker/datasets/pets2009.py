@@ -73,6 +73,8 @@ def _detection_files(path: Path, calibration: Path, options: SourceOptions) -> d
         if match := re.fullmatch(r"View_0*(\d+)\.txt", file.name):
             found[f"View_{int(match[1]):03d}"] = file
     calibrated = [file.stem for file in sorted(calibration.glob("View_*.xml"))]
+    if options.pixels:
+        found |= {name: None for name in calibrated if name not in found and (path / "video" / f"{name}.mp4").is_file()}
     wanted = [camera_named(text, calibrated) for text in options.cameras]
     for text in filter(None, options.detections):
         name = camera_named(text, calibrated)

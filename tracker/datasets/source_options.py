@@ -18,7 +18,7 @@ class SourceOptions:
     cameras: names, or numbers at their ends, as 5 for View_005; empty for all. detections: camera → another MOT15 file of its detections; the
     camera "" stands for a folder with a file CAMERA.txt for each. frames: the first one and the end, as in Python's slices; None for all.
     degradation: of all detections, with a seed. images: whether images are read, too. projected: the errors of boxes that are projected from the
-    truth in place of the detections, None for the detections.
+    truth in place of the detections, None for the detections. pixels: whether people are found in the images alone, so that no boxes are needed.
     """
 
     cameras: tuple[str, ...] = ()
@@ -28,6 +28,7 @@ class SourceOptions:
     seed: int = 0
     images: bool = False
     projected: BoxNoise | None = None
+    pixels: bool = False
 
     @staticmethod
     def parse(
@@ -38,6 +39,7 @@ class SourceOptions:
         frames: str = "",
         images: bool = False,
         project: str | None = None,
+        pixels: bool = False,
     ) -> SourceOptions:
         """Parse command line options. detections: each CAMERA=FILE, or one folder. degrade: see Degradation.parse. cameras: as C1,C3. frames: A:B.
         project: see BoxNoise.parse.
@@ -50,7 +52,9 @@ class SourceOptions:
         given = list(detections)
         if given and noise is not None:
             raise ValueError("--detections and --project exclude each other: boxes are read, or projected from the truth")
-        return SourceOptions(_names(cameras), _files(given), _slice(frames), Degradation.parse(degrade), seed, images, noise)
+        if pixels and (given or noise is not None or degrade):
+            raise ValueError("--detector pixels finds the boxes in images, and excludes --detections, --project and --degrade")
+        return SourceOptions(_names(cameras), _files(given), _slice(frames), Degradation.parse(degrade), seed, images or pixels, noise, pixels)
 
     def to_run(self) -> dict[str, Any]:
         """As entries of run.json; none for the default. Images are left out, since scores do not need them."""
@@ -67,6 +71,8 @@ class SourceOptions:
             out |= {"degrade": f"drop={d.drop},clutter={d.clutter},noise={d.noise}", "seed": self.seed}
         if self.projected is not None:
             out |= {"project": str(self.projected), "seed": self.seed}
+        if self.pixels:
+            out["detector"] = "pixels"
         return out
 
     def detection_files(self, cameras: list[str]) -> dict[str, Path]:
@@ -92,7 +98,8 @@ class SourceOptions:
         project = run.get("project")
         if not (project is None or isinstance(project, str)):
             raise ValueError(f"run.json: project is {project!r}, needs a text")
-        return SourceOptions.parse(map(str, detections), degrade, seed, ",".join(map(str, cameras)), frames, project=project)
+        pixels = run.get("detector") == "pixels"
+        return SourceOptions.parse(map(str, detections), degrade, seed, ",".join(map(str, cameras)), frames, project=project, pixels=pixels)
 
 
 def _names(text: str) -> tuple[str, ...]:

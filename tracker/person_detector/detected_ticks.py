@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tracker.person_detector.detector import PersonDetector, Site
+from tracker.person_detector.detector import CameraPlace, PersonDetector
 from tracker.types import Detections, Odometry, Sequence, Setup, Tick, Ticks, View
 
 
@@ -36,18 +36,18 @@ class DetectedTicks:
     def _used(self, view: View) -> bool:
         return view.image is not None or view.odometry is not None
 
-    def _view(self, view: View, detector: PersonDetector, site: Site) -> View:
+    def _view(self, view: View, detector: PersonDetector, site: CameraPlace) -> View:
         return replace(view, detections=Detections.none() if view.image is None else detector.detections(view.image, site))
 
 
-def sites_of(setup: Setup) -> dict[str, Site]:
+def sites_of(setup: Setup) -> dict[str, CameraPlace]:
     """Camera → what is known of its place: pose and ground of fixed cameras, the model alone of cameras on robots."""
     out = {}
     for name, mount in setup.mounts.items():
         start = setup.starts[mount.robot]
-        out[name] = Site(mount.camera)
+        out[name] = CameraPlace(mount.camera)
         if start is not None and setup.is_fixed(mount.robot):
-            out[name] = Site(mount.camera, start.T_world_robot @ mount.T_body_camera, setup.ground)
+            out[name] = CameraPlace(mount.camera, start.T_world_robot @ mount.T_body_camera, setup.ground)
     return out
 
 

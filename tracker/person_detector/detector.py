@@ -1,4 +1,4 @@
-"""People in an image: the network at several levels of scale, one box for each person, and a test of statures where the ground is known."""
+"""People in an image: the network at several levels of scale, one box for each person, and a test of statures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LONGEST_EDGE = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class CameraPlace:
     """Where a camera is: its model, its pose T_world_camera and the ground, each None where unknown."""
 
     camera: Camera | None = None
@@ -49,14 +49,14 @@ class PersonDetector:
     def __init__(self, model: Path | None = None, threads: int = 1) -> None:
         self.network = PersonNetwork(model, threads)
 
-    def find(self, picture: NDArray[Any], site: Site | None = None, wraps: bool | None = None) -> FoundBoxes:
+    def find(self, picture: NDArray[Any], site: CameraPlace | None = None, wraps: bool | None = None) -> FoundBoxes:
         """Boxes of whole people in a picture, as of pixels.rgb_image, the surest first.
 
         Parts of a box outside the picture are cut off, but not those beyond the seam of an image that wraps.
         site: of the camera; where pose and ground are known, too, boxes that no person could have are left out.
         wraps: whether the right edge continues at the left one, None for what the camera says. Raises ValueError as rgb_image.
         """
-        image, site = rgb_image(picture), site or Site()
+        image, site = rgb_image(picture), site or CameraPlace()
         if wraps is None:
             wraps = site.camera is not None and site.camera.wraps
         found = _joined([self._at_level(image, level, site.camera, wraps) for level in range(len(BODIES))])
@@ -65,7 +65,7 @@ class PersonDetector:
             return found
         return found.select(could_stand(found, site.camera, site.pose, site.ground))
 
-    def detections(self, picture: NDArray[Any], site: Site) -> Detections:
+    def detections(self, picture: NDArray[Any], site: CameraPlace) -> Detections:
         """As `find`, as the tracker takes them: confidences are probabilities, covariances those of the network. site: with the camera."""
         assert site.camera is not None
         found = self.find(picture, site)

@@ -64,8 +64,8 @@ def ious(one: Array, others: Array, period: float | None = None) -> Array:
 def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> FoundBoxes:
     """Non-maximum suppression: of boxes that are one person, the surest.
 
-    Two boxes are one person if they overlap by `iou`. Where the areas of the feet overlap as well, a little less is enough: people who
-    stand behind each other have feet at different heights of the image. period: width of an image that wraps, px.
+    Two boxes are one person if they overlap by `iou`. Where the areas of the feet overlap as well, a little less is enough.
+    People who stand behind each other have feet at different heights of the image. period: width of an image that wraps, px.
     """
     order = np.lexsort((found.box[:, 0], found.box[:, 1], -found.probability))
     box = found.box[order]

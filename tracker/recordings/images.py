@@ -40,6 +40,13 @@ class VideoFile:
     path: Path
     first: int = 0
 
+    def frames(self) -> int:
+        """Number of images from `first` on, as the file says."""
+        video = open_video(self.path)
+        count = round(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        video.release()
+        return max(0, count - self.first)
+
     def cut(self, first: int, end: int) -> VideoFile:
         return replace(self, first=self.first + first)
 

@@ -13,7 +13,7 @@ from tests.tracker.person_detector.blob_network import BLOB, HEIGHT, META, WIDTH
 from tracker.geometry import angles_from_bearing
 from tracker.geometry.cameras import Panorama, Pinhole
 from tracker.geometry.ground import Flat
-from tracker.person_detector.detector import PersonDetector, Site
+from tracker.person_detector.detector import CameraPlace, PersonDetector
 from tracker.person_detector.found_boxes import FoundBoxes, ious, one_for_each
 from tracker.person_detector.network import PersonNetwork
 from tracker.person_detector.statures import could_stand
@@ -55,12 +55,12 @@ def test_scores_follow_the_calibration(tmp_path: Path) -> None:
 def test_a_person_across_the_seam_is_one_box(detector: PersonDetector) -> None:
     camera = Panorama(512, 256)
     for column in (0.0, 2.0, 6.0, 250.0, 506.0, 510.0):
-        found = detector.find(picture_with((256, 512), [(column, 126.0)]), Site(camera))
+        found = detector.find(picture_with((256, 512), [(column, 126.0)]), CameraPlace(camera))
         assert len(found) == 1
         assert 0 <= found.box[0, 0] < 512
         away = (middles(found)[0, 0] - column + 256) % 512 - 256
         assert abs(away) <= 2
-        (bearing,) = detector.detections(picture_with((256, 512), [(column, 126.0)]), Site(camera)).bearing
+        (bearing,) = detector.detections(picture_with((256, 512), [(column, 126.0)]), CameraPlace(camera)).bearing
         azimuth = angles_from_bearing(bearing[None])[0]
         assert abs(np.angle(np.exp(1j * (azimuth - np.pi + 2 * np.pi * column / 512)))) < 0.03
     # Without a seam, both halves are cut at the edges of the picture.
@@ -100,9 +100,9 @@ def test_spread_becomes_the_covariance_of_detections(tmp_path: Path) -> None:
     model = PersonDetector(write_blob_network(tmp_path / "m.onnx", spread=0.1))
     camera = Pinhole(width=320, height=256, fx=400, fy=400, cx=160, cy=128)
     image = picture_with((256, 320), [(162.0, 106.0)])
-    found = model.find(image, Site(camera))
+    found = model.find(image, CameraPlace(camera))
     np.testing.assert_allclose(found.sigma, [[np.sqrt(2) * 0.1 * HEIGHT] * 4], rtol=1e-5)
-    covariance = model.detections(image, Site(camera)).covariance[0]
+    covariance = model.detections(image, CameraPlace(camera)).covariance[0]
     assert covariance[1, 1] == pytest.approx((np.sqrt(2) * 0.1 * HEIGHT / 400) ** 2, rel=0.03)
     assert covariance[0, 0] == pytest.approx(covariance[1, 1] / 2, rel=0.03)
 

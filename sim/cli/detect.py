@@ -1,0 +1,64 @@
+"""The command `pilsim detect`: find people in images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from sim.cli.options import Out, json_text, unset
+
+
+@dataclass(frozen=True)
+class Detect:
+    """Find people in the pixels of a video, images or a recording.
+
+    SOURCE is a video, an image, a folder of images or videos, or any source of
+    `track` with images. Boxes are those of whole bodies, as MOT15, a file a camera.
+
+    Examples: pilsim detect street.mp4 --out runs/boxes --pictures
+              pilsim detect PETS2009/S2.L1 --cameras 1 --frames 0:400 --out runs/boxes
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    """The images."""
+    out: Out
+    """Folder of CAMERA.txt: frame from 1, −1, left, top, width, height in pixels, probability."""
+    cameras: Annotated[str, unset("NAME,...", "all")] = ""
+    """Cameras of a recording or sequence to use, as C1,C3."""
+    frames: Annotated[str, unset("A:B", "all")] = ""
+    """Frames of a recording or sequence to use, counted from 0, without B."""
+    model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
+    """Another model."""
+    panorama: bool = False
+    """The right edge of the images continues at the left one. Recordings and sequences know it."""
+    pictures: bool = False
+    """Write the images with the boxes drawn, too."""
+    json: bool = False
+    """Print JSON alone."""
+
+    def run(self) -> None:
+        from tracker.datasets.opening import FORMATS, open_sequence
+        from tracker.datasets.source_options import SourceOptions
+        from tracker.detection_run import DetectionRun, frames_of_pictures, frames_of_sequence, is_pictures, write_detections
+        from tracker.person_detector.detector import PersonDetector
+        from tracker.run import check_output
+
+        check_output(self.out)
+        how = DetectionRun(PersonDetector(self.model), True if self.panorama else None, self.pictures)
+        run = {"source": str(self.source.resolve()), "cameras": self.cameras, "frames": self.frames}
+        if self.source.exists() and not any(form.matches(self.source) for form in FORMATS) and is_pictures(self.source):
+            if self.cameras or self.frames:
+                raise ValueError(f"{self.source}: --cameras and --frames are for recordings and sequences")
+            found = write_detections(frames_of_pictures(self.source), None, self.out, run, how)
+        else:
+            options = SourceOptions.parse(cameras=self.cameras, frames=self.frames, images=True, pixels=True)
+            sequence = open_sequence(self.source, options)
+            found = write_detections(frames_of_sequence(sequence), None, self.out, run, how)
+        if self.json:
+            print(json_text(found["found"], indent=1))
+            return
+        for camera, counts in found["found"].items():
+            print(f"{self.out / camera}.txt: {counts['boxes']} boxes in {counts['frames']} images")
