@@ -4,7 +4,7 @@ BIN := .venv/bin
 PYTEST := $(BIN)/python -m pytest
 PYTEST_FLAGS ?=
 JOBS ?= 2
-# For tests that train policies. PyPI has a build for x86-64 Linux with CUDA alone, of several GB: pip's settings or TORCH can name a smaller one.
+# For tests that train policies and the person detector. PyPI has a build for x86-64 Linux with CUDA alone, of several GB: pip's settings or TORCH can name a smaller one.
 TORCH ?= torch==2.13.0
 GL_CHECK := $(BIN)/python -c 'import sys, sim.rendering.gl_context; sys.tracebacklimit = 0; sim.rendering.gl_context.choose_gl()'
 
@@ -14,7 +14,7 @@ help:
 	@echo "make demo      simulate, track, score and draw; pictures in runs/demo"
 	@echo "make test      the tests, under 10 minutes on 2 cores"
 	@echo "make test-all  what is too long for make test"
-	@echo "make rl        torch and stable-baselines3: without them four tests are skipped"
+	@echo "make rl        torch, stable-baselines3, onnx: without them tests of learning are skipped"
 	@echo "make bench     speed, beside other programs that do the same"
 	@echo "make lint      ruff and mypy"
 
@@ -60,7 +60,7 @@ rl: .venv/installed-rl
 # torch first: else stable-baselines3 would take the newest.
 .venv/installed-rl: .venv/installed-test
 	$(BIN)/pip install -q --disable-pip-version-check $(TORCH)
-	$(BIN)/pip install -q --disable-pip-version-check -e '.[rl]'
+	$(BIN)/pip install -q --disable-pip-version-check -e '.[rl,train]'
 	@touch $@
 
 # EGL, OSMesa and Chromium: installed by root, named to others.

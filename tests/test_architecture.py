@@ -74,13 +74,14 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "recording": {"sensors", "simulation", "rendering", "pedestrian", "scenario", "cameras", "effects", "parallel"},
         "placement": {"recording", "sensors", "simulation", "crowd", "robots", "pedestrian", "rendering", "scenario"},
         "datasets": {"recording", "simulation", "crowd", "robots", "pedestrian", "parallel", "visualization", "scenario"},
+        "training": {"datasets", "sensors", "simulation", "rendering", "parallel", "scenario"},
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},
         "stress": {"policies", "datasets", "recording", "sensors", "visualization", "parallel", "scenario"},
         "report": {"stress", "confidence_intervals"},
         "studies": {"recording", "stress", "scenario"},
         "cli": {
             "scenario", "confidence_intervals", "cameras", "effects", "rendering", "pedestrian", "robots", "parallel", "crowd", "simulation",
-            "sensors", "visualization", "recording", "placement", "datasets", "policies", "stress", "report", "studies",
+            "sensors", "visualization", "recording", "placement", "datasets", "training", "policies", "stress", "report", "studies",
         },
     },
 }  # fmt: skip

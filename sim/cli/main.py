@@ -35,6 +35,7 @@ from sim.cli.streams import guard_streams
 from sim.cli.stress import Stress
 from sim.cli.study import Study
 from sim.cli.track import Track
+from sim.cli.train_detector import TrainDetector
 from sim.cli.view import View
 from sim.cli.worlds import Worlds
 from sim.rendering.gl_context import GLUnavailable
@@ -53,6 +54,7 @@ Command = (
     | Annotated[Score, subcommand("score")]
     | Annotated[Clique, subcommand("clique")]
     | Annotated[FitDetector, subcommand("fit-detector")]
+    | Annotated[TrainDetector, subcommand("train-detector")]
     | Annotated[Stress, subcommand("stress")]
     | Annotated[Report, subcommand("report")]
     | Annotated[Compare, subcommand("compare")]
@@ -70,7 +72,7 @@ GROUPS: dict[str, tuple[type, ...]] = {
     "Start": (Demo, Doctor),
     "Data": (Generate, Worlds, Check, Info, Export, View),
     "Tracking": (Detect, Track, Score, Clique),
-    "Experiments": (FitDetector, Stress, Report, Compare, Place, Study),
+    "Experiments": (FitDetector, TrainDetector, Stress, Report, Compare, Place, Study),
 }
 """The commands as the overview shows them."""
 COMMANDS = {name_of(command): command for group in GROUPS.values() for command in group}

@@ -1,0 +1,258 @@
+"""Random crops of rendered images, with what is pasted into them, as training samples.
+
+A batch depends on the seed and its number alone, so that any number of processes gives the same training.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.training.clutter import Picture, piece, texture_bank
+from sim.training.photometric import camera_look, recoloured
+from sim.training.scene_rendering import ImageSet
+from sim.training.targets import LEAST_HEIGHT, LEAST_VISIBLE, Targets, targets_of
+from tracker.geometry import Array, Mask
+
+SIZES = ((256, 16, (12.0, 210.0)), (256, 16, (12.0, 210.0)), (384, 7, (50.0, 370.0)))
+"""Kinds of batches in turn: edge of the crops, px; their number; and the heights of the chosen body, px, log-uniform."""
+PANORAMA_SHARE, CHOSEN_SHARE = 0.35, 0.87
+"""Share of crops from panoramas, and of crops around a chosen body; the others are anywhere."""
+SCALES = (0.2, 1.8)
+"""Bounds of the pixels of a crop along a pixel of its image."""
+LARGEST_WINDOW = 1.15
+"""Largest edge of the part of an image that becomes a crop, in heights of the image."""
+ASPECT = 0.07
+"""Sigma of the logarithm of the ratio of both scales."""
+PASTED_VISIBLE, PASTED_HEIGHT = 0.98, 36.0
+"""Least visible share and height (px) of a body that is cut out and pasted elsewhere."""
+FIRST_PASTED = 240
+"""Instance of the first pasted body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """picture (b, S, S, 3) uint8 RGB, and the targets of each crop, stacked: heat, counted, edges, weight as in Targets."""
+
+    picture: NDArray[np.uint8]
+    heat: NDArray[np.float32]
+    counted: NDArray[np.float32]
+    edges: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+
+@dataclass(eq=False)
+class _Crop:
+    """A crop in the making: picture (S, S, 3), instances (S, S), and its bodies.
+
+    boxes (n, 4) px, person (n,) their instances, visible (n,), cut (n,) at the edge of the image.
+    """
+
+    picture: Picture
+    instances: NDArray[np.uint8]
+    boxes: Array
+    person: NDArray[np.int64]
+    visible: Array
+    cut: Mask
+
+    @property
+    def height(self) -> float:
+        """Median height of the bodies that can be found, px; a third of the crop where there are none."""
+        tall = (self.boxes[:, 3] - self.boxes[:, 1])[self.visible >= LEAST_VISIBLE]
+        return float(np.median(tall)) if len(tall) else len(self.picture) / 3
+
+    def paste(self, picture: Picture, mask: NDArray[np.uint8], corner: tuple[int, int], instance: int, behind: bool) -> None:
+        """Paste a picture at a corner (x, y), in front of all bodies or behind them. The visible shares of the bodies it hides shrink."""
+        size = len(self.picture)
+        x, y = corner
+        left, top, right, bottom = max(x, 0), max(y, 0), min(x + mask.shape[1], size), min(y + mask.shape[0], size)
+        if left >= right or top >= bottom:
+            return
+        part = (slice(top, bottom), slice(left, right))
+        inside = mask[top - y : bottom - y, left - x : right - x] > 0
+        if behind:
+            inside &= self.instances[part] == 0
+        else:
+            before = np.bincount(self.instances.ravel(), minlength=256)
+            self.instances[part][inside] = instance
+            after = np.bincount(self.instances.ravel(), minlength=256)
+            self.visible = self.visible * after[self.person] / np.maximum(before[self.person], 1)
+        self.picture[part][inside] = picture[top - y : bottom - y, left - x : right - x][inside]
+
+
+@dataclass(frozen=True, eq=False)
+class CropSampler:
+    """Samples batches from panoramas and pinhole images. seed: of all draws."""
+
+    panoramas: list[ImageSet]
+    pinholes: list[ImageSet]
+    seed: int
+
+    def batch(self, number: int) -> Batch:
+        """The batch of that number."""
+        rng = np.random.default_rng([self.seed, 2, number])
+        size, count, heights = SIZES[number % len(SIZES)]
+        made = [self._sample(rng, size, heights) for _ in range(count)]
+        pictures, targets = np.stack([picture for picture, _ in made]), [target for _, target in made]
+        stacked = {name: np.stack([getattr(target, name) for target in targets]) for name in ("heat", "counted", "edges", "weight")}
+        return Batch(pictures, **stacked)
+
+    def _sample(self, rng: np.random.Generator, size: int, heights: tuple[float, float]) -> tuple[Picture, Targets]:
+        crop = self._crop(rng, size, heights)
+        self._change_background(crop, rng)
+        if rng.random() < 0.6:
+            crop.picture = recoloured(crop.picture, crop.instances, rng)
+        if rng.random() < 0.35:
+            self._paste_people(crop, rng)
+        if rng.random() < 0.5:
+            self._paste_clutter(crop, rng)
+        picture = camera_look(crop.picture, rng)
+        boxes = crop.boxes
+        if rng.random() < 0.5:
+            picture = np.ascontiguousarray(picture[:, ::-1])
+            boxes = np.stack([size - boxes[:, 2], boxes[:, 1], size - boxes[:, 0], boxes[:, 3]], axis=1)
+        return picture, targets_of(boxes, crop.visible, crop.cut, size)
+
+    def _image(self, rng: np.random.Generator) -> tuple[ImageSet, int, bool]:
+        """A random image: its set, its index, and whether it is a panorama."""
+        wraps = bool(rng.random() < PANORAMA_SHARE and self.panoramas)
+        sets = self.panoramas if wraps or not self.pinholes else self.pinholes
+        chosen = sets[int(rng.integers(len(sets)))]
+        return chosen, int(rng.integers(len(chosen.colour))), sets is self.panoramas
+
+    def _crop(self, rng: np.random.Generator, size: int, heights: tuple[float, float]) -> _Crop:
+        images, index, wraps = self._image(rng)
+        height, width = images.instances.shape[1:]
+        mine = images.image == index
+        boxes, person, visible = images.boxes[mine], images.person[mine], images.visible[mine]
+        cut = cut_off(boxes, width, height, wraps)
+        good = np.flatnonzero((visible >= LEAST_VISIBLE) & ~cut & (boxes[:, 3] - boxes[:, 1] >= LEAST_HEIGHT))
+        scale, middle = float(np.exp(rng.uniform(*np.log([0.35, 1.3])))), np.array([rng.uniform(0, width), rng.uniform(0, height)])
+        if len(good) and rng.random() < CHOSEN_SHARE:
+            box = boxes[good[int(rng.integers(len(good)))]]
+            scale = float(np.exp(rng.uniform(*np.log(heights)))) / (box[3] - box[1])
+            middle = (box[:2] + box[2:]) / 2 + rng.uniform(-0.4, 0.4, 2) * size / np.clip(scale, *SCALES)
+        scale = max(scale, size / (LARGEST_WINDOW * height))
+        scales = np.clip(scale, *SCALES) * np.exp(rng.normal(0.0, ASPECT / 2) * np.array([1.0, -1.0]))
+        return self._cut_out(images, index, (wraps, boxes, person, visible, cut), (scales, middle, size), rng)
+
+    def _cut_out(
+        self,
+        images: ImageSet,
+        index: int,
+        bodies: tuple[bool, Array, NDArray[np.int64], Array, Mask],
+        window: tuple[Array, Array, int],
+        rng: np.random.Generator,
+    ) -> _Crop:
+        """The window of an image around `middle` px, scaled to a crop. What is outside of the image shows a texture."""
+        wraps, boxes, person, visible, cut = bodies
+        scales, middle, size = window
+        limits = np.array(images.instances.shape[:0:-1])
+        side = np.maximum(np.rint(size / scales), 8).astype(int)
+        corner = np.rint(middle - side / 2).astype(int)
+        fits = side <= limits
+        corner = np.where(fits, np.clip(corner, 0, np.maximum(limits - side, 0)), (limits - side) // 2)
+        if wraps:
+            corner[0] = round(middle[0] - side[0] / 2)
+        low, high = np.maximum(corner, 0), np.minimum(corner + side, limits)
+        rows = slice(int(low[1]), int(high[1]))
+        if wraps:
+            columns = np.arange(corner[0], corner[0] + side[0]) % limits[0]
+            colour, instances = images.colour[index][rows].take(columns, axis=1), images.instances[index][rows].take(columns, axis=1)
+            low[0], high[0] = corner[0], corner[0] + side[0]
+        else:
+            colour, instances = (layer[index][rows, int(low[0]) : int(high[0])] for layer in (images.colour, images.instances))
+        ends = np.rint((np.stack([low, high]) - corner) * size / side).astype(int)
+        shape = tuple(np.maximum(ends[1] - ends[0], 1).tolist())
+        picture = self._texture(rng, size) if shape != (size, size) else np.empty((size, size, 3), np.uint8)
+        shown = np.zeros((size, size), np.uint8)
+        part = (slice(ends[0, 1], ends[0, 1] + shape[1]), slice(ends[0, 0], ends[0, 0] + shape[0]))
+        smaller = scales.mean() < 1
+        picture[part] = cv2.resize(colour, shape, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+        shown[part] = cv2.resize(instances, shape, interpolation=cv2.INTER_NEAREST)
+        moved = boxes - np.tile(corner, 2)
+        if wraps:
+            # Each body is taken at the turn of the panorama that puts it nearest to the middle of the window.
+            turn = np.round(((moved[:, 0] + moved[:, 2]) / 2 - side[0] / 2) / limits[0]) * limits[0]
+            moved = moved - turn[:, None] * np.array([1, 0, 1, 0])
+        moved = moved * np.tile(size / side, 2)
+        near = ((moved[:, 2:] > 0) & (moved[:, :2] < size)).all(axis=1)
+        return _Crop(picture, shown, moved[near], person[near], visible[near].copy(), cut[near])
+
+    def _texture(self, rng: np.random.Generator, size: int) -> Picture:
+        """A random part of a random texture, of `size` px."""
+        textures = _textures(self.seed)
+        texture = textures[int(rng.integers(len(textures)))]
+        x, y = rng.integers(0, len(texture) - size + 1, 2).tolist()
+        return texture[y : y + size, x : x + size].copy()
+
+    def _change_background(self, crop: _Crop, rng: np.random.Generator) -> None:
+        """Replace the background by a texture, or shade it by one, or neither."""
+        kind = rng.random()
+        if kind > 0.35:
+            return
+        texture, behind = self._texture(rng, len(crop.picture)), crop.instances == 0
+        if kind > 0.12:
+            share = np.float32(rng.uniform(0.15, 0.6))
+            texture = (crop.picture * (1 - share) + texture * share).astype(np.uint8)
+        crop.picture[behind] = texture[behind]
+
+    def _paste_people(self, crop: _Crop, rng: np.random.Generator) -> None:
+        """Paste bodies from other images, one after the other in front of all."""
+        size = len(crop.picture)
+        for k in range(int(rng.integers(1, 4))):
+            found = self._body(rng)
+            if found is None:
+                continue
+            picture, mask, box = found
+            scale = crop.height * np.exp(rng.normal(0.0, 0.25)) / (box[3] - box[1])
+            shape = tuple(np.maximum(np.rint(np.array(mask.shape[::-1]) * scale), 4).astype(int).tolist())
+            if scale > 2.5 or max(shape) > 2 * size:
+                continue
+            picture = np.asarray(cv2.resize(picture, shape, interpolation=cv2.INTER_AREA), np.uint8)
+            mask = np.asarray(cv2.resize(mask, shape, interpolation=cv2.INTER_AREA) > 127, np.uint8)
+            at = np.rint(rng.uniform(-0.1, 0.9, 2) * size).astype(int)
+            gain = np.exp(rng.normal(0.0, 0.3))
+            picture = (picture * gain).clip(0, 255).astype(np.uint8)
+            crop.paste(picture, mask, (int(at[0]), int(at[1])), FIRST_PASTED + k, behind=False)
+            crop.boxes = np.vstack([crop.boxes, np.concatenate([at, at + shape])])
+            crop.person, crop.visible = np.append(crop.person, FIRST_PASTED + k), np.append(crop.visible, 1.0)
+            crop.cut = np.append(crop.cut, False)
+
+    def _body(self, rng: np.random.Generator) -> tuple[Picture, NDArray[np.uint8], Array] | None:
+        """A body that nothing hides: its picture, its mask and its box; None where the random image has none."""
+        images, index, _ = self._image(rng)
+        height, width = images.instances.shape[1:]
+        whole = ~cut_off(images.boxes, width, height, False)
+        tall = images.boxes[:, 3] - images.boxes[:, 1] >= PASTED_HEIGHT
+        good = np.flatnonzero((images.image == index) & (images.visible >= PASTED_VISIBLE) & whole & tall)
+        if not len(good):
+            return None
+        chosen = good[int(rng.integers(len(good)))]
+        left, top, right, bottom = images.boxes[chosen].astype(int).tolist()
+        mask = (images.instances[index][top:bottom, left:right] == images.person[chosen]).astype(np.uint8) * np.uint8(255)
+        return np.array(images.colour[index][top:bottom, left:right]), mask, images.boxes[chosen]
+
+    def _paste_clutter(self, crop: _Crop, rng: np.random.Generator) -> None:
+        """Paste things that are no people."""
+        size = len(crop.picture)
+        for _ in range(int(rng.integers(1, 5))):
+            tall = int(np.clip(crop.height * np.exp(rng.normal(-0.3, 0.5)), 8, 0.8 * size))
+            picture, mask = piece(rng, tall)
+            at = rng.integers(-size // 10, size, 2).tolist()
+            crop.paste(picture, mask, (at[0], at[1]), 0, behind=bool(rng.random() < 0.7))
+
+
+@cache
+def _textures(seed: int) -> list[Picture]:
+    return texture_bank(np.random.default_rng([seed, 1]))
+
+
+def cut_off(boxes: Array, width: int, height: int, wraps: bool) -> Mask:
+    """Whether boxes (n, 4) px touch the edge of their image, so that the whole body is unknown. wraps: a panorama has no left and right edge."""
+    ends = (boxes[:, 1] <= 0) | (boxes[:, 3] >= height)
+    return np.asarray(ends if wraps else ends | (boxes[:, 0] <= 0) | (boxes[:, 2] >= width))

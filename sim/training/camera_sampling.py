@@ -1,0 +1,118 @@
+"""Random cameras that look at people: panoramas at the height of rovers, and pinhole cameras at eye level and on masts.
+
+Distances follow from the height that a body shall have in the image. All draws come from a generator of the caller.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.simulation.simulation import Simulation
+from tracker.geometry import Array, Pose, rotation_z
+from tracker.geometry.cameras import Camera, Panorama, pinhole
+from worlds.engine import mujoco
+
+PANORAMA_SIZE, PINHOLE_SIZE = (1024, 512), (768, 576)
+"""Width and height of the images, px."""
+FIELDS = (math.radians(20.0), math.radians(85.0))
+"""Horizontal fields of view of pinhole cameras, rad, log-uniform."""
+BODY = 1.7
+"""m: the height of a body by which distances are chosen."""
+BODY_PIXELS = (24.0, 430.0)
+"""Height of the chosen body in a pinhole image, px, log-uniform."""
+PANORAMA_DISTANCES = (1.2, 14.0)
+"""Distance of the chosen body from a panorama, m, log-uniform."""
+NEAREST, FARTHEST = 1.5, 70.0
+"""Bounds of the distance of the chosen body from a pinhole camera, m."""
+EYE_LEVEL, MASTS, ROVERS = (0.4, 2.3), (2.3, 9.0), (0.5, 2.5)
+"""Heights above the ground, m: of pinhole cameras at eye level and on masts, and of panoramas."""
+MAST_SHARE = 0.6
+"""Share of pinhole cameras on masts."""
+CLEAR = 0.7
+"""m: free space around a camera, and distance of the first hit from the chosen body that still counts as seen."""
+ATTEMPTS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSampler:
+    """Draws poses of cameras in the current state of a simulation."""
+
+    simulation: Simulation
+    rng: np.random.Generator
+
+    def pose(self, camera: Camera) -> Pose | None:
+        """A pose T_world_camera from which a person is seen, or None where none was found in ATTEMPTS draws or nobody is there."""
+        feet = self.simulation.feet()
+        if not len(feet):
+            return None
+        draw = self._beside if isinstance(camera, Panorama) else self._towards
+        for _ in range(ATTEMPTS):
+            pose = draw(camera, feet[self.rng.integers(len(feet))])
+            if pose is not None:
+                return pose
+        return None
+
+    def _beside(self, _: Camera, feet: Array) -> Pose | None:
+        """The pose of a panorama near a person, tilted as a rover on uneven ground is."""
+        rng = self.rng
+        distance, azimuth = _log_uniform(rng, PANORAMA_DISTANCES), rng.uniform(-np.pi, np.pi)
+        at = self._above(feet[:2] + distance * np.array([np.cos(azimuth), np.sin(azimuth)]), rng.uniform(*ROVERS))
+        yaw, tilt = rng.uniform(-np.pi, np.pi), rng.normal(0.0, math.radians(3.0), 2)
+        if not self._sees(at, feet):
+            return None
+        return Pose(rotation_z(yaw), at) @ Pose.exp(np.array([0.0, 0.0, 0.0, *tilt, 0.0]))
+
+    def _towards(self, camera: Camera, feet: Array) -> Pose | None:
+        """The pose of a pinhole camera that has the person somewhere in its image."""
+        rng = self.rng
+        bearings = camera.bearings_from_pixels(np.array([[0.0, camera.height / 2], [camera.width - 1.0, camera.height / 2]]))
+        field = float(np.arccos(np.clip(bearings[0] @ bearings[1], -1, 1)))
+        focal = camera.width / 2 / math.tan(field / 2)
+        distance = float(np.clip(focal * BODY / _log_uniform(rng, BODY_PIXELS), NEAREST, FARTHEST))
+        height = rng.uniform(*(MASTS if rng.random() < MAST_SHARE else EYE_LEVEL))
+        height = min(height, max(0.4, 0.75 * distance))
+        azimuth, across = rng.uniform(-np.pi, np.pi), math.sqrt(distance**2 - min(height, 0.9 * distance) ** 2)
+        at = self._above(feet[:2] + across * np.array([np.cos(azimuth), np.sin(azimuth)]), height)
+        if not self._sees(at, feet):
+            return None
+        offset = feet + np.array([0.0, 0.0, BODY / 2]) - at
+        yaw = math.atan2(offset[1], offset[0]) + rng.uniform(-0.4, 0.4) * field
+        down = math.atan2(-offset[2], math.hypot(offset[0], offset[1])) + rng.uniform(-0.25, 0.25) * field * camera.height / camera.width
+        turn = Pose.exp(np.array([0.0, 0.0, 0.0, 0.0, down, 0.0])) @ Pose.exp(np.array([0.0, 0.0, 0.0, rng.normal(0.0, math.radians(1.5)), 0.0, 0.0]))
+        return Pose(rotation_z(yaw), at) @ turn
+
+    def _above(self, place: Array, height: float) -> Array:
+        """The point (3,) m at a height above the ground at a place (2,) m."""
+        return np.array([*place, float(self.simulation.world.terrain.height_at(place[None])[0]) + height])
+
+    def _sees(self, at: Array, feet: Array) -> bool:
+        """Whether a camera at `at` is over the ground in free space and sees the chest of the person at `feet`, or a body right before it."""
+        ground = self.simulation.world.ground
+        size = ground.spacing * (np.array(ground.heights.shape[::-1]) - 1)
+        if ((at[:2] < ground.origin) | (at[:2] > ground.origin + size)).any():
+            return False
+        around = [np.array([math.cos(a), math.sin(a), 0.0]) for a in 2 * np.pi * np.arange(6) / 6] + [np.array([0.0, 0.0, s]) for s in (-1.0, 1.0)]
+        if min(self._hit(at, direction) for direction in around) < CLEAR / 2:
+            return False
+        offset = feet + np.array([0.0, 0.0, 1.2]) - at
+        length = float(np.linalg.norm(offset))
+        return self._hit(at, offset / length) > length - CLEAR
+
+    def _hit(self, start: Array, direction: Array) -> float:
+        """Distance to the first hit of a ray, m; inf without a hit."""
+        model, data = self.simulation.model, self.simulation.data
+        groups = np.array([1, 1, 1, 1, 0, 0], dtype=np.uint8)
+        distance = mujoco.mj_ray(model, data, start, direction, groups, 1, -1, np.zeros(1, np.int32), None)
+        return float(distance) if distance >= 0 else math.inf
+
+
+def draw_cameras(rng: np.random.Generator, pinholes: int) -> list[Camera]:
+    """A panorama and pinhole cameras with random fields of view."""
+    return [Panorama(*PANORAMA_SIZE), *(pinhole(*PINHOLE_SIZE, _log_uniform(rng, FIELDS)) for _ in range(pinholes))]
+
+
+def _log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    return float(np.exp(rng.uniform(*np.log(bounds))))

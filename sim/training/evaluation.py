@@ -1,0 +1,144 @@
+"""Scores of the detector on rendered images: average precision at an IoU of 0.5 by kind of image, by height, visible share and world.
+
+Bodies outside of the asked range are ignored, as are boxes on them (as in COCO's evaluation, Lin et al. 2014).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.training.augmentation import cut_off
+from sim.training.decoding import Candidates, Network, candidates, overlaps, suppressed
+from sim.training.scene_rendering import ImageSet
+from sim.training.targets import HIDDEN
+from tracker.geometry import Array, Mask
+
+IOU, SEEN = 0.5, 0.5
+"""Least IoU of a found body, and least visible share of a body that has to be found."""
+HEIGHTS = (20.0, 256.0)
+"""px: heights of the bodies of the headline."""
+HEIGHT_BINS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0)
+VISIBLE_BINS = (0.3, 0.5, 0.8, 0.95, 1.0001)
+RECALLS = np.linspace(0.0, 1.0, 101)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundImage:
+    """Candidates of one image before suppression, and its bodies: boxes (n, 4) px, visible (n,), cut (n,). period: width of a panorama, or None."""
+
+    found: Candidates
+    boxes: Array
+    visible: Array
+    cut: Mask
+    world: str
+    period: float | None
+
+    @property
+    def heights(self) -> Array:
+        """Heights (n,) of the bodies, px."""
+        return self.boxes[:, 3] - self.boxes[:, 1]
+
+
+@dataclass(frozen=True)
+class Range:
+    """Which bodies have to be found: heights px and visible shares, lower bounds included."""
+
+    heights: tuple[float, float] = HEIGHTS
+    visible: tuple[float, float] = (SEEN, 2.0)
+
+
+def found_images(network: Network, sets: Iterable[tuple[str, ImageSet]], wraps: bool) -> list[FoundImage]:
+    """The candidates in all images of some sets, each with the name of its world. wraps: whether they are panoramas."""
+    out = []
+    for world, images in sets:
+        height, width = images.instances.shape[1:]
+        for index in range(len(images.colour)):
+            mine = images.image == index
+            cut = cut_off(images.boxes[mine], width, height, wraps)
+            found = candidates(network, np.asarray(images.colour[index]), wraps)
+            out.append(FoundImage(found, images.boxes[mine], images.visible[mine], cut, world, float(width) if wraps else None))
+    return out
+
+
+def judged(images: list[FoundImage], wanted: Range, nms_iou: float) -> tuple[Array, Mask, int]:
+    """Logits (k,) of boxes after suppression, whether each is a body, and the number of bodies that had to be found."""
+    logits, hits, count = [], [], 0
+    for image in images:
+        found = suppressed(image.found, nms_iou, image.period)
+        there = image.visible >= HIDDEN
+        boxes, visible = image.boxes[there], image.visible[there]
+        height = boxes[:, 3] - boxes[:, 1]
+        good = ~image.cut[there] & (height >= wanted.heights[0]) & (height < wanted.heights[1])
+        good &= (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
+        count += int(good.sum())
+        result = _matched(overlaps(found.boxes, boxes, image.period), good)
+        own = found.boxes[:, 3] - found.boxes[:, 1]
+        counted = (result == 1) | ((result == 0) & (own >= wanted.heights[0]) & (own < wanted.heights[1]))
+        logits.append(found.logits[counted])
+        hits.append(result[counted] == 1)
+    return np.concatenate(logits or [np.zeros(0)]), np.concatenate(hits or [np.zeros(0, bool)]), count
+
+
+def _matched(iou: Array, good: Mask) -> NDArray[np.int64]:
+    """For boxes, the surest first: 1 for a body that has to be found, −1 for one that is ignored, 0 for none. iou (boxes, bodies)."""
+    free, out = np.ones(len(good), dtype=bool), np.zeros(len(iou), dtype=np.int64)
+    for k, row in enumerate(iou):
+        for value, of in ((1, good & free), (-1, ~good)):
+            overlap = np.where(of, row, 0.0)
+            if len(row) and overlap.max() >= IOU:
+                out[k] = value
+                if value == 1:
+                    free[int(np.argmax(overlap))] = False
+                break
+    return out
+
+
+def average_precision(logits: Array, hits: Mask, count: int) -> float:
+    """Mean over 101 recalls of the best precision at that recall or a higher one; NaN without bodies."""
+    if not count:
+        return float("nan")
+    order = np.argsort(-logits, kind="stable")
+    right = np.cumsum(hits[order])
+    precision, recall = right / np.arange(1, len(order) + 1), right / count
+    best = np.maximum.accumulate(precision[::-1])[::-1]
+    at = np.searchsorted(recall, RECALLS)
+    return float(np.where(at < len(best), np.append(best, 0.0)[np.minimum(at, len(best))], 0.0).mean())
+
+
+def figures(images: list[FoundImage], nms_iou: float) -> dict[str, float | int]:
+    """Average precision by name: all, by height, by visible share and by world; and the number of bodies of the first."""
+    logits, hits, count = judged(images, Range(), nms_iou)
+    out: dict[str, float | int] = {"bodies": count, "ap50": average_precision(logits, hits, count)}
+    for low, high in zip(HEIGHT_BINS[:-1], HEIGHT_BINS[1:], strict=True):
+        out[f"ap50, {low:.0f}-{high:.0f} px"] = average_precision(*judged(images, Range((low, high)), nms_iou))
+    for low, high in zip(VISIBLE_BINS[:-1], VISIBLE_BINS[1:], strict=True):
+        out[f"recall, visible {low:.2f}-{min(high, 1.0):.2f}"] = _recall(*judged(images, Range(visible=(low, high)), nms_iou))
+    for world in sorted({image.world for image in images}):
+        own = [image for image in images if image.world == world]
+        out[f"ap50, {world}"] = average_precision(*judged(own, Range(), nms_iou))
+    return {name: round(value, 4) for name, value in out.items()}
+
+
+def _recall(_: Array, hits: Mask, count: int) -> float:
+    """Share of bodies that any candidate finds."""
+    return float(hits.sum() / count) if count else float("nan")
+
+
+def feet_errors(images: list[FoundImage], nms_iou: float) -> Array:
+    """Errors (k,) of the lower edge of found bodies, as a share of their height; positive is too low."""
+    errors = []
+    for image in images:
+        found = suppressed(image.found, nms_iou, image.period)
+        found = found.select(found.logits > 0.0)
+        good = np.flatnonzero((image.visible >= SEEN) & ~image.cut & (image.heights >= HEIGHTS[0]) & (image.heights < HEIGHTS[1]))
+        if not len(good) or not len(found.logits):
+            continue
+        iou = overlaps(found.boxes, image.boxes[good], image.period)
+        best, which = iou.max(axis=0), iou.argmax(axis=0)
+        near = best >= IOU
+        errors.append((found.boxes[which[near], 3] - image.boxes[good[near], 3]) / image.heights[good[near]])
+    return np.concatenate(errors or [np.zeros(0)])

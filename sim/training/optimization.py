@@ -1,0 +1,153 @@
+"""Optimization of the network: batches made in other processes, AdamW with a cosine schedule, averaged weights, checkpoints. Needs torch."""
+
+from __future__ import annotations
+
+import copy
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from sim.training.augmentation import Batch, CropSampler
+from sim.training.loss import detection_loss
+from sim.training.network import PersonNetwork
+from tracker.io.atomic import new_file
+from tracker.io.progress import progress_bar
+
+RATE, WARM_UP, DECAY = 2e-3, 200, 0.02
+"""Largest learning rate, steps until it is reached, and weight decay."""
+AVERAGE = 0.998
+"""Decay of the moving average of the weights, which is what is kept (Polyak & Juditsky 1992)."""
+LARGEST_GRADIENT = 10.0
+SAVED_EVERY, ROW_EVERY = 250, 50
+"""Steps between checkpoints, and between rows of the curve."""
+PARTS = ("scores", "overlap", "logarithm", "spread")
+CHECKPOINT, CURVE = "checkpoint.pt", "curve.csv"
+TARGETS = ("heat", "counted", "edges", "weight")
+
+
+@dataclass(eq=False)
+class TrainingState:
+    """All that a checkpoint holds.
+
+    network, average: the trained and the averaged one. step: number of the next batch. rows: of the curve, step and parts of the loss.
+    """
+
+    network: nn.Module
+    average: nn.Module
+    optimizer: torch.optim.Optimizer
+    step: int = 0
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+
+    @staticmethod
+    def new(seed: int) -> TrainingState:
+        torch.manual_seed(seed)
+        network = PersonNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        decayed = [part for part in network.parameters() if part.ndim > 1]
+        plain = [part for part in network.parameters() if part.ndim <= 1]
+        groups = [{"params": decayed, "weight_decay": DECAY}, {"params": plain, "weight_decay": 0.0}]
+        return TrainingState(network, copy.deepcopy(network), torch.optim.AdamW(groups, lr=RATE))
+
+    def save(self, file: Path) -> None:
+        """Write the checkpoint, and replace an existing one."""
+        parts = {"network": self.network.state_dict(), "average": self.average.state_dict(), "optimizer": self.optimizer.state_dict()}
+        with new_file(file) as part:
+            torch.save(parts | {"step": self.step, "rows": self.rows}, part)
+
+    @staticmethod
+    def read(file: Path, seed: int) -> TrainingState:
+        """The state of a checkpoint."""
+        content, state = torch.load(file, weights_only=True), TrainingState.new(seed)
+        for name in ("network", "average", "optimizer"):
+            getattr(state, name).load_state_dict(content[name])
+        state.step, state.rows = int(content["step"]), [tuple(row) for row in content["rows"]]
+        return state
+
+
+class _Batches(torch.utils.data.Dataset):
+    """The batches of a sampler as tensors, by their number."""
+
+    def __init__(self, sampler: CropSampler) -> None:
+        self._sampler = sampler
+
+    def __getitem__(self, number: int) -> dict[str, Tensor]:
+        batch: Batch = self._sampler.batch(number)
+        return {name: torch.from_numpy(getattr(batch, name)) for name in ("picture", *TARGETS)}
+
+
+def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int) -> nn.Module:
+    """Train for `steps` batches, and return the averaged network.
+
+    It continues from a checkpoint in `folder`, and writes checkpoints and curve.csv there.
+    workers: number of processes that make batches; the result is the same with any number. The network is trained in one thread.
+    """
+    torch.set_num_threads(1)
+    file = folder / CHECKPOINT
+    state = TrainingState.read(file, sampler.seed) if file.exists() else TrainingState.new(sampler.seed)
+    state.network.train()
+    recent: list[list[float]] = []
+    with progress_bar(total=steps, initial=state.step, desc="training", unit="step") as bar:
+        for batch in _loaded(sampler, range(state.step, steps), workers):
+            recent.append(_step(state, batch, steps))
+            state.step += 1
+            bar.update(1)
+            if state.step % ROW_EVERY == 0 or state.step == steps:
+                state.rows.append((state.step, *np.mean(recent, axis=0).tolist()))
+                recent = []
+                bar.set_postfix(loss=f"{sum(state.rows[-1][1:]):.3f}")
+            if state.step % SAVED_EVERY == 0 or state.step == steps:
+                state.save(file)
+                write_curve(state.rows, folder / CURVE)
+    return state.average.eval()
+
+
+def _loaded(sampler: CropSampler, numbers: range, workers: int) -> Iterator[dict[str, Tensor]]:
+    processes: dict[str, Any] = {"num_workers": workers, "worker_init_fn": _one_thread, "prefetch_factor": 8}
+    loader: Any = torch.utils.data.DataLoader(_Batches(sampler), batch_size=None, sampler=list(numbers), **processes)
+    return iter(loader)
+
+
+def _one_thread(_: int) -> None:
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def learning_rate(step: int, steps: int) -> float:
+    """The rate of a step: linear to RATE over WARM_UP steps, then half a cosine to 0 (Loshchilov & Hutter 2017)."""
+    warm = min(WARM_UP, max(1, steps // 5))
+    if step < warm:
+        return RATE * (step + 1) / warm
+    return RATE * 0.5 * (1 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))
+
+
+def _step(state: TrainingState, batch: dict[str, Tensor], steps: int) -> list[float]:
+    """One step of the optimizer. Returns the parts of the loss."""
+    for group in state.optimizer.param_groups:
+        group["lr"] = learning_rate(state.step, steps)
+    picture = batch["picture"].permute(0, 3, 1, 2).float().div(255.0)
+    with torch.autocast("cpu", torch.bfloat16):
+        outputs = state.network(picture)
+    parts = detection_loss(outputs, {name: batch[name] for name in TARGETS})
+    state.optimizer.zero_grad()
+    torch.stack(list(parts.values())).sum().backward()
+    nn.utils.clip_grad_norm_(state.network.parameters(), LARGEST_GRADIENT)
+    state.optimizer.step()
+    with torch.no_grad():
+        decay = min(AVERAGE, (1 + state.step) / (10 + state.step))
+        for name, value in state.average.state_dict().items():
+            now = state.network.state_dict()[name]
+            value.copy_(now) if not value.is_floating_point() else value.lerp_(now, 1 - decay)
+    return [float(parts[name].detach()) for name in PARTS]
+
+
+def write_curve(rows: list[tuple[float, ...]], file: Path) -> None:
+    """Write the rows as CSV: step, and the mean of each part of the loss since the row before."""
+    with new_file(file) as part, part.open("w", newline="", encoding="utf-8") as out:
+        csv.writer(out).writerows([("step", *PARTS), *((int(row[0]), *(f"{value:.6g}" for value in row[1:])) for row in rows)])

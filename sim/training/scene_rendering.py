@@ -1,0 +1,199 @@
+"""Rendered scenes for training and evaluation: a crowd in a world under some light, seen by random cameras over some moments.
+
+The same task gives the same bytes in any process.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.datasets.presets import confine
+from sim.rendering.panorama import PanoramaRenderer
+from sim.scenario import Scenario
+from sim.sensors.keypoints import InstanceImage
+from sim.sensors.person_detector import People, true_boxes
+from sim.simulation.simulation import Simulation
+from sim.training.camera_sampling import CameraSampler, draw_cameras
+from tracker.geometry import Array
+from tracker.geometry.cameras import Panorama
+from tracker.io.atomic import new_folder
+from worlds import catalogue
+from worlds.catalogue import WORLDS
+from worlds.engine import mujoco
+
+PEOPLE = (10, 70)
+"""Number of people in a scene."""
+DENSE_SHARE, DENSE_GROUND = 0.5, (8.0, 22.0)
+"""Share of scenes whose people are confined to a square, and bounds of its edge, m: bodies hide each other there."""
+STEP_RATE = 0.5
+"""Hz: rate of the moments of a scene. People walk about 2 m between two of them."""
+LIGHTS = {"built": 0.35, "overcast": 0.3, "low": 0.2, "dim": 0.15}
+"""Kind of light → share of scenes. built: as the world has it. low: a low warm sun. dim: half of all light."""
+TWICE = ("campus", "pilsun")
+"""Worlds of which twice as many scenes are made: they alone have furniture and streets."""
+PANORAMAS, PINHOLES = "panorama", "pinhole"
+
+
+@dataclass(frozen=True)
+class SceneTask:
+    """A scene to render. folder: its place. seed: of its scenario. world: its name, a name of worlds.catalogue.
+
+    moments: number of moments. panoramas, pinholes: images of each kind at every moment.
+    plain: whether world, crowd and light are as `pilsim generate` makes them by default, as for evaluation.
+    """
+
+    folder: Path
+    seed: int
+    world: str
+    moments: int = 10
+    panoramas: int = 1
+    pinholes: int = 3
+    plain: bool = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether the scene is on disk."""
+        return (self.folder / f"{PINHOLES}.npz").is_file()
+
+    def run(self) -> None:
+        """Render the scene and write it, unless it is on disk. Raises ValueError for a scenario that does not fit into its world."""
+        if self.complete:
+            return
+        os.environ["LP_NUM_THREADS"] = "1"
+        rng = np.random.default_rng([self.seed, zlib.crc32(b"training scene")])
+        simulation = self._simulation(rng)
+        if not self.plain:
+            light(simulation.model, rng)
+        with new_folder(self.folder) as part:
+            for name, images in self._images(simulation, rng).items():
+                images.write(part, name)
+
+    def _simulation(self, rng: np.random.Generator) -> Simulation:
+        """The simulation; the crowd is halved until it fits."""
+        difficulty, people, edge = rng.uniform(0.0, 1.0), int(rng.integers(*PEOPLE)), rng.uniform(*DENSE_GROUND)
+        dense, height = rng.random() < DENSE_SHARE, rng.uniform(0.5, 2.0)
+        scenario = Scenario(world=self.world, seed=self.seed, robots=2, people=people, frames=self.moments, rate=STEP_RATE, timestep=0.01)
+        if not self.plain:
+            scenario = dataclasses.replace(scenario, difficulty=difficulty, children=0.1, camera_height=height)
+        world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
+        if dense and not self.plain:
+            world = confine(world, (edge, edge), scenario.stream("world/confined"))
+        while True:
+            try:
+                return Simulation(scenario, world=world)
+            except ValueError:
+                if scenario.people < 4:
+                    raise
+                scenario = dataclasses.replace(scenario, people=scenario.people // 2)
+
+    def _images(self, simulation: Simulation, rng: np.random.Generator) -> dict[str, ImageSet]:
+        cameras, sampler = draw_cameras(rng, self.pinholes), CameraSampler(simulation, rng)
+        views = [0] * self.panoramas + list(range(1, 1 + self.pinholes))
+        shots: dict[str, list[Shot]] = {PANORAMAS: [], PINHOLES: []}
+        with PanoramaRenderer(simulation.model, cameras, simulation.person_of_geom.astype(np.uint16)) as renderer:
+            for moment in range(self.moments):
+                if moment:
+                    simulation.step()
+                people = People(np.asarray(simulation.persons, dtype=np.int64), simulation.joints())
+                for which in views:
+                    pose = sampler.pose(cameras[which])
+                    if pose is None:
+                        continue
+                    image = renderer.render(simulation.data, [pose], [which])[0]
+                    bodies = renderer.unoccluded(simulation.data, [pose], people.person.tolist(), [which])[0]
+                    boxes = true_boxes(InstanceImage(cameras[which], pose, image.instances, image.range), people, bodies)
+                    kind = PANORAMAS if isinstance(cameras[which], Panorama) else PINHOLES
+                    shots[kind].append(Shot(image.colour, image.instances.astype(np.uint8), boxes.person, boxes.full, boxes.visible))
+        return {kind: ImageSet.of(taken, cameras[kind == PINHOLES]) for kind, taken in shots.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """An image (H, W, 3) RGB with instances (H, W), ids (n,), whole bodies (n, 4) left, top, right, bottom px, and visible shares (n,)."""
+
+    colour: NDArray[np.uint8]
+    instances: NDArray[np.uint8]
+    person: NDArray[np.int64]
+    boxes: Array
+    visible: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ImageSet:
+    """Images of one size: colour (n, H, W, 3), instances (n, H, W), and a table of bodies.
+
+    image (m,): index of the image of a body; person (m,) its id; boxes (m, 4) px; visible (m,). Colours and instances may be mapped from disk.
+    """
+
+    colour: NDArray[np.uint8]
+    instances: NDArray[np.uint8]
+    image: NDArray[np.int64]
+    person: NDArray[np.int64]
+    boxes: Array
+    visible: Array
+
+    @staticmethod
+    def of(shots: list[Shot], camera: object) -> ImageSet:
+        """The set of some shots of cameras of the size of `camera`."""
+        size = (camera.height, camera.width)  # type: ignore[attr-defined]
+        image = np.repeat(np.arange(len(shots)), [len(shot.person) for shot in shots]).astype(np.int64)
+        return ImageSet(
+            np.array([shot.colour for shot in shots], dtype=np.uint8).reshape(-1, *size, 3),
+            np.array([shot.instances for shot in shots], dtype=np.uint8).reshape(-1, *size),
+            image,
+            np.concatenate([shot.person for shot in shots] or [np.zeros(0, np.int64)]),
+            np.concatenate([shot.boxes for shot in shots] or [np.zeros((0, 4))]),
+            np.concatenate([shot.visible for shot in shots] or [np.zeros(0)]),
+        )
+
+    def write(self, folder: Path, name: str) -> None:
+        """Write colour and instances as .npy, which can be mapped, and the table as .npz."""
+        np.save(folder / f"{name}.npy", self.colour)
+        np.save(folder / f"{name}-instances.npy", self.instances)
+        np.savez(folder / f"{name}.npz", image=self.image, person=self.person, boxes=self.boxes, visible=self.visible)
+
+    @staticmethod
+    def read(folder: Path, name: str) -> ImageSet:
+        """The inverse of `write`; images stay on disk."""
+        with np.load(folder / f"{name}.npz") as table:
+            rows = {key: table[key] for key in ("image", "person", "boxes", "visible")}
+        colour = np.load(folder / f"{name}.npy", mmap_mode="r")
+        return ImageSet(colour, np.load(folder / f"{name}-instances.npy", mmap_mode="r"), **rows)
+
+
+def light(model: mujoco.MjModel, rng: np.random.Generator) -> None:
+    """Change the lights of a model to one of LIGHTS. Directions change for parallel light alone."""
+    kind = rng.choice(list(LIGHTS), p=list(LIGHTS.values()))
+    elevation, azimuth = rng.uniform(np.radians(8), np.radians(30)), rng.uniform(-np.pi, np.pi)
+    warm, strength = np.array([1.0, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)]), rng.uniform(0.7, 1.2)
+    parallel = model.light_type == int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    headlight = model.vis.headlight
+    if kind == "overcast":
+        model.light_diffuse[parallel] *= 0.35
+        model.light_ambient[parallel] += 0.3 * strength
+        model.light_castshadow[parallel] = 0
+    elif kind == "low":
+        direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)]
+        model.light_dir[parallel] = direction
+        model.light_diffuse[parallel] *= warm * strength
+    elif kind == "dim":
+        for values in (model.light_diffuse, model.light_ambient, headlight.diffuse, headlight.ambient):
+            values[:] *= 0.5
+
+
+def scene_tasks(folder: Path, count: int, seed: int, size: dict[str, int] | None = None, plain: bool = False) -> list[SceneTask]:
+    """Tasks of `count` scenes in `folder`; the worlds take turns. The n-th has seed + n. size: fields of SceneTask that differ from its defaults."""
+    names = [*sorted(WORLDS), *(() if plain else TWICE)]
+    return [SceneTask(folder / f"scene-{k:04d}", seed + k, names[k % len(names)], **(size or {}), plain=plain) for k in range(count)]
+
+
+def run_scene(task: SceneTask) -> None:
+    """Render a scene in a worker process."""
+    task.run()

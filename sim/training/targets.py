@@ -1,0 +1,67 @@
+"""Training targets of a crop: what the network shall say in every cell, from boxes of whole bodies.
+
+The heat of a body is a Gaussian whose axes follow the box (Liu et al. 2020, TTFNet); its peak is 1 in the cell of the centre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.geometry import Array, Mask
+
+STRIDE = 4
+"""px: edge of a cell."""
+SPREAD, NARROWEST = 0.54 / 6, 0.35
+"""Sigma of the heat as a share of the box, and its lower bound in cells."""
+EDGE_HEAT = 0.2
+"""Least heat of a cell that learns the edges."""
+LEAST_VISIBLE, HIDDEN = 0.3, 0.03
+"""Least visible share of a body that is to be found. Less is ignored down to HIDDEN, and nothing below it."""
+LEAST_HEIGHT = 11.0
+"""px: smaller bodies are ignored."""
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Targets of a crop of S px, on S/4 x S/4 cells.
+
+    heat (1, h, w) in [0, 1]. counted (1, h, w): 0 where a cell without a body is ignored, else 1.
+    edges (4, h, w): distances px from the cell's centre to left, top, right and bottom. weight (1, h, w): of the edges, 0 for none.
+    """
+
+    heat: NDArray[np.float32]
+    counted: NDArray[np.float32]
+    edges: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+
+def targets_of(boxes: Array, visible: Array, ignored: Mask, size: int) -> Targets:
+    """Targets for bodies with boxes (n, 4) px, visible shares (n,), and ignored (n,), in a crop of `size` px."""
+    cells = size // STRIDE
+    heat, counted = np.zeros((cells, cells), np.float32), np.ones((cells, cells), np.float32)
+    edges, weight = np.ones((4, cells, cells), np.float32), np.zeros((cells, cells), np.float32)
+    centres = (np.arange(cells, dtype=np.float32) + 0.5) * STRIDE
+    skipped = ignored | (visible < LEAST_VISIBLE) | (boxes[:, 3] - boxes[:, 1] < LEAST_HEIGHT)
+    for box, share in zip(boxes[skipped], visible[skipped], strict=True):
+        left, top, right, bottom = np.clip(np.rint(box / STRIDE), 0, cells).astype(int)
+        if share >= HIDDEN:
+            counted[top : bottom + 1, left : right + 1] = 0
+    for box in boxes[~skipped]:
+        middle, extent = (box[:2] + box[2:]) / 2, box[2:] - box[:2]
+        column, row = np.floor(middle / STRIDE).astype(int)
+        if not (0 <= column < cells and 0 <= row < cells):
+            continue
+        sigma = np.maximum(SPREAD * extent, NARROWEST * STRIDE)
+        across = np.exp(-((centres - (column + 0.5) * STRIDE) ** 2) / (2 * sigma[0] ** 2))
+        along = np.exp(-((centres - (row + 0.5) * STRIDE) ** 2) / (2 * sigma[1] ** 2))
+        own = np.outer(along, across).astype(np.float32)
+        best = (own > heat) & (own >= EDGE_HEAT)
+        rows, columns = np.nonzero(best)
+        x, y = centres[columns], centres[rows]
+        edges[:, rows, columns] = np.maximum(np.stack([x - box[0], y - box[1], box[2] - x, box[3] - y]), 0.5)
+        weight[rows, columns] = own[rows, columns]
+        np.maximum(heat, own, out=heat)
+    return Targets(heat[None], counted[None], edges, weight[None])

@@ -1,0 +1,194 @@
+"""Training of the person detector in one call: scenes are rendered, the network is trained, exported, calibrated and scored. Needs the extra `train`.
+
+Every step keeps what it has made in the folder, so that the same call continues after an interruption.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.parallel.pool import Pool, WorkerLost
+from sim.training.augmentation import CropSampler
+from sim.training.calibration import MIN_SCORE, Calibration, calibrate
+from sim.training.evaluation import FoundImage, feet_errors, figures, found_images
+from sim.training.scene_rendering import PANORAMAS, PINHOLES, ImageSet, SceneTask, run_scene, scene_tasks
+from tracker.io.atomic import write_text
+from tracker.io.file_lock import folder_lock
+from tracker.io.json_files import read_json
+from tracker.io.progress import progress_bar
+from tracker.io.resume import check_same, holds_run
+from worlds.catalogue import WORLDS
+
+HELD_OUT_SEED = 2000
+"""Seed of the first held-out worlds. Training and calibration have seeds from 10,000 on."""
+SEEDS_A_RUN, CALIBRATION_SEEDS = 10_000, 5_000
+"""Distance of the first seeds of two runs, and of the first scenes of calibration from those of training."""
+JUDGED = {"moments": 4, "panoramas": 1, "pinholes": 2}
+"""Sizes of the scenes of calibration and evaluation."""
+ORDER, MODEL, FIGURES, CURVES, FRAMES = "order.json", "person_detector.onnx", "figures.json", "curves.png", "frames.png"
+SHOWN_FRAMES = 10
+NEEDED = ("torch", "onnx", "onnxruntime")
+"""Packages of the extra `train`."""
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """A training. seed: of all draws. scenes, moments: rendered scenes, and moments of each. steps: of the optimizer.
+
+    calibration, held_out: number of scenes for the calibration and for the evaluation. workers: number of processes; it changes no result.
+    Raises ValueError for a number out of bounds.
+    """
+
+    seed: int = 0
+    scenes: int = 72
+    moments: int = 10
+    steps: int = 8000
+    calibration: int = 18
+    held_out: int = 35
+    workers: int = 2
+
+    def __post_init__(self) -> None:
+        bounds = {"seed": (0, 10**6), "scenes": (1, 5000), "moments": (1, 1000), "steps": (1, 10**7)}
+        for name, (low, high) in (bounds | {"calibration": (1, 5000), "held_out": (1, 5000), "workers": (1, 1024)}).items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"{name} is {value}, needs {low} to {high}")
+
+    @property
+    def order(self) -> dict[str, int]:
+        """What decides the result, as JSON values."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if name != "workers"}
+
+    def tasks(self, folder: Path) -> dict[str, list[SceneTask]]:
+        """The scenes to be rendered, by their purpose: data, calibration and held-out."""
+        first, names = SEEDS_A_RUN * (self.seed + 1), sorted(WORLDS)
+        places = [(HELD_OUT_SEED + k // len(names), names[k % len(names)]) for k in range(self.held_out)]
+        unseen = folder / "held-out"
+        return {
+            "data": scene_tasks(folder / "data", self.scenes, first, {"moments": self.moments}),
+            "calibration": scene_tasks(folder / "calibration", self.calibration, first + CALIBRATION_SEEDS, JUDGED),
+            "held-out": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED, plain=True) for seed, world in places],
+        }
+
+
+def check_needed() -> None:
+    """Raises ValueError, with the way to install it, where a package of the extra `train` is missing."""
+    for name in NEEDED:
+        if importlib.util.find_spec(name) is None:
+            raise ValueError(f"training needs {name}: pip install 'pilsim[train]'")
+
+
+def train_detector(plan: TrainingPlan, folder: Path) -> dict[str, Any]:
+    """Make the model in `folder` and return its figures. Files: person_detector.onnx, figures.json, curve.csv, curves.png, frames.png.
+
+    The same plan gives the same figures on the same machine. Raises ValueError where a package is missing, or where the folder holds another
+    training or other files. Raises OSError where a worker is lost.
+    """
+    check_needed()
+    _check_folder(plan, folder)
+    with folder_lock(folder):
+        _check_folder(plan, folder)
+        if (folder / FIGURES).exists():
+            return dict(read_json(folder / FIGURES))
+        write_text(folder / ORDER, json.dumps(plan.order, indent=1) + "\n")
+        tasks = plan.tasks(folder)
+        _render([task for some in tasks.values() for task in some], plan.workers)
+        sampler = CropSampler(_sets(tasks["data"], PANORAMAS), _sets(tasks["data"], PINHOLES), plan.seed)
+        if not sampler.panoramas and not sampler.pinholes:
+            raise ValueError(f"scenes is {plan.scenes}: no camera saw a person, needs more scenes")
+        return _trained(plan, folder, tasks, sampler)
+
+
+def _check_folder(plan: TrainingPlan, folder: Path) -> None:
+    if holds_run(folder, ORDER, (".*",)):
+        check_same(folder, read_json(folder / ORDER), plan.order, "another training")
+
+
+def _render(tasks: list[SceneTask], workers: int) -> None:
+    missing = [task for task in tasks if not task.complete]
+    if not missing:
+        return
+    for folder in {task.folder.parent for task in missing}:
+        folder.mkdir(parents=True, exist_ok=True)
+    try:
+        done = Pool(workers).as_completed(run_scene, ((task,) for task in missing))
+        for _ in progress_bar(done, total=len(missing), desc="scenes", unit="scene"):
+            pass
+    except WorkerLost as error:
+        raise OSError(f"{error}; the same command resumes") from None
+
+
+def _sets(tasks: list[SceneTask], kind: str) -> list[ImageSet]:
+    """The images of a kind of all scenes that have some."""
+    return [images for task in tasks if len((images := ImageSet.read(task.folder, kind)).colour)]
+
+
+def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]], sampler: CropSampler) -> dict[str, Any]:
+    from sim.training.network import parameter_count
+    from sim.training.onnx_model import OnnxNetwork, export
+    from sim.training.optimization import optimize
+
+    network = optimize(sampler, plan.steps, folder, max(1, plan.workers - 1))
+    bodies = sum(len(images.boxes) for images in (*sampler.panoramas, *sampler.pinholes))
+    pictures = sum(len(images.colour) for images in (*sampler.panoramas, *sampler.pinholes))
+    data = {"images": pictures, "bodies": bodies, **plan.order}
+    # The scores are not calibrated yet, but the graph is what will be shipped.
+    model = folder / MODEL
+    export(network, model, {})
+    run = OnnxNetwork(model)
+    calibration = calibrate([image for kind in (PANORAMAS, PINHOLES) for image in _found(run, tasks["calibration"], kind)])
+    kinds = {kind: _found(run, tasks["held-out"], kind) for kind in (PANORAMAS, PINHOLES)}
+    result = _figures(kinds, calibration) | {"parameters": parameter_count(network), "data": data, "nms_iou": calibration.nms_iou}
+    _draw(folder, kinds, tasks["held-out"], calibration)
+    export(network, model, _entry(plan, calibration, data, result))
+    write_text(folder / FIGURES, json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def _found(run: Any, tasks: list[SceneTask], kind: str) -> list[FoundImage]:
+    sets = ((task.world, ImageSet.read(task.folder, kind)) for task in tasks)
+    return found_images(run, progress_bar(sets, total=len(tasks), desc=f"{kind}s", unit="scene"), kind == PANORAMAS)
+
+
+def _figures(kinds: dict[str, list[FoundImage]], calibration: Calibration) -> dict[str, Any]:
+    """By kind of image: average precisions and recalls, and mean and standard deviation of the feet's error over the height."""
+    out: dict[str, Any] = {}
+    for kind, images in kinds.items():
+        feet = feet_errors(images, calibration.nms_iou)
+        spread = {"feet, mean": float(feet.mean()), "feet, deviation": float(feet.std())} if len(feet) else {}
+        named = figures(images, calibration.nms_iou) | {name: round(value, 4) for name, value in spread.items()}
+        # JSON has no NaN: figures without bodies are left out.
+        out[kind] = {name: value for name, value in named.items() if np.isfinite(value)}
+    return out
+
+
+def _entry(plan: TrainingPlan, calibration: Calibration, data: dict[str, int], result: dict[str, Any]) -> dict[str, Any]:
+    """The metadata of the model."""
+    headline = {kind: result[kind].get("ap50") for kind in (PANORAMAS, PINHOLES)}
+    corners = [list(corner) for corner in calibration.corners]
+    fixed = {"version": 1, "calibration": corners, "min_score": MIN_SCORE, "nms_iou": calibration.nms_iou}
+    return fixed | {"seed": plan.seed, "data": data, "time": f"{plan.steps} steps", "figures": headline}
+
+
+def _draw(folder: Path, kinds: dict[str, list[FoundImage]], tasks: list[SceneTask], calibration: Calibration) -> None:
+    from sim.training.curves import draw_curves, draw_frames
+    from sim.training.optimization import CHECKPOINT, TrainingState
+
+    logits, probabilities = np.array(calibration.corners).T
+    known = (logits, probabilities, calibration.nms_iou)
+    draw_curves(TrainingState.read(folder / CHECKPOINT, 0).rows, kinds, known, folder / CURVES)
+    shown = []
+    for kind, images in kinds.items():
+        places = [(of, index) for task in tasks for of in [ImageSet.read(task.folder, kind)] for index in range(len(of.colour))]
+        for k in np.unique(np.linspace(0, len(places) - 1, min(SHOWN_FRAMES // 2, len(places))).astype(int)).tolist():
+            shown.append((*places[k], images[k]))
+    if shown:
+        draw_frames(shown, known, folder / FRAMES)
+

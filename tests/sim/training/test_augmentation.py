@@ -1,0 +1,98 @@
+"""Random crops: targets agree with the picture, and batches depend on seed and number alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.training.augmentation import CropSampler, cut_off
+from sim.training.clutter import KINDS, piece
+from sim.training.scene_rendering import ImageSet
+from sim.training.targets import STRIDE, targets_of
+
+
+def _images(width: int, height: int, boxes: list[tuple[int, int, int, int]]) -> ImageSet:
+    """One grey image with filled boxes as people."""
+    colour, instances = np.full((1, height, width, 3), 90, np.uint8), np.zeros((1, height, width), np.uint8)
+    for k, (left, top, right, bottom) in enumerate(boxes, 1):
+        columns = np.arange(left, right) % width
+        instances[0, top:bottom, columns] = k
+        colour[0, top:bottom, columns] = 255
+    count = len(boxes)
+    return ImageSet(colour, instances, np.zeros(count, np.int64), np.arange(1, count + 1), np.array(boxes, float), np.ones(count))
+
+
+def test_batches_depend_on_seed_and_number_alone():
+    images = [_images(320, 240, [(40, 60, 70, 150), (200, 80, 225, 140)])]
+    first, again = CropSampler([], images, 0), CropSampler([], images, 0)
+    again.batch(1)
+    np.testing.assert_array_equal(first.batch(0).picture, again.batch(0).picture)
+    np.testing.assert_array_equal(first.batch(0).edges, again.batch(0).edges)
+    assert (first.batch(1).picture != first.batch(0).picture).any()
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_boxes_follow_the_picture(wraps: bool):
+    """The body is white: where it is found by its instance, the box of the targets is around it; in a panorama it lies over the seam."""
+    box = (300, 80, 340, 180) if wraps else (140, 80, 180, 180)
+    images = _images(320, 240, [box])
+    sampler = CropSampler([images], [], 0) if wraps else CropSampler([], [images], 0)
+    rng = np.random.default_rng(5)
+    compared = 0
+    for _ in range(30):
+        crop = sampler._crop(rng, 256, (40.0, 120.0))
+        if not len(crop.boxes):
+            continue
+        rows, columns = np.nonzero(crop.instances == 1)
+        inside = crop.boxes[0].min() > 1 and crop.boxes[0].max() < 255
+        if inside:
+            shown = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+            np.testing.assert_allclose(shown, crop.boxes[0], atol=2.0)
+            compared += 1
+    assert compared >= 5
+
+
+def test_targets_give_the_box_back():
+    box = np.array([[40.0, 30.0, 72.0, 130.0]])
+    made = targets_of(box, np.ones(1), np.zeros(1, bool), 256)
+    (row,), (column,) = np.nonzero(made.heat[0] == 1)
+    centre = (np.array([column, row]) + 0.5) * STRIDE
+    edges = made.edges[:, row, column]
+    np.testing.assert_allclose(np.concatenate([centre - edges[:2], centre + edges[2:]]), box[0], atol=1e-4)
+    assert made.counted.all()
+
+
+def test_hidden_bodies_are_ignored_and_invisible_ones_are_background():
+    boxes = np.array([[40.0, 30.0, 72.0, 130.0]])
+    hidden, invisible = (targets_of(boxes, np.array([share]), np.zeros(1, bool), 256) for share in (0.2, 0.0))
+    assert not hidden.heat.any()
+    assert (hidden.counted == 0).any()
+    assert not invisible.heat.any()
+    assert invisible.counted.all()
+
+
+def test_what_is_pasted_in_front_hides():
+    crop = CropSampler([], [_images(320, 240, [(140, 80, 180, 180)])], 0)._crop(np.random.default_rng(0), 256, (100.0, 101.0))
+    before = crop.instances.copy()
+    black, mask = np.zeros((256, 128, 3), np.uint8), np.ones((256, 128), np.uint8)
+    crop.paste(black, mask, (0, 0), 0, behind=True)
+    np.testing.assert_array_equal(crop.instances, before)
+    crop.paste(black, mask, (0, 0), 0, behind=False)
+    crop.paste(black, mask, (128, 0), 0, behind=False)
+    assert not crop.instances.any()
+    assert (crop.visible == 0).all()
+
+
+def test_pieces_are_of_the_asked_size():
+    rng = np.random.default_rng(0)
+    for _ in range(6 * len(KINDS)):
+        picture, mask = piece(rng, 40)
+        assert picture.shape[:2] == mask.shape
+        assert mask.any()
+        assert max(mask.shape) <= 90
+
+
+def test_boxes_at_the_edge_are_cut():
+    boxes = np.array([[0.0, 5, 9, 20], [5, 5, 9, 20], [5, 0, 9, 20], [90, 5, 100, 20]])
+    assert cut_off(boxes, 100, 50, False).tolist() == [True, False, True, True]
+    assert cut_off(boxes, 100, 50, True).tolist() == [False, False, True, False]

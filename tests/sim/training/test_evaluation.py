@@ -1,0 +1,76 @@
+"""Decoding, suppression, average precision and calibration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.training.calibration import corners
+from sim.training.decoding import Candidates, candidates, overlaps, suppressed
+from sim.training.evaluation import FoundImage, Range, average_precision, judged
+from sim.training.targets import targets_of
+
+
+def test_decoding_inverts_the_targets():
+    """A network that says the targets gives the boxes back, also of a body over the seam of a panorama."""
+    box = np.array([250.0, 40.0, 274.0, 100.0])
+
+    def exact(image):
+        height, width = image.shape[:2]
+        scores, edges = np.full((1, height // 4, width // 4), -9.0, np.float32), np.zeros((4, height // 4, width // 4), np.float32)
+        # The padded image of 256 columns at full size has the body twice.
+        for shift in (96.0, 96.0 - 256.0) if width >= 400 else ():
+            made = targets_of(box[None] + [[shift, 0, shift, 0]], np.ones(1), np.zeros(1, bool), 512)
+            heat, distance = made.heat[:, : height // 4, : width // 4], made.edges[:, : height // 4, : width // 4]
+            scores[heat == 1] = 3.0
+            edges = np.where(heat > 0.2, np.log(distance), edges).astype(np.float32)
+        return scores, edges
+
+    found = candidates(exact, np.zeros((128, 256, 3), np.uint8), wraps=True)
+    kept = suppressed(found, 0.5, 256.0)
+    assert len(kept.logits) == 1
+    np.testing.assert_allclose(kept.boxes[0], box, atol=1e-3)
+
+
+def test_overlaps_wrap():
+    a, b = np.array([[250.0, 0, 270, 10]]), np.array([[-6.0, 0, 14, 10], [100, 0, 120, 10]])
+    np.testing.assert_allclose(overlaps(a, b, 256.0), [[1, 0]])
+    np.testing.assert_allclose(overlaps(a, b), [[0, 0]])
+
+
+def _image(boxes, logits, bodies, visible):
+    found = Candidates(np.array(boxes, float).reshape(-1, 4), np.array(logits, float))
+    bodies = np.array(bodies, float).reshape(-1, 4)
+    return FoundImage(found, bodies, np.array(visible, float), np.zeros(len(bodies), bool), "campus", None)
+
+
+def test_average_precision_of_a_drawn_table():
+    """Boxes in the order hit, miss, hit, and three bodies: precision 1 up to recall 1/3, then 2/3 up to 2/3, then 0."""
+    bodies = [(0, 0, 20, 40), (50, 0, 70, 40), (100, 0, 120, 40)]
+    boxes = [(0, 0, 20, 40), (200, 0, 220, 40), (50, 0, 70, 40)]
+    logits, hits, count = judged([_image(boxes, [3, 2, 1], bodies, [1, 1, 1])], Range(), 0.5)
+    assert hits[np.argsort(-logits)].tolist() == [True, False, True]
+    # 34 of the 101 recalls are at most 1/3, the next 33 at most 2/3.
+    np.testing.assert_allclose(average_precision(logits, hits, count), (34 + 33 * 2 / 3) / 101)
+
+
+def test_hidden_bodies_count_neither_way():
+    bodies = [(0, 0, 20, 40), (50, 0, 70, 40)]
+    logits, hits, count = judged([_image(bodies, [3, 2], bodies, [1, 0.4])], Range(), 0.5)
+    assert (len(logits), hits.all(), count) == (1, True, 1)
+
+
+def test_average_precision_needs_the_order_of_the_scores_alone():
+    rng = np.random.default_rng(0)
+    logits, hits = rng.normal(size=200), rng.random(200) < 0.6
+    assert average_precision(logits, hits, 150) == average_precision(np.exp(logits), hits, 150)
+
+
+def test_calibration_is_monotone_and_finds_the_shares():
+    rng = np.random.default_rng(1)
+    logits = rng.normal(0.0, 2.0, 20_000)
+    hits = rng.random(20_000) < 1 / (1 + np.exp(-0.5 * logits - 1))
+    x, p = np.array(corners(logits, hits)).T
+    assert (np.diff(x) > 0).all()
+    assert (np.diff(p) >= 0).all()
+    np.testing.assert_allclose(p, 1 / (1 + np.exp(-0.5 * x - 1)), atol=0.06)
+    assert corners(logits[:5], hits[:5]) == ((-10.0, 0.0), (10.0, 1.0))

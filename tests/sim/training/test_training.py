@@ -1,0 +1,67 @@
+"""The network, its loss, and the whole training in small."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from sim.training.training import FIGURES, MODEL, TrainingPlan, check_needed, train_detector
+
+torch = pytest.importorskip("torch", reason="needs torch (make rl)")
+pytest.importorskip("onnx", reason="needs onnx (make rl)")
+onnxruntime = pytest.importorskip("onnxruntime", reason="needs onnxruntime (make rl)")
+
+
+def test_overlap_of_equal_and_of_shifted_boxes():
+    from sim.training.loss import generalized_iou
+
+    one = torch.tensor([2.0, 2.0, 2.0, 2.0]).view(1, 4, 1, 1)
+    wide = torch.tensor([2.0, 2.0, 6.0, 2.0]).view(1, 4, 1, 1)
+    assert float(generalized_iou(one, one)) == pytest.approx(1.0)
+    # The smaller box lies in the larger one, which is the hull: IoU 16 / 32 alone.
+    assert float(generalized_iou(one, wide)) == pytest.approx(0.5)
+
+
+def test_the_right_answer_has_a_smaller_loss():
+    from sim.training.loss import detection_loss
+    from sim.training.targets import targets_of
+
+    made = targets_of(np.array([[40.0, 30.0, 72.0, 130.0]]), np.ones(1), np.zeros(1, bool), 256)
+    targets = {name: torch.from_numpy(getattr(made, name))[None] for name in ("heat", "counted", "edges", "weight")}
+    right = torch.where(targets["heat"] == 1, 6.0, -6.0), targets["edges"].log(), torch.full((1, 4, 64, 64), -2.0)
+    wrong = -right[0], right[1] + 0.5, right[2]
+    for name, value in detection_loss(right, targets).items():
+        assert float(value) < float(detection_loss(wrong, targets)[name]), name
+
+
+def test_bad_plans_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="steps is 0, needs 1 to"):
+        TrainingPlan(steps=0)
+    (tmp_path / "other.txt").write_text("mine")
+    with pytest.raises(ValueError, match="other.txt"):
+        train_detector(TrainingPlan(), tmp_path)
+    check_needed()
+
+
+@pytest.mark.slow
+def test_whole_training_in_small(tmp_path):
+    """Data, training, export, calibration and scores; an interrupted training continues to the same model; another plan is refused."""
+    plan = TrainingPlan(scenes=1, moments=1, steps=4, calibration=1, held_out=1)
+    figures = train_detector(plan, tmp_path)
+    assert json.loads((tmp_path / FIGURES).read_text()) == figures
+    model = (tmp_path / MODEL).read_bytes()
+    session = onnxruntime.InferenceSession(model)
+    entry = json.loads(session.get_modelmeta().custom_metadata_map["pilsim"])
+    assert entry["version"] == 1
+    assert (np.diff(np.array(entry["calibration"]), axis=0) >= 0).all()
+    shapes = [output.shape for output in session.run(None, {"image": np.zeros((1, 3, 64, 96), np.float32)})]
+    assert shapes == [(1, 1, 16, 24), (1, 4, 16, 24), (1, 4, 16, 24)]
+    for name in (FIGURES, MODEL, "checkpoint.pt"):
+        (tmp_path / name).unlink()
+    assert train_detector(plan, tmp_path) == figures
+    assert (tmp_path / MODEL).read_bytes() == model
+    with pytest.raises(ValueError, match="another training"):
+        train_detector(dataclasses.replace(plan, steps=5), tmp_path)
