@@ -35,7 +35,7 @@ FIRST_PASTED = 240
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
+class CropBatch:
     """picture (b, S, S, 3) uint8 RGB, and the targets of each crop, stacked: heat, counted, edges, weight as in Targets."""
 
     picture: NDArray[np.uint8]
@@ -46,7 +46,7 @@ class Batch:
 
 
 @dataclass(eq=False)
-class _Crop:
+class _CrowdCrop:
     """A crop in the making: picture (S, S, 3), instances (S, S), and its bodies.
 
     boxes (n, 4) px, person (n,) their instances, visible (n,), cut (n,) at the edge of the image.
@@ -92,14 +92,14 @@ class CropSampler:
     pinholes: list[ImageSet]
     seed: int
 
-    def batch(self, number: int) -> Batch:
+    def batch(self, number: int) -> CropBatch:
         """The batch of that number."""
         rng = np.random.default_rng([self.seed, 2, number])
         size, count, heights = SIZES[number % len(SIZES)]
         made = [self._sample(rng, size, heights) for _ in range(count)]
         pictures, targets = np.stack([picture for picture, _ in made]), [target for _, target in made]
         stacked = {name: np.stack([getattr(target, name) for target in targets]) for name in ("heat", "counted", "edges", "weight")}
-        return Batch(pictures, **stacked)
+        return CropBatch(pictures, **stacked)
 
     def _sample(self, rng: np.random.Generator, size: int, heights: tuple[float, float]) -> tuple[Picture, Targets]:
         crop = self._crop(rng, size, heights)
@@ -124,7 +124,7 @@ class CropSampler:
         chosen = sets[int(rng.integers(len(sets)))]
         return chosen, int(rng.integers(len(chosen.colour))), sets is self.panoramas
 
-    def _crop(self, rng: np.random.Generator, size: int, heights: tuple[float, float]) -> _Crop:
+    def _crop(self, rng: np.random.Generator, size: int, heights: tuple[float, float]) -> _CrowdCrop:
         images, index, wraps = self._image(rng)
         height, width = images.instances.shape[1:]
         mine = images.image == index
@@ -147,7 +147,7 @@ class CropSampler:
         bodies: tuple[bool, Array, NDArray[np.int64], Array, Mask],
         window: tuple[Array, Array, int],
         rng: np.random.Generator,
-    ) -> _Crop:
+    ) -> _CrowdCrop:
         """The window of an image around `middle` px, scaled to a crop. What is outside of the image shows a texture."""
         wraps, boxes, person, visible, cut = bodies
         scales, middle, size = window
@@ -181,7 +181,7 @@ class CropSampler:
             moved = moved - turn[:, None] * np.array([1, 0, 1, 0])
         moved = moved * np.tile(size / side, 2)
         near = ((moved[:, 2:] > 0) & (moved[:, :2] < size)).all(axis=1)
-        return _Crop(picture, shown, moved[near], person[near], visible[near].copy(), cut[near])
+        return _CrowdCrop(picture, shown, moved[near], person[near], visible[near].copy(), cut[near])
 
     def _texture(self, rng: np.random.Generator, size: int) -> Picture:
         """A random part of a random texture, of `size` px."""
@@ -190,7 +190,7 @@ class CropSampler:
         x, y = rng.integers(0, len(texture) - size + 1, 2).tolist()
         return texture[y : y + size, x : x + size].copy()
 
-    def _change_background(self, crop: _Crop, rng: np.random.Generator) -> None:
+    def _change_background(self, crop: _CrowdCrop, rng: np.random.Generator) -> None:
         """Replace the background by a texture, or shade it by one, or neither."""
         kind = rng.random()
         if kind > 0.35:
@@ -201,7 +201,7 @@ class CropSampler:
             texture = (crop.picture * (1 - share) + texture * share).astype(np.uint8)
         crop.picture[behind] = texture[behind]
 
-    def _paste_people(self, crop: _Crop, rng: np.random.Generator) -> None:
+    def _paste_people(self, crop: _CrowdCrop, rng: np.random.Generator) -> None:
         """Paste bodies from other images, one after the other in front of all."""
         size = len(crop.picture)
         for k in range(int(rng.integers(1, 4))):
@@ -237,7 +237,7 @@ class CropSampler:
         mask = (images.instances[index][top:bottom, left:right] == images.person[chosen]).astype(np.uint8) * np.uint8(255)
         return np.array(images.colour[index][top:bottom, left:right]), mask, images.boxes[chosen]
 
-    def _paste_clutter(self, crop: _Crop, rng: np.random.Generator) -> None:
+    def _paste_clutter(self, crop: _CrowdCrop, rng: np.random.Generator) -> None:
         """Paste things that are no people."""
         size = len(crop.picture)
         for _ in range(int(rng.integers(1, 5))):

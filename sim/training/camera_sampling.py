@@ -89,7 +89,10 @@ class CameraSampler:
         return np.array([*place, float(self.simulation.world.terrain.height_at(place[None])[0]) + height])
 
     def _sees(self, at: Array, feet: Array) -> bool:
-        """Whether a camera at `at` is over the ground in free space and sees the chest of the person at `feet`, or a body right before it."""
+        """Whether a camera at `at` is over the ground, in free space, and sees the chest of the person at `feet`.
+
+        A body right before the person counts as the person.
+        """
         ground = self.simulation.world.ground
         size = ground.spacing * (np.array(ground.heights.shape[::-1]) - 1)
         if ((at[:2] < ground.origin) | (at[:2] > ground.origin + size)).any():

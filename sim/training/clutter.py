@@ -25,7 +25,8 @@ def _texture(rng: np.random.Generator, number: int) -> Picture:
     field = np.zeros((size, size), np.float32)
     for octave in range(int(rng.integers(0, SEPARATE)), 9):
         cells = min(size, 2 ** (octave + 1))
-        field += rng.uniform(0.3, 0.9) ** octave * cv2.resize(rng.standard_normal((cells, cells), np.float32), (size, size), interpolation=cv2.INTER_CUBIC)
+        weight = rng.uniform(0.3, 0.9) ** octave
+        field += weight * cv2.resize(rng.standard_normal((cells, cells), np.float32), (size, size), interpolation=cv2.INTER_CUBIC)
     if number % 3 == 1:
         field += _bricks(rng, size)
     elif number % 3 == 2:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,9 +114,9 @@ def figures(images: list[FoundImage], nms_iou: float) -> dict[str, float | int]:
     """Average precision by name: all, by height, by visible share and by world; and the number of bodies of the first."""
     logits, hits, count = judged(images, Range(), nms_iou)
     out: dict[str, float | int] = {"bodies": count, "ap50": average_precision(logits, hits, count)}
-    for low, high in zip(HEIGHT_BINS[:-1], HEIGHT_BINS[1:], strict=True):
+    for low, high in pairwise(HEIGHT_BINS):
         out[f"ap50, {low:.0f}-{high:.0f} px"] = average_precision(*judged(images, Range((low, high)), nms_iou))
-    for low, high in zip(VISIBLE_BINS[:-1], VISIBLE_BINS[1:], strict=True):
+    for low, high in pairwise(VISIBLE_BINS):
         out[f"recall, visible {low:.2f}-{min(high, 1.0):.2f}"] = _recall(*judged(images, Range(visible=(low, high)), nms_iou))
     for world in sorted({image.world for image in images}):
         own = [image for image in images if image.world == world]

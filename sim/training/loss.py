@@ -17,7 +17,7 @@ SPREAD_WEIGHT = 0.05
 
 
 def detection_loss(outputs: tuple[Tensor, Tensor, Tensor], targets: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Parts of the loss, to be summed: scores, overlap, logarithm and spread. targets: as in Batch, with the same names."""
+    """Parts of the loss, to be summed: scores, overlap, logarithm and spread. targets: as in CropBatch, with the same names."""
     scores, edges, spread = (output.float() for output in outputs)
     heat, counted, weight = targets["heat"], targets["counted"], targets["weight"]
     centre = (heat == 1).float()

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from sim.training.augmentation import Batch, CropSampler
+from sim.training.augmentation import CropBatch, CropSampler
 from sim.training.loss import detection_loss
 from sim.training.network import PersonNetwork
 from tracker.io.atomic import new_file
@@ -77,7 +77,7 @@ class _Batches(torch.utils.data.Dataset):
         self._sampler = sampler
 
     def __getitem__(self, number: int) -> dict[str, Tensor]:
-        batch: Batch = self._sampler.batch(number)
+        batch: CropBatch = self._sampler.batch(number)
         return {name: torch.from_numpy(getattr(batch, name)) for name in ("picture", *TARGETS)}
 
 

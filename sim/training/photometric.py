@@ -71,7 +71,7 @@ def _sensor(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.
     height, width = light.shape[:2]
     noise = rng.standard_normal((height, width, 1 if rng.random() < 0.5 else 3), np.float32)
     if rng.random() < 0.3:
-        noise = 2 * cv2.blur(noise, (2, 2)).reshape(noise.shape)
+        noise = np.asarray(2 * cv2.blur(noise, (2, 2)), np.float32).reshape(noise.shape)
     return light + np.float32(abs(rng.normal(0.0, 9.0))) * noise
 
 

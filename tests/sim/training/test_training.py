@@ -41,7 +41,7 @@ def test_bad_plans_are_refused(tmp_path):
     with pytest.raises(ValueError, match="steps is 0, needs 1 to"):
         TrainingPlan(steps=0)
     (tmp_path / "other.txt").write_text("mine")
-    with pytest.raises(ValueError, match="other.txt"):
+    with pytest.raises(ValueError, match=r"other\.txt"):
         train_detector(TrainingPlan(), tmp_path)
     check_needed()
 
