@@ -147,7 +147,7 @@ def _read(path: Path) -> bytes:
 
 def _session(data: bytes, threads: int) -> Any:
     try:
-        import onnxruntime  # type: ignore[import-untyped]
+        import onnxruntime
     except ImportError:
         raise ValueError("needs onnxruntime to run, which is missing; `pip install onnxruntime` installs it") from None
     options = onnxruntime.SessionOptions()
