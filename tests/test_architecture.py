@@ -77,11 +77,13 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "training": {"datasets", "sensors", "simulation", "rendering", "parallel", "scenario"},
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},
         "stress": {"policies", "datasets", "recording", "sensors", "visualization", "parallel", "scenario"},
+        "prediction": {"stress", "parallel"},
         "report": {"stress", "confidence_intervals"},
         "studies": {"recording", "stress", "scenario"},
         "cli": {
             "scenario", "confidence_intervals", "cameras", "effects", "rendering", "pedestrian", "robots", "parallel", "crowd", "simulation",
-            "sensors", "visualization", "recording", "placement", "datasets", "training", "policies", "stress", "report", "studies",
+            "sensors", "visualization", "recording", "placement", "datasets", "training", "policies", "stress", "prediction", "report",
+            "studies",
         },
     },
 }  # fmt: skip

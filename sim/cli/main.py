@@ -29,6 +29,7 @@ from sim.cli.fit_detector import FitDetector
 from sim.cli.generate import Generate
 from sim.cli.info import Info
 from sim.cli.place import Place
+from sim.cli.predict import Predict
 from sim.cli.report import Report
 from sim.cli.score import Score
 from sim.cli.streams import guard_streams
@@ -55,6 +56,7 @@ Command = (
     | Annotated[Clique, subcommand("clique")]
     | Annotated[FitDetector, subcommand("fit-detector")]
     | Annotated[TrainDetector, subcommand("train-detector")]
+    | Annotated[Predict, subcommand("predict")]
     | Annotated[Stress, subcommand("stress")]
     | Annotated[Report, subcommand("report")]
     | Annotated[Compare, subcommand("compare")]
@@ -72,7 +74,7 @@ GROUPS: dict[str, tuple[type, ...]] = {
     "Start": (Demo, Doctor),
     "Data": (Generate, Worlds, Check, Info, Export, View),
     "Tracking": (Detect, Track, Score, Clique),
-    "Experiments": (FitDetector, TrainDetector, Stress, Report, Compare, Place, Study),
+    "Experiments": (FitDetector, TrainDetector, Predict, Stress, Report, Compare, Place, Study),
 }
 """The commands as the overview shows them."""
 COMMANDS = {name_of(command): command for group in GROUPS.values() for command in group}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,14 +21,18 @@ MISSES, NOISE, LEAST_VISIBLE, CONFIDENCE = 0.1, np.radians(0.15), 0.2, (0.9, 0.0
 Simulated = dict[str, dict[int, tuple[Array, Array]]]
 
 
-def simulated_detections(recording: Recording, truth: TruePeople, model: DetectorModel, seed: int, cameras: list[str] | None = None) -> Simulated:
+def simulated_detections(
+    recording: Recording, truth: TruePeople, model: DetectorModel | Mapping[str, DetectorModel], seed: int, cameras: list[str] | None = None
+) -> Simulated:
     """Camera → frame → boxes (n, 4) left, top, width, height px and confidences (n,), in all frames with truth.
 
-    cameras: names, None for all with detections. Each has a random stream of its own, by its name and `seed`.
+    model: of all cameras, or of each by its name. cameras: names, None for all with detections.
+    Each has a random stream of its own, by its name and `seed`.
     """
     persons = sorted({int(person) for ids, _ in truth.places.values() for person in ids})
     names = list(recording.detections) if cameras is None else cameras
-    return {name: _view(recording, truth, model, name, (persons, seed)) for name in names}
+    models = dict.fromkeys(names, model) if isinstance(model, DetectorModel) else model
+    return {name: _view(recording, truth, models[name], name, (persons, seed)) for name in names}
 
 
 def _view(recording: Recording, truth: TruePeople, model: DetectorModel, name: str, run: tuple[list[int], int]) -> dict[int, tuple[Array, Array]]:
@@ -46,10 +51,10 @@ def _view(recording: Recording, truth: TruePeople, model: DetectorModel, name: s
     return out
 
 
-def independent_detections(recording: Recording, truth: TruePeople, seed: int) -> Simulated:
+def independent_detections(recording: Recording, truth: TruePeople, seed: int, cameras: list[str] | None = None) -> Simulated:
     """As simulated_detections, by a detector with independent errors, as a scenario has it by default, without false boxes."""
     out: Simulated = {}
-    for name in recording.detections:
+    for name in list(recording.detections) if cameras is None else cameras:
         camera, known = recording.cameras[name], truth.boxes.get(name, {})
         rng, boxes = np.random.default_rng([seed, zlib.crc32(name.encode())]), {}
         for frame, (person, feet) in sorted(truth.places.items()):

@@ -1,0 +1,111 @@
+"""The command `pilsim predict`: say what a tracker would score before given cameras, and compare it with the real boxes."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from sim.cli.options import json_text, unset
+from sim.cli.stress import TrackerOptions
+from sim.cli.track import SourceChoice
+
+if TYPE_CHECKING:
+    from sim.prediction.predict import PredictionPlan
+
+
+@dataclass(frozen=True)
+class Predict:
+    """Predict the scores of a tracker on your cameras.
+
+    The first half of a recording with truth gives a model of the detector's errors
+    in each view. In the second half, the true people are seen by that model, with
+    several seeds. A tracker runs on these twins and on the real boxes. Scores and
+    errors by cause stand side by side. Nothing is rendered.
+
+    Examples: pilsim predict MY_RECORDING --delay 5
+              pilsim predict CMC1 --detections CMC1/detections-faster-rcnn --beside independent
+              pilsim predict PETS2009/S2.L1 --cameras 1,5,7 --fit 0:400 --seeds 10 --out prediction.json
+              pilsim predict WILDTRACK --cameras 1,2,3 --detector-model fairmot
+    """
+
+    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    """A recording with truth, PETS 2009 or WILDTRACK."""
+    fit: Annotated[str, unset("A:B", "the first half")] = ""
+    """Frames of the fit. The frames after them are predicted, or those before where none follow."""
+    detector_model: Annotated[str, unset("FILE|NAME", "fitted to the source")] = ""
+    """Predict with this detector in place of the fitted one; all frames are used. A source without detections needs it."""
+    beside: Annotated[tuple[str, ...], arg(metavar="NAME", help_behavior_hint="(default: none)")] = ()
+    """Other detectors to show beside, as independent or fairmot."""
+    seeds: int = 5
+    """Number of twins."""
+    first_seed: int = 0
+    """The first seed."""
+    delay: int = 0
+    """Number of frames by which the output of the tracker lags."""
+    out: Annotated[Path | None, unset("FILE.json", "none")] = None
+    """File of the result."""
+    json: bool = False
+    """Print JSON alone."""
+    workers: int = 1
+    """Number of processes; results do not depend on it."""
+    part: Annotated[OmitArgPrefixes[SourceChoice], arg(name="source")] = SourceChoice()
+    """These options choose what of a source is read, and replace or degrade its detections."""
+    subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
+    """These options choose the tracker."""
+
+    def run(self) -> None:
+        from sim.parallel.pool import Pool
+        from sim.prediction.predict import predict
+        from sim.prediction.table import lines
+        from tracker.io.atomic import write_text
+        from tracker.io.file_lock import output_file_lock
+        from tracker.io.progress import progress_bar
+
+        if self.out is not None and self.out.suffix.lower() != ".json":
+            raise ValueError(f"--out is {self.out}, needs a name that ends in .json")
+        plan, pool = self._plan(), Pool(self.workers)
+        with ExitStack() as locks:
+            if self.out is not None:
+                locks.enter_context(output_file_lock(self.out))
+            bar = partial(progress_bar, desc="runs", unit="run", leave=False, disable=self.json)
+            found = predict(plan, pool if self.workers > 1 else None, bar)
+            content = json_text(found.to_dict(), indent=1)
+            if self.out is not None:
+                write_text(self.out, content + "\n")
+        if self.json:
+            print(content)
+            return
+        first, end = found.frames
+        fitted = "" if found.fit_frames is None else f"; models of {found.fit_frames[0]}:{found.fit_frames[1]}"
+        cameras = ", ".join(found.cameras)
+        print(f"{self.source}: {found.people} people in frames {first}:{end} of {cameras}{fitted}; {self.seeds} twins, intervals of one run, 95 %")
+        print("\n".join(lines(found)))
+
+    def _plan(self) -> PredictionPlan:
+        from sim.prediction.halves import parse_frames
+        from sim.prediction.predict import FITTED, PredictionPlan
+        from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
+        from tracker.detector_models.model import chosen_model
+
+        for name, least in (("seeds", 1), ("first_seed", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
+        if self.fit and self.detector_model:
+            raise ValueError("--fit and --detector-model exclude each other: the detector is fitted, or named")
+        detectors = {self.detector_model or FITTED: chosen_model(self.detector_model) if self.detector_model else FITTED}
+        detectors |= {name: chosen_model(name) for name in self.beside}
+        names = ("slam", "iterations", "correction", "confidence", "n_scan")
+        options = {name: value for name in names if (value := getattr(self.subject, name)) is not None}
+        if self.subject.results is not None:
+            raise ValueError("--results holds tracks made elsewhere, and a prediction tracks its twins; --tracker takes a function")
+        if self.subject.tracker:
+            load_tracker(self.subject.tracker)
+        tracker = TrackerUnderTest(self.subject.tracker, options | ({"delay": self.delay} if self.delay else {}))
+        fit = parse_frames(self.fit, "--fit") if self.fit else None
+        seeds = tuple(range(self.first_seed, self.first_seed + self.seeds))
+        return PredictionPlan(self.source, self.part.options(images=False), tracker, detectors, fit, seeds)

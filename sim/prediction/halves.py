@@ -1,0 +1,100 @@
+"""The two parts of a recording: one for the fit of detector models, one on which the tracker is predicted and tried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tracker.datasets.opening import open_recording
+from tracker.datasets.source_options import SourceOptions
+from tracker.detector_models.fit import fit
+from tracker.detector_models.fitting import Source
+from tracker.detector_models.model import DetectorModel
+from tracker.detector_models.observations import true_people
+from tracker.recordings import Recording
+
+LEAST_FRAMES = 2
+"""Of each part."""
+Frames = tuple[int, int]
+"""First frame and the one after the last."""
+
+
+@dataclass(frozen=True, eq=False)
+class Halves:
+    """A recording in two parts: fitted, None without a fit, and tried, each with its frames. The boxes of `tried` are real where `real` is true."""
+
+    fitted: Source | None
+    tried: Source
+    fit_frames: Frames | None
+    try_frames: Frames
+    real: bool
+
+
+def parse_frames(text: str, option: str) -> Frames:
+    """Parse A:B, frames counted from 0, B left out of them. Raises ValueError that names the option."""
+    first, colon, end = text.partition(":")
+    try:
+        frames = int(first or 0), int(end)
+    except ValueError:
+        frames = -1, -1
+    if not colon or not 0 <= frames[0] < frames[1]:
+        raise ValueError(f"{option} is {text!r}, needs FIRST:END as in 0:130, counted from 0, END left out of them")
+    return frames
+
+
+def open_halves(path: Path, options: SourceOptions, fit_frames: Frames | None = None, fitted: bool = True) -> Halves:
+    """Open a recording with truth in two parts.
+
+    fit_frames: of the fit, None for the first half; what follows is tried, or what comes before where nothing follows.
+    fitted: False leaves the fit out, and all frames are tried.
+    Raises ValueError, with the path, for a recording without truth, for cameras on robots, and for parts that are not there.
+    """
+    whole = open_recording(path, options)
+    if moving := [name for name, camera in whole.cameras.items() if camera.robot is not None]:
+        raise ValueError(f"{path}: camera {moving[0]} is on a robot, needs cameras that stand still; --cameras chooses some")
+    first = options.frames[0] if options.frames is not None else 0
+    total, real = whole.frames, bool(whole.detections)
+    if not fitted:
+        return Halves(None, _source(path, whole), None, (first, first + total), real)
+    if not real:
+        raise ValueError(f"{path}: has no detections, which a fit needs; --detector-model names a detector to predict with")
+    begin, end = (0, total // 2) if fit_frames is None else (fit_frames[0] - first, min(fit_frames[1] - first, total))
+    rest = (end, total) if total - end >= LEAST_FRAMES else (0, begin)
+    for name, part in (("--fit", (begin, end)), ("the part that is tried", rest)):
+        if part[0] < 0 or part[1] - part[0] < LEAST_FRAMES:
+            shown = f"{part[0] + first}:{part[1] + first}"
+            raise ValueError(f"{path}: {name} is {shown}, needs at least {LEAST_FRAMES} of frames {first} to {first + total - 1}, and as many left")
+    opened = []
+    for low, high in ((begin, end), rest):
+        source = {**whole.source, "frames": [first + low, first + high]}
+        opened.append(_source(path, replace(whole.cut(low, high), source=source)))
+    return Halves(opened[0], opened[1], (first + begin, first + end), (first + rest[0], first + rest[1]), real)
+
+
+def _source(path: Path, recording: Recording) -> Source:
+    names = list(recording.detections) or list(recording.cameras)
+    truth = true_people(path, recording, names)
+    if recording.truth is None or not any(len(ids) for ids, _ in truth.places.values()):
+        raise ValueError(f"{path}: no person is in the truth of frames {recording.source.get('frames', 'of the source')}, which a prediction needs")
+    return Source(recording, truth, {})
+
+
+def fit_views(source: Source, path: Path) -> dict[str, DetectorModel]:
+    """A detector model of each view, camera → model. A view with too little truth has the model of all views together.
+
+    Raises ValueError, with the path, where all views together have too little truth.
+    """
+    made = {"frames": list(source.recording.source.get("frames", [0, source.recording.frames]))}
+    kind, out, common = source.truth.kind, dict[str, DetectorModel](), None
+    for name in source.recording.detections:
+        alone = replace(source, recording=source.recording.choose([name]))
+        try:
+            out[name] = fit(alone.samples(), name, kind, made | {"cameras": [name]}, replicates=0)
+        except ValueError:
+            try:
+                common = common or fit(source.samples(), "all views", kind, made, replicates=0)
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}") from None
+            out[name] = common
+    return out
+

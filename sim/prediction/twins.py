@@ -1,0 +1,29 @@
+"""Twins of a recording without rendering: its true people before the models of its cameras, seen by models of detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from tracker.detector_models.fitting import Source
+from tracker.detector_models.model import DetectorModel
+from tracker.detector_models.simulation import independent_detections, simulated_detections
+from tracker.recordings import Recording
+
+Models = Mapping[str, DetectorModel] | None
+"""Camera → model; None for the detector with independent errors."""
+
+
+def twin(source: Source, models: Models, seed: int) -> Recording:
+    """The recording with simulated boxes in place of its own. The same seed gives the same boxes.
+
+    People walk their true paths. Their bodies are the true boxes where these are known, and cylinders of one size elsewhere.
+    They hide each other, and pillars hide them.
+    """
+    recording = source.recording
+    names = list(recording.detections) or list(recording.cameras)
+    if models is None:
+        detections = independent_detections(recording, source.truth, seed, names)
+    else:
+        detections = simulated_detections(recording, source.truth, models, seed, names)
+    return replace(recording, detections=detections)
