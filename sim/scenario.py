@@ -24,8 +24,8 @@ CROWD_STEP = 0.05
 """s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
 INDEPENDENT = "independent"
 """The detector model of the fields misses, clutter, bearing_noise and min_visible."""
-OPTIONAL = {"imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": ""}
-"""Fields of sensors with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
+OPTIONAL = {"imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "", "distractors": 0}
+"""Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "difficulty": (0.0, 1.0),
     "seed": (0, 2**63 - 1),
@@ -44,6 +44,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "clutter": (0.0, 100.0),
     "bearing_noise": (0.0, math.radians(10.0)),
     "min_visible": (0.0, 1.0),
+    "distractors": (0, 500),
 }
 """Lowest and highest value of every numeric field, both included."""
 
@@ -65,6 +66,7 @@ class Scenario:
     detector_model: "independent" for these errors; otherwise the name of a model of tracker.detector_models, or its JSON, in their place.
     camera, view_camera: models of the rovers' and the fixed cameras, as sim.cameras.parse_camera reads them; "" for panoramas and Tsai's model.
     effects: errors of the cameras, as sim.effects.parse_effects reads them, or a list of such texts; "" for none.
+    distractors: number of things placed in the world that detectors take for people, as cones and coat stands; 0 by default.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -93,6 +95,7 @@ class Scenario:
     camera: str = ""
     view_camera: str = ""
     effects: str = ""
+    distractors: int = 0
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:

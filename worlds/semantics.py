@@ -38,6 +38,12 @@ KINDS = {
     "bush": "vegetation",
     "stump": "vegetation",
     "log": "vegetation",
+    "cone": "furniture",
+    "bollard": "pole",
+    "barrier": "furniture",
+    "sign": "pole",
+    "coat_stand": "furniture",
+    "bin": "furniture",
 }
 """Kind of thing → class. A new kind is named here."""
 

@@ -34,6 +34,8 @@ class ScenarioSettings:
     """Standard deviation of a slow exposure drift, stops."""
     image_noise: Number = None
     """Standard deviation of the pixel noise, counts of 255."""
+    distractors: Whole = None
+    """Number of things that detectors take for people: cones, bollards, barriers, signs, coat stands, bins."""
 
 
 @dataclass(frozen=True)

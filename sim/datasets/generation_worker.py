@@ -20,6 +20,7 @@ from tracker.io.file_lock import Locked, file_lock
 from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.writer import ImageForm
 from worlds import catalogue
+from worlds.scenes.distractor_placement import with_distractors
 
 CHECK_INTERVAL = 0.3
 """Time between checks whether the parent process is alive, s."""
@@ -92,6 +93,7 @@ class SequenceTask:
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
+        world = with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
         fixed = place_cameras(world, self.preset.views, scenario.view_width)
         return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form, self.workers)
 

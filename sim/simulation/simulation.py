@@ -23,6 +23,7 @@ from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
 from tracker.types import Odometry
 from worlds import catalogue
 from worlds.engine import mujoco
+from worlds.scenes.distractor_placement import with_distractors
 from worlds.world import World
 
 SETTLING_TIME = 1.0
@@ -50,6 +51,11 @@ class Snapshot:
     streams: tuple[Any, ...]
 
 
+def _world_of(scenario: Scenario) -> World:
+    world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
+    return with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
+
+
 class Simulation:
     """The state of a scenario, advanced frame by frame. `model` and `data` always represent the current frame.
 
@@ -64,7 +70,7 @@ class Simulation:
 
     def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None, start: InitialStates | None = None) -> None:
         self.scenario = scenario
-        self.world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty) if world is None else world
+        self.world = _world_of(scenario) if world is None else world
         self.robots = tuple(f"robot_{i}" for i in range(scenario.robots))
         if paths is not None and len(paths.ids) != scenario.people:
             raise ValueError(f"people is {scenario.people}, needs {len(paths.ids)}, as many as there are paths")
