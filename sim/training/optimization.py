@@ -108,7 +108,8 @@ def optimize(sampler: CropSampler, steps: int, folder: Path, workers: int) -> nn
 
 
 def _loaded(sampler: CropSampler, numbers: range, workers: int) -> Iterator[dict[str, Tensor]]:
-    processes: dict[str, Any] = {"num_workers": workers, "worker_init_fn": _one_thread, "prefetch_factor": 8}
+    # A fork would inherit locks of the threads that OpenCV and onnxruntime have, and wait for ever.
+    processes: dict[str, Any] = {"num_workers": workers, "worker_init_fn": _one_thread, "prefetch_factor": 8, "multiprocessing_context": "spawn"}
     loader: Any = torch.utils.data.DataLoader(_Batches(sampler), batch_size=None, sampler=list(numbers), **processes)
     return iter(loader)
 

@@ -10,6 +10,7 @@ import os
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,7 @@ class ImageSet:
     """Images of one size: colour (n, H, W, 3), instances (n, H, W), and a table of bodies.
 
     image (m,): index of the image of a body; person (m,) its id; boxes (m, 4) px; visible (m,). Colours and instances may be mapped from disk.
+    source: folder and name of the files, or None.
     """
 
     colour: NDArray[np.uint8]
@@ -138,6 +140,12 @@ class ImageSet:
     person: NDArray[np.int64]
     boxes: Array
     visible: Array
+    source: tuple[Path, str] | None = None
+
+    def __reduce__(self) -> Any:
+        """Another process reads a set from disk, so that its images are not copied."""
+        fields = (self.colour, self.instances, self.image, self.person, self.boxes, self.visible)
+        return (ImageSet, fields) if self.source is None else (ImageSet.read, self.source)
 
     @staticmethod
     def of(shots: list[Shot], camera: object) -> ImageSet:
@@ -165,7 +173,7 @@ class ImageSet:
         with np.load(folder / f"{name}.npz") as table:
             rows = {key: table[key] for key in ("image", "person", "boxes", "visible")}
         colour = np.load(folder / f"{name}.npy", mmap_mode="r")
-        return ImageSet(colour, np.load(folder / f"{name}-instances.npy", mmap_mode="r"), **rows)
+        return ImageSet(colour, np.load(folder / f"{name}-instances.npy", mmap_mode="r"), **rows, source=(folder, name))
 
 
 def light(model: mujoco.MjModel, rng: np.random.Generator) -> None:
