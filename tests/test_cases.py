@@ -101,6 +101,7 @@ def append(path: Path, text: str) -> None:
     path.write_text(path.read_text() + text)
 
 
+@pytest.mark.slow
 def test_one_late_row_takes_no_memory(tmp_path: Path) -> None:
     """The last row of each odometry is 23 years late, on a grid of 0.02 s. The gap is left out with a line."""
     source = write_set(tmp_path / "set", 10.0)

@@ -29,6 +29,7 @@ def assert_same(a: dict, b: dict) -> None:
         np.testing.assert_array_equal(a[name], b[name])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_gymnasium_checker_passes():
     check_env(make(render_mode="rgb_array", map_seed=0).unwrapped)

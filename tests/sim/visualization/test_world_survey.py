@@ -18,6 +18,7 @@ def pilsim(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "sim.cli.main", *words], capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_every_world_has_a_row() -> None:
     rows = survey(None, 0.5, 0)
     assert [row["world"] for row in rows] == sorted(catalogue.WORLDS)
