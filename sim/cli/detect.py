@@ -31,7 +31,7 @@ class Detect:
     frames: Annotated[str, unset("A:B", "all")] = ""
     """Frames of a recording or sequence to use, counted from 0, without B."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
-    """Another model."""
+    """The model, an ONNX file that `train-detector` makes."""
     panorama: bool = False
     """The right edge of the images continues at the left one. Recordings and sequences know it."""
     pictures: bool = False

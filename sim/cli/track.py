@@ -133,6 +133,8 @@ class Track:
     """What confidences of detections say: a probability as given, or learned for each view while tracking, for detectors of any other scale."""
     detector: Literal["given", "simulated", "pixels"] = "given"
     """Boxes of the source, those of a simulated detector, or those found in the images. `simulated` is --project for recordings."""
+    model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
+    """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     images: bool = False
     """Use the images, too: silhouettes and appearance. A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"
@@ -162,14 +164,16 @@ class Track:
         if self.map != "unknown":
             raise ValueError(f"{self.source}: --map is for UTIAS sets (Barcodes.dat), and this is none")
         part, pixels = self.part, self.detector == "pixels"
+        if self.model and not pixels:
+            raise ValueError(f"{self.model}: --model is for --detector pixels")
         if self.detector == "simulated" and format_of(self.source).name != PILSIM and part.project is None:
             part = replace(part, project="")
         options = part.options(self.images, pixels)
         sequence = open_sequence(self.source, options)
         if pixels:
             # The network is checked before the work, and the run names it.
-            model = PersonNetwork().checksum
-            sequence = detected_in_images(sequence)
+            model = PersonNetwork(self.model).checksum
+            sequence = detected_in_images(sequence, self.model)
         first = next(iter(sequence.ticks), None)
         if first is None:
             raise ValueError(f"{self.source}: no frame, since the files of detections hold no box and there is no truth")

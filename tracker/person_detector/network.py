@@ -95,11 +95,14 @@ class PersonNetwork:
     """A network that is loaded and checked.
 
     path: the ONNX file, None for the shipped one. threads: of one run; with 1, the same image gives the same bytes.
-    Raises ValueError, with the path, where the file is missing, is no model of this shape, or has no calibration, and without onnxruntime.
+    Raises ValueError, with the path, where the file is missing, is no model of this shape, or has no calibration.
+    It does so without onnxruntime, too, and where the package has no model.
     """
 
     def __init__(self, path: Path | None = None, threads: int = 1) -> None:
         self.path = path or shipped_model()
+        if path is None and not self.path.is_file():
+            raise ValueError(f"no model is in the package; `pilsim train-detector --out DIR` makes one, and --model DIR/{self.path.name} takes it")
         data = _read(self.path)
         self.checksum = hashlib.sha256(data).hexdigest()
         try:
