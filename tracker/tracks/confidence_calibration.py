@@ -28,12 +28,14 @@ class ConfidenceCalibration:
     def __init__(self, memory: float) -> None:
         self._fade = np.exp(-1 / memory)
         self._seen = np.zeros(0)  # confidences of the last boxes, the latest last
+        self._ranked = self._seen  # the same, sorted
         self._confidence, self._found, self._false = np.zeros(0), np.zeros(0), np.zeros(0)  # of boxes that were judged, sorted by confidence
         self._age = np.zeros(0)
 
     def observe(self, confidence: Array) -> None:
         """Remember the confidences (n,) of a tick, among which boxes are ranked."""
         self._seen = np.concatenate([self._seen, confidence])[-REMEMBERED:]
+        self._ranked = np.sort(self._seen)
 
     def learn(self, found: Array, false: Array, weight: Array) -> None:
         """Count the boxes of a tick: confidences of people's boxes (f,) and of others (n,), which are false with probability `weight` (n,)."""
@@ -50,7 +52,7 @@ class ConfidenceCalibration:
         """Odds (n,) that boxes of such confidence (n,) are of people. found, false (RANKS,): prior counts, from the lowest to the highest rank."""
         if not len(confidence):
             return np.zeros(0)
-        ranked = np.sort(self._seen)
+        ranked = self._ranked
         # A prior count lies at a quantile of the boxes seen, drawn to the middle of the ranks where few were.
         rank = (np.arange(RANKS) + 0.5) / RANKS
         n = len(ranked)
