@@ -48,7 +48,8 @@ class TrainingState:
     @staticmethod
     def new(seed: int) -> TrainingState:
         torch.manual_seed(seed)
-        network = PersonNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        network: Any = PersonNetwork()
+        network = network.to(memory_format=torch.channels_last)
         decayed = [part for part in network.parameters() if part.ndim > 1]
         plain = [part for part in network.parameters() if part.ndim <= 1]
         groups = [{"params": decayed, "weight_decay": DECAY}, {"params": plain, "weight_decay": 0.0}]
