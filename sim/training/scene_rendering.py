@@ -28,6 +28,8 @@ from tracker.io.atomic import new_folder
 from worlds import catalogue
 from worlds.catalogue import WORLDS
 from worlds.engine import mujoco
+from worlds.scenes.distractor_placement import with_distractors
+from worlds.world import World
 
 PEOPLE = (10, 70)
 """Number of people in a scene."""
@@ -35,6 +37,8 @@ DENSE_SHARE, DENSE_GROUND = 0.5, (8.0, 22.0)
 """Share of scenes whose people are confined to a square, and bounds of its edge, m: bodies hide each other there."""
 STEP_RATE = 0.5
 """Hz: rate of the moments of a scene. People walk about 2 m between two of them."""
+DISTRACTOR_SHARE, DISTRACTORS = 0.6, (4.0, 48.0)
+"""Share of scenes with cones, signs, coat stands and the like, and bounds of their number, log-uniform. Real pictures have them."""
 LIGHTS = {"built": 0.35, "overcast": 0.3, "low": 0.2, "dim": 0.15}
 """Kind of light → share of scenes. built: as the world has it. low: a low warm sun. dim: half of all light."""
 TWICE = ("campus", "pilsun")
@@ -80,12 +84,15 @@ class SceneTask:
         """The simulation; the crowd is halved until it fits."""
         difficulty, people, edge = rng.uniform(0.0, 1.0), int(rng.integers(*PEOPLE)), rng.uniform(*DENSE_GROUND)
         dense, height = rng.random() < DENSE_SHARE, rng.uniform(0.5, 2.0)
+        distractors = int(np.exp(rng.uniform(*np.log(DISTRACTORS)))) if rng.random() < DISTRACTOR_SHARE else 0
         scenario = Scenario(world=self.world, seed=self.seed, robots=2, people=people, frames=self.moments, rate=STEP_RATE, timestep=0.01)
         if not self.plain:
             scenario = dataclasses.replace(scenario, difficulty=difficulty, children=0.1, camera_height=height)
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         if dense and not self.plain:
             world = confine(world, (edge, edge), scenario.stream("world/confined"))
+        if not self.plain:
+            world = _furnished(world, scenario, distractors)
         while True:
             try:
                 return Simulation(scenario, world=world)
@@ -113,6 +120,15 @@ class SceneTask:
                     kind = PANORAMAS if isinstance(cameras[which], Panorama) else PINHOLES
                     shots[kind].append(Shot(image.colour, image.instances.astype(np.uint8), boxes.person, boxes.full, boxes.visible))
         return {kind: ImageSet.of(taken, cameras[kind == PINHOLES]) for kind, taken in shots.items()}
+
+
+def _furnished(world: World, scenario: Scenario, distractors: int) -> World:
+    """The world with distractors; their number is halved until they fit."""
+    while True:
+        try:
+            return with_distractors(world, scenario.stream("world/distractors"), distractors)
+        except ValueError:
+            distractors //= 2
 
 
 @dataclass(frozen=True, eq=False)
