@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from tracker.detections.appearance import appearances
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
@@ -29,7 +31,7 @@ class ImageParameters:
 
     tracklets: TrackletParameters | None = None  # corners tracked back through the last images (optical_flow.py)
     silhouettes: SilhouetteParameters | None = None  # people by background subtraction, of fixed cameras (silhouettes.py)
-    appearance: bool = False  # colour histograms of people (appearance.py)
+    appearance: bool = False  # colour histograms of people (appearance.py), where the detector gives no vectors
 
 
 class FrontEnd:
@@ -66,6 +68,11 @@ class FrontEnd:
         return [self._with_appearance(f, v, silhouettes.foreground) for f, v in ((feet, view), (other, replace(view, detections=found)))]
 
     def _with_appearance(self, feet: GroundDetections, view: View, foreground: Mask | None) -> GroundDetections:
+        given = view.detections.appearance
+        if given.shape[1]:
+            length = np.linalg.norm(given, axis=1, keepdims=True)
+            # A vector of zeros says nothing.
+            return replace(feet, appearance=np.where(length > 0, given / np.where(length > 0, length, 1.0), np.nan), appearance_given=True)
         if not self.images.appearance or view.image is None:
             return feet
         return replace(feet, appearance=appearances(view.image, self.setup.mounts[view.camera].camera, view.detections, foreground))

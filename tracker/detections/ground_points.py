@@ -50,8 +50,8 @@ class GroundDetections:
     ambiguous (n,): `ranges` leaves more than one distance (None where no box is); point and spread then cover all of them, and height
     is the mean stature.
     known: whether terrain and objects are known, so that upper edges measure statures.
-    links: log-likelihood ratios with the boxes of the last frames (optical_flow.KltTracklets.step); appearance (n, d): see appearance.appearances;
-    both are None where images are not used.
+    links: log-likelihood ratios with the boxes of the last frames (optical_flow.KltTracklets.step), None where images are not used.
+    appearance (n, d): unit vectors, NaN where unknown, or None. appearance_given: whether the detector gave them, else see appearance.appearances.
     """
 
     camera: str
@@ -72,13 +72,14 @@ class GroundDetections:
     known: bool = False
     links: tuple[Array, ...] | None = None
     appearance: Array | None = None
+    appearance_given: bool = False
 
     def __len__(self) -> int:
         return len(self.direction)
 
     def select(self, rows: Mask) -> GroundDetections:
         """The boxes in `rows` (n,), without links and appearance."""
-        whole = ("camera", "origin", "ranges", "known", "links", "appearance")
+        whole = ("camera", "origin", "ranges", "known", "links", "appearance", "appearance_given")
         columns = {name: getattr(self, name)[rows] for name in GroundDetections.__dataclass_fields__ if name not in whole}
         ranges = None if self.ranges is None else self.ranges.select(rows)
         return GroundDetections(self.camera, self.origin, **columns, known=self.known, ranges=ranges)

@@ -1,4 +1,7 @@
-"""Online appearance model of each track: log-likelihood ratios of boxes by their appearance in images (Kim et al. 2015; Yoo et al. 2017)."""
+"""Online appearance model of each track: log-likelihood ratios of boxes by their appearance (Kim et al. 2015; Yoo et al. 2017).
+
+Colour histograms from images have a known distribution of distances. What the cosine of vectors that a detector gives says is learned while tracking.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.detections.appearance import SIZE
 from tracker.detections.ground_points import GroundDetections
 from tracker.geometry import Array, Ints
 from tracker.mht.track_trees import TrackHypotheses
+from tracker.tracks.cosine_model import CosineModel
 
 LOG_RATIO = np.array([[1.0, 4.0], [1.5, 2.8], [2.5, 1.0], [3.5, -0.8], [5.0, -2.5], [6.5, -3.5]])
 """Distance of a box from a track's appearance over the usual distance of a person's own boxes, and the log-likelihood ratio over another person.
@@ -31,6 +34,7 @@ class AppearanceModel:
         self.weight, self.rate, self.column = weight, rate, {camera: k for k, camera in enumerate(cameras)}
         self._distance = np.full(len(cameras), PRIOR_DISTANCE * PRIOR_COUNT)
         self._counts = np.full(len(cameras), PRIOR_COUNT)
+        self._given: dict[int, CosineModel] = {}  # of the cameras whose detector gives vectors
 
     def log_ratio(self, leaves: TrackHypotheses, views: list[GroundDetections]) -> Array:
         """Log-likelihood ratio (n, D) of the boxes of all views for each leaf, 0 where either appearance is unknown."""
@@ -40,37 +44,68 @@ class AppearanceModel:
                 continue
             c = self.column[boxes.camera]
             known, seen = np.flatnonzero(leaves.appearance_count[:, c] > 0), np.flatnonzero(np.isfinite(boxes.appearance[:, 0]))
-            distance = 1 - _unit(leaves.appearance[known, c]) @ boxes.appearance[seen].T
-            usual = np.clip(self._distance[c] / self._counts[c], *DISTANCE_BOUNDS)
-            ratio[np.ix_(known, seen)] = self.weight * np.interp(distance / usual, *LOG_RATIO.T)
+            length = min(boxes.appearance.shape[1], leaves.appearance.shape[2])
+            cosine = _unit(leaves.appearance[known, c, :length]) @ boxes.appearance[seen, :length].T
+            ratio[np.ix_(known, seen)] = self.weight * self._log_ratio(c, cosine)
         return np.concatenate([np.zeros((len(leaves), 0)), *out], axis=1)
 
+    def _log_ratio(self, column: int, cosine: Array) -> Array:
+        """Log-likelihood ratio of cosines of any shape in a camera."""
+        if column in self._given:
+            return self._given[column].log_ratio(cosine)
+        usual = np.clip(self._distance[column] / self._counts[column], *DISTANCE_BOUNDS)
+        return np.asarray(np.interp((1 - cosine) / usual, *LOG_RATIO.T))
+
+    def same_person(self, a: tuple[Array, Array], b: tuple[Array, Array]) -> float:
+        """Log-likelihood ratio of two tracks being one person by the vectors that detectors gave: the mean over the cameras that saw both.
+
+        a, b: appearance (C, d) and appearance_count (C,) of a leaf. It is 0 where no camera with such vectors saw both.
+        """
+        if not (a[0].size and b[0].size):
+            return 0.0
+        both = [c for c in self._given if a[1][c] > 0 and b[1][c] > 0]
+        length = min(a[0].shape[1], b[0].shape[1])
+        ratios = [self._given[c].log_ratio(_unit(a[0][c : c + 1, :length]) @ _unit(b[0][c : c + 1, :length]).T) for c in both]
+        return self.weight * float(np.mean(ratios)) if ratios else 0.0
+
     def with_appearance(self, leaves: TrackHypotheses, views: list[GroundDetections], box: Ints, sure: NDArray[np.bool_]) -> TrackHypotheses:
-        """The leaves with their appearance updated by their boxes; the usual distance is learned from those that are `sure` (n,).
+        """The leaves with their appearance updated by their boxes; what distances and cosines say is learned from those that are `sure` (n,).
 
         box (n, V): rows of each view's boxes, −1 for none.
         """
         if all(boxes.appearance is None for boxes in views):
             return leaves
-        shape = len(leaves), len(self.column), SIZE
-        mean, count = np.zeros(shape), np.zeros(shape[:2])
-        if leaves.appearance.size:
-            mean, count = leaves.appearance.copy(), leaves.appearance_count.copy()
+        length = max([leaves.appearance.shape[2], *(boxes.appearance.shape[1] for boxes in views if boxes.appearance is not None)])
+        mean, count = np.zeros((len(leaves), len(self.column), length)), np.zeros((len(leaves), len(self.column)))
+        # Zeros beside a shorter vector change no cosine.
+        before = leaves.appearance.shape[1:]
+        mean[:, : before[0], : before[1]], count[:, : before[0]] = leaves.appearance, leaves.appearance_count
         for v, boxes in enumerate(views):
             if boxes.appearance is None:
                 continue
             c = self.column[boxes.camera]
             rows = np.flatnonzero(box[:, v] >= 0)
             rows = rows[np.isfinite(boxes.appearance[box[rows, v], 0])]
-            now = boxes.appearance[box[rows, v]]
+            now, part = boxes.appearance[box[rows, v]], slice(boxes.appearance.shape[1])
             old = sure[rows] & (count[rows, c] > 0)
-            distance = 1 - (_unit(mean[rows[old], c]) * now[old]).sum(axis=1)
-            self._distance[c] += np.minimum(distance, LOG_RATIO[-1, 0] * PRIOR_DISTANCE).sum()
-            self._counts[c] += len(distance)
+            if boxes.appearance_given:
+                model = self._given.setdefault(c, CosineModel())
+                best = _best_of_trees(leaves, rows[old])
+                model.learn(_unit(mean[rows[old][best], c, part]) @ now[old][best].T)
+            else:
+                distance = 1 - (_unit(mean[rows[old], c, part]) * now[old]).sum(axis=1)
+                self._distance[c] += np.minimum(distance, LOG_RATIO[-1, 0] * PRIOR_DISTANCE).sum()
+                self._counts[c] += len(distance)
             share = np.maximum(self.rate, 1 / (count[rows, c] + 1))[:, None]
-            mean[rows, c] += share * (now - mean[rows, c])
+            mean[rows, c, part] += share * (now - mean[rows, c, part])
             count[rows, c] += 1
         return replace(leaves, appearance=mean, appearance_count=count)
+
+
+def _best_of_trees(leaves: TrackHypotheses, rows: Ints) -> Ints:
+    """Indices into `rows` of the leaf of each tree with the highest score."""
+    order = np.lexsort((-leaves.score[rows], leaves.tree[rows]))
+    return np.asarray(order[np.unique(leaves.tree[rows][order], return_index=True)[1]])
 
 
 def _unit(appearance: Array) -> Array:

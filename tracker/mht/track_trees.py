@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tracker.detections.appearance import SIZE
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array, Ints, Mask
 from tracker.tracks.tracks import MotionParameters, coasting_transition, position_sigma
@@ -28,7 +27,7 @@ class TrackHypotheses:
     global hypothesis.
     node (n, W): ids of the tree's nodes, the latest first; states (n, W, 5) and covariances (n, W, 5, 5), filtered; detected (n, W): with a box;
     past_misses, past_scores (n, W): misses and score before each tick.
-    appearance (n, C, d): appearance in each camera (appearance.appearances), the mean of appearance_count (n, C) boxes; C is 0 without images.
+    appearance (n, C, d): appearance in each camera, the mean of appearance_count (n, C) boxes; C is 0 while no box has an appearance.
     """
 
     tree: Ints
@@ -56,7 +55,7 @@ class TrackHypotheses:
     @staticmethod
     def none(window: int) -> TrackHypotheses:
         """No leaf, for a memory of `window` ticks."""
-        return initiated(0, [], MotionParameters(), (0.0, 0.0), (window, 0))
+        return initiated(0, [], MotionParameters(), (0.0, 0.0), (window, 0, 0))
 
     def __len__(self) -> int:
         return len(self.tree)
@@ -84,11 +83,11 @@ _COLUMNS = tuple(TrackHypotheses.__dataclass_fields__)
 
 
 def initiated(
-    first_tree: int, groups: list[CrossViewGroup], motion: MotionParameters, stature: tuple[float, float], size: tuple[int, int]
+    first_tree: int, groups: list[CrossViewGroup], motion: MotionParameters, stature: tuple[float, float], size: tuple[int, int, int]
 ) -> TrackHypotheses:
     """One new tree a group of boxes, at rest with an unknown velocity.
 
-    stature: mean and standard deviation of people, m; size: ticks of memory, cameras with images.
+    stature: mean and standard deviation of people, m; size: ticks of memory, cameras, and length of an appearance.
     """
     n = len(groups)
     state, covariance = np.zeros((n, 5)), np.zeros((n, 5, 5))
@@ -100,14 +99,14 @@ def initiated(
     return _roots(first_tree + np.arange(n), state, covariance, size)
 
 
-def _roots(tree: Ints, state: Array, covariance: Array, size: tuple[int, int]) -> TrackHypotheses:
-    """Leaves of one tick; size: ticks of memory, cameras."""
-    n, (window, cameras) = len(tree), size
+def _roots(tree: Ints, state: Array, covariance: Array, size: tuple[int, int, int]) -> TrackHypotheses:
+    """Leaves of one tick; size: ticks of memory, cameras, and length of an appearance."""
+    n, (window, cameras, length) = len(tree), size
     zero, ones, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, dtype=bool)
     states, covariances, detected = np.zeros((n, window, 5)), np.zeros((n, window, 5, 5)), np.zeros((n, window), dtype=bool)
     states[:, 0], covariances[:, 0], detected[:, 0] = state, covariance, True
     node = np.full((n, window), -1, dtype=np.int64)
-    appearance = np.zeros((n, cameras, SIZE)), np.zeros((n, cameras))
+    appearance = np.zeros((n, cameras, length)), np.zeros((n, cameras))
     return TrackHypotheses(
         tree, state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, zero, no, no, node, states, covariances, detected, 0 * node,
         np.zeros((n, window)), np.zeros(n), *appearance,

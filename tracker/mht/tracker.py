@@ -78,7 +78,9 @@ class MhtFilter:
         self._stature = ranges.stature, ranges.stature_sigma
         self._walkable = WalkablePrior.of(setup.ground, setup.occluders, ranges.walkability)
         new_target = NewTargetModel(parameters.arrival_rate, *self._stature)
-        self.reidentification = Reidentification(parameters.reidentification, parameters.motion, setup.period, new_target)
+        self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
+        lost = parameters.reidentification
+        self.reidentification = Reidentification(lost, parameters.motion, setup.period, new_target, self.appearance.same_person)
         self.n_scan = round(parameters.n_scan / setup.period)
         self.window = max(self.n_scan, delay) + 1
         self.leaves = TrackHypotheses.none(self.window)
@@ -88,7 +90,6 @@ class MhtFilter:
         self._conflicts = Conflicts(np.zeros((0, 0), dtype=bool), np.zeros((0, 0)))
         self._owners = TrackOwners()
         self.noise = MeasurementNoise(parameters.noise)
-        self.appearance = AppearanceModel(parameters.appearance_weight, parameters.appearance_rate, list(setup.mounts))
         self._next_tree, self._next_node, self._ticks = 1, 0, 0
         self._max_gap = round(parameters.delta_a / setup.period)
 
@@ -203,7 +204,7 @@ class MhtFilter:
             states=states, covariances=covariances, detected=detections, unselected=parents.unselected + 1, expected_misses=expected_misses,
             out_of_view=np.where(watched[children.parent] | detected, 0, parents.out_of_view + 1),
         )  # fmt: skip
-        new = initiated(self._next_tree, roots, q.motion, self._stature, (self.window, self.leaves.appearance.shape[1]))
+        new = initiated(self._next_tree, roots, q.motion, self._stature, (self.window, *self.leaves.appearance.shape[1:]))
         self._next_tree += len(roots)
         new = replace(new, score=score, existence=score)
         self._boxes = np.full((len(leaves) + len(new), len(table.origin)), -1, dtype=np.int64)
@@ -328,7 +329,8 @@ class MhtFilter:
         people = self.leaves.select(_one_leaf_per_tree(self.leaves, best))
         left = self._has_left(people)
         confirmed, held = np.isin(people.tree, list(new)), np.isin(people.tree, self.leaves.tree[best])
-        ended = self.reidentification.step(_tracks(people), people.confirmed & held, confirmed, set(people.tree[left].tolist()))
+        tracks, looks = _tracks(people), (people.appearance, people.appearance_count)
+        ended = self.reidentification.step(tracks, people.confirmed & held, confirmed, set(people.tree[left].tolist()), looks)
         self.leaves = replace(self.leaves, deleted=self.leaves.deleted | np.isin(self.leaves.tree, list(ended)))
 
     def _prune(self, chosen: GlobalHypothesis) -> None:

@@ -2,6 +2,7 @@
 
 * recording.json: rate and cameras; optional format, area, ground, height and frames.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
+* detections/CAMERA.npy (optional): appearance vectors of the boxes (appearance_files.py).
 * truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
 * video/CAMERA.mp4 (optional): one image for each frame.
 * images/CAMERA/000001.jpg or .png (optional, in place of the video): frames from 1.
@@ -34,6 +35,7 @@ from tracker.io.csv_tables import rows_by_frame, write_table
 from tracker.io.json_files import read_json
 from tracker.io.resume import checksums
 from tracker.io.terrain_file import read_terrain
+from tracker.recordings.appearance_files import read_appearances, write_appearances
 from tracker.recordings.camera_json import camera_from, camera_to
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile
 from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, Recording, RecordingCamera, RecordingRobot
@@ -89,6 +91,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             occluders=occluders,
             images=_images(path, cameras),
             robots=robots,
+            appearances=read_appearances(path / "detections", list(cameras)),
             source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
         )
     except (TypeError, ValueError) as error:
@@ -136,8 +139,8 @@ def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str,
     for file in sorted(folder.glob("*")):
         if file.suffix == ".txt" and file.stem not in cameras:
             raise ValueError(f"{file}: is of camera {file.stem!r}, {FILE} has {', '.join(cameras)}")
-        if file.suffix != ".txt" and file.stem in cameras:
-            raise ValueError(f"{file}: is of camera {file.stem!r}, needs the name {file.stem}.txt")
+        if file.suffix not in (".txt", ".npy") and file.stem in cameras:
+            raise ValueError(f"{file}: is of camera {file.stem!r}, needs the name {file.stem}.txt, or {file.stem}.npy for appearance vectors")
         if file.suffix == ".txt":
             found[file.stem] = read_boxes(file)
     return found
@@ -261,7 +264,7 @@ def _start(entry: Any, where: str) -> Start | None:
 
 def _checksums(path: Path) -> dict[str, str]:
     beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH)
-    files = [path / FILE, *sorted((path / "detections").glob("*.txt")), *(path / name for name in beside)]
+    files = [path / FILE, *sorted(path.glob("detections/*.txt")), *sorted(path.glob("detections/*.npy")), *(path / name for name in beside)]
     return checksums(path, files)
 
 
@@ -280,6 +283,7 @@ def write_recording(folder: Path, recording: Recording) -> None:
     (folder / "detections").mkdir()
     for name, boxes in recording.detections.items():
         write_mot15(folder / "detections" / f"{name}.txt", rows_from_boxes({frame + 1: of_frame for frame, of_frame in boxes.items()}))
+    write_appearances(folder / "detections", recording.detections, recording.appearances)
     if recording.truth is not None:
         rows = rows_from_tracks({frame + 1: people for frame, people in recording.truth.items()})
         seen = [recording.visible.get(frame, np.ones(len(ids))) for frame, (ids, _) in sorted(recording.truth.items())]

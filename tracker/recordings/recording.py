@@ -18,6 +18,7 @@ from tracker.formats.pets2009 import MAX_FRAME, MAX_RATE, MIN_RATE
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
 from tracker.geometry.ground import Flat, Ground
+from tracker.recordings.appearance_files import FrameVectors
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
 from tracker.types import Detections, Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
 
@@ -86,6 +87,7 @@ class Recording:
     rate: frames per second. cameras: name → RecordingCamera. detections: camera → FrameBoxes; a fixed camera without an entry has no views.
     truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
+    appearances: camera → frame → vectors (n, d) of the boxes of that frame, as in Detections; they are left out where other boxes come in.
     visible: frame → (k,) the largest share of each true person that a camera sees, in [0, 1]; 1 for frames without an entry.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
 
@@ -105,6 +107,7 @@ class Recording:
     images: Mapping[str, ImageSource] = field(default_factory=dict)
     robots: Mapping[str, RecordingRobot] = field(default_factory=dict)
     visible: Mapping[int, Array] = field(default_factory=dict)
+    appearances: Mapping[str, FrameVectors] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
 
     def __post_init__(self) -> None:
@@ -117,7 +120,7 @@ class Recording:
         low, high = self.height
         if not 0 < low < high < np.inf:
             raise ValueError(f"height is {list(self.height)}, needs two numbers of metres above 0, the lower first")
-        for kind, named in (("detections", self.detections), ("images", self.images)):
+        for kind, named in (("detections", self.detections), ("images", self.images), ("appearances", self.appearances)):
             if unknown := sorted(set(named) - set(self.cameras)):
                 raise ValueError(f"{kind} has camera {unknown[0]!r}, needs one of {', '.join(self.cameras)}")
         for name, camera in self.cameras.items():
@@ -133,6 +136,12 @@ class Recording:
             raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
         if self.frames * len(self.cameras) > MAX_VIEWS:
             raise ValueError(f"frames is {self.frames} of {len(self.cameras)} cameras, needs at most {MAX_VIEWS} views in all")
+        for name, vectors in self.appearances.items():
+            boxes = self.detections.get(name, {})
+            for frame, of_frame in vectors.items():
+                count = len(boxes[frame][0]) if frame in boxes else 0
+                if np.ndim(of_frame) != 2 or len(of_frame) != count:
+                    raise ValueError(f"appearances of {name}, frame {frame}, have shape {np.shape(of_frame)}, needs ({count}, d), one for each box")
 
     def check_heights(self) -> None:
         """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and says why."""
@@ -158,7 +167,8 @@ class Recording:
 
     def with_detections(self, detections: Mapping[str, FrameBoxes]) -> Recording:
         """The recording with other detections of the named cameras. It has at least as many frames as before."""
-        changed = replace(self, frames=0, detections={**self.detections, **detections})
+        kept = {name: vectors for name, vectors in self.appearances.items() if name not in detections}
+        changed = replace(self, frames=0, detections={**self.detections, **detections}, appearances=kept)
         return replace(changed, frames=max(self.frames, changed.frames))
 
     def choose(self, cameras: Iterable[str]) -> Recording:
@@ -175,6 +185,7 @@ class Recording:
             self,
             cameras=chosen,
             detections={name: self.detections[name] for name in names if name in self.detections},
+            appearances={name: self.appearances[name] for name in names if name in self.appearances},
             images={name: self.images[name] for name in names if name in self.images},
             robots={name: robot for name, robot in self.robots.items() if name in carriers},
         )
@@ -196,6 +207,7 @@ class Recording:
         return replace(
             self,
             detections={name: part(boxes) for name, boxes in self.detections.items()},
+            appearances={name: part(vectors) for name, vectors in self.appearances.items()},
             truth=None if self.truth is None else part(self.truth),
             visible=part(self.visible),
             images={name: source.cut(first, end) for name, source in self.images.items()},
@@ -247,7 +259,10 @@ class Recording:
             if found is None and odometry is None:
                 views.append(self._empty_views[name])
                 continue
-            views.append(View(name, NOBODY if found is None else detections_from_boxes(camera.camera, *found), odometry=odometry))
+            detections = NOBODY if found is None else detections_from_boxes(camera.camera, *found)
+            if len(detections) and index in (vectors := self.appearances.get(name, {})):
+                detections = replace(detections, appearance=vectors[index])
+            views.append(View(name, detections, odometry=odometry))
         return Tick(index, index / self.rate, tuple(views))
 
     def _truth(self) -> tuple[Truth, ...] | None:

@@ -6,6 +6,7 @@ likelihood that both are one person: the velocity decays while a person is lost,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,6 +24,10 @@ STATURE_DRIFT = 0.02
 
 MAX_STATURE_RATIO = 4.0
 """Greatest log-likelihood ratio of statures, by absolute value."""
+
+
+Appearance = tuple[Array, Array]
+"""Mean appearance (C, d) of a track in each camera, and the number (C,) of boxes of which it is the mean."""
 
 
 @dataclass(frozen=True)
@@ -44,28 +49,37 @@ class NewTargetModel(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _LastDetection:
-    """A track at its last box: tick; state (5,) and covariance (5, 5) as in Tracks."""
+    """A track at its last box: tick; state (5,) and covariance (5, 5) as in Tracks; its appearance."""
 
     tick: int
     state: Array
     covariance: Array
+    appearance: Appearance
 
 
 class Reidentification:
     """Which tracks are one person. `first_tree`: tree → the first tree of the same person, for trees that are not the first themselves."""
 
-    def __init__(self, parameters: ReidentificationParameters, motion: MotionParameters, period: float, new_targets: NewTargetModel) -> None:
-        """period: s of a tick."""
+    def __init__(
+        self,
+        parameters: ReidentificationParameters,
+        motion: MotionParameters,
+        period: float,
+        new_targets: NewTargetModel,
+        same_person: Callable[[Appearance, Appearance], float],
+    ) -> None:
+        """period: s of a tick. same_person: log-likelihood ratio of two appearances being of one person."""
         self.parameters, self.motion, self.period, self.new_targets = parameters, motion, period, new_targets
+        self.same_person = same_person
         self.first_tree: dict[int, int] = {}
         self._seen: dict[int, _LastDetection] = {}
         self._tick = 0
 
-    def step(self, tracks: Tracks, confirmed: Mask, fresh: Mask, left: set[int]) -> set[int]:
+    def step(self, tracks: Tracks, confirmed: Mask, fresh: Mask, left: set[int], looks: tuple[Array, Array]) -> set[int]:
         """Take a tick; the trees that are re-identified as another one and should be deleted.
 
         confirmed (t,): the confirmed tracks; fresh (t,): those confirmed at this tick; left: trees of people outside all views, which are never
-        re-identified.
+        re-identified. looks: appearance (t, C, d) of the tracks, and the number (t, C) of boxes of which it is the mean.
         """
         self._tick += 1
         for tree in left:
@@ -75,7 +89,7 @@ class Reidentification:
         here = set(tracks.tree[tracks.misses < LOST_MISSES].tolist())
         lost, new = [tree for tree in self._seen if tree not in here], np.flatnonzero(fresh)
         # An unpaired new track is a new person, and an unpaired lost one stays lost: ratio 0.
-        ratio = np.array([[self._ratio(self._seen[tree], tracks, k) for tree in lost] for k in new.tolist()]).reshape(len(new), len(lost))
+        ratio = np.array([[self._ratio(self._seen[tree], tracks, k, looks) for tree in lost] for k in new.tolist()]).reshape(len(new), len(lost))
         rows, columns = linear_sum_assignment(np.maximum(ratio, 0.0), maximize=True)
         ended = set()
         for i, j in zip(rows.tolist(), columns.tolist(), strict=True):
@@ -84,17 +98,18 @@ class Reidentification:
                 del self._seen[lost[j]]
                 ended.add(lost[j])
         for k in np.flatnonzero(confirmed & (tracks.misses == 0)):
-            self._seen[int(tracks.tree[k])] = _LastDetection(self._tick, tracks.state[k], tracks.covariance[k])
+            self._seen[int(tracks.tree[k])] = _LastDetection(self._tick, tracks.state[k], tracks.covariance[k], (looks[0][k], looks[1][k]))
         return ended
 
-    def _ratio(self, last: _LastDetection, tracks: Tracks, row: int) -> float:
+    def _ratio(self, last: _LastDetection, tracks: Tracks, row: int, looks: tuple[Array, Array]) -> float:
         """log-likelihood ratio of the track in `row` being the lost one, against a new person."""
         q, gap = self.parameters, (self._tick - last.tick) * self.period
         F = np.hstack([np.eye(2), coasting_time(gap, self.motion) * np.eye(2), np.zeros((2, 1))])
         S = F @ last.covariance @ F.T + tracks.covariance[row, :2, :2] + q.diffusion * gap * np.eye(2)
         r = tracks.state[row, :2] - F @ last.state
         density = -0.5 * (r @ np.linalg.solve(S, r) + np.log((2 * np.pi) ** 2 * np.linalg.det(S)))
-        return float(density + self._stature_ratio(last, tracks, row) + np.log(q.return_rate / self.new_targets.arrival_rate))
+        alike = self.same_person(last.appearance, (looks[0][row], looks[1][row]))
+        return float(density + alike + self._stature_ratio(last, tracks, row) + np.log(q.return_rate / self.new_targets.arrival_rate))
 
     def _stature_ratio(self, last: _LastDetection, tracks: Tracks, row: int) -> float:
         """log-likelihood ratio of the measured stature of the track in `row` being that of the lost track, against that of a new person."""

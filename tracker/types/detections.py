@@ -18,7 +18,7 @@ class Detections:
     bearing (n, 3) unit, camera frame: to the middle of the box. extent (n, 2) rad: the spans of azimuth and elevation.
     confidence (n,): any finite number, higher is surer.
     covariance (n, 2, 2) rad² of an edge of the box in the tangent plane (geometry.tangent_basis).
-    appearance (n, d): features of an appearance model.
+    appearance (n, d): vectors of an appearance model, compared by their cosine; d is 0 where there are none, and zeros say nothing.
     """
 
     bearing: Array

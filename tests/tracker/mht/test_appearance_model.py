@@ -32,7 +32,7 @@ def boxes(camera: str, rows: list[Array]) -> GroundDetections:
 def leaves(count: int, cameras: int = 2) -> TrackHypotheses:
     ground = seen([(0.3 * k, 6.0) for k in range(count)])
     groups = [CrossViewGroup(((0, k),), ground.point[k, :2], ground.spread[k]) for k in range(count)]
-    return initiated(1, groups, MotionParameters(), (1.7, 0.1), (3, cameras))
+    return initiated(1, groups, MotionParameters(), (1.7, 0.1), (3, cameras, SIZE))
 
 
 def after_ticks(model: AppearanceModel, rng: np.random.Generator, ticks: int = 20) -> TrackHypotheses:

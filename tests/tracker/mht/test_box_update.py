@@ -36,7 +36,7 @@ def hills() -> Grid:
 
 def parents_of(x: Array, ground: Ground, boxes: int) -> ParentHypotheses:
     """One leaf with the state x (5,) and COVARIANCE."""
-    leaf = initiated(1, [CrossViewGroup(((0, 0),), x[:2], COVARIANCE[:2, :2])], MotionParameters(), (x[4], 0.1), (1, 0))
+    leaf = initiated(1, [CrossViewGroup(((0, 0),), x[:2], COVARIANCE[:2, :2])], MotionParameters(), (x[4], 0.1), (1, 0, 0))
     leaf = replace(leaf, state=x[None].copy(), covariance=COVARIANCE[None].copy())
     return ParentHypotheses.of(leaf, ground, np.zeros((1, 1)), np.zeros((1, boxes)))
 

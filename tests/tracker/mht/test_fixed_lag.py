@@ -34,7 +34,7 @@ def measurements(rng: np.random.Generator, steps: int, unseen: Sequence[int] = (
 
 def people(tree: list[int], window: int) -> TrackHypotheses:
     """One new leaf of each tree at the origin, that remembers `window` ticks."""
-    leaves = initiated(0, [CrossViewGroup(((0, 0),), np.zeros(2), FIRST[:2, :2])] * len(tree), MOTION, (0.0, 0.1), (window, 0))
+    leaves = initiated(0, [CrossViewGroup(((0, 0),), np.zeros(2), FIRST[:2, :2])] * len(tree), MOTION, (0.0, 0.1), (window, 0, 0))
     return replace(leaves, tree=np.array(tree))
 
 

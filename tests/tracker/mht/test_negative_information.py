@@ -35,7 +35,7 @@ def walled(end: float = 2.0) -> Setup:
 
 def leaf(place: tuple[float, float], sigma: float) -> TrackHypotheses:
     group = CrossViewGroup(((0, 0),), np.array(place), sigma**2 * np.eye(2))
-    return initiated(1, [group], MotionParameters(), (1.7, 0.1), (1, 0))
+    return initiated(1, [group], MotionParameters(), (1.7, 0.1), (1, 0, 0))
 
 
 def visibility(setup: Setup, leaves: TrackHypotheses, chosen: Mask | None = None) -> tuple[ExpectedVisibility, list[Viewpoint]]:

@@ -135,7 +135,7 @@ def test_a_person_behind_a_known_post_is_not_a_missed_detection(known: bool) -> 
 def test_the_score_before_the_window_is_bounded_and_within_it_counts_in_full(ago: int) -> None:
     """The weights of two leaves of one tree differ by the scores of the last ticks alone, however large the score before."""
     group = CrossViewGroup(((0, 0),), np.zeros(2), np.eye(2))
-    leaves = initiated(1, [group], MotionParameters(), (1.7, 0.1), (4, 0)).select(np.zeros(2, dtype=np.int64))
+    leaves = initiated(1, [group], MotionParameters(), (1.7, 0.1), (4, 0, 0)).select(np.zeros(2, dtype=np.int64))
     before = np.full((2, 4), 30.0 + ago)
     old, new = weights(replace(leaves, past_scores=before, score=before[:, -1] + [2.0, -3.0]), 20.0)
     assert (old, new) == (22.0, 17.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tracker.geometry import Ints
-from tracker.tracks.reidentification import NewTargetModel, Reidentification, ReidentificationParameters
+from tracker.tracks.reidentification import Appearance, NewTargetModel, Reidentification, ReidentificationParameters
 from tracker.tracks.tracks import MotionParameters, Tracks
 
 PERIOD = 1 / 6
@@ -22,19 +22,29 @@ def tracks(*people: Person) -> Tracks:
     return Tracks(ids, state, covariance, zero + 9.0, zero + 9, misses.astype(np.int64), zero + 9)
 
 
+def compared(a: Appearance, b: Appearance) -> float:
+    """Unlike vectors speak against one person."""
+    return 12.0 * float(a[0].ravel() @ b[0].ravel()) - 12.0
+
+
+def looks(count: int, axis: int = 0) -> Appearance:
+    """The same unit vector of 2 numbers for `count` tracks, in one camera."""
+    return np.tile(np.eye(2)[axis], (count, 1, 1)), np.ones((count, 1))
+
+
 def nobody_lost() -> Reidentification:
-    return Reidentification(ReidentificationParameters(), MotionParameters(), PERIOD, NewTargetModel(2e-4, 1.72, 0.12))
+    return Reidentification(ReidentificationParameters(), MotionParameters(), PERIOD, NewTargetModel(2e-4, 1.72, 0.12), compared)
 
 
-def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None) -> Reidentification:
-    """`start` are tracked, nobody is detected for `gap` ticks, then the tracks `back` are new."""
+def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int] | None = None, axis: int = 0) -> Reidentification:
+    """`start` are tracked, nobody is detected for `gap` ticks, then the tracks `back` are new. axis: of their vectors; that of `start` is 0."""
     reidentification, people = nobody_lost(), tracks(*start)
     confirmed = np.ones(len(people), dtype=bool)
-    reidentification.step(people, confirmed, confirmed, set())
+    reidentification.step(people, confirmed, confirmed, set(), looks(len(people)))
     for tick in range(gap):
-        reidentification.step(tracks(), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool), left or set() if tick == 0 else set())
+        reidentification.step(tracks(), np.zeros(0, dtype=bool), np.zeros(0, dtype=bool), left or set() if tick == 0 else set(), looks(0))
     fresh = np.ones(len(back), dtype=bool)
-    reidentification.step(tracks(*back), fresh, fresh, set())
+    reidentification.step(tracks(*back), fresh, fresh, set(), looks(len(back), axis))
     return reidentification
 
 
@@ -42,6 +52,12 @@ def after(gap: int, back: list[Person], start: tuple[Person, ...], left: set[int
 def test_a_person_who_reappears_near_the_prediction_in_time_is_the_same(gap: int, x: float, same: bool) -> None:
     found = after(gap, [(7, x, 0.2, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.2, 0.0, 0),))
     assert found.first_tree == ({7: 1} if same else {})
+
+
+def test_a_person_of_another_appearance_is_not_the_same() -> None:
+    start, back = ((1, 0.0, 0.0, 1.2, 0.0, 0),), [(7, 2.0, 0.2, 1.0, 0.0, 0)]
+    assert after(12, back, start).first_tree == {7: 1}
+    assert after(12, back, start, axis=1).first_tree == {}
 
 
 def test_a_person_outside_all_views_is_not_re_identified() -> None:
@@ -58,12 +74,12 @@ def test_two_lost_people_are_assigned_one_to_one() -> None:
 def test_a_track_with_boxes_is_not_lost() -> None:
     reidentification = nobody_lost()
     one, both = tracks((1, 0.0, 0.0, 0.0, 0.0, 0)), tracks((1, 0.0, 0.0, 0.0, 0.0, 0), (2, 5.0, 5.0, 0.0, 0.0, 0))
-    reidentification.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set())
-    assert reidentification.step(both, np.ones(2, dtype=bool), np.array([False, True]), set()) == set()
+    reidentification.step(one, np.ones(1, dtype=bool), np.ones(1, dtype=bool), set(), looks(1))
+    assert reidentification.step(both, np.ones(2, dtype=bool), np.array([False, True]), set(), looks(2)) == set()
     assert reidentification.first_tree == {}
     # A coasting track is lost: it is deleted, and the new track gets its id.
     coasting = tracks((1, 1.5, 0.0, 0.0, 0.0, 5), (3, 0.4, 0.0, 0.0, 0.0, 0))
-    assert reidentification.step(coasting, np.ones(2, dtype=bool), np.array([False, True]), set()) == {1}
+    assert reidentification.step(coasting, np.ones(2, dtype=bool), np.array([False, True]), set(), looks(2)) == {1}
     reported = reidentification.relabelled(coasting)
     assert reported.tree.tolist() == [1]
     assert reported.state[0, 0] == 0.4
@@ -72,8 +88,8 @@ def test_a_track_with_boxes_is_not_lost() -> None:
 def test_the_first_id_is_kept_over_several_losses() -> None:
     reidentification, confirmed = after(9, [(5, 1.0, 0.0, 1.0, 0.0, 0)], ((1, 0.0, 0.0, 1.0, 0.0, 0),)), np.ones(1, dtype=bool)
     for _ in range(9):
-        reidentification.step(tracks(), confirmed[:0], confirmed[:0], set())
-    reidentification.step(tracks((9, 2.2, 0.0, 1.0, 0.0, 0)), confirmed, confirmed, set())
+        reidentification.step(tracks(), confirmed[:0], confirmed[:0], set(), looks(0))
+    reidentification.step(tracks((9, 2.2, 0.0, 1.0, 0.0, 0)), confirmed, confirmed, set(), looks(1))
     assert reidentification.first_tree == {5: 1, 9: 1}
 
 
@@ -84,8 +100,8 @@ def test_statures_tell_apart_two_people_who_were_lost_together() -> None:
         for people, tall in ((start, (1.58, 1.88)), (back, (1.87, 1.57))):
             people.state[:, 4], people.covariance[:, 4, 4] = tall, sigma**2
         reidentification, all_of_them = nobody_lost(), np.ones(2, dtype=bool)
-        reidentification.step(start, all_of_them, all_of_them, set())
+        reidentification.step(start, all_of_them, all_of_them, set(), looks(2))
         for _ in range(9):
-            reidentification.step(tracks(), all_of_them[:0], all_of_them[:0], set())
-        reidentification.step(back, all_of_them, all_of_them, set())
+            reidentification.step(tracks(), all_of_them[:0], all_of_them[:0], set(), looks(0))
+        reidentification.step(back, all_of_them, all_of_them, set(), looks(2))
         assert reidentification.first_tree == ({7: 2, 8: 1} if confirmed else {7: 1, 8: 2})
