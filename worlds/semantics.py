@@ -44,6 +44,11 @@ KINDS = {
     "sign": "pole",
     "coat_stand": "furniture",
     "bin": "furniture",
+    "tripod": "furniture",
+    "heap": "furniture",
+    "pram": "furniture",
+    "poster": "furniture",
+    "figure": "furniture",
 }
 """Kind of thing → class. A new kind is named here."""
 

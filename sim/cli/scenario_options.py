@@ -35,7 +35,7 @@ class ScenarioSettings:
     image_noise: Number = None
     """Standard deviation of the pixel noise, counts of 255."""
     distractors: Whole = None
-    """Number of things that detectors take for people: cones, bollards, barriers, signs, coat stands, bins."""
+    """Number of things that detectors take for people: cones, signs, coat stands, tripods, clothes, prams, posters and others."""
 
 
 @dataclass(frozen=True)

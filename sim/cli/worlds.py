@@ -19,6 +19,7 @@ class Worlds:
     Examples: pilsim worlds
               pilsim worlds --preview runs/worlds --difficulty 1
               pilsim worlds quarry --seed 3 --export quarry.glb
+              pilsim worlds campus --distractors 40 --preview runs/worlds
     """
 
     name: Positional[Annotated[str | None, unset("[WORLD]", "all of them")]] = None
@@ -27,6 +28,8 @@ class Worlds:
     """Difficulty of relief, steps, clutter and occlusion, from 0 (gentle) to 1 (some rovers fail)."""
     seed: int = 0
     """Seed of the world; another seed gives another place of the same kind."""
+    distractors: int = 0
+    """Number of things in it that detectors take for people, as `pilsim generate --distractors`."""
     preview: Annotated[Path | None, unset("DIR", "none is drawn")] = None
     """Draw NAME.png into this folder: a rover's view, a view from above, and the plan."""
     export: Annotated[Path | None, unset("FILE", "none is written")] = None
@@ -45,5 +48,5 @@ class Worlds:
                 locks.enter_context(folder_lock(self.preview))
             if self.export is not None:
                 locks.enter_context(output_file_lock(self.export))
-            rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip))
+            rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip, self.distractors))
         print(json_text(rows, indent=1) if self.json else describe(rows))

@@ -51,7 +51,8 @@ class Snapshot:
     streams: tuple[Any, ...]
 
 
-def _world_of(scenario: Scenario) -> World:
+def world_of(scenario: Scenario) -> World:
+    """The world of a scenario, with its distractors. Raises ValueError for an unknown world, and where they do not fit in."""
     world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
     return with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
 
@@ -70,7 +71,7 @@ class Simulation:
 
     def __init__(self, scenario: Scenario, world: World | None = None, paths: Paths | None = None, start: InitialStates | None = None) -> None:
         self.scenario = scenario
-        self.world = _world_of(scenario) if world is None else world
+        self.world = world_of(scenario) if world is None else world
         self.robots = tuple(f"robot_{i}" for i in range(scenario.robots))
         if paths is not None and len(paths.ids) != scenario.people:
             raise ValueError(f"people is {scenario.people}, needs {len(paths.ids)}, as many as there are paths")

@@ -8,7 +8,7 @@ from typing import Any
 
 from sim.scenario import Scenario
 from sim.simulation import wheel_slip
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import Simulation, world_of
 from sim.visualization.world_preview import preview
 from tracker.io.progress import progress_bar
 from worlds import catalogue
@@ -38,17 +38,21 @@ HEADINGS = {
 
 @dataclass(frozen=True)
 class SurveyOptions:
-    """Optional outputs. pictures: folder of previews. file: export of the one world. seconds: duration of the slip measurement, 0 for none."""
+    """Optional outputs. pictures: folder of previews. file: export of the one world. seconds: duration of the slip measurement, 0 for none.
+
+    distractors: number of things in the world that detectors take for people.
+    """
 
     pictures: Path | None = None
     file: Path | None = None
     seconds: float = 0.0
+    distractors: int = 0
 
 
 def survey(name: str | None, difficulty: float, seed: int, options: SurveyOptions | None = None) -> list[dict[str, Any]]:
     """Rows of measures (worlds.difficulty) for the world `name`, or for all worlds if it is None.
 
-    Raises ValueError for an unknown name, a difficulty or seconds out of bounds, and an export without a name.
+    Raises ValueError for an unknown name, a difficulty, seconds or distractors out of bounds, and an export without a name.
     It is also raised if the folder of pictures is a file.
     """
     options = options or SurveyOptions()
@@ -61,8 +65,8 @@ def survey(name: str | None, difficulty: float, seed: int, options: SurveyOption
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
     for each in progress_bar(names, desc="worlds", disable=len(names) == 1, leave=False):
-        scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS)
-        world = catalogue.build(each, scenario.stream("world"), difficulty)
+        scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS, distractors=options.distractors)
+        world = world_of(scenario)
         if options.file is not None:
             export(world, options.file)
         measures = asdict(measure(world) if options.pictures is None else preview(scenario, world, options.pictures / f"{each}.png"))

@@ -25,11 +25,15 @@ PAINT = 0.012
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A thing: its kind, its mesh, and size (width, depth) m of the rectangle that it stands on."""
+    """A thing: its kind, its mesh, and size (width, depth) m of the rectangle that it stands on.
+
+    picture: a second mesh, with pictures of people (worlds.textures.person_pictures); None for most things.
+    """
 
     kind: str
     shape: Shape
     size: tuple[float, float]
+    picture: Shape | None = None
 
     def footprint(self, position: ArrayLike, yaw: float) -> Array:
         """Corners (4, 2) m of the rectangle when it stands at position (2,) m turned by yaw radians."""

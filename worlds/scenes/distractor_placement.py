@@ -14,9 +14,10 @@ from worlds.terrain.heightfield import Array, Mask
 from worlds.terrain.polygons import signed_distance
 from worlds.textures.furniture_atlas import atlas
 from worlds.textures.materials import add_material
+from worlds.textures.person_pictures import pictures
 from worlds.world import World
 
-MATERIAL = "distractors"
+MATERIAL, PICTURES = "distractors", "person_pictures"
 SPAWN_MARGIN = 0.6
 """m: distance from the spawn areas."""
 LEVEL = 0.12
@@ -36,6 +37,7 @@ def with_distractors(world: World, rng: np.random.Generator, count: int) -> Worl
         return world
     spec = world.spec.copy()
     add_material(spec, MATERIAL, atlas(rng))
+    add_material(spec, PICTURES, pictures(rng))
     feet, wheels = world.feet, world.wheels
     for number in range(count):
         piece = MAKERS[int(rng.integers(len(MAKERS)))](rng)
@@ -48,7 +50,10 @@ def with_distractors(world: World, rng: np.random.Generator, count: int) -> Worl
             rest = _without(feet, corners, FEET.half_width), _without(wheels, corners, WHEELS.half_width)
             if rest[0] is not None and rest[1] is not None:
                 feet, wheels = rest[0], rest[1]
-                piece.shape.add_to(spec, f"{piece.kind}{number}", MATERIAL, [*place, float(heights.min()) - SINK], yaw)
+                on = [*place, float(heights.min()) - SINK]
+                piece.shape.add_to(spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
+                if piece.picture is not None:
+                    piece.picture.add_to(spec, f"{piece.kind}{number}-picture", PICTURES, on, yaw)
                 break
         else:
             raise ValueError(f"distractors is {count}, {number} fit into {world.name}")

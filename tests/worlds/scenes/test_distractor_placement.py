@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
 
 from worlds import catalogue
+from worlds.props.distractors import MAKERS
+from worlds.props.furniture import Piece
 from worlds.scenes.distractor_placement import with_distractors
 from worlds.semantics import CLASSES, class_of
+from worlds.textures.person_pictures import COUNT, WIDTH, picture_box, silhouette, texture_of
 
 
 def test_distractors_shrink_free_space_and_repeat() -> None:
@@ -17,7 +22,7 @@ def test_distractors_shrink_free_space_and_repeat() -> None:
     one, two = (with_distractors(world, np.random.default_rng(2), 8) for _ in range(2))
     before, after = world.spec.copy().compile(), one.spec.copy().compile()
     added = [after.geom(k).name for k in range(before.ngeom, after.ngeom)]
-    assert len(added) == 8
+    assert len([name for name in added if not name.endswith("-picture")]) == 8
     assert all(class_of(name) not in (CLASSES.index("person"), CLASSES.index("robot")) for name in added)
     assert not (one.feet.free & ~world.feet.free).any()
     assert one.feet.area < world.feet.area
@@ -32,3 +37,26 @@ def test_too_many_distractors_are_refused() -> None:
     world = catalogue.build("pilsun", np.random.default_rng(1), 0.25)
     with pytest.raises(ValueError, match="distractors is 400"):
         with_distractors(world, np.random.default_rng(2), 400)
+
+
+@pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
+def test_distractors_stand_on_the_ground_within_their_footprint(make: Callable[[np.random.Generator], Piece]) -> None:
+    for seed in range(20):
+        piece = make(np.random.default_rng(seed))
+        vertices = np.concatenate([shape.vertices for shape in (piece.shape, piece.picture) if shape is not None])
+        assert (np.abs(vertices[:, :2]) <= np.array(piece.size) / 2 + 0.02).all()
+        assert 0 <= vertices[:, 2].min() < 0.02
+        assert 0.2 < vertices[:, 2].max() < 2.6
+        assert ((piece.shape.texcoord >= 0) & (piece.shape.texcoord <= 1)).all()
+
+
+def test_people_on_posters_are_inside_of_their_cells() -> None:
+    for cell in range(COUNT):
+        corners = np.concatenate([part for _, part in silhouette(cell)])
+        assert (np.abs(corners[:, 0]) < WIDTH / 2).all()
+        assert (corners[:, 1] >= 0).all()
+        assert corners[:, 1].max() == pytest.approx(1.7, abs=0.03)
+        low, high = picture_box(cell)
+        texture = texture_of(cell, corners)
+        assert (texture >= low).all()
+        assert (texture <= high).all()
