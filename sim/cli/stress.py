@@ -106,7 +106,7 @@ class Stress:
 
         from sim.stress.runner import Workers, run_trials
         from tracker.io.progress import progress_bar
-        from worlds.catalogue import WORLDS
+        from worlds.catalogue import check_name
 
         if self.show:
             self._show()
@@ -116,8 +116,7 @@ class Stress:
         for name, least in (("seeds", 1), ("first_seed", 0), ("frames", 2)):
             if getattr(self, name) < least:
                 raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
-        if self.world not in WORLDS:
-            raise ValueError(f"--world is {self.world!r}, needs one of {', '.join(sorted(WORLDS))}")
+        check_name(self.world, "--world")
         workers, trials = Workers(self.workers, self.machine.cluster, self.machine.limit), self._trials()
         rows = run_trials(trials, self.out, workers, self._command(), partial(progress_bar, desc="runs", unit="run", smoothing=0.1))
         if self.json:

@@ -19,7 +19,7 @@ from sim.scenario import Scenario
 from tracker.geometry import Array
 from tracker.io.json_files import read_json
 from tracker.io.text_files import read_text, shown
-from worlds.catalogue import WORLDS
+from worlds.catalogue import check_name
 from worlds.semantics import CLASSES
 from worlds.terrain.free_space import FreeSpace
 from worlds.terrain.heightfield import Mask
@@ -81,9 +81,7 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
     views = changes.get("views", preset.views)
     if not isinstance(views, int) or isinstance(views, bool) or not 0 <= views <= 32:
         raise ValueError(f"views is {shown(repr(views))[1:-1]}, needs a whole number in [0, 32]")
-    world = changes.get("world", preset.scenario.world)
-    if not isinstance(world, str) or world not in WORLDS:
-        raise ValueError(f"world is {repr(world)[:60]}, needs one of {', '.join(sorted(WORLDS))}")
+    check_name(changes.get("world", preset.scenario.world))
     scenario = dataclasses.replace(preset.scenario, **{key: value for key, value in changes.items() if key != "views"})
     cameras = [f"View_{k + 1:03d}" for k in range(views)]
     for clock in parse_clocks(scenario.clock) if scenario.clock else ():

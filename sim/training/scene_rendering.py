@@ -26,7 +26,6 @@ from tracker.geometry import Array
 from tracker.geometry.cameras import Panorama
 from tracker.io.atomic import new_folder
 from worlds import catalogue
-from worlds.catalogue import WORLDS
 from worlds.engine import mujoco
 from worlds.scenes.distractor_placement import with_distractors
 from worlds.world import World
@@ -41,6 +40,8 @@ DISTRACTOR_SHARE, DISTRACTORS = 0.6, (4.0, 48.0)
 """Share of scenes with cones, signs, coat stands and the like, and bounds of their number, log-uniform. Real pictures have them."""
 LIGHTS = {"built": 0.35, "overcast": 0.3, "low": 0.2, "dim": 0.15}
 """Kind of light → share of scenes. built: as the world has it. low: a low warm sun. dim: half of all light."""
+PLACES = ("campus", "forest", "hills", "pilsun", "quarry", "ruins", "tunnel")
+"""The worlds of the scenes. A new world is not added by itself, since scenes must not depend on how many worlds there are."""
 TWICE = ("campus", "pilsun")
 """Worlds of which twice as many scenes are made: they alone have furniture and streets."""
 PANORAMAS, PINHOLES = "panorama", "pinhole"
@@ -214,7 +215,7 @@ def light(model: mujoco.MjModel, rng: np.random.Generator) -> None:
 
 def scene_tasks(folder: Path, count: int, seed: int, size: dict[str, int] | None = None, plain: bool = False) -> list[SceneTask]:
     """Tasks of `count` scenes in `folder`; the worlds take turns. The n-th has seed + n. size: fields of SceneTask that differ from its defaults."""
-    names = [*sorted(WORLDS), *(() if plain else TWICE)]
+    names = [*PLACES, *(() if plain else TWICE)]
     return [SceneTask(folder / f"scene-{k:04d}", seed + k, names[k % len(names)], **(size or {}), plain=plain) for k in range(count)]
 
 

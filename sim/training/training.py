@@ -18,13 +18,12 @@ from sim.parallel.pool import Pool, WorkerLost
 from sim.training.augmentation import CropSampler
 from sim.training.calibration import MIN_SCORE, Calibration, calibrate
 from sim.training.evaluation import FoundImage, feet_errors, figures, found_images
-from sim.training.scene_rendering import PANORAMAS, PINHOLES, ImageSet, SceneTask, run_scene, scene_tasks
+from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ImageSet, SceneTask, run_scene, scene_tasks
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import read_json
 from tracker.io.progress import progress_bar
 from tracker.io.resume import check_same, holds_run
-from worlds.catalogue import WORLDS
 
 HELD_OUT_SEED = 2000
 """Seed of the first held-out worlds. Training and calibration have seeds from 10,000 on."""
@@ -68,7 +67,7 @@ class TrainingPlan:
 
     def tasks(self, folder: Path) -> dict[str, list[SceneTask]]:
         """The scenes to be rendered, by their purpose: data, calibration and held-out."""
-        first, names = SEEDS_A_RUN * (self.seed + 1), sorted(WORLDS)
+        first, names = SEEDS_A_RUN * (self.seed + 1), PLACES
         places = [(HELD_OUT_SEED + k // len(names), names[k % len(names)]) for k in range(self.held_out)]
         unseen = folder / "held-out"
         return {

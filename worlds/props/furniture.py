@@ -160,3 +160,19 @@ def barrel(rng: np.random.Generator) -> Piece:
     """A drum of some liquid."""
     r = rng.uniform(0.24, 0.3)
     return Piece("barrel", column(rng, COLOURS[int(rng.integers(4))], r, rng.uniform(0.8, 0.95)), (2 * r, 2 * r))
+
+
+def low_wall(rng: np.random.Generator) -> Piece:
+    """A wall of concrete, as high as a person's chest or lower."""
+    length, depth, height = rng.uniform(1.5, 3.5), rng.uniform(0.25, 0.45), rng.uniform(0.6, 1.3)
+    shape = box(rng, Surface.CONCRETE, (-length / 2, -depth / 2, 0), (length / 2, depth / 2, height))
+    return Piece("partition", shape, (length, depth))
+
+
+def bench(rng: np.random.Generator) -> Piece:
+    """A bench with a back, of wood on steel feet."""
+    half = rng.uniform(0.7, 1.0)
+    shape = box(rng, Surface.OAK, (-half, -0.22, 0.41), (half, 0.22, 0.46)) + box(rng, Surface.OAK, (-half, 0.2, 0.6), (half, 0.24, 0.9))
+    for x in (-half + 0.1, half - 0.18):
+        shape += box(rng, Surface.DARK, (x, -0.2, 0), (x + 0.08, 0.2, 0.41)) + box(rng, Surface.DARK, (x, 0.2, 0), (x + 0.08, 0.24, 0.9))
+    return Piece("bench", shape, (2 * half, 0.5))
