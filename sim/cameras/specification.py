@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from sim.cameras.published import PUBLISHED
+from tracker.io.named_values import named_values
 
 EQUIRECTANGULAR = "equirectangular"
 OUTPUTS = ("both", "stitched", "raw")
@@ -94,19 +95,10 @@ def parse_camera(text: str, subject: str = "camera") -> CameraSpecification:
 
 def _options(text: str, model: str, subject: str) -> dict[str, str]:
     """Option → its text. Raises ValueError for unknown and repeated options."""
-    found: dict[str, str] = {}
     known = [*OPTIONS[model], *(["output"] if model == "dual-fisheye" else [])]
-    for item in filter(None, (part.strip() for part in text.split(","))):
-        option, equals, value = (part.strip() for part in item.partition("="))
-        if not equals or option not in known:
-            near = difflib.get_close_matches(option, known, 1, 0.6)
-            hint = f" ({near[0]}?)" if near and option not in known else ""
-            raise ValueError(f"{subject} {model} has {item[:60]!r}{hint}, needs NAME=VALUE of {', '.join(known) or 'no options'}")
-        if option in found:
-            raise ValueError(f"{subject} {model} has {option} twice")
-        if option == "output" and value not in OUTPUTS:
-            raise ValueError(f"{subject} {model} has output {value[:40]!r}, needs one of {', '.join(OUTPUTS)}")
-        found[option] = value
+    found = named_values(text, known, f"{subject} {model} has", f"NAME=VALUE of {', '.join(known) or 'no options'}")
+    if found.get("output", OUTPUTS[0]) not in OUTPUTS:
+        raise ValueError(f"{subject} {model} has output {found['output'][:40]!r}, needs one of {', '.join(OUTPUTS)}")
     return found
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass
+
+from tracker.io.named_values import named_values
 
 BOUNDS: dict[str, tuple[float, float, str]] = {
     "readout": (1e-4, 1.0, "s"),
@@ -89,19 +90,11 @@ class Effects:
 def parse_effects(text: str) -> Effects:
     """The effects of a text. Raises ValueError for unknown, repeated and invalid ones."""
     values: dict[str, float] = {}
-    for item in filter(None, (part.strip() for part in text.split(","))):
-        name, equals, number = (part.strip() for part in item.partition("="))
-        name = name.replace("-", "_")
-        if not equals or name not in BOUNDS:
-            near = difflib.get_close_matches(name, BOUNDS, 1, 0.6)
-            hint = f" ({near[0]}?)" if near and name not in BOUNDS else ""
-            raise ValueError(f"effect is {item[:60]!r}{hint}, needs NAME=VALUE with a name of {', '.join(BOUNDS)}")
-        if name in values:
-            raise ValueError(f"effect {name} is given twice")
+    for name, number in named_values(text, BOUNDS, "effect has", f"NAME=VALUE with a name of {', '.join(BOUNDS)}").items():
         try:
             values[name] = float(number)
         except ValueError:
-            raise ValueError(f"effect {name} is {number[:40]!r}, needs a number") from None
+            values[name] = math.nan
         if not math.isfinite(values[name]):
-            raise ValueError(f"effect {name} is {number[:40]!r}, needs a finite number")
+            raise ValueError(f"effect {name} is {number[:40]!r}, needs a number")
     return Effects(**values)
