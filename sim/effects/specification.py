@@ -94,7 +94,7 @@ def parse_effects(text: str) -> Effects:
         try:
             values[name] = float(number)
         except ValueError:
-            values[name] = math.nan
+            raise ValueError(f"effect {name} is {number[:40]!r}, needs a number") from None
         if not math.isfinite(values[name]):
-            raise ValueError(f"effect {name} is {number[:40]!r}, needs a number")
+            raise ValueError(f"effect {name} is {number[:40]!r}, needs a finite number")
     return Effects(**values)
