@@ -24,7 +24,10 @@ CROWD_STEP = 0.05
 """s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
 INDEPENDENT = "independent"
 """The detector model of the fields misses, clutter, bearing_noise and min_visible."""
-OPTIONAL = {"imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "", "distractors": 0}
+OPTIONAL = {
+    "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
+    "distractors": 0, "groups": 0.0, "sitting": 0.0,
+}  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
     "difficulty": (0.0, 1.0),
@@ -45,6 +48,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "bearing_noise": (0.0, math.radians(10.0)),
     "min_visible": (0.0, 1.0),
     "distractors": (0, 500),
+    "groups": (0.0, 1.0),
+    "sitting": (0.0, 1.0),
 }
 """Lowest and highest value of every numeric field, both included."""
 
@@ -67,6 +72,7 @@ class Scenario:
     camera, view_camera: models of the rovers' and the fixed cameras, as sim.cameras.parse_camera reads them; "" for panoramas and Tsai's model.
     effects: errors of the cameras, as sim.effects.parse_effects reads them, or a list of such texts; "" for none.
     distractors: number of things placed in the world that detectors take for people, as cones and coat stands; 0 by default.
+    groups: share of the people who stand together and talk, 2 to 5 a group. sitting: share of those present who sit; both 0 by default.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -96,6 +102,8 @@ class Scenario:
     view_camera: str = ""
     effects: str = ""
     distractors: int = 0
+    groups: float = 0.0
+    sitting: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -122,6 +130,8 @@ class Scenario:
         if isinstance(self.wheels, bool) or not isinstance(self.wheels, (int, float, np.integer, np.floating)):
             raise ValueError(f"wheels is {repr(self.wheels)[:60]}, needs a number of Hz")
         object.__setattr__(self, "wheels", float(self.wheels))
+        if self.groups + self.sitting > 1:
+            raise ValueError(f"groups and sitting are {self.groups:g} and {self.sitting:g}, need shares of at most 1 together")
         _ = self.imu_steps, self.wheel_steps
         if self.clock:
             own = {f"robot_{i}{part}" for i in range(self.robots) for part in ("", "_camera")}
@@ -152,6 +162,11 @@ class Scenario:
     def camera_effects(self) -> Effects:
         """The errors of the cameras."""
         return parse_effects(self.effects)
+
+    @property
+    def sitters(self) -> int:
+        """Number of people who sit."""
+        return round(self.sitting * min(self.at_once or self.people, self.people))
 
     @property
     def view_width(self) -> int:

@@ -20,6 +20,7 @@ class World:
     spec: not compiled; the simulation copies it and adds robots and people to its world body. ground: the terrain, the same surface as the geom
     "ground" of the spec. feet, wheels: free space of a walking person and of a small rover. spawn: (k, 2, 2) areas [[xmin, ymin], [xmax, ymax]] m
     where people enter. decks: what of meshes lies over the ground, to be walked on or under.
+    seats: (k, 4) x, y and height m of places to sit, and the direction rad in which one looks there.
     Raises ValueError where a spawn area is not free for feet, or where there is none.
     """
 
@@ -30,6 +31,7 @@ class World:
     wheels: FreeSpace
     spawn: Array
     decks: Decks = field(default_factory=Decks)
+    seats: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @cached_property
     def terrain(self) -> Terrain:

@@ -34,6 +34,10 @@ class ScenarioSettings:
     """Standard deviation of a slow exposure drift, stops."""
     image_noise: Number = None
     """Standard deviation of the pixel noise, counts of 255."""
+    groups: Number = None
+    """Share of the people who stand together in groups of 2 to 5 and talk, from 0 to 1."""
+    sitting: Number = None
+    """Share of the people present who sit on chairs, on benches and at tables, from 0 to 1; groups and sitting are at most 1 together."""
     distractors: Whole = None
     """Number of things that detectors take for people: cones, signs, coat stands, tripods, clothes, prams, posters and others."""
 

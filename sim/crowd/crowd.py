@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sim.crowd.behavior import BehaviorState, StepInput, update_behavior
 from sim.crowd.goals import GoalPlans
+from sim.crowd.postures import Postures
 from sim.crowd.social_force import GOAL, HEADING, PAUSE, PRESENT, STUCK, VISIT, VX, X, interactions
 from sim.crowd.steering import SteeringGrid, advance, desired_motion
 from sim.pedestrian.gait import Terrain
@@ -101,15 +102,19 @@ class PedestrianModel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Crowd:
-    """A crowd in one world. It holds the constants; `step` returns the next state."""
+    """A crowd in one world. It holds the constants; `step` returns the next state. postures: who sits and who talks; None for nobody."""
 
     free_space: FreeSpace
     ground: Terrain
     plans: GoalPlans
+    postures: Postures | None = None
     _known: set[int] = field(default_factory=set, init=False, repr=False)
 
-    def start(self, position: Array, heading: Array) -> CrowdState:
-        """State of people at position (m, 2) m with heading (m,) rad. If people come and go, the first plans.at_once are present."""
+    def start(self, position: Array, heading: Array, robots: Array | None = None) -> CrowdState:
+        """State of people at position (m, 2) m with heading (m,) rad. If people come and go, the first plans.at_once are present.
+
+        Sitters and talking groups are elsewhere: on their seats, and in circles clear of robots (r, 2) m.
+        """
         m = len(position)
         body = np.zeros((m, COLUMNS))
         entered = self.plans.at_once or m
@@ -118,6 +123,8 @@ class Crowd:
         body[:, HEADING] = heading
         body[:entered, PRESENT] = 1.0
         body[:, GOAL] = self.plans.itinerary[:, 0] if m else 0.0
+        if self.postures is not None:
+            self.postures.placed(body, self.plans, self.free_space, np.zeros((0, 2)) if robots is None else robots)
         return CrowdState(body, 0.0, entered)
 
     def goal(self, state: CrowdState) -> NDArray[np.int64]:
@@ -138,6 +145,8 @@ class Crowd:
         entered = update_behavior(
             body, (desired, effect, packed), grid.goals, self._behavior, StepInput(state.time, dt, state.entered, self.plans.at_once)
         )
+        if self.postures is not None:
+            self.postures.kept(state.body, body, self.free_space, packed, dt)
         return CrowdState(body, state.time + dt, entered)
 
     def _compute_directions(self, goals: Array) -> None:

@@ -14,13 +14,13 @@ from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.presets import Preset, confine, provenance
 from sim.recording.frame_journal import NAME as JOURNAL
 from sim.recording.record import Recording, write_recording
+from sim.simulation.furnished_world import furnished
 from sim.simulation.simulation import Simulation
 from tracker.io.atomic import partial_path
 from tracker.io.file_lock import Locked, file_lock
 from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.writer import ImageForm
 from worlds import catalogue
-from worlds.scenes.distractor_placement import with_distractors
 
 CHECK_INTERVAL = 0.3
 """Time between checks whether the parent process is alive, s."""
@@ -93,7 +93,7 @@ class SequenceTask:
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
-        world = with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
+        world = furnished(world, scenario)
         fixed = place_cameras(world, self.preset.views, scenario.view_width)
         return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form, self.workers)
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.pedestrian import leg_kinematics
-from sim.pedestrian.foot_contact import foot_poses, rotation_matrices
+from sim.pedestrian.foot_contact import Feet, foot_poses, rotation_matrices
 from sim.pedestrian.gait import Footing, Terrain
 from sim.pedestrian.leg_kinematics import SHIN, THIGH
 from tracker.geometry import Array, frozen
@@ -75,6 +75,19 @@ def trunk_size(stature: Array) -> Array:
     return (stature - (1 - SHOULDER_HEIGHT) * head_size(stature)) / SHOULDER_HEIGHT
 
 
+@dataclass(frozen=True, eq=False)
+class UpperBody:
+    """Rotations of torso and head (m, 3, 3), and of upper arms and forearms, two arrays (m, 2, 3, 3)."""
+
+    torso: Array
+    head: Array
+    arms: tuple[Array, Array]
+
+
+Legs = tuple[tuple[Array, Array, Feet], tuple[Array, Array, Array]]
+"""Hips and knees (m, 2, 3) m and the feet; rotations of the pelvis (m, 3, 3), of thighs and of shins (m, 2, 3, 3)."""
+
+
 def limb_poses(stature: Array, footing: Footing, position: Array, heading: Array, ground: Terrain) -> Poses:
     """Poses of the limbs of m people of stature (m,) m at position (m, 2) m with heading (m,) rad, with these footfalls on that ground.
 
@@ -94,12 +107,19 @@ def limb_poses(stature: Array, footing: Footing, position: Array, heading: Array
     knees, thighs, shins = leg_kinematics.solve_knees(size, hips, feet)
     lean = 0.03 + 0.12 * np.abs(stagger)
     torso_turn = rotation_matrices(heading - 0.3 * stagger, lean, none)
+    upper = UpperBody(torso_turn, rotation_matrices(heading, 0.4 * lean, none), _arms(heading, stagger))
+    return assembled(stature, pelvis, upper, ((hips, knees, feet), (pelvis_turn, thighs, shins)))
+
+
+def assembled(stature: Array, pelvis: Array, upper_body: UpperBody, legs: Legs) -> Poses:
+    """Poses of m people of stature (m,) m from the position of the pelvis (m, 3) m, the rotations of the upper body, and the legs."""
+    size = trunk_size(stature)
+    (hips, knees, feet), (pelvis_turn, thighs, shins) = legs
+    torso_turn, head_turn, (upper, fore) = upper_body.torso, upper_body.head, upper_body.arms
     shoulders_middle = pelvis + torso_turn[:, :, 2] * ((SHOULDER_HEIGHT - HIP_HEIGHT) * size)[:, None]
     shoulders = shoulders_middle[:, None] + torso_turn[:, None, :, 1] * (_SIDES[:, None] * (HALF_SHOULDERS * size)[:, None, None])
-    upper, fore = _arms(heading, stagger)
     elbows = shoulders - upper[..., 2] * (UPPER_ARM * size)[:, None, None]
     wrists = elbows - fore[..., 2] * (FOREARM * size)[:, None, None]
-    head_turn = rotation_matrices(heading, 0.4 * lean, none)
     face = shoulders_middle[:, None] + np.einsum("mij,kj->mki", head_turn, _FACE) * head_size(stature)[:, None, None]
     origins = [pelvis[:, None], pelvis[:, None], shoulders_middle[:, None], shoulders, elbows, hips, knees, feet.ankle]
     turns = [pelvis_turn[:, None], torso_turn[:, None], head_turn[:, None], upper, fore, thighs, shins, feet.rotation]

@@ -48,7 +48,9 @@ def truth_of(state: FrameState, simulation: Simulation, views: Mapping[str, View
     """Truth of the current frame of a simulation. views: camera → truth of its view."""
     tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
     people = state.people
-    return Truth(state.index, state.robots, people.person, simulation.feet(), visible_fractions(people.person, views), people.joints, tipped)
+    sitting = None if simulation.sitting is None else frozenset(simulation.sitting.tolist())
+    visible = visible_fractions(people.person, views)
+    return Truth(state.index, state.robots, people.person, simulation.feet(), visible, people.joints, tipped, sitting)
 
 
 def robot_poses(simulation: Simulation, setup: Setup) -> dict[str, Pose]:

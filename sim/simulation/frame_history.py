@@ -12,7 +12,8 @@ import numpy as np
 from sim.crowd.crowd import CrowdState
 from sim.pedestrian import gait, gaze, skeleton
 from sim.pedestrian.gait import Terrain
-from tracker.geometry import Array
+from sim.pedestrian.sitting import with_sitters
+from tracker.geometry import Array, Ints
 from worlds.engine import mujoco
 
 
@@ -21,13 +22,14 @@ class FrameHistory:
     """States since the frame before, the first of each list being that frame's.
 
     timestep: s of a physics step. qpos: of all physics steps. people: crowd and footfalls at all steps of the crowd.
-    head_yaw: (m,) rad at the frame before and now. `poses` holds limb poses that were computed already.
+    head_yaw: (m,) rad at the frame before and now. seated: indices and poses of people who sit. `poses` holds limb poses that were computed already.
     """
 
     timestep: float
     qpos: list[Array]
     people: list[tuple[CrowdState, gait.Footing]]
     head_yaw: tuple[Array, Array]
+    seated: tuple[Ints, skeleton.Poses] | None = None
     poses: dict[int, skeleton.Poses] = field(default_factory=dict)
 
     @property
@@ -75,5 +77,6 @@ class FrameHistory:
         if k not in self.poses:
             state, footing = self.people[k]
             turned = self.head_yaw[0] + k / (len(self.people) - 1) * (self.head_yaw[1] - self.head_yaw[0])
-            self.poses[k] = gaze.with_head_yaw(skeleton.limb_poses(stature, footing, state.position, state.heading, ground), turned)
+            poses = skeleton.limb_poses(stature, footing, state.position, state.heading, ground)
+            self.poses[k] = gaze.with_head_yaw(poses if self.seated is None else with_sitters(poses, *self.seated), turned)
         return self.poses[k]

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.crowd.crowd import Crowd, CrowdState, PedestrianModel
 from sim.crowd.goals import Schedule, make_plans, order_by_group
+from sim.crowd.postures import drawn_postures
 from sim.robots import rover
 from sim.robots.driving import Pilot
 from sim.scenario import Scenario
@@ -66,10 +67,14 @@ def draw_places(scenario: Scenario, free_space: FreeSpace) -> Array:
         raise ValueError(f"{message}: {error}") from None
 
 
-def make_crowd(scenario: Scenario, world: World, people: list[np.random.Generator], free: Array) -> tuple[Crowd, CrowdState]:
+def make_crowd(
+    scenario: Scenario, world: World, people: list[np.random.Generator], free: Array, robots: Array | None = None
+) -> tuple[Crowd, CrowdState]:
     """A crowd with random plans, and its state at the first of the positions `free` (k, 2) m. people: the random stream of each.
 
-    Raises ValueError if there are too few positions.
+    robots: (r, 2) m of the robots, which people who stand in groups keep away from.
+
+    Raises ValueError if there are too few positions or seats.
     """
     rng, free_space = scenario.stream("people/start"), world.feet
     schedule = Schedule(world.spawn, scenario.at_once, scenario.frames * scenario.period)
@@ -79,8 +84,11 @@ def make_crowd(scenario: Scenario, world: World, people: list[np.random.Generato
         raise ValueError(f"people is {first}, needs at most {len(free)}: more do not fit beside {scenario.robots} robots")
     places = np.zeros((len(people), 2))
     places[:first] = order_by_group(free[:first], plans.group[:first])
-    crowd = Crowd(free_space, world.terrain, plans)
-    return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)))
+    postures = None
+    if scenario.sitting or scenario.groups:
+        plans, postures = drawn_postures(plans, world.seats, (scenario.sitting, scenario.groups), scenario.stream("people/postures"))
+    crowd = Crowd(free_space, world.terrain, plans, postures)
+    return crowd, crowd.start(places, rng.uniform(-np.pi, np.pi, len(people)), robots)
 
 
 def clear_of_robots(robots: Array, places: Array) -> Array:

@@ -10,20 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from sim.crowd.crowd import CrowdState, Obstacles, PedestrianModel
+from sim.crowd.crowd import Crowd, CrowdState, Obstacles, PedestrianModel
+from sim.crowd.postures import Postures
 from sim.crowd.replay import Paths, Replay
 from sim.pedestrian import clothing, clothing_textures, gait, gaze, skeleton
+from sim.pedestrian.sitting import sitting_poses, with_sitters
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
 from sim.scenario import Scenario
 from sim.simulation.frame_history import FrameHistory
+from sim.simulation.furnished_world import world_of
 from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
 from sim.simulation.step_states import StepStates
 from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
 from tracker.types import Odometry
-from worlds import catalogue
 from worlds.engine import mujoco
-from worlds.scenes.distractor_placement import with_distractors
 from worlds.world import World
 
 SETTLING_TIME = 1.0
@@ -49,12 +50,6 @@ class Snapshot:
     people: tuple[CrowdState, gait.Footing, Array, Array]
     robots: tuple[tuple[DriveState, ...], Array, dict[str, Odometry]]
     streams: tuple[Any, ...]
-
-
-def world_of(scenario: Scenario) -> World:
-    """The world of a scenario, with its distractors. Raises ValueError for an unknown world, and where they do not fit in."""
-    world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
-    return with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
 
 
 class Simulation:
@@ -129,7 +124,8 @@ class Simulation:
         self._turn_heads()
         if self.keep_steps:
             qpos = [position for position, _ in self._steps]
-            self._history = FrameHistory(float(self._physics.opt.timestep), qpos, people, (head_yaw, self._gaze))
+            seated = None if self._seated is None else (self._postures.sitters, self._seated)
+            self._history = FrameHistory(float(self._physics.opt.timestep), qpos, people, (head_yaw, self._gaze), seated)
         self._posed = False
         self._measure_odometry(np.concatenate(rates), before, velocity)
 
@@ -185,6 +181,12 @@ class Simulation:
     def persons(self) -> Ints:
         """Ids (m,) of the people who are present. The id of a person who has left is not reused."""
         return self.all_persons[self._crowd_state.present]
+
+    @property
+    def sitting(self) -> Ints | None:
+        """Ids (k,) of the people who sit and are present; None where the scenario has no sitters."""
+        sitters = self._postures.sitters
+        return self.all_persons[sitters[self._crowd_state.present[sitters]]] if self.scenario.sitting else None
 
     def feet(self) -> Array:
         """Ground points (m, 3) m under the centres of the bodies, in the order of `persons`."""
@@ -304,6 +306,11 @@ class Simulation:
         """Place the people and their colliders."""
         self._crowd, self._crowd_state = self._pedestrian_model(people)
         state = self._crowd_state
+        known = self._crowd.postures if isinstance(self._crowd, Crowd) else None
+        self._postures = known or Postures.none(len(people))
+        self._seated = None
+        if len(sitters := self._postures.sitters):
+            self._seated = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain)
         self._footing, self._gaze = gait.stand(state.position, state.heading, self.stature), np.zeros(len(people))
         self._physics_data.mocap_pos[self._moving_colliders] = self._parked(self._ground_positions())
 
@@ -314,7 +321,8 @@ class Simulation:
         if self._paths is not None:
             replay = Replay(self._paths, self.world.feet)
             return replay, replay.start()
-        return make_crowd(self.scenario, self.world, people, clear_of_robots(self._data.qpos[self._poses[:, :2]], self._places))
+        robots = self._data.qpos[self._poses[:, :2]]
+        return make_crowd(self.scenario, self.world, people, clear_of_robots(robots, self._places), robots)
 
     def _settle_rovers(self) -> None:
         self._copy_state(self._data, self._physics_data)
@@ -391,6 +399,8 @@ class Simulation:
             return
         state = self._crowd_state
         poses = skeleton.limb_poses(self.stature, self._footing, state.position, state.heading, self.world.terrain)
+        if self._seated is not None:
+            poses = with_sitters(poses, self._postures.sitters, self._seated)
         poses = gaze.with_head_yaw(poses, self._gaze)
         self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
         self._data.mocap_pos[self._colliders] = self._parked(self._ground_positions())

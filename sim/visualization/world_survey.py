@@ -8,7 +8,8 @@ from typing import Any
 
 from sim.scenario import Scenario
 from sim.simulation import wheel_slip
-from sim.simulation.simulation import Simulation, world_of
+from sim.simulation.furnished_world import world_of
+from sim.simulation.simulation import Simulation
 from sim.visualization.world_preview import preview
 from tracker.io.progress import progress_bar
 from worlds import catalogue

@@ -30,8 +30,8 @@ from tracker.sequence.schema import (
     ROBOTS,
     STAMPS,
     WHEELS,
-    people_columns,
 )
+from tracker.sequence.truth_tables import people_columns_of
 
 FILE = "croissant.json"
 CONFORMS = "http://mlcommons.org/croissant/1.0"
@@ -97,6 +97,7 @@ _POSE = "of the pose (x forward, y left, z up; to the world, or now to before)"
 COLUMNS: tuple[tuple[str, str], ...] = (
     (r"frame", "index from 0; time = frame · period of calibration.json"),
     (r"robot|camera", "name, as in calibration.json"),
+    (r"sits", "1 for a person who sits, else 0"),
     (r"clock", "name of the robot or camera whose clock it is, as in calibration.json"),
     (r"time", "[s] true time since frame 0; of the IMU the end of the sample"),
     (r"stamp", "[s] that time on the clock of the robot or camera"),
@@ -199,7 +200,7 @@ def croissant_of(folder: Path) -> dict[str, Any]:
 
 def _tables(folder: Path) -> dict[str, tuple[str, Mapping[str, type], str]]:
     calibration = read_json(sequences(folder)[0] / "calibration.json")
-    return TABLES | {"people": ("truth/people.csv", people_columns(calibration["cameras"]), PEOPLE)}
+    return TABLES | {"people": ("truth/people.csv", people_columns_of(sequences(folder)[0], calibration["cameras"]), PEOPLE)}
 
 
 def _manifest(folder: Path, prefix: str) -> dict[str, Any]:

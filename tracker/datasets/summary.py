@@ -18,7 +18,8 @@ from tracker.sequence.dataset import sequences
 from tracker.sequence.manifest import read_manifest
 from tracker.sequence.reader import read_contents
 from tracker.sequence.robot_sensors import SENSOR_TABLES, read_sensor_setup
-from tracker.sequence.schema import BOXES, people_columns
+from tracker.sequence.schema import BOXES
+from tracker.sequence.truth_tables import people_columns_of
 
 SEEN = 0.2
 """Least visible fraction of a person who counts as seen."""
@@ -46,7 +47,7 @@ def _of_sequence(folder: Path) -> dict[str, Any]:
     sequence = read_contents(folder, manifest["files"])
     mounted = {name: mount.camera for name, mount in sequence.setup.mounts.items()}
     cameras = {name: f"{type(camera).__name__.lower()} {camera.width} x {camera.height}" for name, camera in mounted.items()}
-    people = read_table(folder / "truth" / "people.csv", people_columns(sequence.setup.mounts))
+    people = read_table(folder / "truth" / "people.csv", people_columns_of(folder, sequence.setup.mounts))
     boxes = read_table(folder / "truth" / "boxes.csv", BOXES)
     frames = len(sequence.truth or ())
     present = np.bincount(people["frame"].astype(np.int64), minlength=frames) if frames else np.zeros(1, np.int64)

@@ -109,7 +109,7 @@ def read_numbered_table(path: Path, columns: Mapping[str, type]) -> tuple[list[i
     numbers: list[int] = []
     header = False
     for number, line in _lines(path):
-        cells = [cell.strip() for cell in line.split(",")] if '"' not in line else next(csv.reader([line]), [])
+        cells = _cells(line)
         if not header:
             header = True
             if cells != list(columns):
@@ -123,6 +123,17 @@ def read_numbered_table(path: Path, columns: Mapping[str, type]) -> tuple[list[i
     if not header:
         raise ValueError(f"{path}: empty, needs a header")
     return numbers, {name: np.array(values, dtype=str if columns[name] is str and not values else None) for name, values in lists.items()}
+
+
+def read_header(path: Path) -> list[str]:
+    """The cells of the first line of a table; empty for an empty file. Raises ValueError where the file cannot be read."""
+    for _, line in _lines(path):
+        return _cells(line)
+    return []
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.split(",")] if '"' not in line else next(csv.reader([line]), [])
 
 
 def _listed(names: Iterable[str]) -> str:

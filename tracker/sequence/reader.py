@@ -6,7 +6,7 @@ README.md in that folder (schema.README) describes each file and column. `truth_
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,8 @@ from tracker.io.json_files import read_json
 from tracker.io.terrain_file import read_terrain
 from tracker.sequence.calibration import pose_from, setup_from
 from tracker.sequence.manifest import check_file, read_manifest
-from tracker.sequence.schema import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOT_DETECTIONS, ROBOTS, UPPER_TRIANGLE, people_columns
+from tracker.sequence.schema import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOT_DETECTIONS, ROBOTS, SITS, UPPER_TRIANGLE
+from tracker.sequence.truth_tables import people_columns_of
 from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Tick, Truth, View
 
 
@@ -69,8 +70,10 @@ def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
     for k, rows in robots.items():
         if len(rows) != len(setup.starts):
             raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frame {k} has {len(rows)} robots, needs {len(setup.starts)}")
-    known = {"frame": range(len(robots))}
-    people = rows_by_frame(folder / "truth" / "people.csv", people_columns(setup.mounts), ("person",), known)
+    known: dict[str, Container[Any]] = {"frame": range(len(robots))}
+    columns = people_columns_of(folder, setup.mounts)
+    sits = SITS in columns
+    people = rows_by_frame(folder / "truth" / "people.csv", columns, ("person",), known | ({SITS: (0, 1)} if sits else {}))
     visible = [f"visible_{camera}" for camera in setup.mounts]
     return tuple(
         Truth(
@@ -80,6 +83,7 @@ def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:
             np.array([[row["x"], row["y"], row["z"]] for row in people.get(k, [])]).reshape(-1, 3),
             np.array([[row[c] for c in visible] for row in people.get(k, [])]).reshape(-1, len(visible)),
             tipped=frozenset(row["robot"] for row in robots[k] if row["tipped"]),
+            sitting=frozenset(row["person"] for row in people.get(k, []) if row[SITS]) if sits else None,
         )
         for k in range(len(robots))
     )

@@ -69,9 +69,14 @@ ROWS: dict[str, type] = {"frame": int, "camera": str, "first": int, "end": int} 
 """Columns of truth/rows.csv, which is optional."""
 
 
-def people_columns(cameras: Iterable[str]) -> dict[str, type]:
-    """Columns of truth/people.csv, with one for each camera."""
-    return {"frame": int, "person": int, "x": float, "y": float, "z": float} | {f"visible_{camera}": float for camera in cameras}
+SITS = "sits"
+"""The last column of truth/people.csv, which is optional: 1 for a person who sits, else 0."""
+
+
+def people_columns(cameras: Iterable[str], sits: bool = False) -> dict[str, type]:
+    """Columns of truth/people.csv, with one for each camera. sits: whether the table says who sits."""
+    own = {"frame": int, "person": int, "x": float, "y": float, "z": float} | {f"visible_{camera}": float for camera in cameras}
+    return own | ({SITS: int} if sits else {})
 
 
 REQUIRED_FILES = (
@@ -132,6 +137,11 @@ Only where they were asked for:
 * `videos/CAMERA.mp4`: the images as MPEG-4, at the frame rate of the sequence; for looking at, they have lost more than the JPEG.
 * `terrain.glb`: the place without people and robots, as triangles with textures (glTF 2.0: metres, y up: x, y, z here are x, -z, y of the world).
 * `TABLE.npz` beside a large TABLE.csv: the same rows, an array a column, numbers in full (int64, float64) where the CSV has 9 digits.
+"""
+
+SITTING_README = """
+Only where people sit: the last column `sits` of `truth/people.csv` is 1 for a person who sits, else 0. Boxes, key points and joints are those of the
+sitting body; x, y, z is the ground under the hips.
 """
 
 SENSORS_README = """

@@ -5,16 +5,16 @@ Pixels count from the corner of the image: the centre of the first pixel is (½,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Array, Ints
-from tracker.io.csv_tables import read_table, rows_by_frame
+from tracker.io.csv_tables import read_header, read_table, rows_by_frame
 from tracker.sequence.calibration import pose_from, pose_row
-from tracker.sequence.schema import BOXES, CAMERAS, JOINTS, KEYPOINTS, POSE
+from tracker.sequence.schema import BOXES, CAMERAS, JOINTS, KEYPOINTS, POSE, SITS, people_columns
 from tracker.types import KEYPOINT_COUNT, Boxes, Keypoints, ViewTruth
 
 
@@ -88,6 +88,11 @@ def read_views(folder: Path) -> dict[tuple[int, str], ViewTruth]:
             except ValueError as error:
                 raise ValueError(f"{folder / 'truth' / 'cameras.csv'}: frame {frame} of {key[1]}: {error}") from None
     return out
+
+
+def people_columns_of(folder: Path, cameras: Iterable[str]) -> dict[str, type]:
+    """Columns of the truth/people.csv of a sequence: with `sits` where its header ends with it. Raises ValueError where the file cannot be read."""
+    return people_columns(cameras, read_header(folder / "truth" / "people.csv")[-1:] == [SITS])
 
 
 def _by_view(frame: Ints, camera: NDArray[np.str_]) -> dict[tuple[int, str], NDArray[np.int64]]:

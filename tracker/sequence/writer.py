@@ -42,6 +42,7 @@ from tracker.sequence.schema import (
     ROWS,
     SCHEMA,
     SENSORS_README,
+    SITTING_README,
     UPPER_TRIANGLE,
     people_columns,
 )
@@ -126,7 +127,7 @@ class SequenceWriter:
         self.tops, self.sensors = tops, sensors
         self.images = ImageWriter(self.partial)
         self._videos = VideoWriters(self.partial / "videos", 1 / setup.period) if self.form.video else None
-        self._has_robot_detections = False
+        self._has_robot_detections = self._says_who_sits = False
         self._true_setup = setup
         self._effect_tables: dict[str, list[str]] = {}
         self._rows: dict[str, list[list[object]]] = {name.split("/")[-1]: [] for name in self._tables()}
@@ -136,7 +137,7 @@ class SequenceWriter:
     def _tables(self) -> dict[str, list[str]]:
         """Table → its columns."""
         truth: dict[str, dict[str, type]] = {"robots": ROBOTS, "cameras": CAMERAS, "boxes": BOXES, "keypoints": KEYPOINTS, "joints": JOINTS}
-        truth["people"] = people_columns(self.setup.mounts)
+        truth["people"] = people_columns(self.setup.mounts, self._says_who_sits)
         measured = {"odometry": list(ODOMETRY), "detections": list(DETECTIONS), "companions": list(ROBOT_DETECTIONS)}
         tables = measured | {f"truth/{name}": list(columns) for name, columns in truth.items()}
         return tables | (sensor_tables(self.sensors) if self.sensors else {}) | self._effect_tables
@@ -184,6 +185,7 @@ class SequenceWriter:
         Raises ValueError for a view without an image, an image that cannot be written, or a truth without joints.
         """
         k, rows = tick.index, self._rows
+        self._says_who_sits = truth.sitting is not None
         for view in tick.views:
             if layers is not None:
                 if view.image is None:
@@ -196,7 +198,8 @@ class SequenceWriter:
             rows["keypoints"] += keypoint_rows(k, view.camera, true.keypoints)
         rows["robots"] += [[k, robot, *pose_row(pose), int(robot in truth.tipped)] for robot, pose in truth.T_world_robot.items()]
         for person, feet, fractions in zip(truth.person_id, truth.feet, truth.visible, strict=True):
-            rows["people"].append([k, int(person), *map(float, feet), *map(float, fractions)])
+            sits = [] if truth.sitting is None else [int(person in truth.sitting)]
+            rows["people"].append([k, int(person), *map(float, feet), *map(float, fractions), *sits])
         if truth.joints is None:
             raise ValueError(f"truth of frame {k} has no joints, needs them")
         rows["joints"] += joint_rows(k, truth.person_id, truth.joints)
@@ -244,7 +247,8 @@ class SequenceWriter:
             if len(rows) * len(columns) > LARGE:
                 write_arrays(root / f"{name}.npz", columns, rows)
         self._write_calibrations()
-        notes = (SENSORS_README if self.sensors else "") + (EFFECTS_README if self._effect_tables else "")
+        notes = SITTING_README if self._says_who_sits else ""
+        notes += (SENSORS_README if self.sensors else "") + (EFFECTS_README if self._effect_tables else "")
         (root / "README.md").write_text(README + notes, encoding="utf-8")
         if self.sensors and self.sensors.description:
             _write_json(root / "sensors.json", dict(self.sensors.description))

@@ -93,6 +93,7 @@ class Truth:
     visible (m, cameras): visible pixels over the pixels without occlusion, in [0, 1], cameras in the order of Setup.mounts.
     joints (m, 17, 3) m: positions of KEYPOINT_NAMES, or None where they were not read (truth_tables.read_joints reads them).
     tipped: the robots that have tipped over. They still have odometry and panoramas.
+    sitting: ids of the people who sit; None where the sequence does not say.
     """
 
     index: int
@@ -102,11 +103,14 @@ class Truth:
     visible: Array
     joints: Array | None = None
     tipped: frozenset[str] = frozenset()
+    sitting: frozenset[int] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.person_id)
         if not self.tipped <= set(self.T_world_robot):
             raise ValueError(f"tipped is {sorted(self.tipped)}, needs robots of {sorted(self.T_world_robot)}")
+        if self.sitting and not self.sitting <= set(self.person_id.tolist()):
+            raise ValueError(f"sitting is {sorted(self.sitting)[:10]}, needs ids of people of frame {self.index}")
         set_ints(self, "person_id", (n,))
         set_array(self, "feet", (n, 3))
         set_array(self, "visible", (n, None))

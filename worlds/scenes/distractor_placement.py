@@ -1,23 +1,27 @@
-"""Placement of distractors in a ready world: beside the ways of people, without closing any."""
+"""Placement of distractors and of seats in a ready world: beside the ways of people, without closing any."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
+from worlds.engine import mujoco
 from worlds.props.distractors import MAKERS
-from worlds.props.furniture import SINK
+from worlds.props.furniture import SINK, Piece
+from worlds.props.seats import SEATINGS
 from worlds.terrain.free_space import FEET, WHEELS, FreeSpace
 from worlds.terrain.heightfield import Array, Mask
-from worlds.terrain.polygons import signed_distance
+from worlds.terrain.polygons import signed_distance, turned
 from worlds.textures.furniture_atlas import atlas
 from worlds.textures.materials import add_material
 from worlds.textures.person_pictures import pictures
 from worlds.world import World
 
-MATERIAL, PICTURES = "distractors", "person_pictures"
+MATERIAL, PICTURES, SEATS = "distractors", "person_pictures", "seats"
+"""Names of the materials."""
 SPAWN_MARGIN = 0.6
 """m: distance from the spawn areas."""
 LEVEL = 0.12
@@ -25,6 +29,23 @@ LEVEL = 0.12
 LEAST_REMAINING = 0.98
 """Share of free space, less the footprint's own surroundings, that must stay connected."""
 TRIES = 80
+
+
+@dataclass(frozen=True, eq=False)
+class _Site:
+    """A world that is being furnished: its spec, and the free space that is left."""
+
+    world: World
+    spec: mujoco.MjSpec
+    feet: FreeSpace
+    wheels: FreeSpace
+
+    @staticmethod
+    def of(world: World) -> _Site:
+        return _Site(world, world.spec.copy(), world.feet, world.wheels)
+
+    def ready(self, seats: Array) -> World:
+        return replace(self.world, spec=self.spec, feet=self.feet, wheels=self.wheels, seats=seats)
 
 
 def with_distractors(world: World, rng: np.random.Generator, count: int) -> World:
@@ -35,29 +56,60 @@ def with_distractors(world: World, rng: np.random.Generator, count: int) -> Worl
     """
     if not count:
         return world
-    spec = world.spec.copy()
-    add_material(spec, MATERIAL, atlas(rng))
-    add_material(spec, PICTURES, pictures(rng))
-    feet, wheels = world.feet, world.wheels
+    site = _Site.of(world)
+    add_material(site.spec, MATERIAL, atlas(rng))
+    add_material(site.spec, PICTURES, pictures(rng))
     for number in range(count):
         piece = MAKERS[int(rng.integers(len(MAKERS)))](rng)
-        for _ in range(TRIES):
-            place, yaw = _draw(rng, feet), float(rng.uniform(-np.pi, np.pi))
-            corners = piece.footprint(place, yaw)
-            heights = world.terrain.height_at(np.concatenate([corners, [place]]))
-            if np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
-                continue
-            rest = _without(feet, corners, FEET.half_width), _without(wheels, corners, WHEELS.half_width)
-            if rest[0] is not None and rest[1] is not None:
-                feet, wheels = rest[0], rest[1]
-                on = [*place, float(heights.min()) - SINK]
-                piece.shape.add_to(spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
-                if piece.picture is not None:
-                    piece.picture.add_to(spec, f"{piece.kind}{number}-picture", PICTURES, on, yaw)
-                break
+        for smaller, on, yaw in _places(site, rng, piece):
+            site = smaller
+            piece.shape.add_to(site.spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
+            if piece.picture is not None:
+                piece.picture.add_to(site.spec, f"{piece.kind}{number}-picture", PICTURES, on, yaw)
+            break
         else:
             raise ValueError(f"distractors is {count}, {number} fit into {world.name}")
-    return replace(world, spec=spec, feet=feet, wheels=wheels)
+    return site.ready(world.seats)
+
+
+def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
+    """The world with chairs, benches and tables where `count` people or a few more can sit; the same world for 0.
+
+    Free space is smaller by them, as `with_distractors` says. Raises ValueError where fewer than `count` fit.
+    """
+    if not count:
+        return world
+    site, seats = _Site.of(world), list(world.seats)
+    add_material(site.spec, SEATS, atlas(rng))
+    number = 0
+    while len(seats) < count:
+        seating = SEATINGS[int(rng.integers(len(SEATINGS)))](rng)
+        for smaller, on, yaw in _places(site, rng, seating.piece):
+            site = smaller
+            seating.piece.shape.add_to(site.spec, f"{seating.piece.kind}{number}-seat", SEATS, on, yaw)
+            for place in seating.places:
+                x, y = turned(place[None, :2], yaw)[0] + on[:2]
+                seats.append(np.array([x, y, on[2] + place[2], yaw + np.pi / 2]))
+            break
+        else:
+            raise ValueError(f"{count} people shall sit, {len(seats)} seats fit into {world.name}")
+        number += 1
+    return site.ready(np.array(seats))
+
+
+def _places(site: _Site, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[_Site, Array, float]]:
+    """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad."""
+    world = site.world
+    for _ in range(TRIES):
+        place, yaw = _draw(rng, site.feet), float(rng.uniform(-np.pi, np.pi))
+        corners = piece.footprint(place, yaw)
+        heights = world.terrain.height_at(np.concatenate([corners, [place]]))
+        # Corners that are free keep wide pieces out of walls and of each other.
+        if not site.feet.free_at(corners).all() or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
+            continue
+        feet, wheels = _without(site.feet, corners, FEET.half_width), _without(site.wheels, corners, WHEELS.half_width)
+        if feet is not None and wheels is not None:
+            yield replace(site, feet=feet, wheels=wheels), np.array([*place, float(heights.min()) - SINK]), yaw
 
 
 def _draw(rng: np.random.Generator, feet: FreeSpace) -> Array:

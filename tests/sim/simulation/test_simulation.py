@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from sim.scenario import Scenario
+from sim.simulation.furnished_world import furnished
 from sim.simulation.simulation import Simulation
 from tests.sim.footfalls import Footfalls
 from tests.sim.yard import yard
@@ -245,3 +246,24 @@ def test_more_people_than_fit_are_refused_in_one_line():
     with pytest.raises(ValueError, match="people is 500, more than") as error:
         Simulation(Scenario(robots=1, people=500), yard())
     assert "\n" not in str(error.value)
+
+
+def test_sitters_are_on_their_seats_now_and_within_a_frame():
+    scenario = Scenario(robots=1, people=6, frames=4, sitting=0.5, seed=3)
+    world = furnished(yard(), scenario)
+    assert len(world.seats) >= 3
+    simulation = Simulation(scenario, world)
+    simulation.keep_steps = True
+    simulation.step()
+    sitters = [int(person) for person in simulation.sitting]
+    assert len(sitters) == 3
+    at = [list(simulation.persons).index(person) for person in sitters]
+    hips = simulation.joints()[at][:, [KEYPOINT_NAMES.index("left_hip"), KEYPOINT_NAMES.index("right_hip")]].mean(axis=1)
+    gap = np.linalg.norm(hips[:, None, :2] - world.seats[:, :2], axis=2)
+    assert gap.min(axis=1).max() < 1e-6
+    assert hips[:, 2] - world.seats[gap.argmin(axis=1), 2] == pytest.approx(0.1, abs=0.03)
+    np.testing.assert_allclose(simulation.feet()[at][:, :2], hips[:, :2], atol=1e-9)
+    body = simulation.model.body(f"person_{sitters[0]}/left_thigh").mocapid[0]
+    now = simulation.data.mocap_pos[body].copy()
+    np.testing.assert_allclose(simulation.past(0.07).mocap_pos[body], now, atol=1e-9)
+    assert Simulation(SMALL, yard()).sitting is None

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from tracker.geometry.cameras import Tsai
 from tracker.geometry.ground import Grid
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes, read_joints, read_views
-from tracker.sequence.writer import SequenceWriter
+from tracker.sequence.writer import Layers, SequenceWriter
 from tracker.types import Mount, Setup, Start
 
 
@@ -235,3 +236,27 @@ def test_more_than_ten_cameras_keep_their_order(tmp_path: Path) -> None:
     with SequenceWriter(tmp_path / "s", Setup(mounts, ground, {**starts}, 0.1), ground) as writer:
         writer.finish({}, {})
     assert list(read_sequence(tmp_path / "s").setup.mounts) == list(mounts)
+
+
+def test_who_sits_round_trip(tmp_path: Path) -> None:
+    written, tops = sequences.write(tmp_path / "plain"), sequences.setup().ground
+    assert isinstance(tops, Grid)
+    with SequenceWriter(tmp_path / "s", sequences.setup(), tops) as writer:
+        for k, one in enumerate(written):
+            instances = {name: np.full((32, 64), 4, np.uint16) for name in sequences.setup().mounts}
+            views = {name: sequences.view_truth(k, name) for name in sequences.setup().mounts}
+            writer.add(one, replace(sequences.truth(k), sitting=frozenset({9} if k else ())), Layers(instances), views)
+        writer.finish({}, {})
+    truth, plain = read_sequence(tmp_path / "s").truth, read_sequence(tmp_path / "plain").truth
+    assert truth is not None
+    assert plain is not None
+    assert [frame.sitting for frame in truth] == [frozenset({9} if k else ()) for k in range(len(written))]
+    assert {frame.sitting for frame in plain} == {None}
+    np.testing.assert_array_equal(truth[1].visible, plain[1].visible)
+    assert not any("sits" in (tmp_path / "plain" / name).read_text(encoding="utf-8") for name in ("README.md", "truth/people.csv"))
+    table = tmp_path / "s" / "truth" / "people.csv"
+    table.write_text(table.read_text(encoding="utf-8").replace(",1\n", ",2\n", 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"people.csv.*(sits is 2|SHA-256|changed)"):
+        read_sequence(tmp_path / "s")
+    with pytest.raises(ValueError, match=r"sitting is .*needs ids"):
+        replace(sequences.truth(0), sitting=frozenset({5}))

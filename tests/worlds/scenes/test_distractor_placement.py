@@ -11,7 +11,7 @@ import pytest
 from worlds import catalogue
 from worlds.props.distractors import MAKERS
 from worlds.props.furniture import Piece
-from worlds.scenes.distractor_placement import with_distractors
+from worlds.scenes.distractor_placement import with_distractors, with_seats
 from worlds.semantics import CLASSES, class_of
 from worlds.textures.person_pictures import COUNT, WIDTH, picture_box, silhouette, texture_of
 
@@ -60,3 +60,16 @@ def test_people_on_posters_are_inside_of_their_cells() -> None:
         texture = texture_of(cell, corners)
         assert (texture >= low).all()
         assert (texture <= high).all()
+
+
+def test_seats_are_on_level_free_ground_and_cut_it() -> None:
+    world = catalogue.build("pilsun", np.random.default_rng(1), 0.25)
+    assert with_seats(world, np.random.default_rng(2), 0) is world
+    one = with_seats(world, np.random.default_rng(2), 5)
+    assert 5 <= len(one.seats) <= 7
+    assert world.feet.free_at(one.seats[:, :2]).all()
+    assert not one.feet.free_at(one.seats[:, :2]).any()
+    assert (np.abs(one.seats[:, 2] - one.terrain.height_at(one.seats[:, :2]) - 0.46) < 0.15).all()
+    np.testing.assert_array_equal(one.seats, with_seats(world, np.random.default_rng(2), 5).seats)
+    with pytest.raises(ValueError, match="400 people shall sit"):
+        with_seats(world, np.random.default_rng(2), 400)
