@@ -32,7 +32,7 @@ TRIES = 80
 
 
 @dataclass(frozen=True, eq=False)
-class _Site:
+class _PartlyFurnished:
     """A world that is being furnished: its spec, and the free space that is left."""
 
     world: World
@@ -41,8 +41,8 @@ class _Site:
     wheels: FreeSpace
 
     @staticmethod
-    def of(world: World) -> _Site:
-        return _Site(world, world.spec.copy(), world.feet, world.wheels)
+    def of(world: World) -> _PartlyFurnished:
+        return _PartlyFurnished(world, world.spec.copy(), world.feet, world.wheels)
 
     def ready(self, seats: Array) -> World:
         return replace(self.world, spec=self.spec, feet=self.feet, wheels=self.wheels, seats=seats)
@@ -56,7 +56,7 @@ def with_distractors(world: World, rng: np.random.Generator, count: int) -> Worl
     """
     if not count:
         return world
-    site = _Site.of(world)
+    site = _PartlyFurnished.of(world)
     add_material(site.spec, MATERIAL, atlas(rng))
     add_material(site.spec, PICTURES, pictures(rng))
     for number in range(count):
@@ -79,7 +79,7 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     """
     if not count:
         return world
-    site, seats = _Site.of(world), list(world.seats)
+    site, seats = _PartlyFurnished.of(world), list(world.seats)
     add_material(site.spec, SEATS, atlas(rng))
     number = 0
     while len(seats) < count:
@@ -97,7 +97,7 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     return site.ready(np.array(seats))
 
 
-def _places(site: _Site, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[_Site, Array, float]]:
+def _places(site: _PartlyFurnished, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
     """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad."""
     world = site.world
     for _ in range(TRIES):
