@@ -24,9 +24,10 @@ CROWD_STEP = 0.05
 """s: step of the crowd and of commands; the nearest to this that divides a frame is used."""
 INDEPENDENT = "independent"
 """The detector model of the fields misses, clutter, bearing_noise and min_visible."""
+PLAIN_CLOTHING, VARIED_CLOTHING = "plain", "varied"
 OPTIONAL = {
     "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
-    "distractors": 0, "groups": 0.0, "sitting": 0.0,
+    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING,
 }  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -73,6 +74,7 @@ class Scenario:
     effects: errors of the cameras, as sim.effects.parse_effects reads them, or a list of such texts; "" for none.
     distractors: number of things placed in the world that detectors take for people, as cones and coat stands; 0 by default.
     groups: share of the people who stand together and talk, 2 to 5 a group. sitting: share of those present who sit; both 0 by default.
+    clothing: plain, or varied: mostly dark, with long coats, long skirts, hoods and loose hair.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -104,6 +106,7 @@ class Scenario:
     distractors: int = 0
     groups: float = 0.0
     sitting: float = 0.0
+    clothing: str = PLAIN_CLOTHING
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -130,6 +133,8 @@ class Scenario:
         if isinstance(self.wheels, bool) or not isinstance(self.wheels, (int, float, np.integer, np.floating)):
             raise ValueError(f"wheels is {repr(self.wheels)[:60]}, needs a number of Hz")
         object.__setattr__(self, "wheels", float(self.wheels))
+        if self.clothing not in (PLAIN_CLOTHING, VARIED_CLOTHING):
+            raise ValueError(f"clothing is {repr(self.clothing)[:60]}, needs {PLAIN_CLOTHING} or {VARIED_CLOTHING}")
         if self.groups + self.sitting > 1:
             raise ValueError(f"groups and sitting are {self.groups:g} and {self.sitting:g}, need shares of at most 1 together")
         _ = self.imu_steps, self.wheel_steps

@@ -38,6 +38,8 @@ class ScenarioSettings:
     """Share of the people who stand together in groups of 2 to 5 and talk, from 0 to 1."""
     sitting: Number = None
     """Share of the people present who sit on chairs, on benches and at tables, from 0 to 1; groups and sitting are at most 1 together."""
+    clothing: Word = None
+    """plain, or varied: mostly dark, with long coats and skirts, hoods and loose hair, and ten tones of skin."""
     distractors: Whole = None
     """Number of things that detectors take for people: cones, signs, coat stands, tripods, clothes, prams, posters and others."""
 

@@ -27,8 +27,8 @@ class Outfit:
     """Appearance of one person.
 
     head, top, bottom, shoes, bag: tiles of the texture atlas. girth: scale of breadths and depths. sleeves: "long" or "short".
-    legs: "long", "short", "skirt" or "coat". tucked: whether the shirt is in the trousers.
-    hair: "short", "long", "bun", "cap", "beanie" or "none". luggage: "none", "backpack" or "shoulder".
+    legs: "long", "short", "skirt", "coat", "long_skirt" or "long_coat". tucked: whether the shirt is in the trousers.
+    hair: "short", "long", "loose", "bun", "cap", "beanie", "hood" or "none". luggage: "none", "backpack" or "shoulder".
     side: of a shoulder bag, +1 (left) or −1 (right).
     """
 
@@ -72,7 +72,14 @@ def _pelvis(o: Outfit) -> list[Part]:
     if not o.tucked:
         rows[-3:, 1:3] *= [[0.93], [0.80], [0.70]]
     out = [Part(_scaled_girth(rows, o.girth), region(o.bottom, (0.0, 0.0, 1.0, 0.30)), TRUNK)]
-    if o.legs in ("skirt", "coat"):
+    if o.legs in ("long_skirt", "long_coat"):
+        tile, v0, hem = (o.bottom, 0.1, -0.43) if o.legs == "long_skirt" else (o.top, 0.55, -0.36)
+        cloth = sections(
+            (hem, 0.118, 0.128, 0.006), (-0.24, 0.106, 0.122, 0.004), (-0.08, 0.090, 0.110), (-0.02, 0.078, 0.108, -0.004), (0.03, 0.069, 0.099),
+            (0.07, 0.050 + 0.016 * o.tucked, 0.070 + 0.020 * o.tucked),
+        )  # fmt: skip
+        out.append(Part(_scaled_girth(cloth, o.girth), region(tile, (0.0, v0, 1.0, 0.97)), TRUNK))
+    elif o.legs in ("skirt", "coat"):
         tile, v0 = (o.bottom, 0.1) if o.legs == "skirt" else (o.top, 0.72)
         hem = -0.19 if o.legs == "skirt" else -0.15
         cloth = sections(
@@ -144,6 +151,13 @@ def _head(o: Outfit) -> list[Part]:
 def _hair(o: Outfit) -> list[Part]:
     """Hair, a cap or a knitted hat. The hairline is higher in front than at the nape."""
     strands = region(o.head, HAIR)
+    if o.hair == "hood":
+        # The face looks out in front of the hood, which is farther back.
+        hood = sections(
+            (-0.03, 0.052, 0.066, -0.012), (0.02, 0.050, 0.054, -0.014), (0.06, 0.056, 0.056, -0.018), (0.11, 0.061, 0.058, -0.019),
+            (0.155, 0.060, 0.054, -0.014), (0.180, 0.048, 0.043, -0.010), (0.195, 0.022, 0.020, -0.008), (0.198, 0.004, 0.004, -0.008),
+        )  # fmt: skip
+        return [Part(hood, region(o.top, (0.0, 0.05, 1.0, 0.45)), (12, 7, 5))]
     if o.hair == "none":
         return []
     if o.hair in ("cap", "beanie"):
@@ -163,7 +177,19 @@ def _hair(o: Outfit) -> list[Part]:
         (0.184, 0.028, 0.023, -0.003), (0.188, 0.006, 0.006, -0.003),
     )  # fmt: skip
     out = [Part(cap, strands, (12, 7, 4), power=2.15)]
-    if o.hair == "long":
+    if o.hair == "loose":
+        fall = sections(
+            (-0.075, 0.014, 0.062, -0.054), (-0.03, 0.024, 0.072, -0.044), (0.02, 0.030, 0.066, -0.036), (0.07, 0.038, 0.058, -0.028),
+            (0.12, 0.038, 0.052, -0.022), (0.15, 0.032, 0.044, -0.022),
+        )  # fmt: skip
+        locks = [
+            sections(
+                (-0.05, 0.010, 0.008, 0.03, 1.15 * y), (0.0, 0.016, 0.012, 0.02, 1.1 * y), (0.07, 0.018, 0.012, 0.012, y), (0.13, 0.014, 0.008, 0, y)
+            )
+            for y in (0.046, -0.046)
+        ]
+        out += [Part(fall, strands, SMALL, closed=True), *(Part(lock, strands, TINY, closed=True) for lock in locks)]
+    elif o.hair == "long":
         fall = sections(
             (-0.02, 0.014, 0.040, -0.046), (0.01, 0.022, 0.050, -0.042), (0.07, 0.030, 0.051, -0.036), (0.12, 0.034, 0.049, -0.026),
             (0.15, 0.030, 0.042, -0.026),
@@ -223,7 +249,7 @@ def _thigh(o: Outfit, sign: float) -> list[Part]:
         (0.05, 0.016, 0.014, -0.003),
     )  # fmt: skip
     cloth, bare = region(o.bottom, (0.05, 0.30, 0.45, 0.68)), region(o.head, SKIN)
-    if o.legs in ("long", "coat"):
+    if o.legs in ("long", "coat", "long_coat"):
         return [Part(_scaled_girth(rows, o.girth), cloth, LIMB, rounding=(1, 2))]
     legs = Part(_scaled_girth(rows, 0.94 * o.girth), bare, LIMB, rounding=(1, 2))
     if o.legs == "short":
@@ -240,7 +266,7 @@ def _thigh(o: Outfit, sign: float) -> list[Part]:
 
 
 def _shin(o: Outfit) -> list[Part]:
-    bare = o.legs in ("short", "skirt")
+    bare = o.legs in ("short", "skirt", "long_skirt")
     rows = sections(
         (-SHIN - 0.012, 0.020, 0.018), (-0.215, 0.0195, 0.0175, -0.001), (-0.16, 0.0245, 0.023, -0.005), (-0.085, 0.0335, 0.0305, -0.009),
         (-0.035, 0.032, 0.030, -0.003),

@@ -8,6 +8,7 @@ Thus a renderer changes the level of detail by the mesh index alone.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,12 +20,19 @@ from sim.pedestrian.skeleton import LIMBS, RADIUS, head_size, trunk_size
 from tracker.geometry import Array
 from worlds.engine import mujoco
 
+LEGS = {"long": 0.44, "short": 0.08, "skirt": 0.10, "long_skirt": 0.10, "coat": 0.12, "long_coat": 0.16}
+HAIR = {"short": 0.34, "long": 0.10, "loose": 0.16, "bun": 0.08, "cap": 0.08, "beanie": 0.08, "hood": 0.16}
+"""Shares of people with each kind of legs and of hair in varied clothing."""
 _GIRTH = (0.92, 1.12)
 
 
-def add_person(spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Generator) -> None:
-    """Add the limbs (mocap bodies `name/limb`) to the world body of `spec`, which must have the clothing textures already."""
-    shapes = body_mesh.parts(draw_outfit(rng))
+def add_person(spec: mujoco.MjSpec, name: str, stature: float, rng: np.random.Generator, variety: np.random.Generator | None = None) -> None:
+    """Add the limbs (mocap bodies `name/limb`) to the world body of `spec`, which must have the clothing textures already.
+
+    variety: a second stream, which draws the clothes of `varied_outfit`; None for those of `draw_outfit`.
+    """
+    outfit = draw_outfit(rng)
+    shapes = body_mesh.parts(outfit if variety is None else varied_outfit(outfit, variety))
     size = {limb: float(trunk_size(np.array(stature))) for limb in LIMBS} | {"head": float(head_size(np.array(stature)))}
     for limb in LIMBS:
         _add_meshes(spec, f"{name}/{limb}", shapes[limb], size[limb])
@@ -43,11 +51,24 @@ def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
     )  # fmt: skip
 
 
+def varied_outfit(outfit: Outfit, rng: np.random.Generator) -> Outfit:
+    """The outfit with the legs, hair and sleeves of LEGS and HAIR: long coats, long skirts, hoods and loose hair as well."""
+    legs, hair = _one(rng, LEGS), _one(rng, HAIR)
+    covered = legs in ("coat", "long_coat") or hair == "hood"
+    if outfit.head % clothing_textures.BALD == 0 and hair in ("short", "long", "loose", "bun"):
+        hair = "none"
+    return replace(outfit, legs=legs, hair=hair, sleeves="long" if covered else outfit.sleeves, tucked=outfit.tucked and not covered)
+
+
+def _one(rng: np.random.Generator, options: dict[str, float]) -> str:
+    return str(rng.choice(list(options), p=list(options.values())))
+
+
 def draw_outfit(rng: np.random.Generator) -> Outfit:
     """Random clothes, hair and luggage."""
 
     def one(options: dict[str, float]) -> str:
-        return str(rng.choice(list(options), p=list(options.values())))
+        return _one(rng, options)
 
     head = int(rng.choice(clothing_textures.HEADS))
     hair = one({"short": 0.44, "long": 0.26, "bun": 0.10, "cap": 0.12, "beanie": 0.08})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.pedestrian.palettes import LEATHER, PLAIN, Colour, Palette
 from tracker.geometry import Array
 from worlds.engine import mujoco
 from worlds.terrain.noise import Pattern, fractal, noise
@@ -22,40 +23,28 @@ HAIR, FACE, SKIN = (0.0, 0.01, 1.0, 0.13), (0.0, 0.14, 1.0, 0.80), (0.0, 0.83, 1
 CROWN, THROAT = 0.182, 0.045
 """Heights of the top and the bottom of FACE above the shoulders, shares of stature."""
 
-_SKINS = ((246, 206, 178), (232, 186, 150), (202, 150, 112), (146, 102, 74), (96, 66, 48))
-_HAIRS = ((22, 18, 16), (64, 42, 28), (112, 78, 46), (196, 160, 98), (138, 136, 134), (104, 56, 34))
-_CLOTHS = (
-    (196, 34, 38), (34, 66, 156), (228, 226, 220), (36, 36, 42), (44, 118, 66), (236, 196, 52), (128, 58, 130), (234, 128, 44), (104, 174, 208),
-    (134, 136, 142), (110, 30, 44), (224, 150, 172), (92, 84, 60), (30, 92, 98), (176, 140, 96),
-)  # fmt: skip
-_LEGS = ((38, 48, 86), (30, 30, 32), (88, 88, 92), (146, 124, 92), (66, 74, 56), (78, 104, 150), (106, 72, 48), (170, 160, 140))
-_LEATHER = ((28, 26, 26), (226, 224, 220), (92, 54, 34), (150, 36, 38), (56, 68, 92))
-
-Colour = tuple[int, int, int]
-
-
-def add_clothing_textures(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
+def add_clothing_textures(spec: mujoco.MjSpec, rng: np.random.Generator, palette: Palette = PLAIN) -> None:
     """Add the texture and the material NAME to `spec`; `rng` draws colours and patterns."""
     side = TILE * ACROSS
     texture = spec.add_texture(name=NAME, type=mujoco.mjtTexture.mjTEXTURE_2D, width=side, height=side, nchannel=3)
-    texture.data = texture_atlas(rng).tobytes()
+    texture.data = texture_atlas(rng, palette).tobytes()
     material = spec.add_material(name=NAME, specular=0.08, shininess=0.1)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = NAME
 
 
-def texture_atlas(rng: np.random.Generator) -> NDArray[np.uint8]:
+def texture_atlas(rng: np.random.Generator, palette: Palette = PLAIN) -> NDArray[np.uint8]:
     """The image (2048, 2048, 3). Tile k is in row k // ACROSS from the top, column k % ACROSS."""
     side = TILE * ACROSS
     picture = np.zeros((side, side, 3), np.uint8)
     for k in range(ACROSS**2):
         if k in HEADS:
-            tile = _head(rng, k)
+            tile = _head(rng, k, palette)
         elif k in TOPS:
-            tile = _top(rng, k)
+            tile = _top(rng, k, palette)
         elif k in BOTTOMS:
-            tile = _bottom(rng, k)
+            tile = _bottom(rng, k, palette)
         else:
-            tile = _shoe(rng, k) if k in SHOES else _bag(rng, k)
+            tile = _shoe(rng, k) if k in SHOES else _bag(rng, k, palette)
         row, column = k // ACROSS * TILE, k % ACROSS * TILE
         picture[row : row + TILE, column : column + TILE] = np.clip(tile, 4, 255)
     return picture
@@ -66,9 +55,10 @@ def region(tile: int, part: tuple[float, float, float, float]) -> Array:
     return np.asarray((np.tile([tile % ACROSS, tile // ACROSS], 2) + np.clip(part, 0.012, 0.988)) / ACROSS)
 
 
-def _head(rng: np.random.Generator, k: int) -> Pattern:
+def _head(rng: np.random.Generator, k: int, palette: Palette) -> Pattern:
     """A head: strands of hair on top, then the unrolled head with the face in the middle, then skin."""
-    skin, hair = _varied_colour(rng, _SKINS[k % len(_SKINS)], 6), _varied_colour(rng, _HAIRS[int(rng.integers(len(_HAIRS)))], 4)
+    skin = _varied_colour(rng, palette.skins[k % len(palette.skins)], 6)
+    hair = _varied_colour(rng, palette.hairs[int(rng.integers(len(palette.hairs)))], 4)
     tile = _cloth(rng, skin, 0.05)
     strands = hair * (1 + 0.35 * noise(rng, (TILE, TILE), (60.0, 2.2)) + 0.15 * noise(rng, (TILE, TILE), (20.0, 6.0)))[..., None]
     rows, columns = np.mgrid[0:TILE, 0:TILE]
@@ -114,9 +104,9 @@ def _face(tile: Pattern, skin: Pattern, brow: Pattern) -> None:
         tile[_ellipse(centre, radii)] = colour
 
 
-def _top(rng: np.random.Generator, k: int) -> Pattern:
+def _top(rng: np.random.Generator, k: int, palette: Palette) -> Pattern:
     """Shirts, jumpers and jackets; the number of the tile sets the pattern."""
-    base, other = (_varied_colour(rng, _CLOTHS[i], 10) for i in rng.choice(len(_CLOTHS), 2, replace=False))
+    base, other = (_varied_colour(rng, palette.cloths[i], 10) for i in rng.choice(len(palette.cloths), 2, replace=False))
     style = (k - TOPS.start) % 8
     tile = _cloth(rng, base, 0.13)
     rows, columns = np.mgrid[0:TILE, 0:TILE]
@@ -170,9 +160,9 @@ def _buttons(tile: Pattern) -> None:
     tile[76:106, [150, 179]] *= 0.75
 
 
-def _bottom(rng: np.random.Generator, k: int) -> Pattern:
+def _bottom(rng: np.random.Generator, k: int, palette: Palette) -> Pattern:
     """Trousers and skirts, a belt along the upper edge."""
-    base = _varied_colour(rng, _LEGS[int(rng.integers(len(_LEGS)))], 9)
+    base = _varied_colour(rng, palette.legs[int(rng.integers(len(palette.legs)))], 9)
     tile = _cloth(rng, base, 0.14)
     rows, columns = np.mgrid[0:TILE, 0:TILE]
     style = (k - BOTTOMS.start) % 4
@@ -185,14 +175,14 @@ def _bottom(rng: np.random.Generator, k: int) -> Pattern:
     elif style == 3:
         tile *= (1 + 0.12 * np.sign(np.sin(columns * 0.9)))[..., None]
     tile[:, [2, 64, 192]] *= 0.7
-    tile[6:17] = _varied_colour(rng, _LEATHER[int(rng.integers(3))], 8)
+    tile[6:17] = _varied_colour(rng, LEATHER[int(rng.integers(3))], 8)
     tile[7:16, 122:134] = (190, 180, 150)
     return tile
 
 
 def _shoe(rng: np.random.Generator, k: int) -> Pattern:
     """A shoe: laces on the instep in the middle, the sole along both edges."""
-    tile = _cloth(rng, _varied_colour(rng, _LEATHER[(k - SHOES.start) % len(_LEATHER)], 8), 0.08)
+    tile = _cloth(rng, _varied_colour(rng, LEATHER[(k - SHOES.start) % len(LEATHER)], 8), 0.08)
     light = np.full(3, 225 if k % 2 else 60, np.float32)
     for row in range(110, 200, 14):
         tile[row : row + 4, 108:148] = light
@@ -200,9 +190,9 @@ def _shoe(rng: np.random.Generator, k: int) -> Pattern:
     return tile
 
 
-def _bag(rng: np.random.Generator, k: int) -> Pattern:
+def _bag(rng: np.random.Generator, k: int, palette: Palette) -> Pattern:
     """Cloth of one colour with zips and seams; the first bag is knitted."""
-    tile = _cloth(rng, _varied_colour(rng, _CLOTHS[int(rng.integers(len(_CLOTHS)))], 12), 0.1)
+    tile = _cloth(rng, _varied_colour(rng, palette.cloths[int(rng.integers(len(palette.cloths)))], 12), 0.1)
     rows, columns = np.mgrid[0:TILE, 0:TILE]
     if k == BAGS.start:
         tile *= (1 + 0.25 * np.sign(np.sin(columns * 0.6)) * np.cos(rows * 0.7))[..., None]

@@ -13,11 +13,11 @@ import numpy as np
 from sim.crowd.crowd import Crowd, CrowdState, Obstacles, PedestrianModel
 from sim.crowd.postures import Postures
 from sim.crowd.replay import Paths, Replay
-from sim.pedestrian import clothing, clothing_textures, gait, gaze, skeleton
+from sim.pedestrian import clothing, clothing_textures, gait, gaze, palettes, skeleton
 from sim.pedestrian.sitting import sitting_poses, with_sitters
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
-from sim.scenario import Scenario
+from sim.scenario import VARIED_CLOTHING, Scenario
 from sim.simulation.frame_history import FrameHistory
 from sim.simulation.furnished_world import world_of
 from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
@@ -244,9 +244,11 @@ class Simulation:
     def _compile(self, people: list[np.random.Generator]) -> mujoco.MjModel:
         """The model of the whole scene, with the limbs of people."""
         spec = self._rovers_and_colliders()
-        clothing_textures.add_clothing_textures(spec, self.scenario.stream("fabrics"))
+        varied = self.scenario.clothing == VARIED_CLOTHING
+        clothing_textures.add_clothing_textures(spec, self.scenario.stream("fabrics"), palettes.VARIED if varied else palettes.PLAIN)
         for person, stature, rng in zip(self.all_persons, self.stature, people, strict=True):
-            clothing.add_person(spec, f"person_{person}", float(stature), rng)
+            variety = self.scenario.stream(f"person_{person}/clothing") if varied else None
+            clothing.add_person(spec, f"person_{person}", float(stature), rng, variety)
         return spec.compile()
 
     def _rovers_and_colliders(self) -> mujoco.MjSpec:

@@ -1,12 +1,16 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sim.pedestrian import gait, skeleton
-from sim.pedestrian.clothing import add_collider, add_person, draw_outfit
-from sim.pedestrian.clothing_textures import add_clothing_textures
+from sim.pedestrian.body_mesh import parts
+from sim.pedestrian.clothing import HAIR, LEGS, add_collider, add_person, draw_outfit, limb_meshes, varied_outfit
+from sim.pedestrian.clothing_textures import ACROSS, HEADS, TILE, TOPS, add_clothing_textures, texture_atlas
 from sim.pedestrian.loft import LEVELS
+from sim.pedestrian.palettes import PLAIN, VARIED
 from sim.pedestrian.skeleton import LIMBS
 from worlds.terrain.heightfield import Heightfield
 
@@ -165,3 +169,34 @@ def test_every_limb_is_a_mocap_body_of_its_own():
     model, _ = dressed(0)
     assert model.nmocap == len(LIMBS) + 1
     assert model.nv == 0
+
+
+def test_varied_outfits_have_the_stated_shares_and_cover_what_they_should():
+    rng = np.random.default_rng(0)
+    outfits = [varied_outfit(draw_outfit(rng), np.random.default_rng([1, k])) for k in range(2000)]
+    for name, share in LEGS.items():
+        assert np.mean([one.legs == name for one in outfits]) == pytest.approx(share, abs=0.03)
+    assert np.mean([one.hair == "hood" for one in outfits]) == pytest.approx(HAIR["hood"], abs=0.03)
+    assert all(one.sleeves == "long" for one in outfits if one.legs == "long_coat" or one.hair == "hood")
+
+    def points(limb: str, **given: str) -> np.ndarray:
+        return limb_meshes(parts(replace(outfits[0], luggage="none", **given))[limb], 1.0)[0].vertices
+
+    # A long coat ends between knee and ankle, a long skirt above the ankle; hips are 0.530 of stature above the ground, knees 0.285.
+    for legs, low, high in (("coat", 0.33, 0.42), ("long_coat", 0.12, 0.25), ("long_skirt", 0.06, 0.15)):
+        assert low < 0.530 + points("pelvis", legs=legs)[:, 2].min() < high
+    # The face is in front of the hood, the back of the head within it.
+    bare, hood = points("head", hair="none"), points("head", hair="hood")
+    assert hood[:, 0].max() == pytest.approx(bare[:, 0].max())
+    assert hood[:, 0].min() < bare[:, 0].min() - 0.01
+    assert points("head", hair="loose")[:, 2].min() < points("head", hair="long")[:, 2].min() - 0.03
+
+
+def test_varied_colours_are_darker_and_skins_wider():
+    plain, varied = (texture_atlas(np.random.default_rng(3), palette).astype(float) for palette in (PLAIN, VARIED))
+
+    def brightness(picture: np.ndarray, tiles: range) -> np.ndarray:
+        return np.array([picture[k // ACROSS * TILE :, k % ACROSS * TILE :][TILE // 4 : TILE // 2, TILE // 4 : TILE // 2].mean() for k in tiles])
+
+    assert brightness(varied, TOPS).mean() < 0.8 * brightness(plain, TOPS).mean()
+    assert np.ptp(brightness(varied, HEADS)) > np.ptp(brightness(plain, HEADS))
