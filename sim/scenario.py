@@ -25,9 +25,12 @@ CROWD_STEP = 0.05
 INDEPENDENT = "independent"
 """The detector model of the fields misses, clutter, bearing_noise and min_visible."""
 PLAIN_CLOTHING, VARIED_CLOTHING = "plain", "varied"
+BUILT_LIGHT, LAMPS = "built", "lamps"
+LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
+"""Kinds of light, as sim.simulation.lighting makes them."""
 OPTIONAL = {
     "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
-    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING,
+    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "light": BUILT_LIGHT, "wet": 0.0,
 }  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -51,6 +54,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "distractors": (0, 500),
     "groups": (0.0, 1.0),
     "sitting": (0.0, 1.0),
+    "wet": (0.0, 1.0),
 }
 """Lowest and highest value of every numeric field, both included."""
 
@@ -75,6 +79,7 @@ class Scenario:
     distractors: number of things placed in the world that detectors take for people, as cones and coat stands; 0 by default.
     groups: share of the people who stand together and talk, 2 to 5 a group. sitting: share of those present who sit; both 0 by default.
     clothing: plain, or varied: mostly dark, with long coats, long skirts, hoods and loose hair.
+    light: one of LIGHTS. built: as the world has it. lamps: of a room, in place of the sun. wet: how wet the ground is, 0 by default.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -107,6 +112,8 @@ class Scenario:
     groups: float = 0.0
     sitting: float = 0.0
     clothing: str = PLAIN_CLOTHING
+    light: str = BUILT_LIGHT
+    wet: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -135,6 +142,8 @@ class Scenario:
         object.__setattr__(self, "wheels", float(self.wheels))
         if self.clothing not in (PLAIN_CLOTHING, VARIED_CLOTHING):
             raise ValueError(f"clothing is {repr(self.clothing)[:60]}, needs {PLAIN_CLOTHING} or {VARIED_CLOTHING}")
+        if self.light not in LIGHTS:
+            raise ValueError(f"light is {repr(self.light)[:60]}, needs one of {', '.join(LIGHTS)}")
         if self.groups + self.sitting > 1:
             raise ValueError(f"groups and sitting are {self.groups:g} and {self.sitting:g}, need shares of at most 1 together")
         _ = self.imu_steps, self.wheel_steps

@@ -40,6 +40,10 @@ class ScenarioSettings:
     """Share of the people present who sit on chairs, on benches and at tables, from 0 to 1; groups and sitting are at most 1 together."""
     clothing: Word = None
     """plain, or varied: mostly dark, with long coats and skirts, hoods and loose hair, and ten tones of skin."""
+    light: Word = None
+    """built (as the world has it), overcast, low (a low warm sun), dim, or lamps (of a room, in place of the sun)."""
+    wet: Number = None
+    """How wet the ground is, from 0 to 1: darker, and bright towards the sun."""
     distractors: Whole = None
     """Number of things that detectors take for people: cones, signs, coat stands, tripods, clothes, prams, posters and others."""
 

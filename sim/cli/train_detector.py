@@ -35,13 +35,15 @@ class TrainDetector:
     """Number of scenes on which the detector is scored: seeds 2000 and on, seven worlds each."""
     workers: int = 2
     """Number of processes; the result is the same with any number."""
+    rich: bool = False
+    """Scenes have people in groups, people who sit, varied clothing, wet ground and all kinds of distractors, too."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
         from sim.training.training import MODEL, TrainingPlan, train_detector
 
-        plan = TrainingPlan(self.seed, self.scenes, self.moments, self.steps, self.calibration, self.held_out, self.workers)
+        plan = TrainingPlan(self.seed, self.scenes, self.moments, self.steps, self.calibration, self.held_out, self.workers, self.rich)
         result = train_detector(plan, self.out)
         if self.json:
             print(json_text(result, indent=1))

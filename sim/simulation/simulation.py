@@ -17,7 +17,8 @@ from sim.pedestrian import clothing, clothing_textures, gait, gaze, palettes, sk
 from sim.pedestrian.sitting import sitting_poses, with_sitters
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
-from sim.scenario import VARIED_CLOTHING, Scenario
+from sim.scenario import LAMPS, VARIED_CLOTHING, Scenario
+from sim.simulation import lighting
 from sim.simulation.frame_history import FrameHistory
 from sim.simulation.furnished_world import world_of
 from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
@@ -249,7 +250,11 @@ class Simulation:
         for person, stature, rng in zip(self.all_persons, self.stature, people, strict=True):
             variety = self.scenario.stream(f"person_{person}/clothing") if varied else None
             clothing.add_person(spec, f"person_{person}", float(stature), rng, variety)
-        return spec.compile()
+        if self.scenario.light == LAMPS:
+            lighting.add_lamps(spec, self.world.ground.extent, float(np.median(self.world.ground.heights)), self.scenario.stream("light/lamps"))
+        model = spec.compile()
+        lighting.apply(model, self.scenario)
+        return model
 
     def _rovers_and_colliders(self) -> mujoco.MjSpec:
         """The world with rovers and with the colliders of people."""

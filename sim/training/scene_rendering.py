@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 
 from sim.datasets.presets import confine
 from sim.rendering.panorama import PanoramaRenderer
-from sim.scenario import Scenario
+from sim.scenario import PLAIN_CLOTHING, VARIED_CLOTHING, Scenario
 from sim.sensors.keypoints import InstanceImage
 from sim.sensors.person_detector import People, true_boxes
+from sim.simulation.furnished_world import furnished
+from sim.simulation.lighting import set_light, set_sky
 from sim.simulation.simulation import Simulation
 from sim.training.camera_sampling import CameraSampler, draw_cameras
 from tracker.geometry import Array
 from tracker.geometry.cameras import Panorama
 from tracker.io.atomic import new_folder
 from worlds import catalogue
-from worlds.engine import mujoco
 from worlds.scenes.distractor_placement import with_distractors
 from worlds.world import World
 
@@ -38,8 +39,12 @@ STEP_RATE = 0.5
 """Hz: rate of the moments of a scene. People walk about 2 m between two of them."""
 DISTRACTOR_SHARE, DISTRACTORS = 0.6, (4.0, 48.0)
 """Share of scenes with cones, signs, coat stands and the like, and bounds of their number, log-uniform. Real pictures have them."""
+RICH = {"groups": (0.6, 0.1, 0.6), "sitting": (0.5, 0.05, 0.4), "wet": (0.25, 0.3, 1.0)}
+"""Field of a scenario → share of the rich scenes that have it, and bounds of its value."""
+VARIED_SHARE = 0.6
+"""Share of the rich scenes with varied clothing."""
 LIGHTS = {"built": 0.35, "overcast": 0.3, "low": 0.2, "dim": 0.15}
-"""Kind of light → share of scenes. built: as the world has it. low: a low warm sun. dim: half of all light."""
+"""Kind of light (sim.simulation.lighting) → share of scenes."""
 PLACES = ("campus", "forest", "hills", "pilsun", "quarry", "ruins", "tunnel")
 """The worlds of the scenes. A new world is not added by itself, since scenes must not depend on how many worlds there are."""
 TWICE = ("campus", "pilsun")
@@ -53,6 +58,7 @@ class SceneTask:
 
     moments: number of moments. panoramas, pinholes: images of each kind at every moment.
     plain: whether world, crowd and light are as `pilsim generate` makes them by default, as for evaluation.
+    rich: whether some scenes have groups, sitters, varied clothing, wet ground and all kinds of distractors, by RICH.
     """
 
     folder: Path
@@ -62,6 +68,7 @@ class SceneTask:
     panoramas: int = 1
     pinholes: int = 3
     plain: bool = False
+    rich: bool = False
 
     @property
     def complete(self) -> bool:
@@ -76,7 +83,10 @@ class SceneTask:
         rng = np.random.default_rng([self.seed, zlib.crc32(b"training scene")])
         simulation = self._simulation(rng)
         if not self.plain:
-            light(simulation.model, rng)
+            kind = str(rng.choice(list(LIGHTS), p=list(LIGHTS.values())))
+            set_light(simulation.model, kind, rng)
+            if self.rich:
+                set_sky(simulation.model, kind)
         with new_folder(self.folder) as part:
             for name, images in self._images(simulation, rng).items():
                 images.write(part, name)
@@ -92,8 +102,10 @@ class SceneTask:
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         if dense and not self.plain:
             world = confine(world, (edge, edge), scenario.stream("world/confined"))
-        if not self.plain:
-            world = _furnished(world, scenario, distractors)
+        if self.rich and not self.plain:
+            scenario, world = _rich(scenario, world, distractors)
+        elif not self.plain:
+            world = _with_street_furniture(world, scenario, distractors)
         while True:
             try:
                 return Simulation(scenario, world=world)
@@ -123,11 +135,26 @@ class SceneTask:
         return {kind: ImageSet.of(taken, cameras[kind == PINHOLES]) for kind, taken in shots.items()}
 
 
-def _furnished(world: World, scenario: Scenario, distractors: int) -> World:
+def _rich(scenario: Scenario, world: World, distractors: int) -> tuple[Scenario, World]:
+    """The scenario with groups, sitters, clothing and wet ground by RICH, and its world. Both numbers are halved until they fit."""
+    rng = scenario.stream("rich scene")
+    drawn: dict[str, Any] = {name: float(rng.uniform(low, high)) if rng.random() < share else 0.0 for name, (share, low, high) in RICH.items()}
+    clothing = VARIED_CLOTHING if rng.random() < VARIED_SHARE else PLAIN_CLOTHING
+    scenario = dataclasses.replace(scenario, distractors=distractors, clothing=clothing, **drawn)
+    while True:
+        try:
+            return scenario, furnished(world, scenario)
+        except ValueError:
+            if not scenario.distractors and not scenario.sitters:
+                raise
+            scenario = dataclasses.replace(scenario, distractors=scenario.distractors // 2, sitting=scenario.sitting / 2)
+
+
+def _with_street_furniture(world: World, scenario: Scenario, distractors: int) -> World:
     """The world with distractors; their number is halved until they fit."""
     while True:
         try:
-            return with_distractors(world, scenario.stream("world/distractors"), distractors)
+            return with_distractors(world, scenario.stream("world/distractors"), distractors, street=True)
         except ValueError:
             distractors //= 2
 
@@ -193,30 +220,10 @@ class ImageSet:
         return ImageSet(colour, np.load(folder / f"{name}-instances.npy", mmap_mode="r"), **rows, source=(folder, name))
 
 
-def light(model: mujoco.MjModel, rng: np.random.Generator) -> None:
-    """Change the lights of a model to one of LIGHTS. Directions change for parallel light alone."""
-    kind = rng.choice(list(LIGHTS), p=list(LIGHTS.values()))
-    elevation, azimuth = rng.uniform(np.radians(8), np.radians(30)), rng.uniform(-np.pi, np.pi)
-    warm, strength = np.array([1.0, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)]), rng.uniform(0.7, 1.2)
-    parallel = model.light_type == int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
-    headlight = model.vis.headlight
-    if kind == "overcast":
-        model.light_diffuse[parallel] *= 0.35
-        model.light_ambient[parallel] += 0.3 * strength
-        model.light_castshadow[parallel] = 0
-    elif kind == "low":
-        direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)]
-        model.light_dir[parallel] = direction
-        model.light_diffuse[parallel] *= warm * strength
-    elif kind == "dim":
-        for values in (model.light_diffuse, model.light_ambient, headlight.diffuse, headlight.ambient):
-            values[:] *= 0.5
-
-
-def scene_tasks(folder: Path, count: int, seed: int, size: dict[str, int] | None = None, plain: bool = False) -> list[SceneTask]:
-    """Tasks of `count` scenes in `folder`; the worlds take turns. The n-th has seed + n. size: fields of SceneTask that differ from its defaults."""
-    names = [*PLACES, *(() if plain else TWICE)]
-    return [SceneTask(folder / f"scene-{k:04d}", seed + k, names[k % len(names)], **(size or {}), plain=plain) for k in range(count)]
+def scene_tasks(folder: Path, count: int, seed: int, size: dict[str, int] | None = None, rich: bool = False) -> list[SceneTask]:
+    """Tasks of `count` scenes in `folder`; the worlds take turns. The n-th has seed + n. size: numbers of SceneTask that differ from its defaults."""
+    names = [*PLACES, *TWICE]
+    return [SceneTask(folder / f"scene-{k:04d}", seed + k, names[k % len(names)], **(size or {}), plain=False, rich=rich) for k in range(count)]
 
 
 def run_scene(task: SceneTask) -> None:

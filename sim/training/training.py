@@ -42,6 +42,7 @@ class TrainingPlan:
     """A training. seed: of all draws. scenes, moments: rendered scenes, and moments of each. steps: of the optimizer.
 
     calibration, held_out: number of scenes for the calibration and for the evaluation. workers: number of processes; it changes no result.
+    rich: whether scenes have people in groups, sitters, varied clothing, wet ground and all kinds of distractors; never those of held_out.
     Raises ValueError for a number out of bounds.
     """
 
@@ -52,6 +53,7 @@ class TrainingPlan:
     calibration: int = 18
     held_out: int = 35
     workers: int = 2
+    rich: bool = False
 
     def __post_init__(self) -> None:
         bounds = {"seed": (0, 10**6), "scenes": (1, 5000), "moments": (1, 1000), "steps": (1, 10**7)}
@@ -62,8 +64,8 @@ class TrainingPlan:
 
     @property
     def order(self) -> dict[str, int]:
-        """What decides the result, as JSON values."""
-        return {name: value for name, value in dataclasses.asdict(self).items() if name != "workers"}
+        """What decides the result, as JSON values. `rich` is among them only where it is on, so that older orders stay valid."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if name != "workers" and (name != "rich" or value)}
 
     def tasks(self, folder: Path) -> dict[str, list[SceneTask]]:
         """The scenes to be rendered, by their purpose: data, calibration and held-out."""
@@ -71,9 +73,9 @@ class TrainingPlan:
         places = [(HELD_OUT_SEED + k // len(names), names[k % len(names)]) for k in range(self.held_out)]
         unseen = folder / "held-out"
         return {
-            "data": scene_tasks(folder / "data", self.scenes, first, {"moments": self.moments}),
-            "calibration": scene_tasks(folder / "calibration", self.calibration, first + CALIBRATION_SEEDS, JUDGED),
-            "held-out": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED, plain=True) for seed, world in places],
+            "data": scene_tasks(folder / "data", self.scenes, first, {"moments": self.moments}, self.rich),
+            "calibration": scene_tasks(folder / "calibration", self.calibration, first + CALIBRATION_SEEDS, JUDGED, self.rich),
+            "held-out": [SceneTask(unseen / f"{world}-{seed}", seed, world, **JUDGED, plain=True, rich=False) for seed, world in places],
         }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from worlds.engine import mujoco
-from worlds.props.distractors import MAKERS
+from worlds.props.distractors import MAKERS, STREET
 from worlds.props.furniture import SINK, Piece
 from worlds.props.seats import SEATINGS
 from worlds.terrain.free_space import FEET, WHEELS, FreeSpace
@@ -48,20 +48,22 @@ class _PartlyFurnished:
         return replace(self.world, spec=self.spec, feet=self.feet, wheels=self.wheels, seats=seats)
 
 
-def with_distractors(world: World, rng: np.random.Generator, count: int) -> World:
+def with_distractors(world: World, rng: np.random.Generator, count: int, street: bool = False) -> World:
     """The world with `count` distractors on the free space of feet; the same world for 0.
 
+    street: only the kinds of STREET, whose corners may be where feet cannot be. The scenes of the first training are made so.
     Kinds follow each other in random order. The free spaces of feet and wheels are smaller by their footprints and stay connected.
     Raises ValueError where fewer than `count` fit.
     """
     if not count:
         return world
-    site = _PartlyFurnished.of(world)
+    site, kinds = _PartlyFurnished.of(world), STREET if street else MAKERS
     add_material(site.spec, MATERIAL, atlas(rng))
-    add_material(site.spec, PICTURES, pictures(rng))
+    if not street:
+        add_material(site.spec, PICTURES, pictures(rng))
     for number in range(count):
-        piece = MAKERS[int(rng.integers(len(MAKERS)))](rng)
-        for smaller, on, yaw in _places(site, rng, piece):
+        piece = kinds[int(rng.integers(len(kinds)))](rng)
+        for smaller, on, yaw in _places(site, rng, piece, street):
             site = smaller
             piece.shape.add_to(site.spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
             if piece.picture is not None:
@@ -97,15 +99,20 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     return site.ready(np.array(seats))
 
 
-def _places(site: _PartlyFurnished, rng: np.random.Generator, piece: Piece) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
-    """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad."""
+def _places(
+    site: _PartlyFurnished, rng: np.random.Generator, piece: Piece, loose: bool = False
+) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
+    """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad.
+
+    loose: whether corners may be where feet cannot be.
+    """
     world = site.world
     for _ in range(TRIES):
         place, yaw = _draw(rng, site.feet), float(rng.uniform(-np.pi, np.pi))
         corners = piece.footprint(place, yaw)
         heights = world.terrain.height_at(np.concatenate([corners, [place]]))
         # Corners that are free keep wide pieces out of walls and of each other.
-        if not site.feet.free_at(corners).all() or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
+        if not (loose or site.feet.free_at(corners).all()) or np.ptp(heights) > LEVEL or _near_spawn(world.spawn, corners):
             continue
         feet, wheels = _without(site.feet, corners, FEET.half_width), _without(site.wheels, corners, WHEELS.half_width)
         if feet is not None and wheels is not None:
