@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.face_atlas import Atlas, Sampled, codes_and_ranges
+from sim.rendering.face_atlas import Atlas, Sampled, values_and_ranges
 from tracker.geometry import Array, Mask, frozen
 from tracker.geometry.cameras import Camera, Pinhole, Tsai
 
@@ -143,15 +143,15 @@ class FaceTable:
         return np.stack([self.first % self.width, self.first // self.width], axis=-1) + self.fraction / 65536
 
     def sample(self, atlas: Atlas, limits: tuple[float, float], lookups: Sequence[NDArray[Any]]) -> Sampled:
-        """Sample the atlas: bilinear colour, range (inf where the code is 0), and for every lookup (codes,) the value at the nearest texel.
+        """Sample the atlas: bilinear colour, range (inf where the code is 0), and for one or two lookups (codes,) the value at the nearest texel.
 
         A code stands for one geom. Depth is reversed: 1 at limits[0] m, 0 at limits[1] m.
         It is linear in the inverse planar depth, so that its bilinear interpolation is exact on planes.
         It is interpolated where the four neighbours belong to one geom; elsewhere the nearest texel counts.
         """
-        seen, distance = codes_and_ranges(atlas, (self.first, self.fraction, self.range_per_depth), limits)
+        values, distance = values_and_ranges(atlas, (self.first, self.fraction, self.range_per_depth), limits, lookups)
         colour = cv2.cvtColor(cv2.remap(atlas.colour, *self.colour_maps, interpolation=cv2.INTER_LINEAR), cv2.COLOR_RGBA2RGB)
-        return Sampled(np.asarray(colour, dtype=np.uint8), distance, tuple(lookup.take(seen) for lookup in lookups))
+        return Sampled(np.asarray(colour, dtype=np.uint8), distance, values)
 
 
 def _strips(camera: Camera, shift: tuple[float, float] = (0.0, 0.0)) -> Iterator[tuple[slice, Array, Mask]]:

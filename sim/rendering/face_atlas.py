@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,17 +38,28 @@ def inverse_depth(near: float, far: float) -> tuple[float, float]:
     return (far - near) / (near * far), 1 / far
 
 
-def codes_and_ranges(
-    atlas: Atlas, table: tuple[NDArray[np.uint32], NDArray[np.uint16], NDArray[np.float32]], limits: tuple[float, float]
-) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
-    """Code of the nearest texel, and range in m (inf where the code is 0), of every pixel (H, W).
+def values_and_ranges(
+    atlas: Atlas,
+    table: tuple[NDArray[np.uint32], NDArray[np.uint16], NDArray[np.float32]],
+    limits: tuple[float, float],
+    lookups: Sequence[NDArray[Any]],
+) -> tuple[tuple[NDArray[Any], ...], NDArray[np.float32]]:
+    """Values of the nearest texel's code by one or two lookup tables (codes,), and range in m (inf where the code is 0), of every pixel (H, W).
 
     table: first, fraction and range_per_depth of a FaceTable. limits: near and far plane, m.
     Depth is interpolated bilinearly where the four neighbours have one code, which is exact on planes. Elsewhere the nearest texel counts.
+    Raises ValueError for another number of lookup tables.
     """
-    tags, seen = np.empty(atlas.codes.shape, np.uint32), np.empty(table[0].shape, np.uint32)
+    if not 1 <= len(lookups) <= 2:
+        raise ValueError(f"there are {len(lookups)} lookup tables, needs 1 or 2")
+    tags, shape = np.empty(atlas.codes.shape, np.uint32), table[0].shape
     _mark_uniform(atlas.codes, tags)
-    return seen, _ranges((tags, atlas.depth), table, np.array(inverse_depth(*limits), np.float32), seen)
+    values = tuple(np.empty(shape, lookup.dtype) for lookup in lookups)
+    # The second table is empty where there is one, so that one kernel serves both.
+    none = np.empty((0, 0), np.uint8)
+    second = (lookups[1], values[1]) if len(lookups) == 2 else (none.ravel(), none)
+    inverse = np.array(inverse_depth(*limits), np.float32)
+    return values, _sampled((tags, atlas.depth), table, inverse, (lookups[0], second[0]), (values[0], second[1]))
 
 
 @njit(cache=True)
@@ -64,12 +76,13 @@ def _mark_uniform(codes, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _ranges(atlas, table, inverse, seen):  # type: ignore[no-untyped-def]
-    """Fill in the codes of the pixels (H, W) and return their range (H, W). Unsigned indices skip numba's test for negative ones."""
+def _sampled(atlas, table, inverse, lookups, values):  # type: ignore[no-untyped-def]
+    """Fill in the values of the pixels (H, W) and return their range (H, W). Unsigned indices skip numba's test for negative ones."""
     tags, depth = atlas[0].ravel(), atlas[1].ravel()
     first, fraction, range_per_depth = table
     pitch, one, half = np.uint64(atlas[0].shape[1]), np.uint64(1), np.uint32(15)
     height, width = first.shape
+    two = values[1].size > 0
     distance = np.empty((height, width), np.float32)
     slope, offset, whole = inverse[0], inverse[1], np.float32(1 / 65536)
     for i in range(height):
@@ -85,6 +98,8 @@ def _ranges(atlas, table, inverse, seen):  # type: ignore[no-untyped-def]
                 near = at + np.uint64(a >> half) + pitch * np.uint64(b >> half)
                 code, deep = tags[near], depth[near]
             code &= ~UNIFORM
-            seen[i, j] = code
+            values[0][i, j] = lookups[0][np.uint64(code)]
+            if two:
+                values[1][i, j] = lookups[1][np.uint64(code)]
             distance[i, j] = range_per_depth[i, j] / (slope * deep + offset) if code else np.float32(np.inf)
     return distance

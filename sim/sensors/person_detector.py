@@ -18,6 +18,7 @@ from sim.sensors.keypoints import InstanceImage, true_keypoints
 from tracker.detections.boxes import detections_from_boxes
 from tracker.geometry import Array, Ints, Pose, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, PanoramicCamera
+from tracker.geometry.compilation import njit
 from tracker.types import KEYPOINT_NAMES, Boxes, Detections, Keypoints, ViewTruth
 from worlds.world import World
 
@@ -65,18 +66,15 @@ def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[Unoccl
     visible: visible pixels over unoccluded pixels. People without an unoccluded pixel are left out.
     """
     seam = image.instances.shape[1] if image.camera.wraps else None
-    rows, columns = np.nonzero(image.instances)
-    owner = image.instances[rows, columns]
-    order = np.argsort(owner, kind="stable")
-    rows, columns, owner = rows[order], columns[order], owner[order]
+    present = people.person.tolist()
+    pixels, rows, used = _extents(image.instances, _slots(present), len(present))
     kept, seen, visible = [], [], []
-    for k, (person, body) in enumerate(zip(people.person.tolist(), unoccluded, strict=True)):
+    for k, (_, body) in enumerate(zip(present, unoccluded, strict=True)):
         if not body.pixels:
             continue
-        first, last = np.searchsorted(owner, [person, person + 1])
         kept.append(k)
-        seen.append(_box(rows[first:last], columns[first:last], seam))
-        visible.append((last - first) / body.pixels)
+        seen.append(_box(rows[k], used[k], seam))
+        visible.append(pixels[k] / body.pixels)
     if not kept:
         return Boxes.none()
     middle = people.joints[kept][:, HIPS].mean(axis=1)
@@ -84,19 +82,50 @@ def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[Unoccl
     return Boxes(people.person[kept], np.array(seen), np.array([unoccluded[k].box for k in kept]), np.array(visible), distance)
 
 
-def _box(rows: NDArray[np.int64], columns: NDArray[np.int64], seam: int | None) -> Array:
-    """Edges left, top, right, bottom (4,) of pixels; zeros for none. seam: width of a panorama, whose boxes may cross it, else None."""
-    if not len(rows):
+def _slots(persons: list[int]) -> NDArray[np.int64]:
+    """Table (65536,) from an instance to its place among `persons`, −1 for others."""
+    slots = np.full(1 << 16, -1)
+    slots[persons] = np.arange(len(persons))
+    return slots
+
+
+@njit(cache=True)
+def _extents(instances, slots, count):  # type: ignore[no-untyped-def]
+    """Pixels (count,), first and last row (count, 2), and used columns (count, W) of the instances (H, W)."""
+    height, width = instances.shape
+    pixels, rows, columns = np.zeros(count, np.int64), np.zeros((count, 2), np.int64), np.zeros((count, width), np.bool_)
+    for i in range(height):
+        for j in range(width):
+            instance = instances[i, j]
+            if instance == 0:
+                continue
+            k = slots[instance]
+            if k < 0:
+                continue
+            if pixels[k] == 0:
+                rows[k, 0] = i
+            rows[k, 1] = i
+            pixels[k] += 1
+            columns[k, j] = True
+    return pixels, rows, columns
+
+
+def _box(rows: NDArray[np.int64], columns: NDArray[np.bool_], seam: int | None) -> Array:
+    """Edges left, top, right, bottom (4,) from the first and last row (2,) and the used columns (W,); zeros where none is used.
+
+    seam: width of a panorama, whose boxes may cross it, else None.
+    """
+    used = np.flatnonzero(columns)
+    if not len(used):
         return np.zeros(4)
     if seam is None:
-        return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], dtype=np.float64)
-    used = np.unique(columns)
+        return np.array([used[0], rows[0], used[-1] + 1, rows[1] + 1], dtype=np.float64)
     # The widest cyclic gap between used columns is outside of the body.
     gaps = np.diff(used, append=used[0] + seam)
     gap = int(np.argmax(gaps))
     left = int(used[(gap + 1) % len(used)])
     right = int(used[gap]) + (seam if used[gap] < left else 0)
-    return np.array([left, rows.min(), right + 1, rows.max() + 1], dtype=np.float64)
+    return np.array([left, rows[0], right + 1, rows[1] + 1], dtype=np.float64)
 
 
 @dataclass(frozen=True)

