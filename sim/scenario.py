@@ -30,7 +30,7 @@ LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
 """Kinds of light, as sim.simulation.lighting makes them."""
 OPTIONAL = {
     "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
-    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "light": BUILT_LIGHT, "wet": 0.0,
+    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "umbrellas": 0.0, "light": BUILT_LIGHT, "wet": 0.0,
 }  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -54,6 +54,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "distractors": (0, 500),
     "groups": (0.0, 1.0),
     "sitting": (0.0, 1.0),
+    "umbrellas": (0.0, 1.0),
     "wet": (0.0, 1.0),
 }
 """Lowest and highest value of every numeric field, both included."""
@@ -79,6 +80,7 @@ class Scenario:
     distractors: number of things placed in the world that detectors take for people, as cones and coat stands; 0 by default.
     groups: share of the people who stand together and talk, 2 to 5 a group. sitting: share of those present who sit; both 0 by default.
     clothing: plain, or varied: mostly dark, with long coats, long skirts, hoods and loose hair.
+    umbrellas: probability that a person who does not sit carries one, 0 by default.
     light: one of LIGHTS. built: as the world has it. lamps: of a room, in place of the sun. wet: how wet the ground is, 0 by default.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
@@ -112,6 +114,7 @@ class Scenario:
     groups: float = 0.0
     sitting: float = 0.0
     clothing: str = PLAIN_CLOTHING
+    umbrellas: float = 0.0
     light: str = BUILT_LIGHT
     wet: float = 0.0
 

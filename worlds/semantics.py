@@ -49,6 +49,7 @@ KINDS = {
     "pram": "furniture",
     "poster": "furniture",
     "figure": "furniture",
+    "umbrella": "furniture",
 }
 """Kind of thing → class. A new kind is named here."""
 

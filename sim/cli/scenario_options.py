@@ -40,6 +40,8 @@ class ScenarioSettings:
     """Share of the people present who sit on chairs, on benches and at tables, from 0 to 1; groups and sitting are at most 1 together."""
     clothing: Word = None
     """plain, or varied: mostly dark, with long coats and skirts, hoods and loose hair, and ten tones of skin."""
+    umbrellas: Number = None
+    """Share of the people who carry an open umbrella, from 0 to 1; it hides what is behind it and is no part of a body."""
     light: Word = None
     """built (as the world has it), overcast, low (a low warm sun), dim, or lamps (of a room, in place of the sun)."""
     wet: Number = None

@@ -5,6 +5,7 @@ Between physics steps a rover moves on the geodesic of its pose. Between steps o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,8 +13,7 @@ import numpy as np
 from sim.crowd.crowd import CrowdState
 from sim.pedestrian import gait, gaze, skeleton
 from sim.pedestrian.gait import Terrain
-from sim.pedestrian.sitting import with_sitters
-from tracker.geometry import Array, Ints
+from tracker.geometry import Array
 from worlds.engine import mujoco
 
 
@@ -22,14 +22,15 @@ class FrameHistory:
     """States since the frame before, the first of each list being that frame's.
 
     timestep: s of a physics step. qpos: of all physics steps. people: crowd and footfalls at all steps of the crowd.
-    head_yaw: (m,) rad at the frame before and now. seated: indices and poses of people who sit. `poses` holds limb poses that were computed already.
+    head_yaw: (m,) rad at the frame before and now. corrected: poses and headings → poses with sitters and raised arms.
+    `poses` holds limb poses that were computed already.
     """
 
     timestep: float
     qpos: list[Array]
     people: list[tuple[CrowdState, gait.Footing]]
     head_yaw: tuple[Array, Array]
-    seated: tuple[Ints, skeleton.Poses] | None = None
+    corrected: Callable[[skeleton.Poses, Array], skeleton.Poses]
     poses: dict[int, skeleton.Poses] = field(default_factory=dict)
 
     @property
@@ -78,5 +79,5 @@ class FrameHistory:
             state, footing = self.people[k]
             turned = self.head_yaw[0] + k / (len(self.people) - 1) * (self.head_yaw[1] - self.head_yaw[0])
             poses = skeleton.limb_poses(stature, footing, state.position, state.heading, ground)
-            self.poses[k] = gaze.with_head_yaw(poses if self.seated is None else with_sitters(poses, *self.seated), turned)
+            self.poses[k] = gaze.with_head_yaw(self.corrected(poses, state.heading), turned)
         return self.poses[k]

@@ -15,6 +15,7 @@ from sim.crowd.postures import Postures
 from sim.crowd.replay import Paths, Replay
 from sim.pedestrian import clothing, clothing_textures, gait, gaze, palettes, skeleton
 from sim.pedestrian.sitting import sitting_poses, with_sitters
+from sim.pedestrian.umbrella import KIND, add_umbrella, umbrella_places, with_raised_arms
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
 from sim.scenario import LAMPS, VARIED_CLOTHING, Scenario
@@ -125,8 +126,7 @@ class Simulation:
         self._turn_heads()
         if self.keep_steps:
             qpos = [position for position, _ in self._steps]
-            seated = None if self._seated is None else (self._postures.sitters, self._seated)
-            self._history = FrameHistory(float(self._physics.opt.timestep), qpos, people, (head_yaw, self._gaze), seated)
+            self._history = FrameHistory(float(self._physics.opt.timestep), qpos, people, (head_yaw, self._gaze), self._corrected)
         self._posed = False
         self._measure_odometry(np.concatenate(rates), before, velocity)
 
@@ -166,6 +166,7 @@ class Simulation:
         if len(self.all_persons):
             position, quaternion = self._history.limbs(self.stature, self.world.terrain, before)
             data.mocap_pos[self._limbs], data.mocap_quat[self._limbs] = self._parked(position), quaternion
+            self._hold_umbrellas(data, position, quaternion)
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
         mujoco.mj_camlight(self.model, data)
@@ -250,6 +251,10 @@ class Simulation:
         for person, stature, rng in zip(self.all_persons, self.stature, people, strict=True):
             variety = self.scenario.stream(f"person_{person}/clothing") if varied else None
             clothing.add_person(spec, f"person_{person}", float(stature), rng, variety)
+        umbrellas = self.scenario.stream("people/umbrellas")
+        self._with_umbrella = np.flatnonzero(umbrellas.random(len(people)) < self.scenario.umbrellas)
+        for person in self.all_persons[self._with_umbrella]:
+            add_umbrella(spec, f"{KIND}{person}", umbrellas)
         if self.scenario.light == LAMPS:
             lighting.add_lamps(spec, self.world.ground.extent, float(np.median(self.world.ground.heights)), self.scenario.stream("light/lamps"))
         model = spec.compile()
@@ -292,6 +297,7 @@ class Simulation:
         owner = np.array([owners.get(name, (0, 0)) for name in names], dtype=np.int64).reshape(-1, 2)
         self.person_of_geom, self.robot_of_geom = owner[:, 0].copy(), owner[:, 1].copy()
         self._groups = m.geom_group.copy()
+        self._umbrella_of_geom = np.array([int(name.removeprefix(KIND)) if name.startswith(KIND) else 0 for name in names], dtype=np.int64)
 
     def _place_rovers(self) -> None:
         """Place the rovers on the ground, and give each a driver and its sensor errors."""
@@ -318,6 +324,8 @@ class Simulation:
         self._seated = None
         if len(sitters := self._postures.sitters):
             self._seated = sitting_poses(self.stature[sitters], self._postures.seat, self.world.terrain)
+        self._holders = np.setdiff1d(self._with_umbrella, sitters)
+        self._umbrellas = np.array([self.model.body(f"{KIND}{p}").mocapid[0] for p in self.all_persons[self._holders]], dtype=np.int64)
         self._footing, self._gaze = gait.stand(state.position, state.heading, self.stature), np.zeros(len(people))
         self._physics_data.mocap_pos[self._moving_colliders] = self._parked(self._ground_positions())
 
@@ -406,17 +414,30 @@ class Simulation:
             return
         state = self._crowd_state
         poses = skeleton.limb_poses(self.stature, self._footing, state.position, state.heading, self.world.terrain)
-        if self._seated is not None:
-            poses = with_sitters(poses, self._postures.sitters, self._seated)
-        poses = gaze.with_head_yaw(poses, self._gaze)
+        poses = gaze.with_head_yaw(self._corrected(poses, state.heading), self._gaze)
         self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
+        self._hold_umbrellas(self._data, poses.position, poses.quaternion)
         self._data.mocap_pos[self._colliders] = self._parked(self._ground_positions())
         self._show_present()
         self._joints, self._posed = poses.joints, True
         mujoco.mj_forward(self.model, self._data)
 
+    def _corrected(self, poses: skeleton.Poses, heading: Array) -> skeleton.Poses:
+        """The poses of walkers, with sitters on their seats and the right arms of those who carry umbrellas raised."""
+        if self._seated is not None:
+            poses = with_sitters(poses, self._postures.sitters, self._seated)
+        return with_raised_arms(poses, self._holders, self.stature, heading) if len(self._holders) else poses
+
+    def _hold_umbrellas(self, data: mujoco.MjData, position: Array, quaternion: Array) -> None:
+        """Put the umbrellas into the hands of limbs at position (people, limbs, 3) m with quaternion (people, limbs, 4)."""
+        k = self._holders
+        if len(k):
+            data.mocap_pos[self._umbrellas] = self._parked(umbrella_places(position[k], quaternion[k], self.stature[k]), k)
+
     def _show_present(self) -> None:
+        holders = self.all_persons[self._holders[self._crowd_state.present[self._holders]]]
         absent = np.isin(self.person_of_geom, self.all_persons[~self._crowd_state.present])
+        absent |= (self._umbrella_of_geom > 0) & ~np.isin(self._umbrella_of_geom, holders)
         self.model.geom_group[:] = np.where(absent, ABSENT, self._groups)
 
     def _ground_positions(self) -> Array:
@@ -424,10 +445,11 @@ class Simulation:
         position = self._crowd_state.position
         return np.column_stack([position, self.world.terrain.height_at(position)])
 
-    def _parked(self, position: Array) -> Array:
-        """position (people, ..., 3) m, with absent people moved far below the ground, out of contact."""
+    def _parked(self, position: Array, people: Ints | None = None) -> Array:
+        """position (people, ..., 3) m, with absent people moved far below the ground, out of contact. people: their indices; None for all."""
         out = position.copy()
-        out[~self._crowd_state.present, ..., 2] -= PARKING_DEPTH
+        present = self._crowd_state.present if people is None else self._crowd_state.present[people]
+        out[~present, ..., 2] -= PARKING_DEPTH
         return out
 
     def _measure_odometry(self, rates: Array, wheels: Array, velocity: Array) -> None:

@@ -39,7 +39,7 @@ STEP_RATE = 0.5
 """Hz: rate of the moments of a scene. People walk about 2 m between two of them."""
 DISTRACTOR_SHARE, DISTRACTORS = 0.6, (4.0, 48.0)
 """Share of scenes with cones, signs, coat stands and the like, and bounds of their number, log-uniform. Real pictures have them."""
-RICH = {"groups": (0.6, 0.1, 0.6), "sitting": (0.5, 0.05, 0.4), "wet": (0.25, 0.3, 1.0)}
+RICH = {"groups": (0.6, 0.1, 0.6), "sitting": (0.5, 0.05, 0.4), "wet": (0.25, 0.3, 1.0), "umbrellas": (0.15, 0.05, 0.5)}
 """Field of a scenario → share of the rich scenes that have it, and bounds of its value."""
 VARIED_SHARE = 0.6
 """Share of the rich scenes with varied clothing."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,3 +66,13 @@ def test_whole_training_in_small(tmp_path):
     assert (tmp_path / MODEL).read_bytes() == model
     with pytest.raises(ValueError, match="another training"):
         train_detector(dataclasses.replace(plan, steps=5), tmp_path)
+
+
+def test_rich_scenes_are_off_and_leave_orders_as_they_were(tmp_path: Path) -> None:
+    plain, rich = TrainingPlan(), TrainingPlan(rich=True)
+    assert "rich" not in plain.order
+    assert rich.order == plain.order | {"rich": True}
+    tasks, others = plain.tasks(tmp_path), rich.tasks(tmp_path)
+    assert not any(task.rich for some in tasks.values() for task in some)
+    assert all(task.rich for task in others["data"] + others["calibration"])
+    assert tasks["held-out"] == others["held-out"]
