@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 import pytest
 
+from tests.tracker.person_detector.blob_network import write_blob_network
+
 PILSIM = Path(sys.executable).parent / "pilsim"
 
 
@@ -46,8 +48,12 @@ def test_a_small_demo_leaves_everything_and_is_reused(tmp_path: Path) -> None:
     # pilsim 0.3.0 wrote the parameters as a text.
     old = {name: value for name, value in run.items() if name != "pilsim"} | {"parameters": "Parameters(slam=SlamParameters(mode='fej'), delay=0)"}
     (tmp_path / "d" / "track" / "run.json").write_text(json.dumps(old, indent=1, sort_keys=True) + "\n")
-    assert "d/track: made with other parameters of the tracker; tracking anew" in pilsim(*arguments, cwd=tmp_path)
+    assert "d/track: made with other parameters of the tracker or other boxes; tracking anew" in pilsim(*arguments, cwd=tmp_path)
     assert json.loads((tmp_path / "d" / "track" / "run.json").read_text()) == run
+    model = write_blob_network(tmp_path / "m.onnx")
+    assert "tracking anew" in pilsim(*arguments, "--detector", "pixels", "--model", model, cwd=tmp_path)
+    assert len(json.loads((tmp_path / "d" / "track" / "run.json").read_text())["model"]) == 64
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "d" / "sequence").rglob("*")} == stamps
     other = subprocess.run([PILSIM, *map(str, arguments), "--seed", "1"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert other.returncode == 2
     assert "d: holds another run (seed 0 there, 1 asked for)" in other.stderr

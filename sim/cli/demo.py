@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import DetectorModelName, Out, json_text
+from sim.cli.options import DetectorModelName, Out, json_text, unset
 from sim.cli.scenario_options import CameraSettings, camera_given
 
 if TYPE_CHECKING:
@@ -30,7 +30,11 @@ class Demo:
 
     The command runs the whole pipeline once, at 6 frames a second.
 
+    With --detector pixels nothing that is tracked sees the truth: boxes and landmarks
+    come from the panoramas.
+
     Examples: pilsim demo
+              pilsim demo --detector pixels --out runs/pixels
               pilsim demo --frames 333 --seed 7 --out runs/seven
     """
 
@@ -52,6 +56,10 @@ class Demo:
     """These options change the cameras."""
     detector_model: DetectorModelName = "independent"
     """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
+    detector: Literal["simulated", "pixels"] = "simulated"
+    """Source of the boxes: a simulated detector, which knows the truth, or the person detector on the panoramas."""
+    model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
+    """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     out: Out = Path("runs/demo")
     """Folder of all results. The same scenario again reuses what is there."""
 
@@ -72,16 +80,19 @@ class Demo:
         )
         from tracker.io.file_lock import folder_lock
 
+        if self.model and self.detector != "pixels":
+            raise ValueError(f"{self.model}: --model is for --detector pixels")
         check_folder(scenario, self.out)
         # The lock is taken before the imports of the renderer and the tracker, which take seconds.
         with folder_lock(self.out):
-            run_demo(scenario, self.out)
+            run_demo(scenario, self.out, self.detector == "pixels", self.model)
 
 
-def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
+def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | None = None) -> dict[str, Any]:
     """Run the whole pipeline into a folder, and return the scores. Parts of the same scenario in the folder are reused.
 
-    Hold the lock of the folder. Raises ValueError where it holds another run.
+    pixels: whether boxes are found in the panoramas, by `model` or the one of the package; else they are those of the simulated detector.
+    Hold the lock of the folder. Raises ValueError where it holds another run, and for a model that cannot be used.
     """
     from sim.parallel.pool import usable_cores
     from sim.recording.record import record
@@ -89,22 +100,28 @@ def run_demo(scenario: Scenario, out: Path) -> dict[str, Any]:
     from tracker.io.progress import progress_bar
     from tracker.io.resume import json_value
     from tracker.metrics.evaluation import evaluate, table
+    from tracker.person_detector.detected_ticks import detected_in_images
+    from tracker.person_detector.network import PersonNetwork
     from tracker.pipeline import Parameters
     from tracker.run import tracked
     from tracker.sequence.reader import read_sequence
     from tracker.sequence.results import read_results
 
     check_folder(scenario, out)
+    # The model is checked before the work, and the run names it.
+    run: dict[str, Any] = {"source": "sequence", "views": []} | ({"model": PersonNetwork(model).checksum} if pixels else {})
     folder = out / "sequence"
     if not folder.exists():
         record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"), usable_cores())
     sequence = read_sequence(folder)
-    if not is_free(out / "track") and read_results(out / "track").run.get("parameters") != json_value(Parameters()):
-        print(f"{out / 'track'}: made with other parameters of the tracker; tracking anew")
-        for name in PICTURES:
-            (out / name).unlink(missing_ok=True)
-        shutil.rmtree(out / "track")
-    results = tracked(sequence, out / "track", {"source": "sequence", "views": []})
+    if not is_free(out / "track"):
+        there = read_results(out / "track").run
+        if there.get("parameters") != json_value(Parameters()) or there.get("model") != run.get("model"):
+            print(f"{out / 'track'}: made with other parameters of the tracker or other boxes; tracking anew")
+            for name in PICTURES:
+                (out / name).unlink(missing_ok=True)
+            shutil.rmtree(out / "track")
+    results = tracked(detected_in_images(sequence, model) if pixels else sequence, out / "track", run)
     scores = evaluate(sequence, results)
     write_text(out / "scores.json", json_text(scores, indent=1) + "\n")
     draw(sequence, results, scores, out)

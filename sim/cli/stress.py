@@ -86,6 +86,10 @@ class Stress:
     """Name of the world, unless the sweep sets it."""
     detector_model: DetectorModelName = "independent"
     """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
+    detector: Literal["simulated", "pixels"] = "simulated"
+    """Source of the boxes: a simulated detector, which knows the truth, or the person detector on the rendered panoramas."""
+    model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
+    """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     render: bool = True
     """Render panoramas and detect features in them. --no-render makes boxes and landmarks by ray casting, many times faster."""
     ladder: bool = False
@@ -117,6 +121,7 @@ class Stress:
             if getattr(self, name) < least:
                 raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
         check_name(self.world, "--world")
+        self._check_detector()
         workers, trials = Workers(self.workers, self.machine.cluster, self.machine.limit), self._trials()
         rows = run_trials(trials, self.out, workers, self._command(), partial(progress_bar, desc="runs", unit="run", smoothing=0.1))
         if self.json:
@@ -129,6 +134,17 @@ class Stress:
             print(f"failed: {row['id']} seed {row['seed']}: {row['error']}")
         if len(failed) > 10:
             print(f"and {len(failed) - 10} more")
+
+    def _check_detector(self) -> None:
+        """Raises ValueError for --detector pixels without rendering, and for a model that cannot be used."""
+        if self.detector == "pixels":
+            from tracker.person_detector.network import PersonNetwork
+
+            if not self.render or self.pets is not None or self.recording is not None:
+                raise ValueError("--detector pixels needs rendered panoramas, without --no-render, --pets and --recording")
+            PersonNetwork(self.model)
+        elif self.model is not None:
+            raise ValueError(f"{self.model}: --model is for --detector pixels")
 
     def _cases(self) -> list[Case]:
         from sim.stress.sweeps import cases, default_scenario, pets_cases, recording_cases
@@ -173,7 +189,9 @@ class Stress:
                 # The real sequence is the same for every seed.
                 if case.source != "pets" or seed == self.first_seed:
                     command = self._command(replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1))
-                    made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ladder, command))
+                    model = "" if self.model is None else str(self.model.resolve())
+                    pixels = self.detector == "pixels"
+                    made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ladder, command, pixels, model))
         return made
 
     def _show(self) -> None:

@@ -86,8 +86,10 @@ def key_of(row: dict[str, Any]) -> Key:
 def _is_complete(folder: Path, row: dict[str, Any], trial: Trial) -> bool:
     """Whether a row holds all that a trial would give, its ablation too. Raises ValueError where the row is of another run."""
     asked = empty_row(trial)
-    wanted = {name: asked[name] for name in ("scenario", "tracker", "rendered", "value")}
-    check_same(folder, row, wanted, f"{row['id']} seed {row['seed']} of another run")
+    wanted = {name: asked[name] for name in ("scenario", "tracker", "rendered", "value", "detector")}
+    # Rows of 0.3.0 do not name the detector, which was never that in pixels.
+    older = {"detector": "simulated" if trial.pixels else asked["detector"]}
+    check_same(folder, older | row, wanted, f"{row['id']} seed {row['seed']} of another run")
     return row["ladder"] is not None or not trial.can_ablate
 
 

@@ -21,6 +21,8 @@ from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import evaluate, evaluated_people
 from tracker.metrics.landmark_map import MapScore
 from tracker.metrics.matching import MatchingFrame
+from tracker.person_detector.detector import PersonDetector
+from tracker.person_detector.network import PersonNetwork
 from tracker.sequence.results import Results
 from tracker.types import Sequence
 
@@ -34,7 +36,8 @@ class Trial:
     """A case with a seed, and a tracker.
 
     case: its scenario has the seed. folder: of the results, for pictures. rendered: with images, otherwise by ray casting. ablation: whether an
-    ablation is asked for. command: the command line that repeats the trial.
+    ablation is asked for. command: the command line that repeats the trial. pixels: whether people are found in the images, by the ONNX file `model`
+    or, where that is empty, by the model of the package.
     """
 
     case: Case
@@ -43,11 +46,20 @@ class Trial:
     rendered: bool = True
     ablation: bool = False
     command: str = ""
+    pixels: bool = False
+    model: str = ""
 
     @property
     def key(self) -> tuple[str, int, str]:
         """The key of its row: id, seed, name of the tracker."""
         return self.case.id, self.case.scenario.seed, self.tracker.name
+
+    @property
+    def detector(self) -> str:
+        """Where boxes come from: the simulated detector, a real recording, or the person detector, with the check sum of its model."""
+        if not self.pixels:
+            return "given" if self.case.source in ("pets", RECORDED) else "simulated"
+        return f"pixels {PersonNetwork(Path(self.model) if self.model else None).checksum[:12]}"
 
     @property
     def can_ablate(self) -> bool:
@@ -58,6 +70,7 @@ class Trial:
         """One line of JSON, for another process."""
         tracker = {"function": self.tracker.function, "options": self.tracker.options, "results": self.tracker.results}
         plain = {"folder": str(self.folder), "rendered": self.rendered, "ablation": self.ablation, "command": self.command}
+        plain |= {"pixels": self.pixels, "model": self.model}
         return json.dumps(plain | {"case": self.case.to_json(), "tracker": tracker})
 
     @staticmethod
@@ -81,6 +94,7 @@ def empty_row(trial: Trial) -> dict[str, Any]:
         "scenario": json.loads(case.scenario.to_json()) | _beyond_scenario(case),
         "tracker": {"name": tracker.name, "options": tracker.options},
         "rendered": trial.rendered and not case.source,
+        "detector": trial.detector,
         "seconds": None,
         "error": None,
         "scores": None,
@@ -114,7 +128,7 @@ def run(trial: Trial) -> dict[str, Any]:
     """Scores, bounds, causes of errors, ablation and worst moments of a trial, as in its row."""
     case = trial.case
     tracker = trial.tracker.with_options(case.options)
-    data = simulate_case(case, trial.rendered)
+    data = simulate_case(case, trial.rendered, PersonDetector(Path(trial.model) if trial.model else None) if trial.pixels else None)
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as solved:
         graphs = Path(solved) if tracker.solves_graphs else None
         results = tracker.results_of(data.tracker_setup, data.ticks, (case.id, case.scenario.seed), graphs)

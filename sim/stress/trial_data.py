@@ -22,6 +22,8 @@ from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import Array, Ints, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
+from tracker.person_detector.detected_ticks import sites_of, with_found_people
+from tracker.person_detector.detector import PersonDetector
 from tracker.recordings.degradation import Degradation
 from tracker.types import Boxes, Detections, Setup, Tick, TicksInMemory, Truth, ViewTruth
 
@@ -56,12 +58,14 @@ class TrialData:
         return TicksInMemory(tuple(self.ticks), self.setup.mounts)
 
 
-def simulate_case(case: Case, rendered: bool) -> TrialData:
+def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = None) -> TrialData:
     """Simulate a case, or read it.
 
-    rendered: from images, otherwise by ray casting. Raises ValueError where the scenario does not fit its world, and where the folder is no PETS 2009
-    sequence.
+    rendered: from images, otherwise by ray casting. detector: finds the people in these images, in place of the simulated one.
+    Raises ValueError where the scenario does not fit its world, where the folder is no PETS 2009 sequence, and for a detector without images.
     """
+    if detector is not None and (case.source or not rendered):
+        raise ValueError("--detector pixels needs rendered panoramas")
     if case.source == "pets":
         return _read_pets(case)
     if case.source == RECORDED:
@@ -80,6 +84,9 @@ def simulate_case(case: Case, rendered: bool) -> TrialData:
         landmarks = camera.landmarks
         frames = list(run_raycast(recording.scenario, recording.simulation, setup, camera))
         frames = [_crop_truth(frame, setup) for frame in frames] if setup.area is not None else frames
+    if detector is not None:
+        sites = sites_of(setup)
+        frames = [replace(frame, tick=with_found_people(frame.tick, detector, sites)) for frame in frames]
     recorded = [frame.tick for frame in frames]
     person = {
         id(view.detections): match_persons(view.detections, setup.mounts[view.camera].camera, frame.views[view.camera].boxes)

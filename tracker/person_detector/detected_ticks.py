@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,16 +28,19 @@ class DetectedTicks:
         detector = PersonDetector(self.model)
         sites = sites_of(self.setup)
         for tick in self.ticks:
-            yield replace(tick, views=tuple(self._view(view, detector, sites[view.camera]) for view in tick.views if self._used(view)))
+            yield with_found_people(tick, detector, sites)
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
         return self.ticks.odometry()
 
-    def _used(self, view: View) -> bool:
-        return view.image is not None or view.odometry is not None
 
-    def _view(self, view: View, detector: PersonDetector, site: CameraPlace) -> View:
-        return replace(view, detections=Detections.none() if view.image is None else detector.detections(view.image, site))
+def with_found_people(tick: Tick, detector: PersonDetector, sites: Mapping[str, CameraPlace]) -> Tick:
+    """The tick with the boxes that a detector finds in its images. sites: by camera. Fixed cameras without an image have no view."""
+
+    def found(view: View) -> View:
+        return replace(view, detections=Detections.none() if view.image is None else detector.detections(view.image, sites[view.camera]))
+
+    return replace(tick, views=tuple(found(view) for view in tick.views if view.image is not None or view.odometry is not None))
 
 
 def sites_of(setup: Setup) -> dict[str, CameraPlace]:

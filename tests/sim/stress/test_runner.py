@@ -14,8 +14,10 @@ from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial import ROBOTS, Trial, empty_row, row_of
 from sim.stress.worker import Worker
+from tests.tracker.person_detector.blob_network import write_blob_network
 from tracker.io.file_lock import file_lock
 from tracker.metrics.landmark_map import MapScore
+from tracker.person_detector.network import PersonNetwork
 
 SCENARIO = Scenario(seed=1005, robots=1, people=3, frames=4, width=256)
 
@@ -38,6 +40,23 @@ def test_a_row_has_all_fields_and_is_json(tmp_path: Path) -> None:
     for moment in row["moments"]:
         for picture in moment["pictures"]:
             assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_people_are_found_in_the_rendered_panoramas(tmp_path: Path) -> None:
+    """The network finds blobs, and the row names its file. A run without it is another one."""
+    model = write_blob_network(tmp_path / "m.onnx")
+    plain = replace(trial(tmp_path, frames=2), rendered=True)
+    pixels = replace(plain, pixels=True, model=str(model))
+    assert Trial.from_json(pixels.to_json()) == pixels
+    row = row_of(pixels)
+    assert row["error"] is None
+    assert row["detector"] == f"pixels {PersonNetwork(model).checksum[:12]}"
+    assert row["scores"]["misses"] > 0.5 * row["scores"]["truths"]
+    (tmp_path / "results.jsonl").write_text(json.dumps(row) + "\n")
+    with pytest.raises(ValueError, match="detector"):
+        run_trials([plain], tmp_path, Workers(), "", iter)
+    without = row_of(replace(pixels, rendered=False))
+    assert without["error"] == "ValueError: --detector pixels needs rendered panoramas"
 
 
 def test_a_tracker_that_raises_is_a_row(tmp_path: Path) -> None:
