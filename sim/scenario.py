@@ -36,7 +36,7 @@ OPTIONAL = {
 BOUNDS: dict[str, tuple[float, float]] = {
     "difficulty": (0.0, 1.0),
     "seed": (0, 2**63 - 1),
-    "robots": (1, 64),
+    "robots": (0, 64),
     "people": (0, 1000),
     "at_once": (0, 1000),
     "children": (0.0, 1.0),

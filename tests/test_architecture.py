@@ -52,7 +52,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "recordings": {"geometry", "types", "io", "formats", "sequence", "detections"},
         "datasets": {"geometry", "types", "io", "formats", "sequence", "detections", "ekf", "recordings"},
         "detector_models": {"geometry", "types", "io", "formats", "recordings", "datasets"},
-        "export": {"geometry", "types", "io", "formats", "sequence", "metrics", "recordings", "datasets"},
+        "export": {"geometry", "types", "io", "formats", "sequence", "detections", "metrics", "recordings", "datasets"},
         "pipeline": {"geometry", "types", "detections", "tracks", "mht", "slam"},
         "options": {"pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},
         "run": {"pipeline", "types", "io", "sequence"},

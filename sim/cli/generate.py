@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import Out, numbers, unset
+from sim.cli.options import Out, unset
 from sim.cli.scenario_options import (
     CameraSettings,
     DetectorSettings,
@@ -24,7 +23,6 @@ from sim.cli.scenario_options import (
 )
 
 if TYPE_CHECKING:
-    from sim.datasets.pets_twin import Twin
     from sim.datasets.presets import Preset
 
 _COMMON = ("world", "difficulty", "seed", "robots", "people", "frames", "width")
@@ -51,9 +49,9 @@ class ImageFiles:
 class TwinFiles:
     """Source files of a twin."""
 
-    annotations: Annotated[Path | None, unset("FILE", "needed for a twin")] = None
+    annotations: Annotated[Path | None, unset("FILE", "those of SOURCE")] = None
     """The paths of the people: the CVML file of a PETS 2009 sequence, boxes in View_001."""
-    calibration: Annotated[Path | None, unset("DIR", "needed for a twin")] = None
+    calibration: Annotated[Path | None, unset("DIR", "that of SOURCE")] = None
     """The folder of View_001.xml and so on (Tsai)."""
 
 
@@ -64,14 +62,15 @@ class Generate:
     The same command continues a dataset that was interrupted. The presets are:
       - pilsun            the paper's set: 333 frames, 4 robots, 10 people
       - s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
-      - twin              the people of a PETS 2009 annotation on their real paths,
-                          seen by the real cameras and by rovers
+      - twin SOURCE       the people of a recording with truth on their real paths,
+                          seen by the real cameras, and by rovers (--robots)
 
     Examples: pilsim generate pilsun --out D
               pilsim generate pilsun --world forest --count 20 --workers 2 --out D
               pilsim generate s2l2 --frames 100 --range --video --out D
               pilsim generate pilsun --config mine.toml --cluster tcp://10.0.0.1:8786 --count 500 --out /shared/D
               pilsim generate pilsun --rate 10 --imu bmi088@200 --wheels 50 --clock offset=±0.02,jitter=0.001 --out D
+              pilsim generate twin my-cameras --views C1,C3 --frames 100 --out runs/twin
               pilsim generate twin --annotations S2.L1/annotations/PETS2009-S2L1.xml --calibration calibration --views 1,5,7 --out runs/twin
     """
 
@@ -79,6 +78,8 @@ class Generate:
     """The kind of sequences."""
     out: Out
     """Folder of the dataset; complete sequences in it are kept. The folder of a twin must be new or empty."""
+    source: Positional[Annotated[Path | None, unset("[SOURCE]", "for a twin alone")]] = None
+    """Folder of the recording whose twin is made: PETS 2009, WILDTRACK, a recording or a sequence with truth, as `pilsim track` reads them."""
     count: int = 1
     """Number of sequences; sequence n has the seed + n, and so another world, other people and other paths."""
     seed: Whole = None
@@ -95,14 +96,16 @@ class Generate:
     """Number of people, in all."""
     width: Whole = None
     """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
-    views: Annotated[str | None, unset("STR", "the preset's; 1 of a twin")] = None
-    """Number of fixed cameras; for a twin the numbers of the PETS cameras, as in 1,5,7."""
+    views: Annotated[str | None, unset("STR", "the preset's; all of a twin; 1 of a PETS twin")] = None
+    """Number of fixed cameras; for a twin the names or numbers of its cameras, as in 1,5,7."""
+    render: bool = True
+    """Render images. A twin with --no-render has boxes by ray casting and no rovers; it is written as a recording."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
     """Number of processes that draw on this machine; the bytes are the same with any number."""
     files: Annotated[OmitArgPrefixes[ImageFiles], arg(name="file")] = ImageFiles()
     """These options choose what is written beside JPEG images and tables."""
     twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
-    """The preset twin needs both files; no other preset takes them."""
+    """The two sources of a twin of PETS 2009, in place of SOURCE."""
     cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
     """These options change the cameras."""
     sensors: Annotated[OmitArgPrefixes[SensorSettings], arg(name="robot sensors")] = SensorSettings()
@@ -126,6 +129,10 @@ class Generate:
 
         if self.twin.annotations or self.twin.calibration:
             raise ValueError("--annotations and --calibration are for a twin: pilsim generate twin …")
+        if self.source is not None:
+            raise ValueError(f"{self.source}: the preset {self.preset} has no source; pilsim generate twin {self.source} makes its twin")
+        if not self.render:
+            raise ValueError(f"--no-render is for a twin, and {self.preset} is none")
         form = ImageForm(**vars(self.files))
         plan = Plan(self.preset, self._preset(), self.out, self.count, form, usable_cores() if self.workers is None else self.workers, self.cluster)
         made = generate(plan)
@@ -159,36 +166,14 @@ class Generate:
         return preset_of(self.preset, settings | changes)
 
     def _twin(self) -> None:
-        from functools import partial
+        from sim.datasets.twin_generation import TwinOrder, generate_twin
 
-        from sim.datasets.pets_twin import Twin, generate
-        from sim.recording.record import check_absent
-        from tracker.io.file_lock import folder_lock
-        from tracker.io.progress import progress_bar
-
-        if self.twin.annotations is None or self.twin.calibration is None:
-            raise ValueError("a twin needs --annotations FILE and --calibration DIR")
-        own = {"frames", "robots", "width", "seed", "detector_model"}
+        own = {"frames", "robots", "width", "seed", "detector_model", "difficulty"}
         changes = self._given()
-        plain = self.count == 1 and self.workers in (None, 1) and not (self.cluster or self.config) and self.files == ImageFiles()
+        plain = self.count == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
         if set(changes) - own or not plain:
-            named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(own))
-            raise ValueError(f"a twin takes --views and {named}; the annotation sets the rest")
-        views = tuple(numbers(self.views or "1"))
-        twin = dataclasses.replace(Twin(self.twin.annotations, self.twin.calibration, views), **changes)
-        check_absent(self.out)
-        with folder_lock(self.out):
-            generate(twin, self.out, progress=partial(progress_bar, desc="frames", unit="frame"))
-            self._compare(twin)
-
-    def _compare(self, twin: Twin) -> None:
-        """Print where the twin is, and compare its boxes with the annotated ones."""
-        from sim.datasets.pets_twin import box_overlaps
-        from sim.datasets.pets_twin_picture import side_by_side
-
-        print(f"{self.out}: a sequence (README.md in it); `pilsim track {self.out}` tracks it")
-        if 1 in twin.views:
-            side_by_side(twin, self.out)
-            alike = sorted(box_overlaps(twin, self.out).tolist())
-            median = alike[len(alike) // 2]
-            print(f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {median:.3f} (twin.png shows a frame)")
+            named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(own | {"workers", "render"}))
+            raise ValueError(f"a twin takes --views and {named}; the source sets the rest")
+        order = TwinOrder(self.source, self.twin.annotations, self.twin.calibration, self.views, changes, self.render, self.workers)
+        for line in generate_twin(order, self.out):
+            print(line)

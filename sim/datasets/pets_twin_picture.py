@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -39,33 +40,40 @@ def side_by_side(twin: Twin, folder: Path, video: Path | None = None) -> Path | 
     left = image.copy()
     if truth is not None:
         for person, (x0, y0, x1, y1) in zip(truth.person.tolist(), truth.full.tolist(), strict=True):
-            _box(left, (x0, y0, x1, y1), person, 2)
-    pictures = [_titled(_annotated(left, ids.tolist(), boxes), f"twin, frame {frame}: own boxes thick, annotated boxes thin")]
+            boxed(left, (x0, y0, x1, y1), person, 2)
+    pictures = [titled(_annotated(left, ids.tolist(), boxes), f"twin, frame {frame}: own boxes thick, annotated boxes thin")]
     video_file = twin.annotations.parent.parent / "video" / f"{NAME}.mp4" if video is None else video
     real = _frame_of(video_file, frame)
     if real is not None:
-        pictures.append(_titled(_annotated(real, ids.tolist(), boxes), f"PETS 2009 {NAME}, the same frame: annotated boxes"))
+        pictures.append(titled(_annotated(real, ids.tolist(), boxes), f"PETS 2009 {NAME}, the same frame: annotated boxes"))
+    path = folder / "twin.png"
+    save_png(path, beside(pictures))
+    return path
+
+
+def beside(pictures: list[Image]) -> Image:
+    """Pictures side by side, with dark margins."""
     height = max(len(picture) for picture in pictures)
     pictures = [cv2.copyMakeBorder(p, 0, height - len(p), 0, 6, cv2.BORDER_CONSTANT, value=(DARK,) * 3).astype(np.uint8) for p in pictures]
-    path = folder / "twin.png"
-    save_png(path, np.hstack(pictures))
-    return path
+    return np.hstack(pictures)
 
 
 def _annotated(image: Image, ids: list[int], boxes: Array) -> Image:
     """A copy of the image with boxes (n, 4): left, top, width, height, px. Pixel centres lie at whole numbers."""
     out = image.copy()
     for person, (left, top, width, height) in zip(ids, boxes.tolist(), strict=True):
-        _box(out, (left + 0.5, top + 0.5, left + width + 0.5, top + height + 0.5), person, 1)
+        boxed(out, (left + 0.5, top + 0.5, left + width + 0.5, top + height + 0.5), person, 1)
     return out
 
 
-def _box(image: Image, edges: tuple[float, float, float, float], person: int, thickness: int) -> None:
+def boxed(image: Image, edges: Sequence[float], person: int, thickness: int) -> None:
+    """Draw the edges left, top, right, bottom px of a person's box, in place."""
     left, top, right, bottom = (round(edge) for edge in edges)
     cv2.rectangle(image, (left, top), (right - 1, bottom - 1), colour_of(person), thickness)
 
 
-def _titled(image: Image, title: str) -> Image:
+def titled(image: Image, title: str) -> Image:
+    """The image under a line of text."""
     out = cv2.copyMakeBorder(image, 30, 0, 0, 0, cv2.BORDER_CONSTANT, value=(DARK,) * 3)
     cv2.putText(out, title, (8, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (235, 235, 235), 1, cv2.LINE_AA)
     return np.asarray(out, dtype=np.uint8)

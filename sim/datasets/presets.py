@@ -83,6 +83,8 @@ def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:
         raise ValueError(f"views is {shown(repr(views))[1:-1]}, needs a whole number in [0, 32]")
     check_name(changes.get("world", preset.scenario.world))
     scenario = dataclasses.replace(preset.scenario, **{key: value for key, value in changes.items() if key != "views"})
+    if not scenario.robots and not views:
+        raise ValueError("robots and views are 0, needs one of them above 0: nobody would see anything")
     cameras = [f"View_{k + 1:03d}" for k in range(views)]
     for clock in parse_clocks(scenario.clock) if scenario.clock else ():
         if clock.startswith("View_") and clock not in cameras:

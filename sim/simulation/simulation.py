@@ -282,11 +282,12 @@ class Simulation:
         """Addresses of rovers and people in MuJoCo's arrays."""
         m = self.model
         joint = [[m.joint(name).id for name in (robot, *(f"{robot}/{wheel}" for wheel in rover.WHEELS))] for robot in self.robots]
-        joints = np.array(joint)
+        joints = np.array(joint, dtype=np.int64).reshape(-1, 1 + len(rover.WHEELS))
         self._poses = m.jnt_qposadr[joints[:, 0]][:, None] + np.arange(7)
         self._velocities = m.jnt_dofadr[joints[:, 0]][:, None] + np.arange(6)
         self._wheel_qpos = m.jnt_qposadr[joints[:, 1:]]
-        self._motors = np.array([[m.actuator(f"{robot}/{wheel}").id for wheel in rover.WHEELS] for robot in self.robots])
+        motors = [[m.actuator(f"{robot}/{wheel}").id for wheel in rover.WHEELS] for robot in self.robots]
+        self._motors = np.array(motors, dtype=np.int64).reshape(-1, len(rover.WHEELS))
         limbs = [[m.body(f"person_{p}/{limb}").mocapid[0] for limb in (*skeleton.LIMBS, "collider")] for p in self.all_persons]
         mocap = np.array(limbs, dtype=np.int64).reshape(-1, len(skeleton.LIMBS) + 1)
         self._limbs, self._colliders = mocap[:, :-1], mocap[:, -1]
@@ -357,7 +358,7 @@ class Simulation:
     def _heading(self) -> Array:
         """(robots, 3): x and y of the rovers' forward axes, and forward speed m/s."""
         poses, velocity = self._physics_data.qpos[self._poses], self._physics_data.qvel[self._velocities]
-        x = np.array([rotation_from_quaternion(q)[:, 0] for q in poses[:, 3:]])
+        x = np.array([rotation_from_quaternion(q)[:, 0] for q in poses[:, 3:]]).reshape(-1, 3)
         return np.column_stack([x[:, :2], np.einsum("ri,ri->r", x, velocity[:, :3])])
 
     def _move_people(self) -> None:
@@ -394,7 +395,7 @@ class Simulation:
             traffic = Traffic(np.concatenate([others, people]), radius)
             motion = Motion(position[i], float(np.arctan2(heading[i, 1], heading[i, 0])), float(heading[i, 2]), float(yaw_rate[i]))
             self._drives[i] = driver.step(self._drives[i], motion, traffic, self._dt)
-        goal = np.array([rover.wheel_speeds(d.speed, d.yaw_rate, w) for d, w in zip(self._drives, yaw_rate, strict=True)])
+        goal = np.array([rover.wheel_speeds(d.speed, d.yaw_rate, w) for d, w in zip(self._drives, yaw_rate, strict=True)]).reshape(self._motors.shape)
         before, self._ctrl = self._ctrl, goal
         ctrl, qvel = self._physics_data.ctrl, self._physics_data.qvel
         commands, velocities = np.tile(ctrl, (self._substeps, 1)), np.empty((self._substeps, len(qvel)))

@@ -22,12 +22,13 @@ PETS_VIEWS = (1, 5, 7)
 
 def is_pets(path: Path) -> bool:
     """Whether a folder is laid out as PETS 2009: detections or annotations, and calibrations as View_00N.xml in it or beside it."""
-    folder = _calibration(path)
+    folder = calibration_of(path)
     named = folder is not None and any(folder.glob("View_*.xml"))
     return named and ((path / "annotations").is_dir() or (path / "detections").is_dir())
 
 
-def _calibration(path: Path) -> Path | None:
+def calibration_of(path: Path) -> Path | None:
+    """The folder calibration/ in a PETS 2009 folder or beside it, or None."""
     return next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
 
 
@@ -36,7 +37,7 @@ def read_pets(path: Path, options: SourceOptions) -> Recording:
 
     A camera whose detections are replaced needs no file of its own. Raises ValueError with the path for missing or invalid content.
     """
-    calibration = _calibration(path)
+    calibration = calibration_of(path)
     if calibration is None:
         raise ValueError(f"{path}: no calibration/ in it or beside it")
     found = _detection_files(path, calibration, options)

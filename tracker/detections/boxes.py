@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tracker.geometry import Array, angles_from_bearing, bearing_from_angles
-from tracker.geometry.cameras import Camera, Tsai
+from tracker.geometry.cameras import Camera, PanoramicCamera, Tsai
 from tracker.types import Detections
 
 EDGE_PIXELS = 2.0
@@ -16,6 +16,8 @@ EDGE_SHARE = 0.02
 """The part of it that grows with the box: a share of its height."""
 DISTORTION_SHARE = 1.0
 """Standard deviation of a barrel distortion (κ1 < 0) as a share of its own size: such calibrations are poor (View_007 of PETS 2009, left)."""
+ITERATIONS = 60
+"""Fixed-point iterations for the width of a detection; each reduces the error to a few per cent."""
 
 
 def detections_from_boxes(camera: Camera, boxes: Array, confidence: Array, deviation: Array | None = None) -> Detections:
@@ -75,3 +77,33 @@ def approximate_pixel_boxes(camera: Camera, detections: Detections) -> tuple[Arr
     size = np.stack([across, up], axis=1)
     middle[~((size > 0) & np.isfinite(size)).all(axis=1)] = np.nan
     return middle, size
+
+
+def boxes_of_detections(camera: Camera, detections: Detections) -> Array:
+    """Boxes (n, 4) left, top, width, height px from the corner of the image; the inverse of detections_from_boxes.
+
+    In an image that wraps, left lies in [0, W), and left + width may exceed W. In another image the bearing gives the middle column of the box.
+    Its width is the one that spans the detected azimuth at the middle of its height.
+    """
+    if not len(detections):
+        return np.zeros((0, 4))
+    azimuth, elevation = angles_from_bearing(detections.bearing)
+    span, rise = detections.extent.T
+    if isinstance(camera, PanoramicCamera):
+        per_radian = camera.width / (2 * np.pi)
+        left = np.mod((np.pi - azimuth - span / 2) * per_radian, camera.width)
+        top, height = camera.edges_from_spans(elevation, rise)
+        return np.column_stack([left, top, span * per_radian, height])
+    pixels = [camera.pixels_from_bearings(bearing_from_angles(azimuth, elevation + side * rise / 2))[0] for side in (-1, 1)]
+    # Where the distortion has no inverse, the upper edge is outside the image.
+    (u, bottom), top = pixels[0].T, np.nan_to_num(pixels[1][:, 1], nan=camera.pixel_centre - 0.5)
+    middle = (top + bottom) / 2
+
+    def azimuth_span(width: Array) -> Array:
+        left, right = (angles_from_bearing(camera.bearings_from_pixels(np.column_stack([u + s * width / 2, middle])))[0] for s in (-1, 1))
+        return np.asarray(left - right)
+
+    width = bottom - top
+    for _ in range(ITERATIONS):
+        width = width * span / azimuth_span(width)
+    return np.column_stack([u - width / 2, top, width, bottom - top]) + np.array([0.5 - camera.pixel_centre] * 2 + [0.0, 0.0])

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.detections.boxes import boxes_of_detections
 from tracker.formats.motchallenge import Mot15Rows, rows_from_boxes
-from tracker.geometry import Array, Pose, angles_from_bearing, bearing_from_angles
-from tracker.geometry.cameras import Camera, PanoramicCamera
+from tracker.geometry import Array, Pose
+from tracker.geometry.cameras import Camera
 from tracker.io import image_files
 from tracker.io.atomic import is_free, new_folder
 from tracker.io.csv_tables import read_table
@@ -37,8 +38,6 @@ OPENCV_CORNER = -0.5
 """px: u and v of the image's corner where the first pixel has its centre at (0, 0), as in OpenCV."""
 IMU_FIELDS = ("rate", "gyro_noise", "gyro_walk", "force_noise", "force_walk")
 """Numbers of the IMU in sensors.json, in the order of ImuNoise."""
-ITERATIONS = 60
-"""Fixed-point iterations for the width of a detection; each reduces the error to a few per cent."""
 
 
 @contextmanager
@@ -288,36 +287,6 @@ class RecordedSequence:
 
 
 _OPTIONS = {JPEG: image_files.JPEG, PNG: image_files.PNG}
-
-
-def boxes_of_detections(camera: Camera, detections: Detections) -> Array:
-    """Boxes (n, 4) left, top, width, height px from the corner of the image; the inverse of boxes.detections_from_boxes.
-
-    In an image that wraps, left lies in [0, W), and left + width may exceed W. In another image the bearing gives the middle column of the box.
-    Its width is the one that spans the detected azimuth at the middle of its height.
-    """
-    if not len(detections):
-        return np.zeros((0, 4))
-    azimuth, elevation = angles_from_bearing(detections.bearing)
-    span, rise = detections.extent.T
-    if isinstance(camera, PanoramicCamera):
-        per_radian = camera.width / (2 * np.pi)
-        left = np.mod((np.pi - azimuth - span / 2) * per_radian, camera.width)
-        top, height = camera.edges_from_spans(elevation, rise)
-        return np.column_stack([left, top, span * per_radian, height])
-    pixels = [camera.pixels_from_bearings(bearing_from_angles(azimuth, elevation + side * rise / 2))[0] for side in (-1, 1)]
-    # Where the distortion has no inverse, the upper edge is outside the image.
-    (u, bottom), top = pixels[0].T, np.nan_to_num(pixels[1][:, 1], nan=camera.pixel_centre - 0.5)
-    middle = (top + bottom) / 2
-
-    def azimuth_span(width: Array) -> Array:
-        left, right = (angles_from_bearing(camera.bearings_from_pixels(np.column_stack([u + s * width / 2, middle])))[0] for s in (-1, 1))
-        return np.asarray(left - right)
-
-    width = bottom - top
-    for _ in range(ITERATIONS):
-        width = width * span / azimuth_span(width)
-    return np.column_stack([u - width / 2, top, width, bottom - top]) + np.array([0.5 - camera.pixel_centre] * 2 + [0.0, 0.0])
 
 
 def ltwh_from_edges(edges: Array) -> Array:

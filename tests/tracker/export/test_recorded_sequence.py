@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker import sequences
-from tracker.detections.boxes import detections_from_boxes
-from tracker.export.recorded_sequence import RecordedSequence, boxes_of_detections, ltwh_from_edges
+from tracker.detections.boxes import boxes_of_detections, detections_from_boxes
+from tracker.export.recorded_sequence import RecordedSequence, ltwh_from_edges
 from tracker.geometry import bearing_from_angles
 from tracker.geometry.cameras import Panorama, Tsai, pinhole
 from tracker.types import Detections

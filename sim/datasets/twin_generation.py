@@ -1,0 +1,118 @@
+"""Generation of the twin of any source, rendered as a sequence, or without images as a recording."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.datasets import pets_twin
+from sim.datasets.pets_twin import Twin, box_overlaps
+from sim.datasets.pets_twin_picture import side_by_side as pets_side_by_side
+from sim.datasets.recorded_twin import RecordedTwin, TrueMotion, recording_of, true_motion
+from sim.datasets.recorded_twin_picture import side_by_side
+from sim.datasets.twin_without_images import write_without_images
+from sim.parallel.pool import Pool, usable_cores
+from sim.recording.record import Recording, check_absent, write_recording
+from tracker.datasets.opening import format_of
+from tracker.datasets.pets2009 import PETS_AREA, calibration_of
+from tracker.geometry import Array
+from tracker.io.file_lock import folder_lock
+from tracker.io.progress import progress_bar
+
+PETS = "pets2009"
+
+
+@dataclass(frozen=True)
+class TwinOrder:
+    """What twin is wanted: of the folder `source`, or of a PETS 2009 annotation file and a folder of calibrations.
+
+    views: names or numbers of cameras, parted by commas, or None. changes: fields of Twin or RecordedTwin that differ from their defaults.
+    render: False for a recording without images. workers: number of processes that draw, None for one a core.
+    """
+
+    source: Path | None
+    annotations: Path | None
+    calibration: Path | None
+    views: str | None
+    changes: Mapping[str, Any]
+    render: bool = True
+    workers: int | None = None
+
+
+def generate_twin(order: TwinOrder, out: Path) -> Iterator[str]:
+    """Write the twin into the new folder `out`, and yield lines that say what there is. Raises ValueError, in one line, for invalid sources."""
+    if (order.source is None) == (order.annotations is None) or (order.annotations is None) != (order.calibration is None):
+        raise ValueError("a twin needs SOURCE, or --annotations FILE and --calibration DIR")
+    if not order.render and (robots := order.changes.get("robots")):
+        raise ValueError(f"robots is {robots}, needs 0 without rendering: the SLAM of rovers needs images")
+    check_absent(out)
+    workers = Pool(usable_cores() if order.workers is None else order.workers).workers
+    if order.source is None or format_of(order.source).name == PETS:
+        yield from _generate_pets(order, _pets(order), workers, out)
+        return
+    names = tuple(text.strip() for text in (order.views or "").split(",") if text.strip())
+    twin = dataclasses.replace(RecordedTwin(order.source, names), **order.changes)
+    motion = true_motion(twin)
+    _write(recording_of(twin, motion, workers), order.render, motion.area, out)
+    yield from _described(out, order.render)
+    if order.render and side_by_side(motion, out) is not None:
+        yield f"{out / 'twin.png'} shows a frame beside the source's"
+    yield _extent(motion)
+
+
+def _pets(order: TwinOrder) -> Twin:
+    """The twin of PETS 2009 that is wanted. Raises ValueError for numbers of views that are none, and for a source without annotations."""
+    annotations, calibration, source = order.annotations, order.calibration, order.source
+    if source is not None:
+        files = sorted((source / "annotations").glob("*.xml"))
+        # The complete annotations, whose people also walk outside the evaluated area, are preferred, as in `pilsim stress --pets`.
+        whole = [file for file in files if "cropped" not in file.name] or files
+        if not whole:
+            raise ValueError(f"{source / 'annotations'}: no *.xml, the truth which a twin needs")
+        annotations, calibration = whole[0], calibration_of(source)
+    assert annotations is not None
+    assert calibration is not None
+    numbers = [text.strip().lower().removeprefix("view_") for text in (order.views or "1").split(",") if text.strip()]
+    if not all(text.isdecimal() for text in numbers):
+        raise ValueError(f"--views is {order.views!r}, needs numbers as in 1,5,7")
+    changes = dict(order.changes)
+    if changes.pop("difficulty", 0.0):
+        raise ValueError("--difficulty is for halls; the campus of a twin of PETS 2009 is flat, as the site is")
+    if not order.render:
+        changes = {"robots": 0} | changes
+    return dataclasses.replace(Twin(annotations, calibration, tuple(int(text) for text in numbers)), **changes)
+
+
+def _generate_pets(order: TwinOrder, twin: Twin, workers: int, out: Path) -> Iterator[str]:
+    made = dataclasses.replace(pets_twin.recording_of(twin), workers=workers)
+    _write(made, order.render, np.array(PETS_AREA), out)
+    yield from _described(out, order.render)
+    if order.render and pets_twin.ANNOTATED in twin.views:
+        pets_side_by_side(twin, out)
+        alike = sorted(box_overlaps(twin, out).tolist())
+        median = alike[len(alike) // 2]
+        yield f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {median:.3f} (twin.png shows a frame)"
+
+
+def _write(made: Recording, render: bool, area: Array | None, out: Path) -> None:
+    progress = partial(progress_bar, desc="frames", unit="frame")
+    with folder_lock(out):
+        if render:
+            write_recording(made, out, progress)
+        else:
+            write_without_images(made, out, area, progress)
+
+
+def _described(out: Path, render: bool) -> Iterator[str]:
+    yield f"{out}: a {'sequence' if render else 'recording without images'} (README.md in it); `pilsim track {out}` tracks it"
+
+
+def _extent(motion: TrueMotion) -> str:
+    people, frames, _ = motion.position.shape
+    return f"{people} people in {frames} frames, before {len(motion.cameras)} cameras"
