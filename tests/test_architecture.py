@@ -56,7 +56,9 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "pipeline": {"geometry", "types", "detections", "tracks", "mht", "slam"},
         "options": {"pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},
         "run": {"pipeline", "types", "io", "sequence"},
-        "detection_run": {"geometry", "types", "io", "formats", "person_detector"},
+        "detection_pictures": {"geometry", "types", "io", "person_detector"},
+        "detection_journal": {"geometry"},
+        "detection_run": {"geometry", "io", "formats", "person_detector", "detection_pictures", "detection_journal"},
     },
     "sim": {
         "robots": set(),

@@ -17,6 +17,7 @@ class Detect:
 
     SOURCE is a video, an image, a folder of images or videos, or any source of
     `track` with images. Boxes are those of whole bodies, as MOT15, a file a camera.
+    The same command goes on after an interruption.
 
     Examples: pilsim detect street.mp4 --out runs/boxes --pictures
               pilsim detect PETS2009/S2.L1 --cameras 1 --frames 0:400 --out runs/boxes
@@ -36,27 +37,30 @@ class Detect:
     """The right edge of the images continues at the left one. Recordings and sequences know it."""
     pictures: bool = False
     """Write the images with the boxes drawn, too."""
+    video: bool = False
+    """Write a video of each camera with the boxes drawn, too."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
         from tracker.datasets.opening import FORMATS, open_sequence
         from tracker.datasets.source_options import SourceOptions
-        from tracker.detection_run import DetectionRun, frames_of_pictures, frames_of_sequence, is_pictures, write_detections
+        from tracker.detection_pictures import frames_of_pictures, frames_of_sequence, is_pictures, number_of_pictures
+        from tracker.detection_run import DetectionRun, write_detections
         from tracker.person_detector.detector import PersonDetector
         from tracker.run import check_output
 
         check_output(self.out)
-        how = DetectionRun(PersonDetector(self.model), True if self.panorama else None, self.pictures)
+        how = DetectionRun(PersonDetector(self.model), True if self.panorama else None, self.pictures, self.video)
         run = {"source": str(self.source.resolve()), "cameras": self.cameras, "frames": self.frames}
         if self.source.exists() and not any(form.matches(self.source) for form in FORMATS) and is_pictures(self.source):
             if self.cameras or self.frames:
                 raise ValueError(f"{self.source}: --cameras and --frames are for recordings and sequences")
-            found = write_detections(frames_of_pictures(self.source), None, self.out, run, how)
+            found = write_detections(frames_of_pictures(self.source), number_of_pictures(self.source), self.out, run, how)
         else:
             options = SourceOptions.parse(cameras=self.cameras, frames=self.frames, images=True, pixels=True)
             sequence = open_sequence(self.source, options)
-            found = write_detections(frames_of_sequence(sequence), None, self.out, run, how)
+            found = write_detections(frames_of_sequence(sequence), len(sequence.ticks) * len(sequence.setup.mounts), self.out, run, how)
         if self.json:
             print(json_text(found["found"], indent=1))
             return

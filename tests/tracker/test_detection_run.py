@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -9,10 +11,11 @@ import numpy as np
 import pytest
 
 from tests.tracker.person_detector.blob_network import HEIGHT, WIDTH, picture_with, write_blob_network
-from tracker.detection_run import DetectionRun, frames_of_pictures, is_pictures, write_detections
+from tracker.detection_pictures import PictureFrame, frames_of_pictures, is_pictures, number_of_pictures
+from tracker.detection_run import DetectionRun, write_detections
 from tracker.formats.motchallenge import read_mot15
 from tracker.io.video_files import VideoWriters
-from tracker.person_detector.detector import PersonDetector
+from tracker.person_detector.detector import CameraPlace, PersonDetector
 
 PLACES = [(30.0, 50.0), (46.0, 50.0), (62.0, 50.0)]
 
@@ -33,6 +36,7 @@ def test_images_and_a_video(tmp_path: Path, how: DetectionRun) -> None:
     writer.finish()
     for source, camera, off in ((images, "street", 0.01), (tmp_path / "videos" / "C1.mp4", "C1", 4.0)):
         assert is_pictures(source)
+        assert number_of_pictures(source) == 3
         out = tmp_path / f"out-{camera}"
         statement = write_detections(frames_of_pictures(source), None, out, {"source": camera}, how)
         assert statement["found"] == {camera: {"frames": 3, "boxes": 3}}
@@ -70,3 +74,66 @@ def test_bad_images_are_one_line_and_leave_no_folder(tmp_path: Path, how: Detect
     with pytest.raises(ValueError, match="30000 x 15000"):
         write_detections(frames_of_pictures(source), None, out, {}, how)
     assert not any(out.glob("*.txt"))
+
+
+def files_in(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_an_interrupted_search_goes_on(tmp_path: Path, how: DetectionRun) -> None:
+    """A resumed search has the same bytes. It takes boxes of the journal, but for an image that has changed."""
+    how = DetectionRun(how.detector, pictures=True, video=True)
+    image = [picture_with((96, 132), [place]) for place in PLACES]
+    frames = [PictureFrame(k, "C1", one, CameraPlace(), 25.0) for k, one in enumerate(image)]
+    whole = write_detections(frames, 3, tmp_path / "whole", {}, how)
+
+    def cut() -> Iterator[PictureFrame]:
+        yield from frames[:2]
+        raise KeyboardInterrupt
+
+    for name in ("out", "other"):
+        with pytest.raises(KeyboardInterrupt):
+            write_detections(cut(), 3, tmp_path / name, {}, how)
+        assert not list((tmp_path / name).glob("*.txt"))
+    journal = tmp_path / "out" / ".partial" / ".found.jsonl"
+    journal.write_text(journal.read_text() + '{"camera": "C1", "fra')
+    assert write_detections(frames, 3, tmp_path / "out", {}, how) == whole
+    assert files_in(tmp_path / "out") == files_in(tmp_path / "whole")
+    video = cv2.VideoCapture(str(tmp_path / "out" / "videos" / "C1.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 3
+    assert video.get(cv2.CAP_PROP_FPS) == 25
+    assert video.read()[1].shape == (96, 132, 3)
+    # Boxes that no search finds: those of the second image are kept, and the first image is another one now.
+    journal = tmp_path / "other" / ".partial" / ".found.jsonl"
+    journal.write_text(re.sub(r'"probability": \[[^]]*\]', '"probability": [0.125]', journal.read_text()))
+    write_detections([PictureFrame(0, "C1", image[2], CameraPlace(), 25.0), *frames[1:]], 3, tmp_path / "other", {}, how)
+    assert (read_mot15(tmp_path / "other" / "C1.txt").confidence == 0.125).tolist() == [False, True, False]
+
+
+def test_images_of_two_sizes_are_no_video(tmp_path: Path, how: DetectionRun) -> None:
+    frames = [PictureFrame(k, "C1", picture_with((96, 128 + 2 * k), [PLACES[0]]), CameraPlace()) for k in range(2)]
+    assert write_detections(frames, 2, tmp_path / "out", {}, how)["found"]["C1"]["frames"] == 2
+    with pytest.raises(ValueError, match="C1: has images of 128 x 96 and 130 x 96 px, --video needs one size"):
+        write_detections(frames, 2, tmp_path / "video", {}, DetectionRun(how.detector, video=True))
+    assert not (tmp_path / "video").exists()
+
+
+def noise_video(path: Path, size: tuple[int, int], codec: str) -> bytes:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25.0, size[::-1])
+    for _ in range(20):
+        writer.write(np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8))
+    writer.release()
+    return path.read_bytes()
+
+
+def test_videos_that_end_early_and_whose_frames_change_size(tmp_path: Path) -> None:
+    """MPEG-1 streams may follow each other in one file; OpenCV scales the second to the size of the first."""
+    cut, mixed = tmp_path / "cut.avi", tmp_path / "mixed.mpg"
+    whole = noise_video(cut, (96, 128), "MJPG")
+    cut.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match=r"cut\.avi: ends after [1-9]\d* of the 20 frames that it names"):
+        list(frames_of_pictures(cut))
+    mixed.write_bytes(noise_video(tmp_path / "a.mpg", (96, 128), "MPG1") + noise_video(tmp_path / "b.mpg", (48, 64), "MPG1"))
+    frames = list(frames_of_pictures(mixed))
+    assert len(frames) > 30
+    assert {frame.image.shape for frame in frames} == {(96, 128, 3)}
