@@ -62,6 +62,8 @@ class Generate:
     The same command continues a dataset that was interrupted. The presets are:
       - pilsun            the paper's set: 333 frames, 4 robots, 10 people
       - s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
+      - room, room-rovers a small, dense room with four corner cameras, or two rovers
+      - square            a square before seven cameras; people stand in groups
       - twin SOURCE       the people of a recording with truth on their real paths,
                           seen by the real cameras, and by rovers (--robots)
 
@@ -74,7 +76,7 @@ class Generate:
               pilsim generate twin --annotations S2.L1/annotations/PETS2009-S2L1.xml --calibration calibration --views 1,5,7 --out runs/twin
     """
 
-    preset: Positional[Literal["pilsun", "s2l1", "s2l2", "s2l3", "twin"]]
+    preset: Positional[Literal["pilsun", "s2l1", "s2l2", "s2l3", "room", "room-rovers", "square", "twin"]]
     """The kind of sequences."""
     out: Out
     """Folder of the dataset; complete sequences in it are kept. The folder of a twin must be new or empty."""

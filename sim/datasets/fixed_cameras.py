@@ -14,6 +14,7 @@ import numpy as np
 from sim.recording.tracker_setup import FixedCamera
 from tracker.geometry import Array, Pose, rotation_z
 from tracker.geometry.cameras import Tsai, pinhole
+from tracker.recordings import RecordingCamera
 from worlds.engine import mujoco
 from worlds.world import World
 
@@ -29,6 +30,10 @@ CHEST_HEIGHT = 1.2
 """Height above the ground of the point of a person that has to be visible, m."""
 NEAREST, FARTHEST = 1.5, 35.0
 """Range of distances of people, m. Nearer people fill the image, and farther ones are only a few pixels high."""
+CORNER_HEIGHTS = (2.2, 2.6, 2.4, 2.8)
+"""Heights of cameras in corners above the ground, m; those of CMC are 2.1 to 2.2."""
+CORNER_VIEW, CORNER_TARGET = math.radians(82.0), 0.8
+"""Horizontal field of view of cameras in corners, as in CMC, rad; height above the ground at which they aim, m."""
 SAMPLES = 300
 """Number of sample points of the walkable area."""
 MIN_SEPARATION = 0.4
@@ -93,6 +98,27 @@ def place_cameras(world: World, count: int, width: int) -> dict[str, FixedCamera
         chosen.append(int(np.argmax(gain)))
         views += visible[chosen[-1]]
     return {f"View_{n:03d}": FixedCamera(camera, poses[k]) for n, k in enumerate(sorted(chosen), 1)}
+
+
+def corner_cameras(world: World, count: int, width: int) -> dict[str, FixedCamera]:
+    """Up to four cameras by name in the corners of the box around the free space, CORNER_HEIGHTS above the ground, aimed at its middle.
+
+    This is for rooms, whose free space is a box. Images are `width` px wide and three quarters as high.
+    Raises ValueError for more than four cameras.
+    """
+    if count > len(CORNER_HEIGHTS):
+        raise ValueError(f"views is {count}, a room has {len(CORNER_HEIGHTS)} corners")
+    i, j = np.nonzero(world.feet.free)
+    points = world.feet.origin + world.feet.spacing * np.stack([j, i], axis=1)
+    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+    camera, middle = pinhole(width, round(width * 0.75), CORNER_VIEW), np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+    target = np.array([*middle, float(world.terrain.height_at(middle[None])[0]) + CORNER_TARGET])
+    out = {}
+    for k, (place, height) in enumerate(zip(((x0, y0), (x1, y1), (x0, y1), (x1, y0)), CORNER_HEIGHTS, strict=True)):
+        eye = np.array([*place, float(world.terrain.height_at(np.array([place]))[0]) + height])
+        if k < count:
+            out[f"View_{k + 1:03d}"] = FixedCamera(camera, RecordingCamera.looking_at(camera, eye, target).pose)
+    return out
 
 
 def _camera_position(world: World, scene: _RayScene, k: int) -> Array | None:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim.datasets.fixed_cameras import place_cameras
+from sim.datasets.fixed_cameras import corner_cameras, place_cameras
 from sim.datasets.presets import Preset, confine, provenance
 from sim.recording.frame_journal import NAME as JOURNAL
 from sim.recording.record import Recording, write_recording
@@ -94,7 +94,8 @@ class SequenceTask:
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
         world = furnished(world, scenario)
-        fixed = place_cameras(world, self.preset.views, scenario.view_width)
+        place = corner_cameras if self.preset.corners else place_cameras
+        fixed = place(world, self.preset.views, scenario.view_width)
         return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form, self.workers)
 
 

@@ -44,11 +44,13 @@ class Preset:
 
     scenario: of the first sequence; the following ones have the following seeds. views: number of fixed cameras.
     ground: size along x and y of the area of people and rovers (m), or None for the whole world.
+    corners: whether the fixed cameras stand in the corners of the free space; otherwise they are placed by what they see.
     """
 
     scenario: Scenario
     views: int
     ground: tuple[float, float] | None = None
+    corners: bool = False
 
 
 def _crowd(people: int, at_once: int, frames: int, views: int) -> Preset:
@@ -56,13 +58,23 @@ def _crowd(people: int, at_once: int, frames: int, views: int) -> Preset:
     return Preset(scenario, views, PETS_GROUND)
 
 
+def _room(robots: int, views: int) -> Preset:
+    scenario = Scenario(world="hall:room=7.7x3.4", difficulty=0.0, robots=robots, people=10, frames=260, rate=4.0)
+    return Preset(scenario, views, corners=True)
+
+
 PRESETS: dict[str, Preset] = {
     "pilsun": Preset(Scenario(frames=333, robots=4, people=10, rate=6.0), 4),
     "s2l1": _crowd(19, 8, 795, 7),
     "s2l2": _crowd(43, 35, 436, 4),
     "s2l3": _crowd(74, 43, 240, 4),
+    "room": _room(0, 4),
+    "room-rovers": _room(2, 0),
+    "square": Preset(Scenario(world="hall:square=12x36", difficulty=0.0, robots=0, people=72, at_once=24, frames=360, rate=2.0, groups=0.3), 7),
 }
-"""pilsun is the paper's dataset. s2l1 to s2l3 have the people, frames and views of PETS 2009 S2.L1 to S2.L3."""
+"""room is as large as the rooms CMC1 to CMC3, which have 3, 10 and 15 people (Ong et al. 2022); room-rovers is seen by two rovers alone.
+square is as large and as dense as WILDTRACK (Chavdarova et al. 2018), with its frame rate and number of cameras.
+pilsun is the paper's dataset. s2l1 to s2l3 have the people, frames and views of PETS 2009 S2.L1 to S2.L3."""
 
 
 def preset_of(name: str, changes: Mapping[str, Any]) -> Preset:

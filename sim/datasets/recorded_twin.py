@@ -20,6 +20,7 @@ from sim.datasets.pets_twin import LARGEST_ID, confine_rovers
 from sim.recording.record import Recording as RecordingToWrite
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import BOUNDS, INDEPENDENT, Scenario
+from sim.simulation.furnished_world import furnished
 from sim.simulation.simulation import Simulation
 from tracker.datasets.opening import PILSIM, format_of, open_recording
 from tracker.datasets.source_options import SourceOptions, camera_named
@@ -29,7 +30,6 @@ from tracker.recordings.images import ImageSource
 from tracker.sequence.reader import read_sequence
 from worlds import catalogue
 from worlds.scenes import hall
-from worlds.scenes.distractor_placement import with_distractors
 from worlds.scenes.hall import WALL_HEIGHT, HallPlan
 from worlds.world import World
 
@@ -208,5 +208,4 @@ def recording_of(twin: RecordedTwin, motion: TrueMotion | None = None, workers: 
 
 
 def _world_of(scenario: Scenario, difficulty: float) -> World:
-    world = catalogue.build(scenario.world, scenario.stream("world"), difficulty)
-    return with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
+    return furnished(catalogue.build(scenario.world, scenario.stream("world"), difficulty), scenario)

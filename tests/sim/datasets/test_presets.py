@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.datasets.fixed_cameras import place_cameras
+from sim.datasets.fixed_cameras import corner_cameras, place_cameras
 from sim.datasets.presets import PETS_GROUND, PRESETS, confine, preset_of, provenance, read_settings
 from sim.scenario import Scenario
 from worlds import catalogue
@@ -18,8 +18,11 @@ def world(name: str) -> World:
 
 def test_sizes_are_those_of_the_recordings() -> None:
     sizes = {name: (p.scenario.frames, p.scenario.rate, p.scenario.people, p.scenario.at_once) for name, p in PRESETS.items()}
+    new = {name: sizes.pop(name) for name in ("room", "room-rovers", "square")}
+    assert new == {"room": (260, 4.0, 10, 0), "room-rovers": (260, 4.0, 10, 0), "square": (360, 2.0, 72, 24)}
+    assert [(PRESETS[name].views, PRESETS[name].scenario.robots) for name in new] == [(4, 0), (0, 2), (7, 0)]
     assert sizes == {"pilsun": (333, 6.0, 10, 0), "s2l1": (795, 7.0, 19, 8), "s2l2": (436, 7.0, 43, 35), "s2l3": (240, 7.0, 74, 43)}
-    assert all(4 <= preset.views <= 7 for preset in PRESETS.values())
+    assert all(4 <= preset.views <= 7 for name, preset in PRESETS.items() if name != "room-rovers")
     recorded = provenance("pilsun", PRESETS["pilsun"])
     assert (recorded["preset"], recorded["views"], recorded["people"], recorded["paper"]["i_bls_max"]) == ("pilsun", 4, 10, 2000)
 
@@ -82,3 +85,21 @@ def test_a_crowd_is_confined_to_the_ground_of_its_recording() -> None:
     assert (extent <= PETS_GROUND).all()
     assert (extent > 0.8 * np.array(PETS_GROUND)).all()
     assert confine(place, None, np.random.default_rng(0)) is place
+
+
+def test_cameras_of_a_room_are_in_its_corners_and_see_its_middle() -> None:
+    preset = PRESETS["room"]
+    room = catalogue.build(preset.scenario.world, preset.scenario.stream("world"), 0.0)
+    cameras = corner_cameras(room, 4, 384)
+    assert len(cameras) == 4
+    for one in cameras.values():
+        x, y, z = one.T_world_camera.translation
+        # The room ends at 3.85 and 1.7 m.
+        assert 3.3 < abs(x) < 3.85
+        assert 1.15 < abs(y) < 1.7
+        assert 2.0 <= z <= 3.0
+        pixels, inside = one.camera.pixels_from_bearings(one.T_world_camera.inverse().apply(np.array([[0.0, 0.0, 0.8], [0.0, 0.0, 1.8]])))
+        assert inside.all()
+        np.testing.assert_allclose(pixels[0], [192, 144], atol=0.51)
+    with pytest.raises(ValueError, match="views is 5, a room has 4 corners"):
+        corner_cameras(room, 5, 384)
