@@ -78,7 +78,7 @@ def test_what_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
             write_video(out, frames(2, width, height), RATE)
     with pytest.raises(ValueError, match=r"out.mp4: frame 2 has the shape \(90, 320, 3\), needs \(180, 320, 3\)"):
         write_video(out, [*frames(2), *frames(1, 320, 90)], RATE)
-    with pytest.raises(ValueError, match=r"out.mp4: this OpenCV cannot write VP9 video at 7.0 frames/s here"):
+    with pytest.raises(ValueError, match=r"out.mp4: video cannot be written here"):
         write_video(tmp_path / "none" / "out.mp4", frames(2), RATE)
     assert list(tmp_path.iterdir()) == []
 
