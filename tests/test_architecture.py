@@ -59,6 +59,9 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "detection_pictures": {"geometry", "types", "io", "person_detector"},
         "detection_journal": {"geometry"},
         "detection_run": {"geometry", "io", "formats", "person_detector", "detection_pictures", "detection_journal"},
+        "detection_scoring": {
+            "geometry", "types", "io", "formats", "sequence", "metrics", "recordings", "datasets", "detector_models", "detection_run",
+        },
     },
     "sim": {
         "robots": set(),

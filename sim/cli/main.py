@@ -32,6 +32,7 @@ from sim.cli.place import Place
 from sim.cli.predict import Predict
 from sim.cli.report import Report
 from sim.cli.score import Score
+from sim.cli.score_detections import ScoreDetections
 from sim.cli.streams import guard_streams
 from sim.cli.stress import Stress
 from sim.cli.study import Study
@@ -53,6 +54,7 @@ Command = (
     | Annotated[Detect, subcommand("detect")]
     | Annotated[Track, subcommand("track")]
     | Annotated[Score, subcommand("score")]
+    | Annotated[ScoreDetections, subcommand("score-detections")]
     | Annotated[Clique, subcommand("clique")]
     | Annotated[FitDetector, subcommand("fit-detector")]
     | Annotated[TrainDetector, subcommand("train-detector")]
@@ -73,7 +75,7 @@ def name_of(command: type) -> str:
 GROUPS: dict[str, tuple[type, ...]] = {
     "Start": (Demo, Doctor),
     "Data": (Generate, Worlds, Check, Info, Export, View),
-    "Tracking": (Detect, Track, Score, Clique),
+    "Tracking": (Detect, Track, Score, ScoreDetections, Clique),
     "Experiments": (FitDetector, TrainDetector, Predict, Stress, Report, Compare, Place, Study),
 }
 """The commands as the overview shows them."""
