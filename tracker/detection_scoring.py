@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.datasets.opening import PILSIM, UTIAS, format_of, open_recording
-from tracker.datasets.projected_boxes import pose_at
+from tracker.datasets.projected_boxes import clipped, pose_at
 from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.detection_run import RUN
 from tracker.detector_models.bodies import bodies_in_view
@@ -195,7 +195,8 @@ def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, 
             complete = np.ones(len(edges), dtype=np.bool_)
         else:
             bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars)
-            whole, visible = bodies.whole, bodies.visible
+            # Detectors cut their boxes off at the edge of the image.
+            whole, visible = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera.camera), bodies.visible
             own = feet[[person.tolist().index(one) for one in bodies.person.tolist()]]
             complete = _complete(recording, camera, places)
         period = float(camera.camera.width) if camera.camera.wraps else None
@@ -211,9 +212,9 @@ def _complete(recording: Recording, camera: RecordingCamera, feet: Array) -> Mas
 
 
 def feet_on_ground(view: tuple[Camera, Pose], ground: Ground, edges: Array) -> Array:
-    """Places (n, 2) m of the middle of the lower edges of boxes (n, 4) px on the ground; NaN where there is none, and for boxes that the image cuts below.
+    """Places (n, 2) m on the ground of the middle of the lower edges of boxes (n, 4) px.
 
-    view: the camera and T_world_camera.
+    They are NaN where there is none, and for boxes that the image cuts below. view: the camera and T_world_camera.
     """
     camera, pose = view
     if not len(edges):

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import isotonic_regression
 
-from sim.training.evaluation import FoundImage, Range, average_precision, judged
+from sim.training.evaluation import FoundImage, Range, judged
 from sim.training.targets import LEAST_VISIBLE
 from tracker.geometry import Array, Mask
+from tracker.metrics.box_detection import average_precision
 
 NMS_IOUS = (0.45, 0.5, 0.55, 0.6, 0.65, 0.7)
 """Overlaps that are tried."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sim.training.targets import STRIDE
 from tracker.geometry import Array
+from tracker.metrics.box_detection import box_overlaps
 
 Network = Callable[[NDArray[np.uint8]], tuple[NDArray[np.float32], NDArray[np.float32]]]
 """Image (H, W, 3) RGB, sides multiples of 32 → scores (1, h, w) and edges (4, h, w)."""
@@ -70,18 +71,5 @@ def suppressed(found: Candidates, iou: float, period: float | None) -> Candidate
     alive = np.ones(len(found.logits), dtype=bool)
     for k in range(len(alive)):
         if alive[k]:
-            alive[k + 1 :] &= overlaps(found.boxes[k : k + 1], found.boxes[k + 1 :], period)[0] <= iou
+            alive[k + 1 :] &= box_overlaps(found.boxes[k : k + 1], found.boxes[k + 1 :], period)[0] <= iou
     return found.select(alive)
-
-
-def overlaps(a: Array, b: Array, period: float | None = None) -> Array:
-    """IoU (n, m) of boxes (n, 4) and (m, 4). period: width of a panorama, in which each pair is taken where it is nearest."""
-    shift = np.zeros((len(a), len(b)))
-    if period is not None:
-        apart = (b[None, :, 0] + b[None, :, 2] - a[:, None, 0] - a[:, None, 2]) / 2
-        shift = period * np.round(apart / period)
-    across = np.minimum(a[:, None, 2], b[None, :, 2] - shift) - np.maximum(a[:, None, 0], b[None, :, 0] - shift)
-    along = np.minimum(a[:, None, 3], b[None, :, 3]) - np.maximum(a[:, None, 1], b[None, :, 1])
-    common = np.maximum(across, 0) * np.maximum(along, 0)
-    areas = [(box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1]) for box in (a, b)]
-    return np.asarray(common / np.maximum(areas[0][:, None] + areas[1][None] - common, 1e-9))

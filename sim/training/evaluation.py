@@ -10,21 +10,20 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.training.augmentation import cut_off
-from sim.training.decoding import Candidates, Network, candidates, overlaps, suppressed
+from sim.training.decoding import Candidates, Network, candidates, suppressed
 from sim.training.scene_rendering import ImageSet
 from sim.training.targets import HIDDEN
 from tracker.geometry import Array, Mask
+from tracker.metrics.box_detection import IOU, NOBODY, average_precision, box_overlaps, match_by_score
 
-IOU, SEEN = 0.5, 0.5
-"""Least IoU of a found body, and least visible share of a body that has to be found."""
+SEEN = 0.5
+"""Least visible share of a body that has to be found."""
 HEIGHTS = (20.0, 256.0)
 """px: heights of the bodies of the headline."""
 HEIGHT_BINS = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0)
 VISIBLE_BINS = (0.3, 0.5, 0.8, 0.95, 1.0001)
-RECALLS = np.linspace(0.0, 1.0, 101)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,38 +75,13 @@ def judged(images: list[FoundImage], wanted: Range, nms_iou: float) -> tuple[Arr
         good = ~image.cut[there] & (height >= wanted.heights[0]) & (height < wanted.heights[1])
         good &= (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
         count += int(good.sum())
-        result = _matched(overlaps(found.boxes, boxes, image.period), good)
-        own = found.boxes[:, 3] - found.boxes[:, 1]
-        counted = (result == 1) | ((result == 0) & (own >= wanted.heights[0]) & (own < wanted.heights[1]))
+        # Bodies that are ignored take any number of boxes, as crowds in COCO do.
+        body = match_by_score(box_overlaps(found.boxes, boxes, image.period), good, np.array([IOU]), ~good)[0]
+        hit, own = np.append(good, False)[body], found.boxes[:, 3] - found.boxes[:, 1]
+        counted = hit | ((body == NOBODY) & (own >= wanted.heights[0]) & (own < wanted.heights[1]))
         logits.append(found.logits[counted])
-        hits.append(result[counted] == 1)
+        hits.append(hit[counted])
     return np.concatenate(logits or [np.zeros(0)]), np.concatenate(hits or [np.zeros(0, bool)]), count
-
-
-def _matched(iou: Array, good: Mask) -> NDArray[np.int64]:
-    """For boxes, the surest first: 1 for a body that has to be found, −1 for one that is ignored, 0 for none. iou (boxes, bodies)."""
-    free, out = np.ones(len(good), dtype=bool), np.zeros(len(iou), dtype=np.int64)
-    for k, row in enumerate(iou):
-        for value, of in ((1, good & free), (-1, ~good)):
-            overlap = np.where(of, row, 0.0)
-            if len(row) and overlap.max() >= IOU:
-                out[k] = value
-                if value == 1:
-                    free[int(np.argmax(overlap))] = False
-                break
-    return out
-
-
-def average_precision(logits: Array, hits: Mask, count: int) -> float:
-    """Mean over 101 recalls of the best precision at that recall or a higher one; NaN without bodies."""
-    if not count:
-        return float("nan")
-    order = np.argsort(-logits, kind="stable")
-    right = np.cumsum(hits[order])
-    precision, recall = right / np.arange(1, len(order) + 1), right / count
-    best = np.maximum.accumulate(precision[::-1])[::-1]
-    at = np.searchsorted(recall, RECALLS)
-    return float(np.where(at < len(best), np.append(best, 0.0)[np.minimum(at, len(best))], 0.0).mean())
 
 
 def figures(images: list[FoundImage], nms_iou: float) -> dict[str, float | int]:
@@ -138,7 +112,7 @@ def feet_errors(images: list[FoundImage], nms_iou: float) -> Array:
         good = np.flatnonzero((image.visible >= SEEN) & ~image.cut & (image.heights >= HEIGHTS[0]) & (image.heights < HEIGHTS[1]))
         if not len(good) or not len(found.logits):
             continue
-        iou = overlaps(found.boxes, image.boxes[good], image.period)
+        iou = box_overlaps(found.boxes, image.boxes[good], image.period)
         best, which = iou.max(axis=0), iou.argmax(axis=0)
         near = best >= IOU
         errors.append((found.boxes[which[near], 3] - image.boxes[good[near], 3]) / image.heights[good[near]])

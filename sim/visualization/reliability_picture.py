@@ -36,7 +36,8 @@ def draw_reliability(judged: JudgedBoxes, path: Path) -> None:
     order = np.argsort(-judged.score, kind="stable")
     hits = np.cumsum(judged.hit[order])
     right.plot(hits / max(judged.bodies.sum(), 1), hits / np.arange(1, len(order) + 1), color=SHARE)
-    right.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02), title=f"average precision {judged.average_precision():.3f} at IoU 0.5")
+    title = f"average precision {judged.average_precision():.3f} at IoU 0.5"
+    right.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02), title=title)
     for axis in (left, right):
         axis.grid(alpha=0.25)
     canvas.draw()

@@ -2,7 +2,8 @@
 
 * Average precision is that of pycocotools (Lin et al. 2014): boxes are matched one by one, the surest first, and precision is read at 101 recalls.
   Images are not limited to 100 boxes.
-* MODA and MODP are those of CLEAR (Kasturi et al. 2009), at one least score: each image is matched alone, the most pairs, and of those the largest sum of IoU.
+* MODA and MODP are those of CLEAR (Kasturi et al. 2009), at one least score.
+  Each image is matched alone: the most pairs, and of those the largest sum of IoU.
 * A body that does not have to be found is ignored, together with a box that matches it and no other body.
 """
 
@@ -33,7 +34,8 @@ EPSILON = 1e-10
 class ImageBoxes:
     """True and found boxes of one image.
 
-    truth (n, 4), found (k, 4): left, top, right, bottom px. score (k,): any finite number. visible (n,): share of each body that is seen, NaN if unknown.
+    truth (n, 4), found (k, 4): left, top, right, bottom px. score (k,): any finite number.
+    visible (n,): share of each body that is seen, NaN where unknown.
     counts (n,): False for bodies that are ignored. judged (k,): False for boxes where truth may be missing: they are no false positives.
     truth_feet (n, 2), found_feet (k, 2) m: places on the ground, NaN where unknown. period: width of an image that wraps, px.
     world, camera: what scores are grouped by. Raises ValueError for other shapes, sizes below 0 and scores that are not finite.
@@ -77,7 +79,10 @@ class ImageBoxes:
 
 @dataclass(frozen=True)
 class WantedBodies:
-    """Which bodies have to be found: heights px and visible shares, the lower bound included, the upper one not. A share that is unknown is enough."""
+    """Which bodies have to be found: heights px and visible shares, the lower bound included, the upper one not.
+
+    A share that is unknown is enough.
+    """
 
     heights: tuple[float, float] = (0.0, np.inf)
     visible: tuple[float, float] = (0.0, np.inf)

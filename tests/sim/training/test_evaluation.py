@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sim.training.calibration import corners
-from sim.training.decoding import Candidates, candidates, overlaps, suppressed
-from sim.training.evaluation import FoundImage, Range, average_precision, judged
+from sim.training.decoding import Candidates, candidates, suppressed
+from sim.training.evaluation import FoundImage, Range, judged
 from sim.training.targets import targets_of
+from tracker.metrics.box_detection import average_precision, box_overlaps
 
 
 def test_decoding_inverts_the_targets():
@@ -33,8 +34,8 @@ def test_decoding_inverts_the_targets():
 
 def test_overlaps_wrap():
     a, b = np.array([[250.0, 0, 270, 10]]), np.array([[-6.0, 0, 14, 10], [100, 0, 120, 10]])
-    np.testing.assert_allclose(overlaps(a, b, 256.0), [[1, 0]])
-    np.testing.assert_allclose(overlaps(a, b), [[0, 0]])
+    np.testing.assert_allclose(box_overlaps(a, b, 256.0), [[1, 0]])
+    np.testing.assert_allclose(box_overlaps(a, b), [[0, 0]])
 
 
 def _image(boxes, logits, bodies, visible):
