@@ -22,9 +22,9 @@ VISIBLE = (0.0, 0.3, 0.5, 0.8, 0.95, float("inf"))
 
 @dataclass(frozen=True)
 class ScoreDetections:
-    """Score the boxes of a detector: average precision, MODA, MODP, reliability, feet.
+    """Score the boxes of a detector: AP, MODA, MODP, feet.
 
-    Truth is a sequence of pilsim, a recording, PETS 2009 or WILDTRACK, or a MOT15
+    AP is average precision. Truth is a sequence of pilsim, a recording, or a MOT15
     file. The result is what `detect` writes. True boxes of PETS 2009 are those of
     View_001; other views and places have bodies of 1.75 x 0.5 m.
 
