@@ -30,7 +30,7 @@ LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
 """Kinds of light, as sim.simulation.lighting makes them."""
 OPTIONAL = {
     "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
-    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "umbrellas": 0.0, "light": BUILT_LIGHT, "wet": 0.0,
+    "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "umbrellas": 0.0, "light": BUILT_LIGHT, "wet": 0.0, "speed": 0.7,
 }  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -56,6 +56,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "sitting": (0.0, 1.0),
     "umbrellas": (0.0, 1.0),
     "wet": (0.0, 1.0),
+    "speed": (0.1, 1.5),
 }
 """Lowest and highest value of every numeric field, both included."""
 
@@ -82,6 +83,7 @@ class Scenario:
     clothing: plain, or varied: mostly dark, with long coats, long skirts, hoods and loose hair.
     umbrellas: probability that a person who does not sit carries one, 0 by default.
     light: one of LIGHTS. built: as the world has it. lamps: of a room, in place of the sun. wet: how wet the ground is, 0 by default.
+    speed: top speed of rovers that drive to goals of their own, m/s.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
 
@@ -117,6 +119,7 @@ class Scenario:
     umbrellas: float = 0.0
     light: str = BUILT_LIGHT
     wet: float = 0.0
+    speed: float = 0.7
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:

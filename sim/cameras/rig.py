@@ -5,6 +5,7 @@ The frame of a rig is that of a camera: x forward, y left, z up. Its origin is t
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -122,7 +123,9 @@ def _dual(specification: CameraSpecification, width: int) -> Rig:
     back = Pose(np.diag([-1.0, -1.0, 1.0]), np.array([-half, 0.0, 0.0]))
     lenses = tuple(RigView(s, lens, T) for s, T in zip(LENSES, (Pose(np.eye(3), np.array([half, 0.0, 0.0])), back), strict=True))
     panorama = Panorama(width, width // 2)
-    stitching = Stitching(panorama, lens, (lenses[0].T_rig_view, back), values["distance"], math.radians(values["feather"]))
+    scale = 1 + values["focal_error"] / 100
+    believed = dataclasses.replace(lens, fx=scale * lens.fx, fy=scale * lens.fy) if values["focal_error"] else None
+    stitching = Stitching(panorama, lens, (lenses[0].T_rig_view, back), values["distance"], math.radians(values["feather"]), believed)
     stitched = RigView("", panorama, Pose.identity())
     views = {"both": (stitched, *lenses), "stitched": (stitched,), "raw": lenses}[specification.output]
     return Rig(lenses, views, stitching)

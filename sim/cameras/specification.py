@@ -36,6 +36,7 @@ OPTIONS: dict[str, dict[str, tuple[float, float, float]]] = {
         "baseline": (0.02, 0.0, 0.3),
         "distance": (3.0, 0.2, 1000.0),
         "feather": (5.0, 0.0, 60.0),
+        "focal_error": (0.0, -10.0, 10.0),
         "width": _SIZE["width"],
         "lens": (UNSET, 32.0, 8192.0),
     }
@@ -46,7 +47,8 @@ OPTIONS: dict[str, dict[str, tuple[float, float, float]]] = {
 fov: degrees; of a fisheye the cone that it sees, of a pinhole from left to right, of a cylinder from top to bottom. width, height: px.
 yaw, pitch: degrees, the direction of the optical axis, to the left and up. fx, fy, cx, cy: px, in place of fov.
 k1 to k4, p1, p2: distortion as OpenCV has it. baseline: m between the lenses. distance: m, at which stitching has no parallax.
-feather: degrees over which the two pictures are blended. lens: px, side of a lens' picture. A dual fisheye has the option output, too.
+feather: degrees over which the two pictures are blended. lens: px, side of a lens' picture.
+focal_error: %, by which stitching takes the focal length of the lenses as too long. A dual fisheye has the option output, too.
 """
 WHOLE = ("width", "height", "lens")
 
@@ -131,6 +133,7 @@ def _check(specification: CameraSpecification, given: frozenset[str], preset: Ma
         raise ValueError(f"{subject} {model} has {', '.join(sorted(given))}, needs either fov, or fx with or without fy")
     if model == "dual-fisheye":
         widest = math.degrees(lens_angle(math.pi / 2 + math.radians(values["feather"] / 2), values["baseline"], values["distance"]))
+        widest *= max(1 + values["focal_error"] / 100, 1)
         if widest > values["fov"] / 2 + 1e-9:
             raise ValueError(
                 f"{subject} {model} has fov {values['fov']:g}, too narrow for feather {values['feather']:g}, baseline {values['baseline']:g}"

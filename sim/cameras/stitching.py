@@ -23,6 +23,7 @@ class Stitching:
 
     T_rig_lens: poses of the lenses; the panorama's frame is that of the rig. distance: m, of the surface on which the pictures agree.
     feather: rad, the width of the zone around the seam in which they are blended.
+    believed: the lens that stitching takes them for; that of the truth where its calibration is right.
     """
 
     panorama: Panorama
@@ -30,6 +31,7 @@ class Stitching:
     T_rig_lens: tuple[Pose, Pose]
     distance: float
     feather: float
+    believed: Fisheye | None = None
 
     @cached_property
     def halves(self) -> tuple[HalfPanorama, HalfPanorama]:
@@ -53,7 +55,7 @@ class Stitching:
         """For each lens the columns and rows (H, W) of its picture that the pixels take, its first pixel's centre at (0, 0)."""
         found, shape = [], (self.panorama.height, self.panorama.width)
         for index in (0, 1):
-            pixels, _ = self.lens.pixels_from_bearings(self.lens_bearings(self._bearings, index))
+            pixels, _ = (self.believed or self.lens).pixels_from_bearings(self.lens_bearings(self._bearings, index))
             u, v = np.nan_to_num(pixels, nan=-9.0).astype(np.float32).T
             found.append((np.ascontiguousarray(u.reshape(shape)), np.ascontiguousarray(v.reshape(shape))))
         return tuple(found)
@@ -107,11 +109,17 @@ class HalfPanorama:
         return True
 
     def bearings_from_pixels(self, pixels: ArrayLike) -> Array:
-        return self.stitching.lens_bearings(self.stitching.panorama.bearings_from_pixels(pixels), self.index)
+        stitching = self.stitching
+        towards = stitching.lens_bearings(stitching.panorama.bearings_from_pixels(pixels), self.index)
+        if stitching.believed is None:
+            return towards
+        return _through(stitching.believed, stitching.lens, towards)
 
     def pixels_from_bearings(self, bearings: ArrayLike) -> tuple[Array, Mask]:
         """Pixels (n, 2) of directions in the lens' frame: of the points where they meet the sphere of the stitching distance."""
         T = self.stitching.T_rig_lens[self.index]
+        if self.stitching.believed is not None:
+            bearings = _through(self.stitching.lens, self.stitching.believed, np.asarray(bearings, dtype=np.float64))
         direction = np.asarray(bearings, dtype=np.float64) @ T.rotation.T
         direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
         along = direction @ T.translation
@@ -123,3 +131,11 @@ class HalfPanorama:
     def blind(self, pixels: ArrayLike) -> Mask:
         forward = self.stitching.panorama.bearings_from_pixels(pixels)[:, 0] >= 0
         return np.asarray(forward != (self.index == 0))
+
+
+def _through(one: Fisheye, other: Fisheye, bearings: Array) -> Array:
+    """What lens `other` sees in the pixels in which lens `one` sees `bearings` (n, 3). Directions that `one` does not see are kept."""
+    pixels, known = one.pixels_from_bearings(bearings)
+    out = np.array(bearings)
+    out[known] = other.bearings_from_pixels(pixels[known])
+    return out

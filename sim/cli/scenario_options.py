@@ -46,6 +46,8 @@ class ScenarioSettings:
     """built (as the world has it), overcast, low (a low warm sun), dim, or lamps (of a room, in place of the sun)."""
     wet: Number = None
     """How wet the ground is, from 0 to 1: darker, and bright towards the sun."""
+    speed: Number = None
+    """Top speed of the rovers, m/s; 0.7 is usual."""
     distractors: Whole = None
     """Number of things that detectors take for people: cones, signs, coat stands, tripods, clothes, prams, posters and others."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, arg
+from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
 
 from sim.cli.options import DetectorModelName, json_text, options_of, unset
 
@@ -35,6 +35,18 @@ class TrackerOptions:
     """What confidences of detections say: a probability as given, or learned for each view while tracking."""
     n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
     """N-scan pruning: age after which a decision of the tracker of people is final, s; 0 is fastest."""
+
+
+@dataclass(frozen=True)
+class RoverOptions:
+    """Cameras and speed of the rovers in every simulated run; sim/README.md has models and effects."""
+
+    camera: Annotated[str, unset("MODEL[:OPTIONS]", "equirectangular")] = ""
+    """Camera of the rovers, as for `pilsim generate`."""
+    effect: Annotated[UseAppendAction[tuple[str, ...]], unset("NAME=VALUE", "none")] = ()
+    """An error of the cameras, as readout=0.02 or mount_angle=0.5; may be repeated."""
+    speed: float = 0.7
+    """Top speed of the rovers, m/s."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +112,8 @@ class Stress:
     """A recording with truth (as for `pilsim track`) to test in place of simulated runs: fewer boxes, false boxes, fewer cameras."""
     subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
     """These options choose the tracker under test, for every run."""
+    rovers: Annotated[OmitArgPrefixes[RoverOptions], arg(name="expert rover")] = RoverOptions()
+    """These options set what every simulated run starts from."""
     workers: int = 1
     """Number of processes on this machine."""
     machine: Annotated[OmitArgPrefixes[MachineOptions], arg(name="expert run")] = MachineOptions()
@@ -154,6 +168,8 @@ class Stress:
         if self.pets is not None and not self.pets.is_dir():
             raise ValueError(f"{self.pets}: no such folder")
         start = replace(default_scenario(self.frames, self.width), world=self.world, detector_model=chosen_model(self.detector_model))
+        rovers = self.rovers
+        start = replace(start, camera=rovers.camera, effects=",".join(rovers.effect), speed=rovers.speed)
         if self.recording is not None:
             if self.pets is not None:
                 raise ValueError("--recording and --pets exclude each other")
@@ -165,7 +181,19 @@ class Stress:
             return recording_cases(self.sweep, str(self.recording.resolve()), len(recording.cameras), start)
         alone = self.pets is not None and not self.sweep
         chosen = [] if alone else cases(self.sweep, start)
+        if not self.render:
+            self._check_no_render(chosen)
         return chosen + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))
+
+    def _check_no_render(self, chosen: list[Case]) -> None:
+        """Raises ValueError for what only images show."""
+        from sim.stress.sweeps import IMAGE_SWEEPS
+
+        for case in chosen:
+            pixels = [name for name in case.scenario.camera_effects.given() if name not in ("mount_angle", "mount_shift")]
+            if case.sweep in IMAGE_SWEEPS or case.scenario.camera or pixels:
+                what = f"--sweep {case.sweep}" if case.sweep in IMAGE_SWEEPS else "--camera" if case.scenario.camera else f"--effect {pixels[0]}"
+                raise ValueError(f"{what} changes images, needs a run without --no-render")
 
     def _tracker(self) -> TrackerUnderTest:
         from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
@@ -214,6 +242,8 @@ class Stress:
             flag = f"--{name.replace('_', '-')}"
             if name == "sweep":
                 words += [flag, *value]
+            elif name == "effect":
+                words += [word for one in value for word in (flag, one)]
             elif isinstance(value, bool):
                 words.append(flag if value else f"--no-{name}")
             else:

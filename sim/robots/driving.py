@@ -114,10 +114,11 @@ class Pilot(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Driver:
-    """A driver in the free space `wheels` with goals (g, 2) m, which are repeated cyclically."""
+    """A driver in the free space `wheels` with goals (g, 2) m, which are repeated cyclically. top_speed: m/s."""
 
     wheels: FreeSpace
     goals: Array
+    top_speed: float = TOP_SPEED
 
     def start(self, position: Array) -> DriveState:
         return DriveState(self._route(position, 0), 0.0, 0, 0.0, 0.0, 0.0, 0.0)
@@ -136,8 +137,8 @@ class Driver:
         wanted = self._detour_heading(motion, straight, traffic)
         direction = _driving_direction(drive, motion, wanted)
         error = float(wrap(wanted - motion.yaw + (math.pi if direction < 0 else 0.0)))
-        speed = TOP_SPEED * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
-        free = min(speed, _free_speed(motion, traffic, direction))
+        speed = self.top_speed * max(math.cos(error), 0.0) ** 2 if abs(error) < 1.0 else 0.0
+        free = min(speed, _free_speed(motion, traffic, direction, self.top_speed))
         # A rover that cannot drive on at its heading turns in place.
         turns = not speed or (free < 0.1 and abs(error) > 0.15)
         turn = math.copysign(TURN_IN_PLACE_RATE, error) if turns else 2 * free * math.sin(error) / distance
@@ -147,9 +148,10 @@ class Driver:
         headings = np.array([straight, wanted, motion.yaw if direction > 0 else motion.yaw + math.pi])
         blocked = _free_distance(motion.position, headings, traffic.position, traffic.radius).min() < _CLEAR_LANE + 0.2
         requesting = blocked and drive.stuck > REQUEST_DELAY
-        drive = replace(drive, requested_velocity=(TOP_SPEED * math.cos(straight), TOP_SPEED * math.sin(straight)) if requesting else (0.0, 0.0))
+        asked = (self.top_speed * math.cos(straight), self.top_speed * math.sin(straight))
+        drive = replace(drive, requested_velocity=asked if requesting else (0.0, 0.0))
         if drive.stuck <= PATIENCE:
-            return replace(drive, attempts=0) if abs(motion.speed) > 0.5 * TOP_SPEED else drive
+            return replace(drive, attempts=0) if abs(motion.speed) > 0.5 * self.top_speed else drive
         # Alternate: two rovers that only replan, or only reverse, would block each other for ever.
         around = self._replan(drive, motion, traffic) if blocked and drive.attempts % 2 == 0 else None
         if around is not None:
@@ -200,7 +202,7 @@ class Driver:
         """Reverse with a turn as far as there is space, then go to the next goal."""
         behind = motion.position - 0.4 * drive.direction * np.array([math.cos(motion.yaw), math.sin(motion.yaw)])
         room = self.wheels.clearance_at(behind[None])[0] > min(0.0, self.wheels.clearance_at(motion.position[None])[0])
-        speed = -drive.direction * min(0.3, _free_speed(motion, traffic, -drive.direction)) if room else 0.0
+        speed = -drive.direction * min(0.3, _free_speed(motion, traffic, -drive.direction, self.top_speed)) if room else 0.0
         drive = _accelerated(drive, speed, 0.6 * drive.turn_side, dt)
         left = drive.retreat - dt
         return self._to_next_goal(replace(drive, retreat=0.0), motion) if left <= 0 else replace(drive, retreat=left)
@@ -220,9 +222,9 @@ class Driver:
         return nodes[int(np.argmin(((nodes - position) ** 2).sum(axis=1)))]
 
 
-def make_driver(room: FreeSpace, rng: np.random.Generator) -> Driver:
-    """A driver with eight random goals in this free space. Raises ValueError if nothing is free."""
-    return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]))
+def make_driver(room: FreeSpace, rng: np.random.Generator, top_speed: float = TOP_SPEED) -> Driver:
+    """A driver with eight random goals in this free space, and with this top speed, m/s. Raises ValueError if nothing is free."""
+    return Driver(room, np.concatenate([room.sample(rng, 1, 0.1, 0.0) for _ in range(8)]), top_speed)
 
 
 def turning_space(wheels: FreeSpace) -> FreeSpace:
@@ -256,11 +258,11 @@ def _accelerated(drive: DriveState, speed: float, yaw_rate: float, dt: float) ->
     )
 
 
-def _free_speed(motion: Motion, traffic: Traffic, direction: float) -> float:
-    """Speed, m/s, at which the rover can stop before others in its lane, ahead (direction 1) or behind (−1)."""
+def _free_speed(motion: Motion, traffic: Traffic, direction: float, most: float) -> float:
+    """Speed, m/s, at which the rover can stop before others in its lane, ahead (direction 1) or behind (−1); at most `most`."""
     yaw = motion.yaw if direction > 0 else motion.yaw + math.pi
     gap = _free_distance(motion.position, np.array([yaw]), traffic.position, traffic.radius)[0]
-    return min(max(0.8 * (float(gap) - STOPPING_GAP), 0.0), TOP_SPEED)
+    return min(max(0.8 * (float(gap) - STOPPING_GAP), 0.0), most)
 
 
 @njit(cache=True)

@@ -305,7 +305,9 @@ class Simulation:
         if self._start is None:
             room = driving.turning_space(self.world.wheels)
             robots = draw_robots(self.scenario, room)
-            drivers: Sequence[Pilot] = [driving.make_driver(room, self.scenario.stream(f"{name}/goals")) for name in self.robots]
+            drivers: Sequence[Pilot] = [
+                driving.make_driver(room, self.scenario.stream(f"{name}/goals"), self.scenario.speed) for name in self.robots
+            ]
         else:
             robots, drivers = self._start.robots, self._start.drivers
         for index, row in zip(self._poses, robots, strict=True):

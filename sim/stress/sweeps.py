@@ -78,7 +78,33 @@ RECORDING_SWEEPS: dict[str, Sweep] = {
     )
 }  # fmt: skip
 """Sweeps of a recording. Values of 0 are the recording as it is. Cameras are left out from the last one on."""
-KNOWN_SWEEPS = SWEEPS | RECORDING_SWEEPS
+
+ROUGH_SPEEDS = {"roughness_slow": 0.35, "roughness_usual": 0.7, "roughness_fast": 1.2}
+"""Sweep → top speed of its rovers, m/s."""
+CAMERA_SWEEPS: dict[str, Sweep] = {
+    sweep.name: sweep
+    for sweep in (
+        Sweep("readout", "rolling shutter: time from the first row to the last", "readout", (0.0, 0.005, 0.01, 0.02, 0.033),
+            "readout of {:g} s", "s"),
+        Sweep("blur", "motion blur: exposure time", "shutter", (0.0, 0.0025, 0.005, 0.01, 0.02), "exposed for {:g} s", "s"),
+        Sweep("seam", "parallax at the seam of two fisheye lenses", "baseline", (0.0, 0.005, 0.01, 0.02, 0.03), "lenses {:g} m apart", "m"),
+        Sweep("focal", "focal length that stitching takes for that of two lenses", "focal_error", (0.0, 0.25, 0.5, 1.0, 2.0),
+            "{:g} % too long", "%"),
+        Sweep("mount_angle", "calibration: mounts turned from where they are", "mount_angle", (0.0, 0.25, 0.5, 1.0, 2.0),
+            "mounts {:g}° off", "degrees"),
+        Sweep("mount_shift", "calibration: mounts away from where they are", "mount_shift", (0.0, 0.01, 0.02, 0.05, 0.1),
+            "mounts {:g} m off", "m"),
+        *(
+            Sweep(name, f"rougher ground at {speed:g} m/s", "difficulty", (0.0, 0.25, 0.5, 0.75, 1.0), f"difficulty {{}} at {speed:g} m/s")
+            for name, speed in ROUGH_SPEEDS.items()
+        ),
+    )
+}  # fmt: skip
+"""Sweeps of cameras, calibration and driving, for SLAM. They are run where they are named; a test of all sweeps leaves them out."""
+STITCHED = "dual-fisheye:output=stitched"
+IMAGE_SWEEPS = ("readout", "blur", "seam", "focal")
+"""Sweeps that change pixels alone, and need rendered images."""
+KNOWN_SWEEPS = SWEEPS | RECORDING_SWEEPS | CAMERA_SWEEPS
 
 DETECTOR_SWEEPS = ("misses", "clutter", "box_noise")
 """Sweeps of the independent detector; a detector model has errors of its own."""
@@ -133,18 +159,19 @@ def cases(names: Iterable[str], start: Scenario) -> list[Case]:
     Raises ValueError for an unknown name, with a list of the known ones, and for a sweep of DETECTOR_SWEEPS with a detector model.
     """
     out: dict[str, Case] = {}
+    simulated = SWEEPS | CAMERA_SWEEPS
     modelled = start.detector_model != INDEPENDENT
     for name in list(names) or [name for name in SWEEPS if not (modelled and name in DETECTOR_SWEEPS)]:
         sweep, _, number = name.partition("/")
-        if sweep not in SWEEPS:
-            raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(SWEEPS)}")
+        if sweep not in simulated:
+            raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(simulated)}")
         if modelled and sweep in DETECTOR_SWEEPS:
             raise ValueError(f"--sweep {sweep} varies the independent detector, and --detector-model has errors of its own")
-        count = len(SWEEPS[sweep].values)
+        count = len(simulated[sweep].values)
         if number and not (number.isdecimal() and int(number) < count):
             raise ValueError(f"--sweep is {name!r}, needs {sweep}/0 to {sweep}/{count - 1}")
         for k in [int(number)] if number else range(count):
-            out[f"{sweep}/{k}"] = _case(SWEEPS[sweep], k, start)
+            out[f"{sweep}/{k}"] = _case(simulated[sweep], k, start)
     return list(out.values())
 
 
@@ -163,9 +190,23 @@ def _case(sweep: Sweep, number: int, start: Scenario) -> Case:
         scenario = replace(scenario, rate=float(value), frames=max(2, round(start.frames * float(value) / start.rate)))
     elif sweep.name == "box_noise":
         scenario = replace(scenario, bearing_noise=float(np.radians(float(value))))
+    elif sweep.name in ("seam", "focal"):
+        scenario = replace(scenario, camera=_stitched(sweep, start.camera, value))
+    elif sweep.name in CAMERA_SWEEPS and sweep.parameter != "difficulty":
+        # An effect of 0 is none.
+        effects = [text for text in (start.effects, f"{sweep.parameter}={value}" if value else "") if text]
+        scenario = replace(scenario, effects=",".join(effects))
     else:
-        scenario = replace(scenario, **{sweep.parameter: value})  # type: ignore[arg-type]
+        scenario = replace(scenario, **{sweep.parameter: value}, speed=ROUGH_SPEEDS.get(sweep.name, scenario.speed))  # type: ignore[arg-type]
     return Case(f"{sweep.name}/{number}", sweep.name, sweep.parameter, value, scenario, faults, options)
+
+
+def _stitched(sweep: Sweep, camera: str, value: Value) -> str:
+    """The text of a dual fisheye camera with this option. Raises ValueError for another camera."""
+    if camera and not camera.startswith("dual-fisheye"):
+        raise ValueError(f"--sweep {sweep.name} needs --camera dual-fisheye or none, got {camera[:40]!r}")
+    text = camera or STITCHED
+    return f"{text}{',' if ':' in text else ':'}{sweep.parameter}={value}"
 
 
 def _options(sweep: str, value: Value) -> dict[str, Value]:

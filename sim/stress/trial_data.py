@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from sim.datasets.pets_twin import Twin, recording_of
 from sim.policies.driven_simulation import PolicySimulation
+from sim.recording.calibration_error import is_off, told_setup
 from sim.recording.raycast_run import RaycastFrame, run_raycast
 from sim.recording.record import Recording, open_renderer
 from sim.recording.record import run as run_rendered
@@ -95,7 +96,8 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
     }
     ticks = case.faults.degraded_ticks(setup, recorded, case.scenario.seed)
     truth, views = tuple(frame.truth for frame in frames), [frame.views for frame in frames]
-    return TrialData(case, setup, recorded, truth, views, case.faults.degraded_setup(setup), ticks, person, landmarks)
+    told = told_setup(recording.scenario, recording.simulation, setup) if is_off(recording.scenario) else setup
+    return TrialData(case, setup, recorded, truth, views, case.faults.degraded_setup(told), ticks, person, landmarks)
 
 
 def _recording_of(case: Case) -> Recording:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from sim.cameras import Rig, parse_camera
 from sim.cameras.partial import PartialCamera
@@ -22,6 +23,7 @@ MODELS = [
     "tum-vi:width=256",
     "euroc:width=376,yaw=10",
     "dual-fisheye:fov=200,baseline=0.1,distance=4",
+    "dual-fisheye:focal_error=2",
 ]
 
 
@@ -100,6 +102,37 @@ def test_stitched_truth_at_the_seam_is_that_of_the_lens_that_owns_it(scene: Scen
     assert np.mean(np.array(errors) < 0.005) > 0.97
 
 
+@pytest.mark.slow
+def test_instances_at_the_seam_are_those_of_the_pictures_of_both_lenses(scene: Scene) -> None:
+    """A pixel beside the seam of the stitched truth, against the raw pictures: the lens that owns it shows the same person in the same direction."""
+    rig = Rig.of("dual-fisheye:fov=200,baseline=0.1,distance=4,lens=512", 512)
+    assert rig.stitching
+    stitching, lens = rig.stitching, rig.stitching.lens
+    cameras: list[Camera] = [*stitching.halves, lens]
+    # The seam lies across a person, on the right and on the left.
+    for pose in (Pose.planar(0.0, 0.0, 0.124, 1.4), Pose.planar(0.0, 0.0, -1.249, 1.4)):
+        poses = [pose @ T for T in stitching.T_rig_lens]
+        with PanoramaRenderer(scene.model, cameras, scene.instances) as renderer:
+            halves, raw = renderer.render(scene.data, poses, [0, 1]), renderer.render(scene.data, poses, [2, 2])
+        for k in (0, 1):
+            u, v = np.meshgrid(np.r_[100:156, 356:412], np.arange(60, 200))
+            pixels = np.stack([u.ravel() + 0.5, v.ravel() + 0.5], axis=1)
+            pixels = pixels[~stitching.halves[k].blind(pixels)]
+            bearings = stitching.lens_bearings(stitching.panorama.bearings_from_pixels(pixels), k)
+            in_lens, seen = lens.pixels_from_bearings(bearings)
+            assert seen.all()
+            column, row = np.rint(in_lens).astype(int).T
+            u, v = pixels.astype(int).T
+            # Pixels at a silhouette may fall to either side.
+            inside = ndimage.maximum_filter(raw[k].instances, 3) == ndimage.minimum_filter(raw[k].instances, 3)
+            same = halves[k].instances[v, u] == raw[k].instances[row, column]
+            assert same[inside[row, column]].mean() > 0.999
+            assert len(np.unique(halves[k].instances[v, u])) > 1
+            own, other = halves[k].range[v, u], raw[k].range[row, column]
+            hit = np.isfinite(own) & np.isfinite(other)
+            assert abs(np.median(own[hit] / other[hit]) - 1) < 1e-3
+
+
 def test_both_lenses_agree_at_the_stitching_distance_and_weights_sum_to_one() -> None:
     rig = Rig.of("dual-fisheye:fov=200,baseline=0.1,distance=4,feather=6", 512)
     assert rig.stitching
@@ -124,8 +157,9 @@ def test_a_flat_picture_stays_flat_when_it_is_stitched() -> None:
     assert (rig.stitching.stitched((flat, flat)) == 77).all()
 
 
-def test_directions_of_a_half_panorama_are_inverted() -> None:
-    rig = Rig.of("dual-fisheye:baseline=0.2,distance=2,fov=220", 512)
+@pytest.mark.parametrize("text", ["dual-fisheye:baseline=0.2,distance=2,fov=220", "dual-fisheye:focal_error=-3,fov=220"])
+def test_directions_of_a_half_panorama_are_inverted(text: str) -> None:
+    rig = Rig.of(text, 512)
     assert rig.stitching
     rng = np.random.default_rng(0)
     for half in rig.stitching.halves:

@@ -1,12 +1,15 @@
 """Sweeps as data: ids, what each sweep changes, and cases as JSON."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from sim.cameras import parse_camera
 from sim.policies.rollouts import BUILT_IN_POLICIES
 from sim.scenario import Scenario
-from sim.stress.sweeps import OWN_GOALS, POLICIES, RECORDING_SWEEPS, SWEEPS, Case, cases, default_scenario, recording_cases
+from sim.stress.sweeps import CAMERA_SWEEPS, OWN_GOALS, POLICIES, RECORDING_SWEEPS, SWEEPS, Case, cases, default_scenario, recording_cases
 from sim.stress.trial_data import simulate_case
 from tests.tracker.recordings.test_folder import small
 from tracker.options import parameters_from
@@ -75,3 +78,28 @@ def test_a_recording_is_changed_as_its_case_says(tmp_path: Path) -> None:
     assert counts["recorded_misses/3"][1] < 3
     assert counts["recorded_cameras/1"] == (1, 3)
     assert counts["recorded_clutter/3"][1] > 10
+
+
+def test_camera_sweeps_are_named_and_change_cameras_or_driving() -> None:
+    start = default_scenario(4)
+    assert not {case.sweep for case in cases((), start)} & set(CAMERA_SWEEPS)
+    every = cases(CAMERA_SWEEPS, start)
+    assert len(every) == sum(len(sweep.values) for sweep in CAMERA_SWEEPS.values())
+    assert all(Case.from_json(case.to_json()) == case for case in every)
+    chosen = {case.id: case.scenario for case in every}
+    assert chosen["readout/0"] == chosen["mount_angle/0"] == chosen["blur/0"] == start
+    assert chosen["readout/4"].camera_effects.readout == 0.033
+    assert (chosen["roughness_fast/1"].difficulty, chosen["roughness_fast/1"].speed) == (0.25, 1.2)
+    assert parse_camera(chosen["seam/4"].camera).values["baseline"] == 0.03
+    both = cases(["mount_shift/2"], replace(start, effects="readout=0.02"))[0].scenario.camera_effects.given()
+    assert both == {"readout": 0.02, "mount_shift": 0.02}
+    with pytest.raises(ValueError, match="--sweep seam needs --camera dual-fisheye"):
+        cases(["seam"], replace(start, camera="fisheye"))
+
+
+def test_the_tracker_is_told_wrong_mounts_and_the_truth_is_not() -> None:
+    case = cases(["mount_angle/4"], replace(default_scenario(2), robots=1, people=0))[0]
+    data = simulate_case(case, rendered=False)
+    (name, true), told = next(iter(data.setup.mounts.items())), data.tracker_setup.mounts
+    turned = (true.T_body_camera.inverse() @ told[name].T_body_camera).log()[3:]
+    assert np.degrees(np.linalg.norm(turned)) == pytest.approx(2.0)
