@@ -135,6 +135,8 @@ class Track:
     """Boxes of the source, those of a simulated detector, or those found in the images. `simulated` is --project for recordings."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
     """The model of --detector pixels, an ONNX file that `train-detector` makes."""
+    workers: Annotated[int | None, unset("INT", "one a core")] = None
+    """Number of threads of --detector pixels. The result does not depend on it."""
     images: bool = False
     """Use the images, too: silhouettes and appearance. A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"
@@ -149,6 +151,7 @@ class Track:
     """The paper's parameters of tracklets need --images. Any of them has tracklets weigh boxes, too."""
 
     def run(self) -> None:
+        from sim.parallel.pool import usable_cores
         from tracker.datasets.opening import PILSIM, UTIAS, format_of, open_sequence
         from tracker.detections.rejections import explain_few_people
         from tracker.options import OPTIONS, parameters_from
@@ -166,6 +169,8 @@ class Track:
         part, pixels = self.part, self.detector == "pixels"
         if self.model and not pixels:
             raise ValueError(f"{self.model}: --model is for --detector pixels")
+        if self.workers is not None and (self.workers < 1 or not pixels):
+            raise ValueError(f"--workers is {self.workers}, needs at least 1, and --detector pixels")
         if self.detector == "simulated" and format_of(self.source).name != PILSIM and part.project is None:
             part = replace(part, project="")
         options = part.options(self.images, pixels)
@@ -173,7 +178,7 @@ class Track:
         if pixels:
             # The network is checked before the work, and the run names it.
             model = PersonNetwork(self.model).checksum
-            sequence = detected_in_images(sequence, self.model)
+            sequence = detected_in_images(sequence, self.model, usable_cores() if self.workers is None else self.workers)
         first = next(iter(sequence.ticks), None)
         if first is None:
             raise ValueError(f"{self.source}: no frame, since the files of detections hold no box and there is no truth")

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tracker.person_detector.detector import CameraPlace, PersonDetector
 from tracker.types import Detections, Odometry, Sequence, Setup, Tick, Ticks, View
+
+AHEAD = 2
+"""Ticks that are read and searched while the consumer works on an earlier one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,11 +21,13 @@ class DetectedTicks:
     """Ticks with the boxes of the person detector in place of their own. Fixed cameras without an image have no view.
 
     setup: of the ticks. model: an ONNX file, None for the shipped one. The network is loaded when an iteration begins.
+    threads: that search views at the same time, and the next ticks while the consumer works; the ticks do not depend on it.
     """
 
     ticks: Ticks
     setup: Setup
     model: Path | None = None
+    threads: int = 1
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -27,8 +35,26 @@ class DetectedTicks:
     def __iter__(self) -> Iterator[Tick]:
         detector = PersonDetector(self.model)
         sites = sites_of(self.setup)
-        for tick in self.ticks:
-            yield with_found_people(tick, detector, sites)
+        if self.threads == 1:
+            for tick in self.ticks:
+                yield with_found_people(tick, detector, sites)
+            return
+        with ExitStack() as stack:
+            # Ticks are read one after the other, so the reader is one thread.
+            reader, searchers = ThreadPoolExecutor(1), ThreadPoolExecutor(self.threads)
+            stack.callback(searchers.shutdown, cancel_futures=True)
+            stack.callback(reader.shutdown, cancel_futures=True)
+            ticks, waiting = iter(self.ticks), deque[Future[_Searched | None]]()
+
+            def begun() -> _Searched | None:
+                tick = next(ticks, None)
+                return None if tick is None else _Searched(tick, detector, sites, searchers)
+
+            for _ in range(AHEAD):
+                waiting.append(reader.submit(begun))
+            while (searched := waiting.popleft().result()) is not None:
+                waiting.append(reader.submit(begun))
+                yield searched.result()
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
         return self.ticks.odometry()
@@ -36,11 +62,27 @@ class DetectedTicks:
 
 def with_found_people(tick: Tick, detector: PersonDetector, sites: Mapping[str, CameraPlace]) -> Tick:
     """The tick with the boxes that a detector finds in its images. sites: by camera. Fixed cameras without an image have no view."""
+    return replace(tick, views=tuple(_with_found(view, detector, sites) for view in _used(tick)))
 
-    def found(view: View) -> View:
-        return replace(view, detections=Detections.none() if view.image is None else detector.detections(view.image, sites[view.camera]))
 
-    return replace(tick, views=tuple(found(view) for view in tick.views if view.image is not None or view.odometry is not None))
+class _Searched:
+    """A tick whose views are being searched by the threads of a pool."""
+
+    def __init__(self, tick: Tick, detector: PersonDetector, sites: Mapping[str, CameraPlace], pool: ThreadPoolExecutor) -> None:
+        self._tick = tick
+        self._views = [pool.submit(_with_found, view, detector, sites) for view in _used(tick)]
+
+    def result(self) -> Tick:
+        """The tick, once all its views are searched."""
+        return replace(self._tick, views=tuple(view.result() for view in self._views))
+
+
+def _used(tick: Tick) -> list[View]:
+    return [view for view in tick.views if view.image is not None or view.odometry is not None]
+
+
+def _with_found(view: View, detector: PersonDetector, sites: Mapping[str, CameraPlace]) -> View:
+    return replace(view, detections=Detections.none() if view.image is None else detector.detections(view.image, sites[view.camera]))
 
 
 def sites_of(setup: Setup) -> dict[str, CameraPlace]:
@@ -54,6 +96,6 @@ def sites_of(setup: Setup) -> dict[str, CameraPlace]:
     return out
 
 
-def detected_in_images(sequence: Sequence, model: Path | None = None) -> Sequence:
-    """The sequence with the boxes of the person detector, which finds them while the ticks are read."""
-    return replace(sequence, ticks=DetectedTicks(sequence.ticks, sequence.setup, model))
+def detected_in_images(sequence: Sequence, model: Path | None = None, threads: int = 1) -> Sequence:
+    """The sequence with the boxes of the person detector, which finds them while the ticks are read. threads: as of DetectedTicks."""
+    return replace(sequence, ticks=DetectedTicks(sequence.ticks, sequence.setup, model, threads))
