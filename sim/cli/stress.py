@@ -123,6 +123,7 @@ class Stress:
         from functools import partial
 
         from sim.stress.runner import Workers, run_trials
+        from sim.stress.saturation import SATURATED, saturated
         from tracker.io.progress import progress_bar
         from worlds.catalogue import check_name
 
@@ -144,6 +145,8 @@ class Stress:
             return
         failed = [row for row in rows if row["error"]]
         print(f"{self.out}: {len(rows)} run{'s' * (len(rows) != 1)} in results.jsonl; `pilsim report {self.out}` makes a page of them")
+        for name in saturated(rows):
+            print(f"warning: every MOTA and IDF1 of the sweep {name} is above {SATURATED}: it tells nothing, needs harder values or another sweep")
         for row in failed[:10]:
             print(f"failed: {row['id']} seed {row['seed']}: {row['error']}")
         if len(failed) > 10:

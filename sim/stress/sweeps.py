@@ -11,8 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim.datasets.presets import PRESETS
 from sim.scenario import INDEPENDENT, Scenario
 from sim.stress.faults import KNOWLEDGE, Faults
+from tracker.detector_models.model import model_of
 
 Value = int | float | str
 
@@ -104,10 +106,26 @@ CAMERA_SWEEPS: dict[str, Sweep] = {
 STITCHED = "dual-fisheye:output=stitched"
 IMAGE_SWEEPS = ("readout", "blur", "seam", "focal")
 """Sweeps that change pixels alone, and need rendered images."""
-KNOWN_SWEEPS = SWEEPS | RECORDING_SWEEPS | CAMERA_SWEEPS
 
-DETECTOR_SWEEPS = ("misses", "clutter", "box_noise")
-"""Sweeps of the independent detector; a detector model has errors of its own."""
+ROOM = "room"
+"""The preset of ROOM_SWEEPS, and the source of their cases: a small room with four corner cameras and no rovers."""
+ROOM_SWEEPS: dict[str, Sweep] = {
+    sweep.name: sweep
+    for sweep in (
+        Sweep("room", "more people in a room of 7.7 x 3.4 m with four corner cameras", "people", (3, 10, 15, 20), "{} people"),
+        Sweep("standing", "people of this room who stand together in groups", "groups", (0.0, 0.25, 0.5, 0.75, 1.0), "{:.0%} stand", "share"),
+        Sweep("detectors", "detectors by name, before ten people in this room", "detector_model", (
+            INDEPENDENT, "fairmot", "pets-det", "keypoint-rcnn", "faster-rcnn",
+        ), "detector: {}"),
+        Sweep("lasting", "places of lasting false boxes of faster-rcnn in each view of this room", "sites", (0.0, 1.0, 2.0, 4.0, 8.0),
+            "{:g} places a view", "places a view"),
+    )
+}  # fmt: skip
+"""Sweeps that are run by name only. They have cameras of their own, and are never rendered."""
+KNOWN_SWEEPS = SWEEPS | RECORDING_SWEEPS | CAMERA_SWEEPS | ROOM_SWEEPS
+
+DETECTOR_SWEEPS = ("misses", "clutter", "box_noise", "detectors", "lasting")
+"""Sweeps of the independent detector, and of detector models; another detector model has errors of its own."""
 FAULT_SWEEPS = ("dropout", "slip", "skew", "terrain", "kidnapped")
 TRACKER_SWEEPS = ("filter", "hypotheses", "moves")
 
@@ -117,7 +135,8 @@ class Case:
     """One value of one sweep: a Scenario, faults, and options of the tracker (TrackerUnderTest) as JSON values. `with_seed` sets the seed.
 
     policy: one of POLICIES in the sweep over policies, "" in all others. source: "" for a simulated run, "pets" for the PETS 2009 sequence in
-    `folder`, "twin" for its twin. "recording" stands for any other recording in `folder`, with its first `scenario.frames` frames.
+    `folder`, "twin" for its twin. "room" is a simulated run of that preset, with its cameras.
+    "recording" stands for any other recording in `folder`, with its first `scenario.frames` frames.
     """
 
     id: str
@@ -158,8 +177,7 @@ def cases(names: Iterable[str], start: Scenario) -> list[Case]:
 
     Raises ValueError for an unknown name, with a list of the known ones, and for a sweep of DETECTOR_SWEEPS with a detector model.
     """
-    out: dict[str, Case] = {}
-    simulated = SWEEPS | CAMERA_SWEEPS
+    out, simulated = dict[str, Case](), SWEEPS | CAMERA_SWEEPS | ROOM_SWEEPS
     modelled = start.detector_model != INDEPENDENT
     for name in list(names) or [name for name in SWEEPS if not (modelled and name in DETECTOR_SWEEPS)]:
         sweep, _, number = name.partition("/")
@@ -177,6 +195,8 @@ def cases(names: Iterable[str], start: Scenario) -> list[Case]:
 
 def _case(sweep: Sweep, number: int, start: Scenario) -> Case:
     value = sweep.values[number]
+    if sweep.name in ROOM_SWEEPS:
+        return _room_case(sweep, number, start)
     scenario, faults, options = start, Faults(), dict[str, Value]()
     if sweep.world:
         scenario = replace(scenario, world=sweep.world)
@@ -207,6 +227,20 @@ def _stitched(sweep: Sweep, camera: str, value: Value) -> str:
         raise ValueError(f"--sweep {sweep.name} needs --camera dual-fisheye or none, got {camera[:40]!r}")
     text = camera or STITCHED
     return f"{text}{',' if ':' in text else ':'}{sweep.parameter}={value}"
+
+
+def _room_case(sweep: Sweep, number: int, start: Scenario) -> Case:
+    """A case of ROOM_SWEEPS: the preset, as long as the start, with its seed and detector."""
+    value = sweep.values[number]
+    scenario = replace(PRESETS[ROOM].scenario, frames=start.frames, width=start.width, seed=start.seed, detector_model=start.detector_model)
+    if sweep.name == "lasting":
+        model = model_of("faster-rcnn")
+        assert model is not None
+        changed = replace(model, standing=replace(model.standing, sites=float(value)))
+        scenario = replace(scenario, detector_model=changed.to_json())
+    else:
+        scenario = replace(scenario, **{sweep.parameter: value})  # type: ignore[arg-type]
+    return Case(f"{sweep.name}/{number}", sweep.name, sweep.parameter, value, scenario, source=ROOM)
 
 
 def _options(sweep: str, value: Value) -> dict[str, Value]:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from sim.datasets.fixed_cameras import corner_cameras
 from sim.datasets.pets_twin import Twin, recording_of
+from sim.datasets.presets import PRESETS
 from sim.policies.driven_simulation import PolicySimulation
 from sim.recording.calibration_error import is_off, told_setup
 from sim.recording.raycast_run import RaycastFrame, run_raycast
@@ -17,7 +19,7 @@ from sim.recording.record import Recording, open_renderer
 from sim.recording.record import run as run_rendered
 from sim.recording.tracker_setup import make_setup
 from sim.sensors.raycast_camera import RaycastCamera
-from sim.stress.sweeps import OWN_GOALS, RECORDED, Case
+from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
 from tracker.datasets.opening import open_recording, open_sequence
 from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS
 from tracker.datasets.source_options import SourceOptions
@@ -73,7 +75,7 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
         return _read_recording(case)
     recording = _recording_of(case)
     setup = make_setup(recording.scenario, recording.simulation, recording.fixed)
-    if case.source:
+    if case.source == "twin":
         setup = _with_fixed_cameras_only(setup)
     landmarks = None
     if rendered and not case.source:
@@ -104,6 +106,9 @@ def _recording_of(case: Case) -> Recording:
     """The simulation of a case, ready to record."""
     if case.source == "twin":
         return _twin_recording(case)
+    if case.source == ROOM:
+        made = Recording.of(case.scenario)
+        return replace(made, fixed=corner_cameras(made.simulation.world, PRESETS[ROOM].views, case.scenario.view_width))
     if not case.policy:
         return Recording.of(case.scenario)
     return Recording(case.scenario, PolicySimulation(case.scenario, "" if case.policy == OWN_GOALS else case.policy), {}, {})

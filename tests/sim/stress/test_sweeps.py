@@ -9,9 +9,22 @@ import pytest
 from sim.cameras import parse_camera
 from sim.policies.rollouts import BUILT_IN_POLICIES
 from sim.scenario import Scenario
-from sim.stress.sweeps import CAMERA_SWEEPS, OWN_GOALS, POLICIES, RECORDING_SWEEPS, SWEEPS, Case, cases, default_scenario, recording_cases
+from sim.stress.saturation import saturated
+from sim.stress.sweeps import (
+    CAMERA_SWEEPS,
+    OWN_GOALS,
+    POLICIES,
+    RECORDING_SWEEPS,
+    ROOM_SWEEPS,
+    SWEEPS,
+    Case,
+    cases,
+    default_scenario,
+    recording_cases,
+)
 from sim.stress.trial_data import simulate_case
 from tests.tracker.recordings.test_folder import small
+from tracker.detector_models.model import model_of
 from tracker.options import parameters_from
 from tracker.recordings.folder import write_recording
 
@@ -103,3 +116,38 @@ def test_the_tracker_is_told_wrong_mounts_and_the_truth_is_not() -> None:
     (name, true), told = next(iter(data.setup.mounts.items())), data.tracker_setup.mounts
     turned = (true.T_body_camera.inverse() @ told[name].T_body_camera).log()[3:]
     assert np.degrees(np.linalg.norm(turned)) == pytest.approx(2.0)
+
+
+def test_sweeps_of_a_room_have_its_cameras_and_are_run_by_name_only() -> None:
+    start = default_scenario(12, 256)
+    assert not {case.sweep for case in cases((), start)} & set(ROOM_SWEEPS)
+    made = cases(ROOM_SWEEPS, start)
+    assert len(made) == sum(len(sweep.values) for sweep in ROOM_SWEEPS.values())
+    for case in made:
+        assert (case.scenario.world, case.scenario.robots, case.scenario.frames, case.source) == ("hall:room=7.7x3.4", 0, 12, "room")
+    assert [case.scenario.people for case in made if case.sweep == "room"] == [3, 10, 15, 20]
+    models = [model_of(case.scenario.detector_model) for case in made if case.sweep == "lasting"]
+    assert [model.standing.sites for model in models if model] == [0, 1, 2, 4, 8]
+    with pytest.raises(ValueError, match=r"--sweep detectors varies the independent detector"):
+        cases(["detectors"], replace(start, detector_model="fairmot"))
+
+
+@pytest.mark.slow
+def test_a_case_of_a_room_is_seen_by_four_corner_cameras() -> None:
+    (case,) = cases(["room/0"], default_scenario(3, 256))
+    data = simulate_case(case.with_seed(1), rendered=True)
+    assert list(data.setup.mounts) == ["View_001", "View_002", "View_003", "View_004"]
+    assert [len(truth.person_id) for truth in data.truth] == [3, 3, 3]
+    assert sum(len(view.detections) for tick in data.ticks for view in tick.views) > 12
+
+
+def test_a_sweep_tells_nothing_where_all_scores_are_nearly_perfect() -> None:
+    def row(sweep: str, number: int, mota: float, idf1: float) -> dict[str, object]:
+        return {"sweep": sweep, "id": f"{sweep}/{number}", "scores": {"mota": mota, "idf1": idf1}}
+
+    easy = [row("easy", 0, 0.99, 1.0), row("easy", 1, 0.985, 0.99), {"sweep": "easy", "id": "easy/2", "scores": None}]
+    hard = [row("hard", 0, 0.99, 1.0), row("hard", 1, 0.99, 0.97)]
+    assert saturated([*hard, *easy]) == ["easy"]
+    # A single value is no sweep.
+    assert saturated([row("one", 0, 1.0, 1.0), row("one", 0, 1.0, 1.0)]) == []
+    assert saturated([]) == []
