@@ -11,7 +11,7 @@ from scipy import ndimage
 from worlds.engine import mujoco
 from worlds.props.distractors import MAKERS, STREET
 from worlds.props.furniture import SINK, Piece
-from worlds.props.seats import SEATINGS
+from worlds.props.seats import SEATINGS, single_chair
 from worlds.terrain.free_space import FEET, WHEELS, FreeSpace
 from worlds.terrain.heightfield import Array, Mask
 from worlds.terrain.polygons import signed_distance, turned
@@ -29,6 +29,8 @@ LEVEL = 0.12
 LEAST_REMAINING = 0.98
 """Share of free space, less the footprint's own surroundings, that must stay connected."""
 TRIES = 80
+CHAIR_TRIES, PIECE_TRIES = 4, 4
+"""How many pieces are drawn for one seat, and for one distractor, before the world counts as full."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +64,17 @@ def with_distractors(world: World, rng: np.random.Generator, count: int, street:
     if not street:
         add_material(site.spec, PICTURES, pictures(rng))
     for number in range(count):
-        piece = kinds[int(rng.integers(len(kinds)))](rng)
-        for smaller, on, yaw in _places(site, rng, piece, street):
-            site = smaller
-            piece.shape.add_to(site.spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
-            if piece.picture is not None:
-                piece.picture.add_to(site.spec, f"{piece.kind}{number}-picture", PICTURES, on, yaw)
-            break
+        for _ in range(1 if street else PIECE_TRIES):
+            piece = kinds[int(rng.integers(len(kinds)))](rng)
+            found = next(_places(site, rng, piece, street), None)
+            if found is not None:
+                break
         else:
             raise ValueError(f"distractors is {count}, {number} fit into {world.name}")
+        site, on, yaw = found
+        piece.shape.add_to(site.spec, f"{piece.kind}{number}", MATERIAL, on, yaw)
+        if piece.picture is not None:
+            piece.picture.add_to(site.spec, f"{piece.kind}{number}-picture", PICTURES, on, yaw)
     return site.ready(world.seats)
 
 
@@ -83,18 +87,21 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
         return world
     site, seats = _PartlyFurnished.of(world), list(world.seats)
     add_material(site.spec, SEATS, atlas(rng))
-    number = 0
+    number, failed = 0, 0
     while len(seats) < count:
-        seating = SEATINGS[int(rng.integers(len(SEATINGS)))](rng)
+        # Where a bench or a table has not fitted in, a chair may.
+        seating = single_chair(rng) if failed else SEATINGS[int(rng.integers(len(SEATINGS)))](rng)
         for smaller, on, yaw in _places(site, rng, seating.piece):
-            site = smaller
+            site, failed = smaller, 0
             seating.piece.shape.add_to(site.spec, f"{seating.piece.kind}{number}-seat", SEATS, on, yaw)
             for place in seating.places:
                 x, y = turned(place[None, :2], yaw)[0] + on[:2]
                 seats.append(np.array([x, y, on[2] + place[2], yaw + np.pi / 2]))
             break
         else:
-            raise ValueError(f"{count} people shall sit, {len(seats)} seats fit into {world.name}")
+            failed += 1
+            if failed == CHAIR_TRIES:
+                raise ValueError(f"{count} people shall sit, {len(seats)} seats fit into {world.name}")
         number += 1
     return site.ready(np.array(seats))
 

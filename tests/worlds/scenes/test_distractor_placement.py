@@ -34,7 +34,7 @@ def test_distractors_shrink_free_space_and_repeat() -> None:
 
 
 def test_too_many_distractors_are_refused() -> None:
-    world = catalogue.build("pilsun", np.random.default_rng(1), 0.25)
+    world = catalogue.build("hall", np.random.default_rng(1), 0.0)
     with pytest.raises(ValueError, match="distractors is 400"):
         with_distractors(world, np.random.default_rng(2), 400)
 
@@ -63,7 +63,7 @@ def test_people_on_posters_are_inside_of_their_cells() -> None:
 
 
 def test_seats_are_on_level_free_ground_and_cut_it() -> None:
-    world = catalogue.build("pilsun", np.random.default_rng(1), 0.25)
+    world = catalogue.build("hall", np.random.default_rng(1), 0.0)
     assert with_seats(world, np.random.default_rng(2), 0) is world
     one = with_seats(world, np.random.default_rng(2), 5)
     assert 5 <= len(one.seats) <= 7
