@@ -1,0 +1,156 @@
+"""Detectors of people on real pictures, PETS 2009 S2.L1: AP, MODA and milliseconds a frame of ours, of peers, and of published boxes.
+
+    python -m tests.benchmarks.detectors [--model FILE.onnx] [--final] [--step 1] [--hog-python PYTHON] [--views 1 6]
+
+Frames 0 to 399 by default, 400 to 794 with `--final`: those are scored once, at the end. Nothing is chosen by either.
+True boxes are the complete annotations in View_001; View_006 has projected bodies, for which there is no bar. One thread.
+`--hog-python` is a Python with opencv-python-headless<5, whose HOG OpenCV 5 lacks. By default it is made in .venv/hog, where pip can.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tests.conftest import DATA
+from tracker.datasets.opening import open_recording
+from tracker.datasets.source_options import SourceOptions
+from tracker.detection_scoring import images_of
+from tracker.formats.motchallenge import read_mot15, rows_from_boxes, write_mot15
+from tracker.geometry import Array
+from tracker.metrics.box_detection import IOUS, ImageBoxes, best_moda, count_boxes, judge
+from tracker.person_detector.detector import CameraPlace, PersonDetector
+
+PETS = DATA / "pets2009" / "S2.L1"
+TUNING, FINAL = (0, 400), (400, 795)
+HOG_HOME = Path(".venv") / "hog"
+LEAST = 0.5
+"""Least score of our boxes for MODA: a probability."""
+WARM_UP = 3
+"""Frames before the clock runs."""
+Boxes = dict[int, tuple[Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """View of PETS 2009, the frames that are searched, and a folder for files."""
+
+    view: str
+    frames: range
+    folder: Path
+
+    @property
+    def video(self) -> Path:
+        return PETS / "video" / f"{self.view}.mp4"
+
+
+def ours(task: Task, model: Path | None, calibrated: bool) -> tuple[Path, float]:
+    """Our boxes in a MOT15 file, and ms a frame. calibrated: with the camera's calibration."""
+    detector = PersonDetector(model)
+    recording = open_recording(PETS, SourceOptions.parse(cameras=task.view, pixels=True))
+    camera = recording.cameras[task.view]
+    site = CameraPlace(camera.camera, camera.pose, recording.ground) if calibrated else CameraPlace(camera.camera)
+    capture, boxes, seconds = cv2.VideoCapture(str(task.video)), Boxes(), list[float]()
+    cv2.setNumThreads(1)
+    for frame in range(task.frames.stop):
+        _, image = capture.read()
+        if frame not in task.frames:
+            continue
+        picture = np.ascontiguousarray(image[:, :, ::-1])
+        start = time.perf_counter()
+        found = detector.find(picture, site)
+        seconds.append(time.perf_counter() - start)
+        boxes[frame + 1] = found.box, found.probability
+    file = task.folder / f"{task.view}.txt"
+    write_mot15(file, rows_from_boxes(boxes))
+    return file, 1000 * float(np.median(seconds[WARM_UP:] or seconds))
+
+
+def hog_python(given: Path | None) -> Path | None:
+    """A Python with OpenCV 4; made where pip can install it. None where it cannot."""
+    if given is not None:
+        return given
+    python = HOG_HOME / "bin" / "python"
+    if not python.is_file():
+        venv.create(HOG_HOME, with_pip=True)
+    install = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", "opencv-python-headless<5"]
+    done = subprocess.run(install, capture_output=True, text=True, check=False)
+    return python if done.returncode == 0 else None
+
+
+def hog(task: Task, python: Path) -> tuple[Path, float]:
+    """The boxes of OpenCV 4's HOG, and ms a frame."""
+    file = task.folder / f"hog-{task.view}.txt"
+    words = [str(python), str(Path(__file__).with_name("hog_people.py")), str(task.video), str(task.frames.start), str(task.frames.stop), str(file)]
+    done = subprocess.run([*words, str(task.frames.step)], capture_output=True, text=True, check=True)
+    return file, float(done.stdout)
+
+
+def scored(task: Task, file: Path) -> list[ImageBoxes]:
+    """The images of the task; other frames between are left out."""
+    options = SourceOptions.parse(cameras=task.view, frames=f"{task.frames.start}:{task.frames.stop}")
+    return images_of(PETS, file, options)[:: task.frames.step]
+
+
+def row(name: str, images: list[ImageBoxes], milliseconds: float | None, least: float | None = None) -> str:
+    """A row of the table. least: the least score for MODA, None for scores that are not calibrated."""
+    levels = [one.average_precision() for one in judge(images, None, IOUS)]
+    moda = "-" if least is None else f"{count_boxes(images, least).moda():.3f}"
+    cost = "-" if milliseconds is None else f"{milliseconds:.0f}"
+    return f"| {name} | {levels[0]:.3f} | {np.mean(levels):.3f} | {moda} | {best_moda(images)[0]:.3f} | {cost} |"
+
+
+def run(task: Task, model: Path | None, python: Path | None) -> None:
+    """Print the table of a view."""
+    print(f"\n{task.view}, frames {task.frames.start} to {task.frames[-1]}, {len(task.frames)} of them\n")
+    print("| detector | AP 0.5 | AP 0.5:0.95 | MODA at 0.5 | best MODA | ms a frame |\n" + "|---" * 6 + "|", flush=True)
+    for name, calibrated in (("ours", True), ("ours, without calibration", False)):
+        file, cost = ours(task, model, calibrated)
+        print(row(name, scored(task, file), cost, LEAST), flush=True)
+    if python is None:
+        print("HOG of OpenCV 4: needs opencv-python-headless<5, which pip does not install here")
+    else:
+        file, cost = hog(task, python)
+        print(row("HOG and SVM, OpenCV 4", scored(task, file), cost), flush=True)
+    published = {"keypoint R-CNN, boxes of cvlab-epfl/mot3d": PETS / "detections" / f"{task.view}.txt"}
+    if task.view == "View_001":
+        published["MOT15's det.txt"] = PETS / "mot15" / "det.txt"
+    for name, file in published.items():
+        read_mot15(file)
+        print(row(name, scored(task, file), None), flush=True)
+
+
+def main() -> int:
+    # Called by name of `tests.benchmarks` without options, too.
+    given = sys.argv[1:] if Path(sys.argv[0]).name == Path(__file__).name else []
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", type=Path, help="the model, by default that of the package")
+    parser.add_argument("--final", action="store_true", help="frames 400 to 794")
+    parser.add_argument("--step", type=int, default=1, help="every so many frames alone")
+    parser.add_argument("--hog-python", type=Path, help="a Python with opencv-python-headless<5")
+    parser.add_argument("--views", type=int, nargs="+", default=[1, 6])
+    options = parser.parse_args(given)
+    missing = [path for view in options.views if not (path := PETS / "video" / f"View_{view:03d}.mp4").is_file()]
+    if missing or options.step < 1:
+        print(f"needs {missing[0]}" if missing else "--step needs at least 1")
+        return 0
+    first, end = FINAL if options.final else TUNING
+    python = hog_python(options.hog_python)
+    with tempfile.TemporaryDirectory() as folder:
+        task = Task("", range(first, end, options.step), Path(folder))
+        for view in options.views:
+            run(replace(task, view=f"View_{view:03d}"), options.model, python)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
