@@ -1,6 +1,6 @@
 """Run benchmarks by name, or all that take minutes: `python -m tests.benchmarks [NAME ...]`. Each prints a table.
 
-A benchmark without its peer installed says so. `space` and `crowds` take an hour or more, and run only by name.
+A benchmark without its peer installed says so. `space`, `crowds` and `growth` take long, and run only by name.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ NAMES = (
     "crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement",
     "detector_models", "prediction", "detectors",
 )  # fmt: skip
-LONG = ("space", "crowds")
+LONG = ("space", "crowds", "growth")
 
 
 def main() -> int:
