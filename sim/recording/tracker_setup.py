@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.cameras import Rig, RigView
 from sim.pedestrian import skeleton
 from sim.recording.rig_rendering import rig_of
 from sim.scenario import BOUNDS, Scenario
@@ -18,6 +19,12 @@ from tracker.types import Mount, Setup, Start
 
 # Standard deviations of the known start pose of a robot, in metres and radians of its right tangent.
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
+
+
+def _readout(scenario: Scenario, rig: Rig, view: RigView) -> float:
+    """s from the first row to the last of a view; 0 for a stitched panorama, whose rows are not those of its sensors."""
+    stitched = rig.stitching is not None and not view.suffix
+    return 0.0 if stitched else scenario.camera_effects.readout or 0.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,7 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
         error = Pose.exp(rng.normal(0.0, START_SIGMA))
         starts[robot] = Start(simulation.T_world_robot(robot) @ error, np.diag(START_SIGMA**2))
     mounts = {
-        f"{robot}_camera{view.suffix}": Mount(view.camera, simulation.T_body_camera @ view.T_rig_view, robot)
+        f"{robot}_camera{view.suffix}": Mount(view.camera, simulation.T_body_camera @ view.T_rig_view, robot, _readout(scenario, rig, view))
         for robot in simulation.robots
         for view in rig.views
     }

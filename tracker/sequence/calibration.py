@@ -41,7 +41,9 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
         "period": setup.period,
         "height": list(setup.height),
         "cameras": {
-            name: _camera_json(mount.camera) | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
+            name: _camera_json(mount.camera)
+            | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
+            | ({"readout": mount.readout} if mount.readout else {})
             for name, mount in setup.mounts.items()
         },
         "starts": {
@@ -53,7 +55,10 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
 
 def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground | None) -> Setup:
     """The setup that calibration_of wrote, with ground and occluders. Raises KeyError, TypeError or ValueError for other content."""
-    mounts = {name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"]) for name, entry in calibration["cameras"].items()}
+    mounts = {
+        name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"], _readout(name, entry))
+        for name, entry in calibration["cameras"].items()
+    }
     starts = {
         name: Start(pose_from(entry["T_world_robot"]), np.array(entry["covariance"])) if entry else None
         for name, entry in calibration["starts"].items()
@@ -65,6 +70,14 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
     if not 0 <= low < high:
         raise ValueError(f"height is {low:g} to {high:g} m, needs at least 0, the lowest first")
     return Setup(mounts, ground, starts, period, height=(low, high), occluders=occluders)
+
+
+def _readout(name: str, entry: Mapping[str, Any]) -> float:
+    """Readout time of a camera, s; 0 where the file names none. Raises ValueError outside [0, 1]."""
+    value = entry.get("readout", 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
+        raise ValueError(f"readout of camera {name!r} is {str(value)[:40]} s, needs 0 to 1")
+    return float(value)
 
 
 def _camera_json(camera: Camera) -> dict[str, Any]:

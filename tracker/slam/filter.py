@@ -25,6 +25,7 @@ from tracker.slam.landmark_initialization import LandmarkInitializer
 from tracker.slam.landmark_map import LandmarkMap, dissimilarity, spread_over_azimuth, unit_rows
 from tracker.slam.parameters import SlamParameters
 from tracker.slam.relocalization import RelocalizedPose, Relocalizer, SlamState
+from tracker.slam.row_times import at_frame_time
 from tracker.slam.unknown_start import UnknownStarts
 from tracker.types import MapSnapshot, Mount, Odometry, Setup, Sightings, Start, Tick, View
 
@@ -219,6 +220,9 @@ class Slam:
             seen = extract(view.image, mount.camera, up, view.detections, self.parameters.features).sightings()
         if seen is None:
             return None
+        odometry = self._odometry.get(name)
+        if mount.readout and odometry is not None:
+            seen = replace(seen, bearing=at_frame_time(seen.bearing, mount, odometry.T_before_now, self.setup.period))
         others = [number for other, number in self._team.items() if other != name]
         moving = on_robots(self._joint, self._joint.camera_pose(self._team[name], mount), others, seen, self.parameters.robot_radius)
         self._counters["on a robot"] += int(moving.sum())

@@ -14,11 +14,12 @@ from tracker.types.detections import RobotDetections
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A camera on a robot: T_body_camera, and the name of the robot."""
+    """A camera on a robot: T_body_camera, and the name of the robot. readout: s from the first row to the last of a rolling shutter."""
 
     camera: Camera
     T_body_camera: Pose
     robot: str
+    readout: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
