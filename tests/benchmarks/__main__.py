@@ -13,7 +13,7 @@ from sim.rendering.gl_context import GLUnavailable
 
 NAMES = (
     "crowd", "simulation", "panorama", "workers", "writing", "clique", "slam", "space", "throughput", "utias", "tracker", "crowds", "placement",
-    "detector_models", "prediction", "detectors", "effects",
+    "detector_models", "prediction", "detectors", "growth", "effects",
 )  # fmt: skip
 LONG = ("space", "crowds", "growth")
 
