@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -173,3 +177,41 @@ def test_what_is_no_model_is_refused_in_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
     with pytest.raises(ValueError, match="no such model file"):
         PersonNetwork(tmp_path / "absent.onnx")
+
+
+def test_fuzzed_models_are_refused_in_one_line_or_run(tmp_path: Path) -> None:
+    """Bytes of a model that are changed, cut out or repeated: nothing but a ValueError of one line, or a network with maps of the right shape."""
+    whole = write_blob_network(tmp_path / "whole.onnx").read_bytes()
+    rng, path, refused = np.random.default_rng(5), tmp_path / "m.onnx", list[str]()
+    for k in range(150):
+        content = bytearray(whole)
+        for at in rng.integers(0, len(whole), 1 + k % 8):
+            content[at] = rng.integers(256)
+        first, last = sorted(rng.integers(0, len(whole), 2))
+        if k % 3 == 1:
+            del content[first:last]
+        elif k % 3 == 2:
+            content[first:first] = content[first : min(last, first + 64)]
+        path.write_bytes(bytes(content))
+        try:
+            maps = PersonNetwork(path)(np.zeros((1, 3, 64, 96), dtype=np.float32))
+        except ValueError as error:
+            refused.append(str(error))
+        else:
+            assert {name: values.shape for name, values in maps.items()} == {"scores": (1, 16, 24), "edges": (4, 16, 24)}
+    assert 40 < len(refused) < 150
+    assert all(str(path) in message and "\n" not in message for message in refused)
+
+
+def test_a_missing_onnxruntime_is_one_line(tmp_path: Path) -> None:
+    """A folder before the installed packages has a file of that name that cannot be imported, as where it is not installed."""
+    (tmp_path / "onnxruntime.py").write_text("raise ImportError('none here')\n")
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((8, 8, 3), np.uint8))
+    model = write_blob_network(tmp_path / "m.onnx")
+    words = [sys.executable, "-m", "pilsim", "detect", str(tmp_path / "a.png"), "--model", str(model), "--out", str(tmp_path / "out")]
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[3])])
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path})
+    assert done.returncode == 2
+    assert f"{model}: needs onnxruntime to run, which is missing; `pip install onnxruntime` installs it" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
