@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config
+from numba.core import config, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
@@ -56,11 +56,22 @@ def njit(cache: bool = False, **options: Any) -> Callable[[Function], Function]:
 
     def decorate(function: Function) -> Function:
         dispatcher = compile_function(function)
+        _take_literals_as_integers(dispatcher)
         if cache and (found := _cache_of(dispatcher.py_func)) is not None:
             dispatcher._cache = found
         return cast(Function, dispatcher)
 
     return decorate
+
+
+def _take_literals_as_integers(dispatcher: Any) -> None:
+    """Let a kernel that another one calls with a literal be compiled for its type alone. Numba compiles it for each literal, too."""
+    resolve = dispatcher.get_call_template
+
+    def get_call_template(arguments: Any, by_name: Any) -> Any:
+        return resolve([types.unliteral(a) for a in arguments], {name: types.unliteral(a) for name, a in by_name.items()})
+
+    dispatcher.get_call_template = get_call_template
 
 
 def _imported(function: Callable[..., Any]) -> tuple[Any, ...]:
