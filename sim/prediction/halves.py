@@ -11,6 +11,7 @@ from tracker.detector_models.fit import fit
 from tracker.detector_models.fitting import Source
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import true_people
+from tracker.detector_models.places import at_its_places, fit_view
 from tracker.recordings import Recording
 
 LEAST_FRAMES = 2
@@ -89,12 +90,11 @@ def fit_views(source: Source, path: Path) -> dict[str, DetectorModel]:
     for name in source.recording.detections:
         alone = replace(source, recording=source.recording.choose([name]))
         try:
-            out[name] = fit(alone.samples(), name, kind, made | {"cameras": [name]}, replicates=0)
+            out[name] = fit_view(alone, name, made | {"cameras": [name]})
         except ValueError:
             try:
                 common = common or fit(source.samples(), "all views", kind, made, replicates=0)
             except ValueError as error:
                 raise ValueError(f"{path}: {error}") from None
-            out[name] = common
+            out[name] = at_its_places(common, alone.samples())
     return out
-

@@ -25,10 +25,11 @@ from tracker.detector_models.model import (
     FalseBoxes,
     Merges,
     Misses,
-    SecondBoxes,
     StandingBoxes,
 )  # fmt: skip
 from tracker.detector_models.samples import FalseSamples, PeopleSamples, Samples
+from tracker.detector_models.second_boxes import fit_second
+from tracker.detector_models.trends import bounds_of, fitted_trend, folds_of, rows_of, trend_features
 from tracker.geometry import Array, Ints, Mask
 
 LEAST_BODIES, LEAST_PEOPLE, LEAST_FOUND = 200, 2, 100
@@ -38,15 +39,22 @@ LEAST_GROUP = 50
 REPLICATES = 100
 BLOCK = 5.0
 """s: blocks of time of the bootstrap of false boxes."""
-MOST_SECONDS = 3
 INFORMATIVE = 0.05
 """Body heights by which an edge must be moved inward to tell whether a detector fills in what is hidden."""
 PRIOR = 1.0
 """Ridge of the logistic regression, as so many squared coefficients."""
+LEAST_VISIBLE = 0.02
+"""A smaller visible share is none: such bodies say nothing of the features."""
 
 
-def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], replicates: int = REPLICATES) -> DetectorModel:
-    """The model of a detector. bodies, made: as in DetectorModel. replicates: of the bootstrap. Raises ValueError where there is too little truth."""
+def fit(
+    samples: Samples, name: str, bodies: str, made: Mapping[str, Any], replicates: int = REPLICATES, view_alone: bool = False
+) -> DetectorModel:
+    """The model of a detector. bodies, made: as in DetectorModel. replicates: of the bootstrap.
+
+    view_alone: the model is of one view, so that errors of edges may depend on the place in the image. Raises ValueError where there is too little
+    truth.
+    """
     people, false = samples.people, samples.false
     found, persons = int(people.detected.sum()), np.unique(people.person)
     if len(people) < LEAST_BODIES or len(persons) < LEAST_PEOPLE or found < LEAST_FOUND:
@@ -54,7 +62,7 @@ def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], repli
             f"too little truth: {len(people)} true bodies of {len(persons)} people, {found} of them with a box,"
             f" needs at least {LEAST_BODIES} of {LEAST_PEOPLE} and {LEAST_FOUND}"
         )
-    parts, rng = _parts(samples, np.ones(len(people)), None), np.random.default_rng(0)
+    parts, rng = _parts(samples, np.ones(len(people)), None, view_alone), np.random.default_rng(0)
     drawn = list[dict[str, float]]()
     of_person = np.searchsorted(persons, people.person)
     blocks = _blocks(false, samples.period)
@@ -125,13 +133,13 @@ def _blocks(false: FalseSamples, period: float) -> tuple[Ints, int]:
     return false.view * each + np.minimum(false.frame // length, each - 1), each * max(1, len(false.frames))
 
 
-def _parts(samples: Samples, weight: Array, box_weight: Array | None) -> dict[str, Any]:
+def _parts(samples: Samples, weight: Array, box_weight: Array | None, view_alone: bool = False) -> dict[str, Any]:
     """The parts of a model, with a weight (n,) for each true body and (m,) for each false box."""
     people, false = samples.people, samples.false
     sizes = _sizes(people)
     features = people.features(sizes)
     misses = _misses(samples, features, sizes, weight)
-    edges = _edges(samples, weight)
+    edges = _edges(samples, weight, view_alone)
     confidences = _confidences(samples, features, weight)
     boxes = np.ones(len(false.view)) if box_weight is None else box_weight
     return {
@@ -139,7 +147,7 @@ def _parts(samples: Samples, weight: Array, box_weight: Array | None) -> dict[st
         "edges": edges,
         "confidences": confidences,
         "merges": _merges(samples, weight),
-        "second": _second(samples, weight),
+        "second": fit_second(samples, features, weight),
         "false": _new(false, boxes),
         "standing": _standing(samples),
     }
@@ -152,7 +160,7 @@ def _sizes(people: PeopleSamples) -> tuple[float, float]:
 
 def _misses(samples: Samples, features: Array, sizes: tuple[float, float], weight: Array) -> Misses:
     people = samples.people
-    used = ~people.merged
+    used = ~people.merged & (people.visible > LEAST_VISIBLE)
     missed = ~people.detected
     coefficients = processes.logistic(features[used], missed[used].astype(float), weight[used], PRIOR)
     p = expit(features @ coefficients)
@@ -189,13 +197,18 @@ def _weighted_quantiles(value: Array, weight: Array, at: Array) -> Array:
     return np.asarray(np.interp(at * weight.sum(), rank, value[order]))
 
 
-def _edges(samples: Samples, weight: Array) -> EdgeErrors:
+def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
     people = samples.people
     tiled = np.repeat(weight[:, None], 4, axis=1)
     border = _share_filled(people.moved, people.border_in, tiled * (people.border_in > INFORMATIVE))
     inside = (people.border_in <= 1e-6) & (people.hidden_in > INFORMATIVE)
     hidden = _share_filled(people.moved, people.hidden_in, tiled * inside)
-    error = terms_of(edge_errors(people, hidden, border))
+    fills, fill_time = _fills(samples, weight, inside)
+    # Edges whose place depends on what hides them have errors by `fills`.
+    error = terms_of(np.where(people.hidden_in > INFORMATIVE, np.nan, edge_errors(people, hidden, border)))
+    trend, bounds = _trend(people, error) if view_alone else ((), ())
+    if trend:
+        error = error - trend_features(people.place, people.size, people.visible, np.array(bounds)) @ np.array(trend).T
     clear = people.visible >= CLEAR
     tables, lasting, times, scores = [list[tuple[float, ...]](), list[tuple[float, ...]]()], [], [], []
     for k in range(4):
@@ -211,7 +224,38 @@ def _edges(samples: Samples, weight: Array) -> EdgeErrors:
         times.append(time_s)
         scores.append(score)
     matrix = _correlation(np.array(scores).T, weight)
-    return EdgeErrors(tuple(map(tuple, tables)), tuple(lasting), tuple(times), matrix, hidden, border)
+    if view_alone and fills:
+        # Boxes that match hidden bodies are often a neighbour's. What hides an edge is in `fills`; the rest is as of clear bodies.
+        tables[1] = tables[0]
+    rows = tuple(map(tuple, tables))
+    return EdgeErrors(rows, tuple(lasting), tuple(times), matrix, hidden, border, trend, bounds, fills=fills, fill_time_s=fill_time)
+
+
+def _fills(samples: Samples, weight: Array, inside: Mask) -> tuple[tuple[float, ...], float]:
+    """Quantiles of the share of a hidden part over which boxes extend, and its time constant, s; () with too few boxes of hidden bodies.
+
+    inside (n, 4): edges that something hides. Of several edges of a body, the one that is hidden most counts.
+    """
+    people = samples.people
+    depth = np.where(inside & np.isfinite(people.moved), people.hidden_in, 0.0)
+    row, edge = np.arange(len(depth)), np.argmax(depth, axis=1)
+    used = (depth[row, edge] > 0) & (weight > 0)
+    if used.sum() < LEAST_GROUP:
+        return (), 0.0
+    fill = np.full(len(depth), np.nan)
+    fill[used] = np.clip(1 - people.moved[row, edge][used] / depth[row, edge][used], 0.0, 1.0)
+    share, time_s = processes.lasting_and_drifting(normal_scores(fill, weight), samples.pairs, weight)
+    knots = np.maximum.accumulate(_weighted_quantiles(fill[used], weight[used], _grid()))
+    return tuple(np.round(knots, 4).tolist()), round(time_s / max(1 - share, 0.05), 4)
+
+
+def _trend(people: PeopleSamples, error: Array) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
+    """Coefficients and bounds as in EdgeErrors, of errors (n, 4) of the terms; both () where no regression is better than none."""
+    bounds = bounds_of(trend_features(people.place, people.size, people.visible, np.array([[-np.inf], [np.inf]])))
+    features = trend_features(people.place, people.size, people.visible, bounds)
+    folds = folds_of(people.person, people.frame)
+    rows = rows_of([fitted_trend(features, error[:, k], folds) for k in range(4)])
+    return rows, tuple(map(tuple, bounds.tolist())) if rows else ()
 
 
 def _grid() -> Array:
@@ -271,16 +315,6 @@ def _merges(samples: Samples, weight: Array) -> Merges:
     pairs = [(lag, first[mine[first] & mine[then]], then[mine[first] & mine[then]]) for lag, first, then in samples.pairs]
     p = np.array([*shares, 0.0])[bin_]
     return Merges(tuple(shares), processes.hidden_chain(p, people.merged, pairs, weight * mine, flickers=(0.0,))[0])
-
-
-def _second(samples: Samples, weight: Array) -> SecondBoxes:
-    people, rows = samples.people, samples.false.seconds
-    rates = [float(np.average(people.seconds >= k, weights=weight)) for k in range(1, MOST_SECONDS + 1)]
-    rates = [round(rate, 5) for rate in rates if rate > 0]
-    some = people.seconds > 0
-    first = np.full(len(people), rates[0] if rates else 0.0)
-    time_s = processes.hidden_chain(first, some, samples.pairs, weight, flickers=(0.0,))[0]
-    return SecondBoxes(tuple(rates), time_s, _thinned(rows[:, 1:]))
 
 
 def _thinned(rows: Array) -> tuple[tuple[float, ...], ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tracker.detector_models.bodies import FEATURES
+from tracker.detector_models.trends import TREND
 from tracker.io.json_files import json_text, parse_json, read_json
 from tracker.io.text_files import shown
 
@@ -36,6 +37,8 @@ LONGEST = 1e6
 class Misses:
     """Misses: a hidden Markov chain for each person and view.
 
+    unseen: probability that a body of which nothing is visible is missed, where its model differs from the features'; 1 for always.
+
     The hidden state u is uniform in [0, 1]. In a frame it stays with probability exp(−dt / time_s), otherwise it is drawn anew. The detector is blind
     to the person where u < q(x). Otherwise it misses with probability `flicker`, without memory. The share of misses is p(x) = q + (1 − q) flicker,
     the logistic function of coefficients · features (bodies.FEATURES); sizes as in TrueBodies.features.
@@ -45,6 +48,7 @@ class Misses:
     sizes: tuple[float, float]
     time_s: float
     flicker: float
+    unseen: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,9 @@ class EdgeErrors:
     visible, and for others. Normal scores of errors are sqrt(lasting) B + sqrt(1 − lasting) A.
     B is constant for a person and view, A is an AR(1) process of time constant time_s. correlation (4, 4): of both, between terms.
     hidden, border: by which share of its distance a box extends over the part that is hidden, and over the part beyond the border.
+    trend (4, 7): of one view alone, coefficients of the terms by trends.TREND, and trend_bounds (2, 7) of these features; () for none.
+    fills (KNOTS,): quantiles of the share `hidden` over people; () where it is one for all. fill_time_s: its time constant, lasting part included.
+    near: body heights up to which boxes beside a body are its own (observations.match_frame); 0 for boxes that overlap alone.
     """
 
     quantiles: tuple[tuple[tuple[float, ...], ...], ...]
@@ -63,6 +70,11 @@ class EdgeErrors:
     correlation: tuple[tuple[float, ...], ...]
     hidden: float
     border: float
+    trend: tuple[tuple[float, ...], ...] = ()
+    trend_bounds: tuple[tuple[float, ...], ...] = ()
+    near: float = 0.0
+    fills: tuple[float, ...] = ()
+    fill_time_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -91,12 +103,15 @@ class Merges:
 class SecondBoxes:
     """Second boxes of a person: rates[k] is the probability of at least k + 1 of them; time_s of their persistence.
 
-    samples (n, 5): errors of the four edges from the whole body, in its heights, and confidence.
+    samples (n, 7): errors of the four edges from the whole body, in its heights, confidence, visible share, and 1 where the person had no first
+    box; without the last two, they are drawn for all alike. coefficients (6,): of the features and of the lack of a first box, by which the
+    probability of any is a logistic function; () where it is rates[0].
     """
 
     rates: tuple[float, ...]
     time_s: float
     samples: tuple[tuple[float, ...], ...]
+    coefficients: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,12 +128,17 @@ class StandingBoxes:
 
     samples (n, 6): distance, height and width in m, share of frames with the box, lowest and highest confidence (10 and 90 %).
     time_s: of the persistence of presence and absence. jitter: standard deviation of an edge, in heights of the box.
+    fixed (n, 8): of one view that stands still, in place of `samples`: the edges px, share of frames with the box, lowest and highest confidence,
+    and 1 where it stood at the end of the fit. Such places end after life_s in the mean, and `births` of them come a second.
     """
 
     sites: float
     time_s: float
     jitter: float
     samples: tuple[tuple[float, ...], ...]
+    fixed: tuple[tuple[float, ...], ...] = ()
+    life_s: float = 0.0
+    births: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +246,8 @@ def _model_of(content: Any, where: str) -> DetectorModel:
 
 
 def _part(name: str, cls: type, content: Any) -> Any:
-    if not isinstance(content, dict) or set(content) != {f.name for f in fields(cls)}:
+    needed = {f.name for f in fields(cls) if f.default is MISSING}
+    if not isinstance(content, dict) or not needed <= set(content) <= {f.name for f in fields(cls)}:
         raise ValueError(f"{name} needs the fields {', '.join(f.name for f in fields(cls))}")
     return cls(**{key: _frozen(f"{name}.{key}", value) for key, value in content.items()})
 
@@ -265,11 +286,19 @@ def _check(model: DetectorModel) -> None:
         ("merges.probability", model.merges.probability, (len(OVERLAPS),)),
     ):
         _check_shape(name, value, shape)
-    for name, value, width in (("second.samples", model.second.samples, 5), ("false.samples", model.false.samples, 4)):
-        _check_samples(name, value, width)
+    _check_optional(model)
+    second = model.second
+    _check_samples("second.samples", second.samples, 7 if second.samples and np.shape(second.samples[0]) == (7,) else 5)
+    _check_samples("false.samples", model.false.samples, 4)
     _check_samples("standing.samples", model.standing.samples, 6)
+    _check_samples("standing.fixed", model.standing.fixed, 8)
     for name, value, low, high in (
         ("misses.flicker", m.flicker, 0.0, 1.0),
+        ("misses.unseen", m.unseen, 0.0, 1.0),
+        ("edges.near", e.near, 0.0, 10.0),
+        ("edges.fill_time_s", e.fill_time_s, 0.0, LONGEST),
+        ("standing.life_s", model.standing.life_s, 0.0, LONGEST),
+        ("standing.births", model.standing.births, 0.0, 1000.0),
         ("confidences.lasting", c.lasting, 0.0, 1.0),
         ("confidences.spread", c.spread, 0.0, 100.0),
         ("standing.jitter", model.standing.jitter, 0.0, 10.0),
@@ -285,7 +314,7 @@ def _check(model: DetectorModel) -> None:
     ):
         if not (isinstance(value, float | int) and low <= value <= high):
             raise ValueError(f"{name} is {value}, needs {low:g} to {high:g}")
-    for name, rows in (("edges.quantiles", (*e.quantiles[0], *e.quantiles[1])), ("confidences.quantiles", (c.quantiles,))):
+    for name, rows in (("edges.quantiles", (*e.quantiles[0], *e.quantiles[1], e.fills)), ("confidences.quantiles", (c.quantiles,))):
         if any((np.diff(row) < 0).any() for row in rows):
             raise ValueError(f"{name} needs rows that do not fall")
     matrix = np.array(e.correlation)
@@ -294,6 +323,21 @@ def _check(model: DetectorModel) -> None:
     for part, needed in (("second", max(model.second.rates, default=0.0)), ("false", model.false.rate), ("standing", model.standing.sites)):
         if needed and not getattr(model, part).samples:
             raise ValueError(f"{part}.samples is empty, needs samples where there are such boxes")
+
+
+def _check_optional(model: DetectorModel) -> None:
+    """Fields that files of older models lack."""
+    e = model.edges
+    for name, value, shape in (
+        ("edges.trend", e.trend, (4, len(TREND))),
+        ("edges.trend_bounds", e.trend_bounds, (2, len(TREND))),
+        ("edges.fills", e.fills, (KNOTS,)),
+        ("second.coefficients", model.second.coefficients, (len(FEATURES) + 1,)),
+    ):
+        if value:
+            _check_shape(name, value, shape)
+    if bool(e.trend) != bool(e.trend_bounds):
+        raise ValueError("edges.trend needs trend_bounds, and they need it")
 
 
 def _check_shape(name: str, value: Any, shape: tuple[int, ...]) -> None:

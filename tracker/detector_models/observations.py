@@ -27,6 +27,8 @@ MARGIN = 1.0
 """m: false boxes farther than this beyond the area are not judged, since truth may end there."""
 FARTHEST = 60.0
 """m: false boxes without feet on the ground, or farther, are taken to stand here."""
+NEAREST_SIZE = 0.4
+"""Greatest difference of log heights of a body and a box that is its own though they hardly overlap."""
 NOBODY = -1
 
 
@@ -93,8 +95,10 @@ def true_people(path: Path, recording: Recording, cameras: Iterable[str] = ()) -
     return TruePeople(recording.truth, {})
 
 
-def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, FrameBoxes] | None = None) -> Iterator[ViewFrame]:
-    """The views of all frames with truth. detections: in place of those of the recording."""
+def observed(
+    recording: Recording, truth: TruePeople, detections: Mapping[str, FrameBoxes] | None = None, near: float = 0.0
+) -> Iterator[ViewFrame]:
+    """The views of all frames with truth. detections: in place of those of the recording. near: as in `match_frame`."""
     given = recording.detections if detections is None else detections
     for name, boxes in given.items():
         camera = recording.cameras[name]
@@ -105,11 +109,15 @@ def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, F
             known = truth.boxes.get(name, {}).get(frame)
             bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known)
             box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
-            yield match_frame(name, frame, bodies, (np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]]), confidence), camera.camera)
+            yield match_frame(name, frame, bodies, (np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]]), confidence), camera.camera, near)
 
 
-def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, Array], camera: Camera) -> ViewFrame:
-    """Match boxes (edges (d, 4) px, confidences (d,)) with bodies by the largest sum of IoU (Hungarian method)."""
+def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, Array], camera: Camera, near: float = 0.0) -> ViewFrame:
+    """Match boxes (edges (d, 4) px, confidences (d,)) with bodies by the largest sum of IoU (Hungarian method).
+
+    near: then, bodies without a box are matched with boxes of nobody of like height, whose feet are at most so many body heights away.
+    Errors of a calibration move boxes of far people by more than their width.
+    """
     edges, confidence = found
     edges = edges.reshape(-1, 4)
     inside, whole = clipped(edges[:, :2], edges[:, 2:], camera), clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera)
@@ -134,7 +142,25 @@ def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, A
         best = np.argmax(np.maximum(again, part), axis=1)
         mine = (again[np.arange(len(free)), best] >= MATCH) | (part[np.arange(len(free)), best] >= INSIDE)
         owner[free[mine]] = best[mine]
+    if near > 0:
+        _match_near(match, (owner, merged), (bodies, inside), near)
     return ViewFrame(name, frame, bodies, edges, np.asarray(confidence), match, merged, owner)
+
+
+def _match_near(match: Ints, taken: tuple[Ints, Ints], seen: tuple[TrueBodies, Array], near: float) -> None:
+    """Match what `match_frame` leaves over, in place. taken: owner (d,) and merged (n,)."""
+    (owner, merged), (bodies, inside) = taken, seen
+    boxes = np.setdiff1d(np.flatnonzero(owner < 0), match[match >= 0])
+    people = np.flatnonzero((match < 0) & (merged < 0))
+    if not len(boxes) or not len(people):
+        return
+    a, b, height = inside[boxes][None], bodies.whole[people][:, None], bodies.height[people][:, None]
+    across, down = np.abs(a[..., 0] + a[..., 2] - b[..., 0] - b[..., 2]) / 2 / height, np.abs(a[..., 3] - b[..., 3]) / height
+    like = np.abs(np.log(np.maximum(a[..., 3] - a[..., 1], 1.0) / height)) <= NEAREST_SIZE
+    cost = np.where(like, np.maximum(across, down), np.inf)
+    for row, column in zip(*linear_sum_assignment(np.minimum(cost, near)), strict=True):
+        if cost[row, column] < near:
+            match[people[row]] = boxes[column]
 
 
 def _shows_both(box: Array, first: Array, second: Array) -> bool:

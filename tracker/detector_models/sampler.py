@@ -13,6 +13,8 @@ from tracker.datasets.projected_boxes import body_outlines, clipped
 from tracker.detector_models.bodies import TrueBodies
 from tracker.detector_models.model import CLEAR, KNOTS, OVERLAPS, DetectorModel, persistence
 from tracker.detector_models.overlaps import MATCH, nearest_overlap, paired_iou
+from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, second_rates
+from tracker.detector_models.trends import trend_features
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.camera_protocol import Camera
 
@@ -65,6 +67,10 @@ class ViewSampler:
         self._sure = self._people.normal(size=(n, 2))
         self._hidden = self._people.random((n, 3))
         self._example = self._people.integers(0, 1 << 30, (n, max(1, len(model.second.rates))))
+        # The share that a box extends over a hidden part: a stream of its own, so that models without it keep their bytes.
+        self._fills = rng.spawn(1)[0]
+        self._fill = self._fills.normal(size=n)
+        self._alike = examples_by_kind(model.second)
         self._sites = Sites(model, camera, period, self._false)
 
     def step(self, bodies: TrueBodies, place: Place) -> SimulatedBoxes:
@@ -86,6 +92,9 @@ class ViewSampler:
         """The hidden states of all people in the next frame, whether they are in the view or not."""
         n, model = len(self._row), self.model
         self._drift = self._drift * self._rho + self._people.normal(size=(n, 4)) @ self._step.T
+        if model.edges.fills:
+            rho = persistence(model.edges.fill_time_s, self.period)
+            self._fill = rho * self._fill + np.sqrt(1 - rho**2) * self._fills.normal(size=n)
         rho = persistence(model.confidences.time_s, self.period)
         self._sure[:, 1] = rho * self._sure[:, 1] + np.sqrt(1 - rho**2) * self._people.normal(size=n)
         kept = [persistence(time_s, self.period) for time_s in (model.misses.time_s, model.merges.time_s, model.second.time_s)]
@@ -101,46 +110,61 @@ class ViewSampler:
         features = bodies.features(self.camera.height, model.misses.sizes)
         blind = blindness(model, features)
         visible = bodies.visible > LEAST_VISIBLE
-        found = visible & (self._hidden[rows, 0] >= blind) & (flicker >= model.misses.flicker)
+        blind = np.where(visible, blind, model.misses.unseen)
+        found = (visible | (model.misses.unseen < 1.0)) & (self._hidden[rows, 0] >= blind) & (flicker >= model.misses.flicker)
         edges = self._edges(bodies, rows)
         partner = merge_partner(bodies, self._hidden[rows, 1], model.merges.probability, found)
         for k in np.flatnonzero(partner >= 0):
             other = int(partner[k])
             edges[other] = np.concatenate([np.minimum(edges[other, :2], edges[k, :2]), np.maximum(edges[other, 2:], edges[k, 2:])])
+        first = found.copy()
         found &= partner < 0
         edges = self._in_image(edges)
         confidence = confidence_of(model, features, self._sure[rows])
-        second, sure, of = self._second(bodies, rows, visible)
+        second, sure, of = self._second(bodies, rows, (visible, first), features)
         person = np.concatenate([bodies.person[found], of])
         return np.concatenate([edges[found], second]), np.concatenate([confidence[found], sure]), person
 
     def _edges(self, bodies: TrueBodies, rows: Ints) -> Array:
         """Edges (n, 4) px with errors, also of people who are missed."""
-        errors, edges = self.model.edges, expected_edges(self.model, bodies, self.camera)
+        errors = self.model.edges
+        fill = np.interp(ndtr(self._fill[rows]), GRID, errors.fills) if errors.fills else None
+        edges = expected_edges(self.model, bodies, self.camera, fill)
         lasting = np.array(errors.lasting)
         score = np.sqrt(lasting) * self._lasting[rows] + np.sqrt(1 - lasting) * self._drift[rows]
         share = ndtr(score)
         # columns: middle, top, width, bottom
         tables = [np.column_stack([np.interp(share[:, k], GRID, table[k]) for k in range(4)]) for table in errors.quantiles]
         middle, top, width, bottom = np.where((bodies.visible >= CLEAR)[:, None], *tables).T
+        if errors.trend:
+            middle, top, width, bottom = np.array([middle, top, width, bottom]) + self._trend(bodies)
         error = np.column_stack([middle - width / 2, top, middle + width / 2, bottom]) * bodies.height[:, None]
         # The errors of the model are those of boxes that match.
-        for _ in range(HALVINGS):
+        for _ in range(HALVINGS if errors.near == 0 else 0):
             wrong = np.maximum(paired_iou(edges + error, bodies.whole), paired_iou(edges + error, bodies.seen)) < MATCH
             error[wrong] /= 2
         edges = edges + error
         return np.concatenate([np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])], axis=1)
 
-    def _second(self, bodies: TrueBodies, rows: Ints, visible: Mask) -> tuple[Array, Array, Ints]:
-        """Second boxes: edges (n, 4) px, confidences (n,), persons (n,)."""
-        second = self.model.second
+    def _trend(self, bodies: TrueBodies) -> Array:
+        """What errors (4, n) of the terms are by place, size and visible share."""
+        part, errors = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], self.camera), self.model.edges
+        place = np.column_stack([part[:, [0, 2]].mean(axis=1) / self.camera.width, part[:, [1, 3]].mean(axis=1) / self.camera.height])
+        size = np.log2(bodies.height / self.camera.height)
+        return np.asarray(np.array(errors.trend) @ trend_features(place, size, bodies.visible, np.array(errors.trend_bounds)).T)
+
+    def _second(self, bodies: TrueBodies, rows: Ints, seen: tuple[Mask, Mask], features: Array) -> tuple[Array, Array, Ints]:
+        """Second boxes: edges (n, 4) px, confidences (n,), persons (n,). seen: whether anything of a body is visible, and whether it has a box."""
+        second, (visible, found) = self.model.second, seen
         out, sure, of = [np.zeros(4)][:0], list[float](), list[int]()
+        rates, kind = second_rates(second, features, found), example_kinds(bodies.visible, found)
         for k, row in enumerate(rows.tolist()):
-            if not visible[k]:
+            if not visible[k] and not found[k]:
                 continue
-            for number, rate in enumerate(second.rates):
+            for number, rate in enumerate(rates[k].tolist()):
                 if self._hidden[row, 2] < rate:
-                    sample = second.samples[int(self._example[row, number]) % len(second.samples)]
+                    alike = self._alike[int(kind[k])]
+                    sample = second.samples[int(alike[int(self._example[row, number]) % len(alike)])]
                     out.append(bodies.whole[k] + np.array(sample[:4]) * bodies.height[k])
                     sure.append(sample[4])
                     of.append(int(bodies.person[k]))
@@ -158,7 +182,9 @@ class Sites:
     def __init__(self, model: DetectorModel, camera: Camera, period: float, rng: np.random.Generator) -> None:
         self.model, self.camera, self.rng = model, camera, rng
         self.kept = persistence(model.standing.time_s, period)
-        count = int(rng.poisson(model.standing.sites))
+        fixed = model.standing.fixed
+        self.places = None if not fixed else FixedPlaces(model, period, rng)
+        count = 0 if fixed else int(rng.poisson(model.standing.sites))
         self.sample = rng.integers(0, max(1, len(model.standing.samples)), count)
         self.foot: list[Array | None] = [None] * count
         self.state = rng.random(count)
@@ -186,6 +212,10 @@ class Sites:
                 noisy = box + jitter * (box[0, 3] - box[0, 1])
                 edges.append(np.concatenate([np.minimum(noisy[:, :2], noisy[:, 2:]), np.maximum(noisy[:, :2], noisy[:, 2:])], axis=1))
                 sure.append(low + (high - low) * share)
+        if self.places is not None:
+            box, confidence = self.places.step()
+            edges.append(box)
+            sure += confidence.tolist()
         return np.concatenate(edges), np.array(sure)
 
     def _lost(self, site: int, place: Place, distance: float) -> bool:
@@ -209,6 +239,34 @@ class Sites:
         return np.asarray(part[np.prod(size, axis=1) > 0.5 * np.prod(high - low, axis=1)])
 
 
+@final
+class FixedPlaces:
+    """Standing false boxes at places of the image, where a fit found them: some stand from the start, and others come and go."""
+
+    def __init__(self, model: DetectorModel, period: float, rng: np.random.Generator) -> None:
+        standing = model.standing
+        self.rng, self.rows, self.jitter = rng, np.array(standing.fixed), standing.jitter
+        self.kept, self.stays = persistence(standing.time_s, period), persistence(standing.life_s, period)
+        self.births = standing.births * period
+        self.row = np.flatnonzero(self.rows[:, 7] > 0.5)
+        self.state = rng.random(len(self.row))
+
+    def step(self) -> tuple[Array, Array]:
+        """Edges (n, 4) px and confidences (n,) of the next frame."""
+        rng = self.rng
+        stays = rng.random(len(self.row)) < self.stays
+        new = rng.integers(len(self.rows), size=int(rng.poisson(self.births)))
+        state = np.where(rng.random(len(self.row)) < self.kept, self.state, rng.random(len(self.row)))
+        self.row = np.concatenate([self.row[stays], np.setdiff1d(new, self.row[stays])])
+        self.state = np.concatenate([state[stays], rng.random(len(self.row) - int(stays.sum()))])
+        mine = self.rows[self.row]
+        jitter = rng.normal(0.0, self.jitter, (len(mine), 4)) * (mine[:, 3] - mine[:, 1])[:, None]
+        noisy, share = mine[:, :4] + jitter, rng.random(len(mine))
+        edges = np.concatenate([np.minimum(noisy[:, :2], noisy[:, 2:]), np.maximum(noisy[:, :2], noisy[:, 2:])], axis=1)
+        there = self.state < mine[:, 4]
+        return edges[there], (mine[:, 5] + (mine[:, 6] - mine[:, 5]) * share)[there]
+
+
 def miss_rate(model: DetectorModel, features: Array) -> Array:
     """Probability (n,) of a miss, by features (n, 5)."""
     return np.asarray(expit(features @ np.array(model.misses.coefficients)))
@@ -227,12 +285,16 @@ def confidence_of(model: DetectorModel, features: Array, score: Array) -> Array:
     return np.asarray(np.interp(ndtr(features @ np.array(c.coefficients) + c.spread * noise), GRID, c.quantiles))
 
 
-def expected_edges(model: DetectorModel, bodies: TrueBodies, camera: Camera) -> Array:
-    """Edges (n, 4) px of boxes without errors: of the whole body, less what the detector leaves out of its hidden part and beyond the border."""
+def expected_edges(model: DetectorModel, bodies: TrueBodies, camera: Camera, fill: Array | None = None) -> Array:
+    """Edges (n, 4) px of boxes without errors: of the whole body, less what the detector leaves out of its hidden part and beyond the border.
+
+    fill (n,): the share over which boxes extend over the hidden part, in place of the model's one for all.
+    """
     part = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera)
     seen = np.where((bodies.seen[:, 2] > bodies.seen[:, 0])[:, None], bodies.seen, part)
     e = model.edges
-    return np.asarray(bodies.whole + (1 - e.border) * (part - bodies.whole) + (1 - e.hidden) * (seen - part))
+    left_out = 1 - e.hidden if fill is None else 1 - fill[:, None]
+    return np.asarray(bodies.whole + (1 - e.border) * (part - bodies.whole) + left_out * (seen - part))
 
 
 def merge_partner(bodies: TrueBodies, state: Array, probability: tuple[float, ...], found: Mask) -> Ints:

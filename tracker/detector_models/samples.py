@@ -69,7 +69,7 @@ class FalseSamples:
     """A row for each false box that is judged: view, frame, site (n,), −1 for new ones; edges (n, 4) px; confidence (n,).
 
     size (n, 3) m: distance, height, width. unjudged: number of boxes beyond the area. frames: by view, the number of frames.
-    seconds (m, 6): rows of second boxes, with person, four errors and confidence.
+    seconds (m, 8): rows of second boxes, with person, four errors, confidence, visible share, and 1 where the person has no first box.
     """
 
     view: Ints
@@ -109,7 +109,7 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
         raise ValueError("too little truth: no frame has both truth and detections")
     names = tuple(dict.fromkeys(one.camera for one in frames))
     number = {name: k for k, name in enumerate(names)}
-    rows, seconds = list[tuple[Any, ...]](), [np.zeros((0, 6))]
+    rows, seconds = list[tuple[Any, ...]](), [np.zeros((0, 8))]
     boxes: dict[str, list[tuple[int, Array, float]]] = {name: [] for name in names}
     for one in frames:
         camera = recording.cameras[one.camera].camera
@@ -118,7 +118,8 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
             if one.owner[box] >= 0:
                 owner = int(one.owner[box])
                 error = (one.edges[box] - one.bodies.whole[owner]) / one.bodies.height[owner]
-                seconds.append(np.array([[one.bodies.person[owner], *error, one.confidence[box]]]))
+                kind = one.bodies.visible[owner], float(one.match[owner] < 0)
+                seconds.append(np.array([[one.bodies.person[owner], *error, one.confidence[box], *kind]]))
             else:
                 boxes[one.camera].append((one.frame, one.edges[box], float(one.confidence[box])))
     people = _people(rows)

@@ -1,0 +1,65 @@
+"""What a fit says of one view that stands still: standing false boxes at their places, and bodies of which nothing is visible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tracker.detector_models.fit import LEAST_VISIBLE, fit
+from tracker.detector_models.fitting import Source
+from tracker.detector_models.model import LONGEST, MOST_SAMPLES, DetectorModel
+from tracker.detector_models.samples import SITE_TIME, Samples
+from tracker.geometry import Array
+
+NEAR = 0.5
+"""Body heights up to which boxes beside a body are its own, in a view where these are many."""
+LEAST_NEAR = 0.1
+"""Share of the bodies from which such boxes are many: calibration moves them, not chance."""
+
+
+def fit_view(source: Source, name: str, made: Mapping[str, Any]) -> DetectorModel:
+    """The model of a view for use in that view alone, without intervals: `fit`, with a trend of the edges and fixed places of false boxes.
+
+    source: with the detections of one view. Raises ValueError where there is too little truth.
+    """
+    samples, moved, near = source.samples(), source.samples(near=NEAR), 0.0
+    if moved.people.detected.mean() - samples.people.detected.mean() >= LEAST_NEAR:
+        samples, near = moved, NEAR
+    model = fit(samples, name, source.truth.kind, made, replicates=0, view_alone=True)
+    return at_its_places(replace(model, misses=replace(model.misses, unseen=unseen(samples)), edges=replace(model.edges, near=near)), samples)
+
+
+def unseen(samples: Samples) -> float:
+    """Share of misses of bodies of which nothing is visible, with Laplace's rule."""
+    people = samples.people
+    none = people.visible <= LEAST_VISIBLE
+    return round(float(((~people.detected & ~people.merged & none).sum() + 1) / ((none & ~people.merged).sum() + 1)), 4)
+
+
+def at_its_places(model: DetectorModel, samples: Samples) -> DetectorModel:
+    """The model with the standing false boxes of the first view of the samples at their places in the image.
+
+    A place that had a box within SITE_TIME of the last frame goes on. Places end and begin as often as they did, and begin where one was.
+    """
+    false = samples.false
+    mine = false.view == 0
+    total = int(false.frames[0])
+    rows, lives, ends, births = list[Array](), 0, 0, 0
+    margin = max(1, round(SITE_TIME / samples.period))
+    for site in np.unique(false.site[mine & (false.site >= 0)]).tolist():
+        at = mine & (false.site == site)
+        frames = np.unique(false.frame[at])
+        span, stands = int(frames[-1] - frames[0] + 1), frames[-1] >= total - margin
+        sure = np.percentile(false.confidence[at], [10, 90])
+        rows.append(np.array([*np.median(false.edges[at], axis=0), len(frames) / span, *sure, float(stands)]))
+        lives, ends, births = lives + span, ends + (not stands), births + (frames[0] >= margin)
+    fixed = tuple(tuple(row) for row in np.round(np.array(rows).reshape(-1, 8), 4).tolist())[:MOST_SAMPLES]
+    life = lives * samples.period / ends if ends else LONGEST
+    rate = births / max(samples.period * total, 1e-9)
+    standing = replace(model.standing, fixed=fixed, life_s=round(min(life, LONGEST), 4), births=round(rate, 5) if fixed else 0.0)
+    return replace(model, standing=standing if fixed else replace(standing, sites=0.0))
+
+
