@@ -224,7 +224,7 @@ def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
         times.append(time_s)
         scores.append(score)
     matrix = _correlation(np.array(scores).T, weight)
-    if view_alone and fills:
+    if view_alone:
         # Boxes that match hidden bodies are often a neighbour's. What hides an edge is in `fills`; the rest is as of clear bodies.
         tables[1] = tables[0]
     rows = tuple(map(tuple, tables))

@@ -117,11 +117,11 @@ class ViewSampler:
         for k in np.flatnonzero(partner >= 0):
             other = int(partner[k])
             edges[other] = np.concatenate([np.minimum(edges[other, :2], edges[k, :2]), np.maximum(edges[other, 2:], edges[k, 2:])])
-        first = found.copy()
+        first, own = found.copy(), edges.copy()
         found &= partner < 0
         edges = self._in_image(edges)
         confidence = confidence_of(model, features, self._sure[rows])
-        second, sure, of = self._second(bodies, rows, (visible, first), features)
+        second, sure, of = self._second(bodies, rows, (visible, first, own), features)
         person = np.concatenate([bodies.person[found], of])
         return np.concatenate([edges[found], second]), np.concatenate([confidence[found], sure]), person
 
@@ -153,9 +153,12 @@ class ViewSampler:
         size = np.log2(bodies.height / self.camera.height)
         return np.asarray(np.array(errors.trend) @ trend_features(place, size, bodies.visible, np.array(errors.trend_bounds)).T)
 
-    def _second(self, bodies: TrueBodies, rows: Ints, seen: tuple[Mask, Mask], features: Array) -> tuple[Array, Array, Ints]:
-        """Second boxes: edges (n, 4) px, confidences (n,), persons (n,). seen: whether anything of a body is visible, and whether it has a box."""
-        second, (visible, found) = self.model.second, seen
+    def _second(self, bodies: TrueBodies, rows: Ints, seen: tuple[Mask, Mask, Array], features: Array) -> tuple[Array, Array, Ints]:
+        """Second boxes: edges (n, 4) px, confidences (n,), persons (n,).
+
+        seen: whether anything of a body is visible, whether it has a first box, and the edges (n, 4) px of this.
+        """
+        second, (visible, found, first) = self.model.second, seen
         out, sure, of = [np.zeros(4)][:0], list[float](), list[int]()
         rates, kind = second_rates(second, features, found), example_kinds(bodies.visible, found)
         for k, row in enumerate(rows.tolist()):
@@ -165,7 +168,8 @@ class ViewSampler:
                 if self._hidden[row, 2] < rate:
                     alike = self._alike[int(kind[k])]
                     sample = second.samples[int(alike[int(self._example[row, number]) % len(alike)])]
-                    out.append(bodies.whole[k] + np.array(sample[:4]) * bodies.height[k])
+                    base = first[k] if found[k] and len(sample) == 7 and sample[6] < 0.5 else bodies.whole[k]
+                    out.append(base + np.array(sample[:4]) * bodies.height[k])
                     sure.append(sample[4])
                     of.append(int(bodies.person[k]))
         return self._in_image(np.array(out).reshape(-1, 4)), np.array(sure), np.array(of, dtype=np.int64)

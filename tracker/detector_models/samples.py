@@ -69,7 +69,8 @@ class FalseSamples:
     """A row for each false box that is judged: view, frame, site (n,), −1 for new ones; edges (n, 4) px; confidence (n,).
 
     size (n, 3) m: distance, height, width. unjudged: number of boxes beyond the area. frames: by view, the number of frames.
-    seconds (m, 8): rows of second boxes, with person, four errors, confidence, visible share, and 1 where the person has no first box.
+    seconds (m, 8): rows of second boxes, with person, four errors from the first box or else from the whole body, confidence, visible share, and 1
+    where the person has no first box.
     """
 
     view: Ints
@@ -117,7 +118,10 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
         for box in one.free.tolist():
             if one.owner[box] >= 0:
                 owner = int(one.owner[box])
-                error = (one.edges[box] - one.bodies.whole[owner]) / one.bodies.height[owner]
+                # Two boxes of one person are moved alike by errors of the calibration.
+                first = one.match[owner]
+                base = one.bodies.whole[owner] if first < 0 else one.edges[first]
+                error = (one.edges[box] - base) / one.bodies.height[owner]
                 kind = one.bodies.visible[owner], float(one.match[owner] < 0)
                 seconds.append(np.array([[one.bodies.person[owner], *error, one.confidence[box], *kind]]))
             else:
