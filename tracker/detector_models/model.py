@@ -104,8 +104,8 @@ class SecondBoxes:
     """Second boxes of a person: rates[k] is the probability of at least k + 1 of them; time_s of their persistence.
 
     samples (n, 7): errors of the four edges from the first box, or from the whole body where there is none, in heights of the body; confidence,
-    visible share, and 1 where there was no first box. Samples (n, 5) lack the last two: all are from the whole body, and drawn for all alike. coefficients (6,): of the features and of the lack of a first box, by which the
-    probability of any is a logistic function; () where it is rates[0].
+    visible share, and 1 where there was no first box. Samples (n, 5) lack the last two: all are from the whole body, and drawn for all alike.
+    coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
     """
 
     rates: tuple[float, ...]

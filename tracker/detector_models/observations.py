@@ -131,10 +131,10 @@ def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, A
     merged, owner = np.full(n, NOBODY), np.full(len(edges), NOBODY)
     other, _ = nearest_overlap(bodies)
     for k in np.flatnonzero(other >= 0):
-        near = int(other[k])
-        one = match[near] if match[near] >= 0 and match[k] < 0 else match[k] if match[k] >= 0 and match[near] < 0 else NOBODY
-        if one >= 0 and _shows_both(inside[one], whole[near], whole[k]):
-            merged[k], match[near], match[k] = near, one, NOBODY
+        front = int(other[k])
+        one = match[front] if match[front] >= 0 and match[k] < 0 else match[k] if match[k] >= 0 and match[front] < 0 else NOBODY
+        if one >= 0 and _shows_both(inside[one], whole[front], whole[k]):
+            merged[k], match[front], match[k] = front, one, NOBODY
     free = np.setdiff1d(np.arange(len(edges)), match[match >= 0])
     if n and len(free):
         again = iou(inside[free], whole)
@@ -150,17 +150,27 @@ def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, A
 def _match_near(match: Ints, taken: tuple[Ints, Ints], seen: tuple[TrueBodies, Array], near: float) -> None:
     """Match what `match_frame` leaves over, in place. taken: owner (d,) and merged (n,)."""
     (owner, merged), (bodies, inside) = taken, seen
+    distance = _distances(bodies, inside)
+    # A second box that may be a displaced one of somebody else says nothing of second boxes.
+    for box in np.flatnonzero(owner >= 0).tolist():
+        if (np.delete(distance[:, box], owner[box]) < near).any():
+            owner[box] = NOBODY
     boxes = np.setdiff1d(np.flatnonzero(owner < 0), match[match >= 0])
     people = np.flatnonzero((match < 0) & (merged < 0))
     if not len(boxes) or not len(people):
         return
-    a, b, height = inside[boxes][None], bodies.whole[people][:, None], bodies.height[people][:, None]
-    across, down = np.abs(a[..., 0] + a[..., 2] - b[..., 0] - b[..., 2]) / 2 / height, np.abs(a[..., 3] - b[..., 3]) / height
-    like = np.abs(np.log(np.maximum(a[..., 3] - a[..., 1], 1.0) / height)) <= NEAREST_SIZE
-    cost = np.where(like, np.maximum(across, down), np.inf)
+    cost = distance[np.ix_(people, boxes)]
     for row, column in zip(*linear_sum_assignment(np.minimum(cost, near)), strict=True):
         if cost[row, column] < near:
             match[people[row]] = boxes[column]
+
+
+def _distances(bodies: TrueBodies, inside: Array) -> Array:
+    """Distance (n, d) of the feet of bodies and boxes, across or down, in heights of the body; infinite where their heights differ much."""
+    a, b, height = inside[None], bodies.whole[:, None], bodies.height[:, None]
+    across, down = np.abs(a[..., 0] + a[..., 2] - b[..., 0] - b[..., 2]) / 2 / height, np.abs(a[..., 3] - b[..., 3]) / height
+    like = np.abs(np.log(np.maximum(a[..., 3] - a[..., 1], 1.0) / height)) <= NEAREST_SIZE
+    return np.asarray(np.where(like, np.maximum(across, down), np.inf))
 
 
 def _shows_both(box: Array, first: Array, second: Array) -> bool:
