@@ -103,8 +103,9 @@ class Merges:
 class SecondBoxes:
     """Second boxes of a person: rates[k] is the probability of at least k + 1 of them; time_s of their persistence.
 
-    samples (n, 7): errors of the four edges from the first box, or from the whole body where there is none, in heights of the body; confidence,
-    visible share, and 1 where there was no first box. Samples (n, 5) lack the last two: all are from the whole body, and drawn for all alike.
+    samples (n, 7): errors of the four edges in heights of the body; confidence, visible share, and 1 where there was no first
+    box. Errors are from the first box, or from the whole body where there is none.
+    Samples (n, 5) lack the last two: all are from the whole body, and drawn for all alike.
     coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
     """
 
@@ -128,8 +129,8 @@ class StandingBoxes:
 
     samples (n, 6): distance, height and width in m, share of frames with the box, lowest and highest confidence (10 and 90 %).
     time_s: of the persistence of presence and absence. jitter: standard deviation of an edge, in heights of the box.
-    fixed (n, 8): of one view that stands still, in place of `samples`: the edges px, share of frames with the box, lowest and highest confidence,
-    and 1 where it stood at the end of the fit. Such places end after life_s in the mean, and `births` of them come a second.
+    fixed (n, 8): of one view that stands still, in place of `samples`. Columns are the edges px, share of frames with the box, lowest and highest
+    confidence, and 1 where it stood at the end of the fit. Such places end after life_s in the mean, and `births` of them come a second.
     """
 
     sites: float

@@ -21,7 +21,9 @@ LEAST_NEAR = 0.1
 
 
 def fit_view(source: Source, name: str, made: Mapping[str, Any]) -> DetectorModel:
-    """The model of a view for use in that view alone, without intervals: `fit`, with a trend of the edges and fixed places of false boxes.
+    """The model of a view for use in that view alone, without intervals.
+
+    Its edges have a trend, and standing false boxes are at fixed places.
 
     source: with the detections of one view. Raises ValueError where there is too little truth.
     """

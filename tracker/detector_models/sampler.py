@@ -217,9 +217,9 @@ class Sites:
                 edges.append(np.concatenate([np.minimum(noisy[:, :2], noisy[:, 2:]), np.maximum(noisy[:, :2], noisy[:, 2:])], axis=1))
                 sure.append(low + (high - low) * share)
         if self.places is not None:
-            box, confidence = self.places.step()
-            edges.append(box)
-            sure += confidence.tolist()
+            standing, sures = self.places.step()
+            edges.append(standing)
+            sure += sures.tolist()
         return np.concatenate(edges), np.array(sure)
 
     def _lost(self, site: int, place: Place, distance: float) -> bool:

@@ -69,8 +69,8 @@ class FalseSamples:
     """A row for each false box that is judged: view, frame, site (n,), −1 for new ones; edges (n, 4) px; confidence (n,).
 
     size (n, 3) m: distance, height, width. unjudged: number of boxes beyond the area. frames: by view, the number of frames.
-    seconds (m, 8): rows of second boxes, with person, four errors from the first box or else from the whole body, confidence, visible share, and 1
-    where the person has no first box.
+    seconds (m, 8): rows of second boxes, with person, four errors, confidence, visible share, and 1 where the person has no first box.
+    Errors are from the first box, or else from the whole body.
     """
 
     view: Ints

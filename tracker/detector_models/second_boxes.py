@@ -1,4 +1,4 @@
-"""Second boxes of a person: how likely they are by visible share and by whether the person has a first one, and examples of the same kind."""
+"""Second boxes of a person: their probability by features of the body and by whether there is a first box, and examples of each kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of edges that depend on where a body is in the image, and on how large and how hidden it is: a ridge regression of one view.
+"""Errors of edges of one view that depend on the place, size and visible share of a body: a ridge regression.
 
 Calibration, lean and size of a body give such errors. They move with a walking person, so that they are neither constant nor noise.
 """
