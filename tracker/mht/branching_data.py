@@ -111,7 +111,7 @@ class BoxTable(NamedTuple):
         origin = np.array([f.origin for f in views]).reshape(-1, 3)
         most = [np.log(sensors.detection(f.camera) / clutter) for f in views]
         ratio = np.concatenate([np.zeros(0), *(np.minimum(sensors.detection_log_ratio(f), m) for f, m in zip(views, most, strict=True))])
-        existence = np.concatenate([np.zeros(0), *(sensors.detection_rates.log_ratio(f.camera, f.confidence) for f in views)])
+        existence = np.concatenate([np.zeros(0), *(sensors.log_ratio(f) for f in views)])
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
         usable = np.concatenate([np.zeros(0, dtype=bool), *map(sensors.usable, views)])
         return BoxTable(

@@ -8,9 +8,9 @@ increasing transform of all of them gives the same odds.
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import isotonic_regression
 
 from tracker.geometry import Array
-from tracker.geometry.compilation import njit
 
 RANKS = 8
 """Number of ranks at which prior odds are given."""
@@ -71,21 +71,9 @@ class ConfidenceCalibration:
         return np.asarray(np.sqrt(fitted[below] * fitted[above]))
 
 
-@njit(cache=True)
 def _isotonic(good: Array, bad: Array) -> Array:
     """Odds (k,) of good over bad counts that do not fall; neighbours that would are pooled."""
-    k = len(good)
-    a, b, size, top = np.empty(k), np.empty(k), np.empty(k, np.int64), 0
-    for i in range(k):
-        a[top], b[top], size[top] = good[i], bad[i], 1
-        top += 1
-        while top > 1 and a[top - 2] * b[top - 1] >= a[top - 1] * b[top - 2]:
-            a[top - 2] += a[top - 1]
-            b[top - 2] += b[top - 1]
-            size[top - 2] += size[top - 1]
-            top -= 1
-    out, first = np.empty(k), 0
-    for p in range(top):
-        out[first : first + size[p]] = (a[p] + LEAST) / (b[p] + LEAST)
-        first += size[p]
-    return out
+    total = np.maximum(good + bad, LEAST**2)
+    first = isotonic_regression(good / total, weights=total).blocks[:-1]
+    odds = (np.add.reduceat(good, first) + LEAST) / (np.add.reduceat(bad, first) + LEAST)
+    return np.asarray(np.repeat(odds, np.diff(np.append(first, len(good)))))

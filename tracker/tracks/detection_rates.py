@@ -91,6 +91,11 @@ class DetectionRates:
         c = self._of(camera)
         return float(np.clip(c.found.sum() / c.expected, self.parameters.min_detection, self.parameters.max_detection))
 
+    def false_density(self, camera: str) -> float:
+        """Density of false boxes of all confidences, a square metre and tick."""
+        c = self._of(camera)
+        return float(c.false.sum() / (c.ticks * self.ground_area))
+
     def log_ratio(self, camera: str, confidence: Array) -> Array:
         """log (n,) of the rate of boxes of people over the density of false boxes a square metre, for boxes of such confidence (n,)."""
         c, q = self._of(camera), self.parameters

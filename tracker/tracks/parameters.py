@@ -8,6 +8,7 @@ from tracker.detections.ground_points import FusionParameters
 from tracker.tracks.calibration_bias import RegistrationBiasParameters
 from tracker.tracks.detection_rates import DetectionRateParameters
 from tracker.tracks.reidentification import ReidentificationParameters
+from tracker.tracks.standing_clutter import StandingClutterParameters
 from tracker.tracks.tracks import MotionParameters
 
 
@@ -19,6 +20,7 @@ class TrackParameters:
     motion: MotionParameters = field(default_factory=MotionParameters)
     detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
+    standing_clutter: StandingClutterParameters = field(default_factory=StandingClutterParameters)
     usable: tuple[float, float] = (0.6, 0.15)  # probability of a person, as given and as learned, below which a box is ignored
     initiation: tuple[float, float] = (0.8, 0.5)  # the same, below which a box initiates no track
     arrival_rate: float = 2e-4  # new people, a square metre and tick

@@ -16,6 +16,7 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.tracks.calibration_bias import RegistrationBias
 from tracker.tracks.detection_rates import COVER_BOUNDS, DetectionRates
 from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.standing_clutter import StandingClutter
 from tracker.types import Setup
 
 
@@ -28,6 +29,7 @@ class SensorModel:
         ground_area = float(np.prod(area[1] - area[0])) if area is not None else np.pi * parameters.detection_rates.watched**2
         self.detection_rates = DetectionRates(parameters.detection_rates, ground_area)
         self.registration_bias = RegistrationBias(setup, parameters.registration_bias)
+        self.standing_clutter = StandingClutter(parameters.standing_clutter)
 
     def detection(self, camera: str) -> float:
         """Detection rate of people in full view of `camera`."""
@@ -60,11 +62,18 @@ class SensorModel:
         """Log-likelihood (n,) of a missed detection in `camera`; expected (n,): relative detection rate, 0 to 1, of each person."""
         return np.asarray(np.log(1 - self.detection(camera) * expected))
 
+    def log_ratio(self, feet: GroundDetections) -> Array:
+        """log (d,) of the rate of boxes of people over the density of false boxes, a square metre of ground."""
+        ratio = self.detection_rates.log_ratio(feet.camera, feet.confidence)
+        if not self.parameters.standing_clutter.enabled:
+            return ratio
+        return ratio - np.log1p(self.standing_clutter.density(feet) / self.detection_rates.false_density(feet.camera))
+
     def detection_log_ratio(self, feet: GroundDetections) -> Array:
         """log (d,) of the detection rate of such boxes over the density of false ones, a steradian."""
         # False boxes are uniform on the ground; the density on the sphere grows with the squared distance and the slant.
         reach = np.where(feet.grounded, np.linalg.norm(feet.point - feet.origin, axis=1), self.parameters.fusion.reach)
-        return self.detection_rates.log_ratio(feet.camera, feet.confidence) - np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach))
+        return self.log_ratio(feet) - np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach))
 
     def joint_miss(self, views: list[GroundDetections]) -> float:
         """Lower bound of the log-likelihood of a miss in all views at once, which has a common cause and counts as few independent misses."""
@@ -84,10 +93,11 @@ class SensorModel:
         """Count the detections and missed detections of confirmed people in each view, and its other boxes.
 
         box (t, v): the box of each track in each view, −1 for none; expected (t, v): relative detection rates. people: which tracks (t,) are
-        confirmed, the existence score (t,) of each, and their places (t, 2) m. cover (t, v, 2): shares covered by objects and by people, None where
-        that is not learned.
+        confirmed, the existence score (t,) of each, and their places (t, 2) m.
+        cover (t, v, 2): shares covered by objects and by people, None where that is not learned.
         """
         q, (confirmed, score, places) = self.parameters, people
+        several = confirmed & ((box >= 0).sum(axis=1) > 1)
         inside_area = self.setup.contains(places)
         for v, (feet, doubt) in enumerate(zip(*seen, strict=True)):
             visible = confirmed & (expected[:, v] > 0.5)
@@ -98,6 +108,9 @@ class SensorModel:
             mine = box[:, v] >= 0
             weight[box[mine, v]] = 1 / (1 + np.exp(np.clip(score[mine], -20, 20)))
             weight[box[confirmed & mine, v]] = 0
+            # With one view, boxes that nobody takes are often of people whose tracks start late.
+            if len(seen[0]) > 1:
+                self.standing_clutter.learn(feet, weight, places[several])
             place = feet.point[:, :2]
             watched = np.linalg.norm(place - feet.origin[:2], axis=1) < q.detection_rates.watched
             inside = watched if self.setup.area is None else self.setup.contains(place)
@@ -130,7 +143,7 @@ class SensorModel:
             miss = self.missed(feet.camera, expected)
             here = member >= 0
             score[~here] += miss[~here]
-            score[here] += self.detection_rates.log_ratio(feet.camera, feet.confidence[member[here]]) + np.log(1 - feet.feet_hidden[member[here]])
+            score[here] += self.log_ratio(feet)[member[here]] + np.log(1 - feet.feet_hidden[member[here]])
         # Each further box multiplies the likelihood by its density about the common place.
         size = np.array([len(g.members) for g in groups])
         area = np.array([2 * np.pi * np.sqrt(np.linalg.det(2 * n * g.covariance)) for n, g in zip(size, groups, strict=True)])
