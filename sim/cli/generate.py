@@ -62,7 +62,7 @@ class Generate:
     The same command continues a dataset that was interrupted. The presets are:
       - pilsun            the paper's set: 333 frames, 4 robots, 10 people
       - s2l1, s2l2, s2l3  people and fixed cameras as in PETS 2009
-      - room, room-rovers a small, dense room with four corner cameras, or two rovers
+      - room, room-rovers a dense room with four corner cameras, or two rovers
       - square            a square before seven cameras; people stand in groups
       - twin SOURCE       the people of a recording with truth on their real paths,
                           seen by the real cameras, and by rovers (--robots)

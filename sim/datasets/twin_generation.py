@@ -53,6 +53,12 @@ def generate_twin(order: TwinOrder, out: Path) -> Iterator[str]:
         raise ValueError(f"robots is {robots}, needs 0 without rendering: the SLAM of rovers needs images")
     check_absent(out)
     workers = Pool(usable_cores() if order.workers is None else order.workers).workers
+    # A folder that cannot be written is named before the sources are read.
+    with folder_lock(out):
+        yield from _generate(order, workers, out)
+
+
+def _generate(order: TwinOrder, workers: int, out: Path) -> Iterator[str]:
     if order.source is None or format_of(order.source).name == PETS:
         yield from _generate_pets(order, _pets(order), workers, out)
         return
@@ -102,11 +108,10 @@ def _generate_pets(order: TwinOrder, twin: Twin, workers: int, out: Path) -> Ite
 
 def _write(made: Recording, render: bool, area: Array | None, out: Path) -> None:
     progress = partial(progress_bar, desc="frames", unit="frame")
-    with folder_lock(out):
-        if render:
-            write_recording(made, out, progress)
-        else:
-            write_without_images(made, out, area, progress)
+    if render:
+        write_recording(made, out, progress)
+    else:
+        write_without_images(made, out, area, progress)
 
 
 def _described(out: Path, render: bool) -> Iterator[str]:
