@@ -39,7 +39,7 @@ def one_box(tops: Grid, edges: tuple[float, float] = (-np.arctan(1.5 / 8.0), np.
     """Somebody on a plane whose things are `tops`, seen from `up` m: 8 m ahead, or as the elevations of the box's edges are."""
     low, high = edges
     bearing, extent = bearing_from_angles(np.zeros(1), np.array([(low + high) / 2])), np.array([[0.06, high - low]])
-    boxes = Detections(bearing, extent, np.full(1, 0.9), np.tile(NOISE**2 * np.eye(2), (1, 1, 1)), np.zeros((1, 0, 0)))
+    boxes = Detections(bearing, extent, np.full(1, 0.9), np.tile(NOISE**2 * np.eye(2), (1, 1, 1)), np.zeros((1, 0)))
     return project_to_ground(setup_of(tops, up), "r", boxes, (Pose.identity(), np.zeros((6, 6))), FusionParameters())
 
 
