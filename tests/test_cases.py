@@ -116,6 +116,7 @@ def test_one_late_row_takes_no_memory(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "robots.csv").stat().st_size < 2_000_000
 
 
+@pytest.mark.slow
 def test_rows_a_little_out_of_order_are_sorted(tmp_path: Path) -> None:
     """Two rows are exchanged, which are 0.1 s apart, and one stands twice. The results are those of the set in order."""
     clean, mixed = write_set(tmp_path / "clean", 10.0), write_set(tmp_path / "mixed", 10.0)

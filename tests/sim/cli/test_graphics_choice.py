@@ -54,7 +54,7 @@ def test_a_world_is_exported_under_any_name(tmp_path: Path) -> None:
     ("words", "code"),
     [
         ("clique a.clq --seconds 0.1", 0),
-        ("worlds tunnel --preview OUT", 2),
+        pytest.param("worlds tunnel --preview OUT", 2, marks=pytest.mark.slow),
         pytest.param("generate pilsun --frames 2 --people 1 --robots 1 --views 0 --width 128 --out OUT", 2, marks=pytest.mark.slow),
         pytest.param("demo --frames 2 --people 1 --robots 1 --width 128 --out OUT", 2, marks=pytest.mark.slow),
         pytest.param("doctor", 0, marks=pytest.mark.slow),

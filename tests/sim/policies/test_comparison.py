@@ -15,6 +15,7 @@ def results(workers: int) -> list[EpisodeResult]:
     return [result for some in compare(("random", "static"), range(9, 12), OPTIONS, 6, workers) for result in some]
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_the_number_of_workers():
     alone = results(1)
     assert [(o.policy, o.seed) for o in alone] == [(name, seed) for name in ("random", "static") for seed in (9, 10, 11)]

@@ -28,6 +28,7 @@ def test_every_world_has_a_row() -> None:
     assert [row["world"] for row in rows if row["world"] != "campus" and row["irregular_share"] < 0.15] == []
 
 
+@pytest.mark.slow
 def test_a_preview_is_drawn(tmp_path: Path) -> None:
     (row,) = survey("pilsun", 0.5, 3, SurveyOptions(pictures=tmp_path / "pictures", seconds=10))
     page = cv2.imread(str(tmp_path / "pictures" / "pilsun.png"))
