@@ -110,8 +110,9 @@ class BoxTable(NamedTuple):
         bias = np.array([sensors.registration_bias.of(f.camera) for f in views]).reshape(-1, 6)
         origin = np.array([f.origin for f in views]).reshape(-1, 3)
         most = [np.log(sensors.detection(f.camera) / clutter) for f in views]
-        ratio = np.concatenate([np.zeros(0), *(np.minimum(sensors.detection_log_ratio(f), m) for f, m in zip(views, most, strict=True))])
-        existence = np.concatenate([np.zeros(0), *(sensors.log_ratio(f) for f in views)])
+        on_ground = [sensors.log_ratio(f) for f in views]
+        seen = [np.minimum(r - sensors.log_ground(f), m) for r, f, m in zip(on_ground, views, most, strict=True)]
+        ratio, existence = np.concatenate([np.zeros(0), *seen]), np.concatenate([np.zeros(0), *on_ground])
         ambiguous, known = column("ambiguous", ()) > 0, np.repeat([f.known for f in views], np.diff(start))
         usable = np.concatenate([np.zeros(0, dtype=bool), *map(sensors.usable, views)])
         return BoxTable(

@@ -69,11 +69,11 @@ class SensorModel:
             return ratio
         return ratio - np.log1p(self.standing_clutter.density(feet) / self.detection_rates.false_density(feet.camera))
 
-    def detection_log_ratio(self, feet: GroundDetections) -> Array:
-        """log (d,) of the detection rate of such boxes over the density of false ones, a steradian."""
+    def log_ground(self, feet: GroundDetections) -> Array:
+        """log (d,) of the square metres of ground that a steradian at each box covers."""
         # False boxes are uniform on the ground; the density on the sphere grows with the squared distance and the slant.
         reach = np.where(feet.grounded, np.linalg.norm(feet.point - feet.origin, axis=1), self.parameters.fusion.reach)
-        return self.log_ratio(feet) - np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach))
+        return np.asarray(np.log(reach**2 / np.maximum(-feet.direction[:, 2], 0.3 / reach)))
 
     def joint_miss(self, views: list[GroundDetections]) -> float:
         """Lower bound of the log-likelihood of a miss in all views at once, which has a common cause and counts as few independent misses."""
