@@ -23,11 +23,11 @@ class TrainDetector:
     """Folder of the training: data, checkpoint, person_detector.onnx, figures.json, curves.png, frames.png."""
     seed: int = 0
     """Seed of the scenes and of the training."""
-    scenes: int = 72
+    scenes: int = 96
     """Number of rendered scenes, each with its own crowd, world and light."""
     moments: int = 10
     """Number of moments of a scene; each gives a panorama and three images of pinhole cameras."""
-    steps: int = 8000
+    steps: int = 12_000
     """Number of steps of the optimizer; about four a second on one core with bfloat16."""
     calibration: int = 18
     """Number of scenes on which the scores are calibrated."""
@@ -35,7 +35,7 @@ class TrainDetector:
     """Number of scenes on which the detector is scored: seeds 2000 and on, seven worlds each."""
     workers: int = 2
     """Number of processes; the result is the same with any number."""
-    rich: bool = False
+    rich: bool = True
     """Scenes have people in groups, people who sit, varied clothing, wet ground and all kinds of distractors, too."""
     json: bool = False
     """Print JSON alone."""

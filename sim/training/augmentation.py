@@ -20,10 +20,10 @@ from tracker.geometry import Array, Mask
 
 SIZES = ((256, 16, (12.0, 210.0)), (256, 16, (12.0, 210.0)), (384, 7, (50.0, 370.0)))
 """Kinds of batches in turn: edge of the crops, px; their number; and the heights of the chosen body, px, log-uniform."""
-PANORAMA_SHARE, CHOSEN_SHARE = 0.35, 0.87
+PANORAMA_SHARE, CHOSEN_SHARE = 0.42, 0.87
 """Share of crops from panoramas, and of crops around a chosen body; the others are anywhere."""
-SCALES = (0.2, 1.8)
-"""Bounds of the pixels of a crop along a pixel of its image."""
+SCALES = (0.2, 2.4)
+"""Bounds of the pixels of a crop along a pixel of its image. Small bodies are searched in images of twice the size."""
 LARGEST_WINDOW = 1.15
 """Largest edge of the part of an image that becomes a crop, in heights of the image."""
 ASPECT = 0.07

@@ -47,13 +47,13 @@ class TrainingPlan:
     """
 
     seed: int = 0
-    scenes: int = 72
+    scenes: int = 96
     moments: int = 10
-    steps: int = 8000
+    steps: int = 12_000
     calibration: int = 18
     held_out: int = 35
     workers: int = 2
-    rich: bool = False
+    rich: bool = True
 
     def __post_init__(self) -> None:
         bounds = {"seed": (0, 10**6), "scenes": (1, 5000), "moments": (1, 1000), "steps": (1, 10**7)}

@@ -68,8 +68,8 @@ def test_whole_training_in_small(tmp_path):
         train_detector(dataclasses.replace(plan, steps=5), tmp_path)
 
 
-def test_rich_scenes_are_off_and_leave_orders_as_they_were(tmp_path: Path) -> None:
-    plain, rich = TrainingPlan(), TrainingPlan(rich=True)
+def test_scenes_are_rich_unless_told_otherwise(tmp_path: Path) -> None:
+    plain, rich = TrainingPlan(rich=False), TrainingPlan()
     assert "rich" not in plain.order
     assert rich.order == plain.order | {"rich": True}
     tasks, others = plain.tasks(tmp_path), rich.tasks(tmp_path)
