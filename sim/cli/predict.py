@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import json_text, unset
+from sim.cli.options import json_text, options_of, unset
 from sim.cli.stress import TrackerOptions
 from sim.cli.track import SourceChoice
 
@@ -48,7 +49,7 @@ class Predict:
     delay: int = 0
     """Number of frames by which the output of the tracker lags."""
     out: Annotated[Path | None, unset("FILE.json", "none")] = None
-    """File of the result."""
+    """File of the result, of which `pilsim report` makes a page."""
     json: bool = False
     """Print JSON alone."""
     workers: int = 1
@@ -61,7 +62,9 @@ class Predict:
     def run(self) -> None:
         from sim.parallel.pool import Pool
         from sim.prediction.predict import predict
+        from sim.prediction.record import content
         from sim.prediction.table import lines
+        from sim.recording.record import versions
         from tracker.io.atomic import write_text
         from tracker.io.file_lock import output_file_lock
         from tracker.io.progress import progress_bar
@@ -74,17 +77,32 @@ class Predict:
                 locks.enter_context(output_file_lock(self.out))
             bar = partial(progress_bar, desc="runs", unit="run", leave=False, disable=self.json)
             found = predict(plan, pool if self.workers > 1 else None, bar)
-            content = json_text(found.to_dict(), indent=1)
+            text = json_text(content(plan, found, self._command(), versions()), indent=1)
             if self.out is not None:
-                write_text(self.out, content + "\n")
+                write_text(self.out, text + "\n")
         if self.json:
-            print(content)
+            print(text)
             return
         first, end = found.frames
         fitted = "" if found.fit_frames is None else f"; models of {found.fit_frames[0]}:{found.fit_frames[1]}"
         cameras = ", ".join(found.cameras)
         print(f"{self.source}: {found.people} people in frames {first}:{end} of {cameras}{fitted}; {self.seeds} twins, intervals of one run, 95 %")
         print("\n".join(lines(found)))
+        if self.out is not None:
+            print(f"{self.out}: written; `pilsim report {self.out}` makes a page of it")
+
+    def _command(self) -> str:
+        """The command line of this prediction, without what its result does not depend on."""
+        words = ["pilsim", "predict", str(self.source)]
+        for name, value, default in options_of(self):
+            if value == default or name in ("source", "out", "json", "workers"):
+                continue
+            flag = f"--{name.replace('_', '-')}"
+            if name == "detections":
+                words += [word for one in value for word in (flag, one)]
+            else:
+                words += [flag, *map(str, value)] if isinstance(value, tuple) else [flag, str(value)]
+        return shlex.join(words)
 
     def _plan(self) -> PredictionPlan:
         from sim.prediction.halves import parse_frames

@@ -1,4 +1,4 @@
-"""The command `pilsim report`: write a page about a stress test."""
+"""The command `pilsim report`: write a page about a stress test or a prediction."""
 
 from __future__ import annotations
 
@@ -13,26 +13,33 @@ from sim.cli.options import unset
 
 @dataclass(frozen=True)
 class Report:
-    """Make a page of a stress test: what failed first, why, and bounds.
+    """Make a page of a stress test or of a prediction.
 
-    The page is one HTML file without scripts; it needs no network. FOLDER/report
+    Of a stress test: what failed first, why, and bounds. Of a prediction: scores
+    and errors by cause, predicted beside real. The page is one HTML file without
+    scripts; it needs no network. FOLDER/report, or NAME-report beside NAME.json,
     holds each plot as PNG and CSV. The command also works during a stress test.
 
     Examples: pilsim report runs/stress
               pilsim report runs/stress --out density.html
+              pilsim report prediction.json
     """
 
-    folder: Annotated[Positional[Path], arg(metavar="FOLDER")]
-    """The folder with results.jsonl, as `pilsim stress` writes it."""
-    out: Annotated[Path | None, unset("FILE", "FOLDER/report.html")] = None
+    folder: Annotated[Positional[Path], arg(metavar="FOLDER|FILE.json")]
+    """The folder with results.jsonl, as `pilsim stress` writes it, or the file of `pilsim predict --out`."""
+    out: Annotated[Path | None, unset("FILE", "FOLDER/report.html or FILE.html")] = None
     """The page to write."""
 
     def run(self) -> None:
+        from sim.report.prediction_page import plots_folder, write_prediction_page
         from sim.report.report import write_report
         from tracker.io.file_lock import folder_lock, output_file_lock
 
-        if not self.folder.is_dir():
-            raise ValueError(f"{self.folder}: no such folder")
-        with folder_lock(self.folder / "report"), output_file_lock(self.out or self.folder / "report.html"):
-            path = write_report(self.folder, self.out)
-        print(f"{path}: the page ({path.stat().st_size / 1e6:.1f} MB); plots as PNG and CSV in {self.folder / 'report'}")
+        prediction = self.folder.suffix.lower() == ".json" and not self.folder.is_dir()
+        if not self.folder.is_dir() and not (prediction and self.folder.is_file()):
+            raise ValueError(f"{self.folder}: no such {'file' if prediction else 'folder'}")
+        beside = plots_folder(self.folder) if prediction else self.folder / "report"
+        target = self.out or (self.folder.with_suffix(".html") if prediction else self.folder / "report.html")
+        with folder_lock(beside), output_file_lock(target):
+            path = write_prediction_page(self.folder, self.out) if prediction else write_report(self.folder, self.out)
+        print(f"{path}: the page ({path.stat().st_size / 1e6:.1f} MB); plots as PNG and CSV in {beside}")

@@ -51,6 +51,9 @@ ABOUT_MOMENTS = (
     " Coloured dots are the tracks. The red ring is the error. Arrows are robots: grey at the true pose, red at the estimated pose."
     " Lines lead from robots to people whom they see: blue where the detector reported a box, grey where it did not."
 )
+ABOUT_COMMANDS = (
+    "In another folder, the same command makes the same rows. In the same folder, it continues after the last whole row."
+)
 COLUMNS = (
     ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
     ("switches", "switches", 0), ("ate_m", "ATE [m]", 3),
@@ -122,11 +125,16 @@ class PageSweep:
 
 
 def page(content: PageContent) -> str:
-    """Render the whole document."""
+    """Render the whole document of a stress test."""
+    return render(_names(content))
+
+
+def render(names: dict[str, Any]) -> str:
+    """Render a document from the names that the template uses."""
     # The page is written without a server, so an undefined name must fail here and not leave a hole in the text.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(page=_names(content)).lstrip()
+    return template.render(page=names).lstrip()
 
 
 def _names(content: PageContent) -> dict[str, Any]:
@@ -137,6 +145,8 @@ def _names(content: PageContent) -> dict[str, Any]:
     return {
         "title": f"Stress test: {rows.folder.resolve().name}",
         "style": Markup(STYLE),
+        "kicker": "pilsim stress test",
+        "heading": "Where the tracker breaks, and why",
         "headline": headline(rows),
         "headings": _headings(content),
         "summary": summary(rows),
@@ -151,8 +161,9 @@ def _names(content: PageContent) -> dict[str, Any]:
         "glossary": GLOSSARY,
         "causes": [(cause, meaning) for cause, meaning in CAUSES.items() if cause in occurring],
         "commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]),
+        "about_commands": ABOUT_COMMANDS,
         "provenance": _provenance(rows),
-        "runs": plural(len(rows.rows), "run"),
+        "made_from": plural(len(rows.rows), "run"),
     }
 
 

@@ -46,6 +46,18 @@ def test_scores_stand_beside_the_real_ones(room, tmp_path, monkeypatch, capsys):
     # Causes add up to the counts of the score.
     assert sum(real["causes"]["misses"].values()) == real["figures"]["misses"]
     assert sum(one["mean"] for one in fitted["causes"]["false positives"].values()) == pytest.approx(fitted["figures"]["false_positives"]["mean"])
+    assert content["command"] == f"pilsim predict {room} --fit 0:70 --beside independent --seeds 2 --n-scan 0.0"
+    command(monkeypatch, "report", out)
+    assert "predicted less real" in (tmp_path / "prediction.html").read_text()
+    assert (tmp_path / "prediction-report" / "misses.png").is_file()
+
+
+def test_printed_json_is_the_file(room, tmp_path, monkeypatch, capsys):
+    words = ("predict", room, "--fit", "0:90", "--seeds", 1, "--n-scan", 0)
+    command(monkeypatch, *words, "--json", "--out", tmp_path / "prediction.json")
+    said = capsys.readouterr()
+    assert said.out == (tmp_path / "prediction.json").read_text()
+    assert not said.err
 
 
 def test_twins_have_the_true_people_and_the_errors_of_each_view(room):
