@@ -20,8 +20,8 @@ Causes = Mapping[str, Mapping[str, Predicted]]
 def content(plan: PredictionPlan, found: Prediction, command: str, versions: Mapping[str, str]) -> dict[str, Any]:
     """The file as JSON values. command: the command line that repeats it, without names of outputs. versions: name of a part → version."""
     tracker = {"name": plan.tracker.name, "options": plan.tracker.options}
-    about = {"schema": SCHEMA, "source": str(plan.path), "tracker": tracker, "seeds": list(plan.seeds), "command": command, "versions": dict(versions)}
-    return about | found.to_dict()
+    about = {"schema": SCHEMA, "source": str(plan.path), "tracker": tracker, "seeds": list(plan.seeds), "command": command}
+    return about | {"versions": dict(versions)} | found.to_dict()
 
 
 @dataclass(frozen=True, eq=False)

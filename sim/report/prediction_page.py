@@ -105,6 +105,7 @@ def _names(record: PredictionRecord, figures: dict[str, PageFigure]) -> dict[str
     """The names that the template uses, and what they hold."""
     kinds = [kind for kind in KINDS if kind.replace(" ", "-") in figures]
     sections = {f"errors-{kind.replace(' ', '-')}": f"{kind[:1].upper()}{kind[1:]}" for kind in kinds}
+    ends = {"figures": "All figures", "words": "Glossary", "again": "How to reproduce it"}
     occurring = {cause for kind in KINDS for cause in _causes(record, kind) if any(_counts(record, kind, cause))}
     return {
         "title": f"Prediction: {Path(record.source).name}",
@@ -112,9 +113,7 @@ def _names(record: PredictionRecord, figures: dict[str, PageFigure]) -> dict[str
         "kicker": "pilsim prediction",
         "heading": "What the tracker would score on these cameras",
         "headline": headline(record),
-        "headings": {
-            "short": "In short", "contents": "On this page", **sections, "figures": "All figures", "words": "Glossary", "again": "How to reproduce it",
-        },
+        "headings": {"short": "In short", "contents": "On this page", **sections, **ends},
         "summary": summary(record),
         "worst_figures": [],
         "overview_figures": [figures[key] for key, _, _ in SCORES if key in figures],
@@ -128,7 +127,7 @@ def _names(record: PredictionRecord, figures: dict[str, PageFigure]) -> dict[str
         "commands": f"{record.command} --out {record.path.name}\npilsim report {record.path.name}",
         "provenance": _provenance(record),
         "made_from": f"{plural(len(record.seeds), 'twin')} a detector",
-    }  # fmt: skip
+    }
 
 
 def headline(record: PredictionRecord) -> str:
@@ -150,7 +149,7 @@ def summary(record: PredictionRecord) -> list[tuple[str, str]]:
         text += f" Models are fitted to frames {record.fit_frames[0]} to {record.fit_frames[1] - 1}."
     out = [("What was predicted", text)]
     if record.real:
-        out.append(("Predicted and real", " ".join(_verdicts(record, name) for name in record.forecasts)))
+        out += [(f"{name[:1].upper()}{name[1:]}, predicted less real", _verdicts(record, name)) for name in record.forecasts]
         if largest := _largest(record):
             out.append(("Largest difference of a cause", largest))
     return [*out, ("Certainty", _certainty(record))]
@@ -167,7 +166,7 @@ def _verdicts(record: PredictionRecord, name: str) -> str:
         differences.append(f"{label} {found.mean - real:+.{digits}f}".replace("-", "−"))
         if found.low is not None and found.high is not None:
             (within if found.low <= real <= found.high else beyond).append(label)
-    text = f"{name}, predicted less real: {', '.join(differences) or 'nothing is known'}."
+    text = f"{', '.join(differences) or 'Nothing is known'}."
     text += f" Within the interval of one run: {listed(within)}." if within else ""
     return text + (f" Beyond it: {listed(beyond)}." if beyond else "")
 
