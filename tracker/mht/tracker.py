@@ -315,7 +315,7 @@ class MhtFilter:
         parent = self._parent[known]
         self.sensor_model.learn(
             doubted, np.where(box >= 0, box - start[:-1], -1), expected[parent],
-            (sure, leaves.existence[known], leaves.state[known, :2]), occluded[parent],
+            (sure, leaves.existence[known], leaves.state[known, :2], leaves.covariance[known, :2, :2]), occluded[parent],
         )  # fmt: skip
         old = known[leaves.confirmed[known]]
         for v, boxes in enumerate(doubted[0]):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from tracker.detections.cross_view import CrossViewGroup, may_initiate
 from tracker.detections.ground_points import GroundDetections
@@ -87,16 +88,16 @@ class SensorModel:
         return replace(feet, point=point)
 
     def learn(
-        self, seen: tuple[list[GroundDetections], list[Array]], box: Ints, expected: Array, people: tuple[Mask, Array, Array],
+        self, seen: tuple[list[GroundDetections], list[Array]], box: Ints, expected: Array, people: tuple[Mask, Array, Array, Array],
         cover: Array | None = None,
     ) -> None:  # fmt: skip
         """Count the detections and missed detections of confirmed people in each view, and its other boxes.
 
         box (t, v): the box of each track in each view, −1 for none; expected (t, v): relative detection rates. people: which tracks (t,) are
-        confirmed, the existence score (t,) of each, and their places (t, 2) m.
+        confirmed, the existence score (t,) of each, and their places (t, 2) m with covariances (t, 2, 2) m².
         cover (t, v, 2): shares covered by objects and by people, None where that is not learned.
         """
-        q, (confirmed, score, places) = self.parameters, people
+        q, (confirmed, score, places, spread) = self.parameters, people
         several = confirmed & ((box >= 0).sum(axis=1) > 1)
         inside_area = self.setup.contains(places)
         for v, (feet, doubt) in enumerate(zip(*seen, strict=True)):
@@ -119,9 +120,24 @@ class SensorModel:
             other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high)
             # Learned confidences: no false box is counted outside the area, where tracks of false boxes would confirm themselves.
             known = visible & (inside_area | (not self.detection_rates.parameters.learned))
-            self.detection_rates.learn(
-                feet.camera, feet.confidence[box[known & mine, v]], float(known.sum()), (feet.confidence[other], weight[other])
-            )
+            found, others = box[known & mine, v], np.flatnonzero(other)
+            if self.detection_rates.parameters.learned:
+                free, without = np.setdiff1d(np.flatnonzero(feet.grounded), box[mine, v]), known & ~mine
+                found = np.concatenate([found, self._not_taken(feet, free, places[without], spread[without])])
+                others = np.setdiff1d(others, found)
+            self.detection_rates.learn(feet.camera, feet.confidence[found], float(known.sum()), (feet.confidence[others], weight[others]))
+
+    def _not_taken(self, feet: GroundDetections, free: Ints, place: Array, spread: Array) -> Ints:
+        """Those of the boxes `free` that are likely of people at places (k, 2) m, covariance (k, 2, 2) m², who have taken none: at most one each.
+
+        A class of boxes that nobody may take would confirm itself otherwise, as all its boxes would count as false.
+        """
+        apart = self.corrected(feet).point[free, None, :2] - place
+        S = feet.spread[free, None] + spread + self.parameters.motion.foot_spread**2 * np.eye(2)
+        distance = (apart * np.linalg.solve(S, apart[..., None])[..., 0]).sum(axis=2)
+        within = np.maximum(self.parameters.gate**2 - distance, 0.0)
+        box, person = linear_sum_assignment(within, maximize=True)
+        return free[box[within[box, person] > 0]]
 
     def initiation_score(
         self, seen: list[tuple[GroundDetections, Viewpoint]], groups: list[CrossViewGroup], others: tuple[Array, Ints], ticks: int

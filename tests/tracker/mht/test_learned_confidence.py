@@ -15,7 +15,7 @@ from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
 from tracker.options import parameters_from
 from tracker.pipeline import track
-from tracker.types import Estimate, Setup, Tick
+from tracker.types import Detections, Estimate, Setup, Tick
 
 LEARNED = parameters_from({"confidence": "learned", "delay": 3})
 
@@ -61,6 +61,26 @@ def test_a_crowd_is_tracked_with_one_number_for_all_confidences() -> None:
         frames = [MatchingFrame(ids, places, e.target_id, e.position) for places, e in zip(walked, tracked(setup, each), strict=True)]
         found.append(score(frames).mota)
     assert found[1] > max(found[0] - 0.03, 0.9)
+
+
+def test_people_keep_their_tracks_whose_boxes_become_like_false_ones() -> None:
+    rng = np.random.default_rng(7)
+    setup, walked = synthetic_crowd.setup(), np.repeat(np.array([[-2.0, -2.0], [2.0, 1.0], [0.0, 3.0]])[None], 90, axis=0)
+    false = transformed(synthetic_crowd.ticks(setup, walked[:40, :0], rng, misses=0.0, clutter=2.0), lambda c: np.full(len(c), 0.5))
+    true = synthetic_crowd.ticks(setup, walked, rng, misses=0.05, clutter=0.0)
+    before, after = (transformed(part, lambda c, at=at: np.full(len(c), at)) for part, at in ((true[:40], 0.9), (true[40:], 0.5)))
+    names = ("bearing", "extent", "confidence", "covariance", "appearance")
+    both = [
+        replace(a, views=tuple(
+            replace(v, detections=Detections(*(np.concatenate([getattr(x.detections, name) for x in (v, w)]) for name in names)))
+            for v, w in zip(a.views, b.views, strict=True)
+        ))
+        for a, b in zip(before, false, strict=True)
+    ]  # fmt: skip
+    found = tracked(setup, [*both, *after])
+    ids = set(found[35].target_id.tolist())
+    assert len(ids) == 3
+    assert all(set(e.target_id.tolist()) == ids for e in found[60:])
 
 
 @pytest.mark.slow
