@@ -1,23 +1,25 @@
-"""Growth of time and memory with the size of a run: people, cameras, resolution, frames, workers and sequences.
+"""Growth of time and memory with the size of a run: people, cameras, resolution, frames, landmarks, workers and sequences.
 
     python -m tests.benchmarks growth
-    python -m tests.benchmarks.growth people resolution     # some of them
+    python -m tests.benchmarks.growth people frames=100000     # some of them
 
-Each point is a process of its own, so that its peak memory is its own. Time is processor time where it is called so. The plots are in growth.png.
+Each point is a forked process of its own, so that its peak memory is its own, and Linux is needed. Times are of the processor.
+growth.json has the figures, growth.png the plots. Sizes that were not run keep their earlier figures.
 """
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
-import resource
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +29,21 @@ from sim.datasets.generation import FILE, Plan, generate
 from sim.datasets.presets import PRESETS
 from sim.parallel.pool import ONE_THREAD
 from sim.recording.drawing_workers import DrawingWorkers
+from sim.recording.frame_loop import simulated_frames, truth_of
+from sim.recording.tracker_setup import make_setup
 from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
+from tests.benchmarks.throughput import per_frame
+from tracker.datasets.summary import summarize
+from tracker.datasets.validation import validate
 from tracker.geometry.cameras import Panorama
 from tracker.io.atomic import write_text
 
-PICTURE = Path(__file__).parent / "growth.png"
+FIGURES, PICTURE = (Path(__file__).with_name(f"growth.{ending}") for ending in ("json", "png"))
 WIDTH, PEOPLE = 1024, 10
+COLUMNS = 5
+"""Plots in a row."""
 SLEEP = 0.02
 """s that a stand-in for the drawing of one moment sleeps."""
 POINTS: dict[str, tuple[int, ...]] = {
@@ -42,6 +51,7 @@ POINTS: dict[str, tuple[int, ...]] = {
     "cameras": (1, 2, 4, 8, 16, 32),
     "resolution": (512, 1024, 2048, 4096),
     "frames": (1_000, 10_000, 100_000),
+    "landmarks": (50, 100, 200, 500, 1000, 2000),
     "workers": (1, 2, 4, 8, 16, 32, 64),
     "sequences": (100, 1_000, 10_000),
 }
@@ -50,7 +60,7 @@ POINTS: dict[str, tuple[int, ...]] = {
 
 def memory() -> float:
     """Peak memory of this process, MiB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return int(next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")).split()[1]) / 1024
 
 
 def drawn(people: int, width: int, cameras: int = 4) -> dict[str, float]:
@@ -81,15 +91,28 @@ def least(action: Callable[[], Any], runs: int = 3) -> float:
     return 1e3 * min(times)
 
 
+def resident() -> float:
+    """Memory of this process now, MiB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
 def simulated(frames: int) -> dict[str, float]:
-    """Memory before and after frames without rendering, two rovers and four people."""
-    simulation = Simulation(Scenario(people=4, robots=2))
-    for _ in range(100):
-        simulation.step()
-    before, started = memory(), time.process_time()
-    for _ in range(frames):
-        simulation.step()
-    return {"ms a frame": 1e3 * (time.process_time() - started) / frames, "MiB more": memory() - before}
+    """Time and memory of frames without rendering, two rovers and four people. Memory is compared with that after a tenth of the frames."""
+    scenario = Scenario(people=4, robots=2, frames=frames)
+    simulation = Simulation(scenario)
+    setup = make_setup(scenario, simulation)
+    started, after, found = time.process_time(), frames // 10, np.zeros(0)
+    for state in simulated_frames(scenario, simulation, setup):
+        truth_of(state, simulation, {})
+        if state.index >= after and state.index % (frames // 100) == 0:
+            found = np.append(found, resident())
+    return {"ms a frame": 1e3 * (time.process_time() - started) / frames, "MiB more": float(found.max() - found[0])}
+
+
+def mapped(landmarks: int) -> dict[str, float]:
+    """Processor time of the filter for a frame of one robot and of four, ms."""
+    return {"ms, one robot": per_frame(landmarks, 1), "ms, four robots": per_frame(landmarks, 4)}
 
 
 class SleepingWorkers(DrawingWorkers):
@@ -110,71 +133,104 @@ def scheduled(workers: int) -> dict[str, float]:
     return {"moments a second": rate, "share of the best": rate * SLEEP / workers}
 
 
-def listed(sequences: int) -> dict[str, float]:
-    """Seconds of the summary of a dataset of so many sequences, and of resuming it where all is there. The sequences are links to one."""
-    from tracker.datasets.summary import summarize
+@cache
+def one_sequence() -> Plan:
+    """A dataset of one sequence of two frames, in a temporary folder that is removed at exit."""
+    folder = tempfile.mkdtemp()
+    atexit.register(shutil.rmtree, folder)
+    preset = PRESETS["pilsun"]
+    preset = replace(preset, scenario=replace(preset.scenario, frames=2, people=1, robots=1, width=64), views=0)
+    plan = Plan("pilsun", preset, Path(folder, "one"), 1)
+    generate(plan)
+    return plan
 
+
+def listed(sequences: int) -> dict[str, float]:
+    """Seconds of the summary of a dataset of so many sequences, its check, and resuming it where all is there. The sequences are links to one."""
+    one = one_sequence()
     with tempfile.TemporaryDirectory() as name:
-        preset = PRESETS["pilsun"]
-        preset = replace(preset, scenario=replace(preset.scenario, frames=2, people=1, robots=1, width=64), views=0)
-        plan = Plan("pilsun", preset, Path(name, "set"), 1)
-        generate(plan)
-        for k in range(1, sequences):
-            shutil.copytree(plan.out / "pilsun-00000", plan.out / f"pilsun-{k:05d}", copy_function=os.link)
-        plan = replace(plan, count=sequences)
+        plan = replace(one, count=sequences, out=Path(name, "set"))
+        for sequence in plan.dataset.sequences:
+            shutil.copytree(one.out / one.dataset.sequences[0], plan.out / sequence, copy_function=os.link)
         write_text(plan.out / FILE, plan.dataset.to_json())
-        started = time.perf_counter()
-        summarize(plan.out)
-        between = time.perf_counter()
-        generate(plan)
-        return {"s of info": between - started, "s of resuming": time.perf_counter() - between}
+        # The links have the seed of the first sequence, so that each other one has a fault.
+        done: dict[str, Callable[[], Any]] = {
+            "resuming": lambda: generate(plan),
+            "info": lambda: summarize(plan.out),
+            "check": lambda: len(list(validate(plan.out))) == sequences - 1,
+        }
+        out = {}
+        for what, action in done.items():
+            started = time.process_time()
+            assert action() is not False
+            out[f"s of {what}"] = time.process_time() - started
+        return out
 
 
 MEASURE: dict[str, Callable[[int], dict[str, float]]] = {
     "people": lambda n: drawn(n, WIDTH),
     "cameras": lambda n: drawn(PEOPLE, WIDTH, n),
-    "resolution": lambda n: drawn(PEOPLE, n),
+    "resolution": lambda n: drawn(PEOPLE, n, 1),
     "frames": simulated,
+    "landmarks": mapped,
     "workers": scheduled,
     "sequences": listed,
 }
 
 
+def measured(name: str, size: int) -> dict[str, float]:
+    """A measurement in a process that is forked from this one, with its peak memory. Raises what the measurement raises."""
+    with get_context("fork").Pool(1) as pool:
+        return pool.apply(_with_memory, (name, size))
+
+
+def _with_memory(name: str, size: int) -> dict[str, float]:
+    return MEASURE[name](size) | {"MiB": memory()}
+
+
 def main(chosen: list[str] | None = None) -> None:
-    found: dict[str, dict[int, dict[str, float]]] = {}
-    for name in chosen or list(MEASURE):
-        for size in POINTS[name]:
-            command = [sys.executable, "-m", "tests.benchmarks.growth", name, str(size)]
-            done = subprocess.run(command, env=os.environ | dict.fromkeys(ONE_THREAD, "1"), capture_output=True, text=True, check=False)
-            if done.returncode:
-                print(f"{name} {size}: {(done.stderr.strip().splitlines() or ['failed'])[-1]}", flush=True)
+    """chosen: names of measurements; NAME=SIZE for one size."""
+    os.environ |= dict.fromkeys(ONE_THREAD, "1")
+    found: dict[str, dict[str, dict[str, float]]] = json.loads(FIGURES.read_text()) if FIGURES.exists() else {}
+    for name, _, only in (one.partition("=") for one in chosen or MEASURE):
+        if name == "sequences":
+            one_sequence()
+        for size in [int(only)] if only else POINTS[name]:
+            try:
+                values = measured(name, size)
+            except (ValueError, OSError) as error:
+                print(f"{name} {size}: {error}", flush=True)
                 continue
-            found.setdefault(name, {})[size] = values = json.loads(done.stdout.splitlines()[-1])
+            found.setdefault(name, {})[str(size)] = values
             print(f"{name:10} {size:7}   " + "   ".join(f"{what} {value:.4g}" for what, value in values.items()), flush=True)
+            write_text(FIGURES, json.dumps(found, indent=1) + "\n")
     plot(found, PICTURE)
 
 
-def plot(found: dict[str, dict[int, dict[str, float]]], path: Path) -> None:
-    """Each value against the size, with axes of logarithms; a row for each measurement."""
+def plot(found: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
+    """One plot for each measurement and unit, against the size. The times of datasets have logarithmic axes."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    columns = max(len(next(iter(points.values()))) for points in found.values())
-    figure, axes = plt.subplots(len(found), columns, figsize=(3.6 * columns, 2.6 * len(found)), layout="constrained", squeeze=False)
-    for row, (name, points) in zip(axes, found.items(), strict=True):
-        for cell in row:
-            cell.set_visible(False)
-        for cell, what in zip(row, next(iter(points.values())), strict=False):
-            cell.set_visible(True)
-            cell.plot(list(points), [values[what] for values in points.values()], marker="o")
-            cell.set(xscale="log", xlabel=name, ylabel=what, ylim=(0, None))
-    figure.savefig(path, dpi=80)
+    cells = [(name, points, what) for name, points in found.items() for what in next(iter(points.values()))]
+    figure, axes = plt.subplots(-(-len(cells) // COLUMNS), COLUMNS, figsize=(2.9 * COLUMNS, 2.1 * -(-len(cells) // COLUMNS)), layout="constrained")
+    for axis in axes.flat[len(cells) :]:
+        axis.set_visible(False)
+    for axis, (name, points, what) in zip(axes.flat, cells, strict=False):
+        sizes = sorted(map(int, points))
+        axis.plot(sizes, [points[str(size)][what] for size in sizes], marker="o", markersize=4)
+        if what.startswith("s of"):
+            axis.set(xscale="log", yscale="log")
+        else:
+            axis.set(xscale="log", ylim=(0, None))
+        axis.set_title(what, fontsize=9)
+        axis.set_xlabel(name, fontsize=8)
+        axis.tick_params(labelsize=7)
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=75)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 3 and sys.argv[2].isdigit():
-        print(json.dumps(MEASURE[sys.argv[1]](int(sys.argv[2])) | {"MiB": memory()}))
-    else:
-        main(sys.argv[1:])
+    main(sys.argv[1:])

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tracker.datasets.opening import UTIAS, format_of, is_pilsim, open_recording
 from tracker.formats.utias import read_utias
@@ -16,9 +17,9 @@ from tracker.recordings import Recording
 from tracker.recordings.camera_json import model_of
 from tracker.sequence.dataset import sequences
 from tracker.sequence.manifest import read_manifest
-from tracker.sequence.reader import read_contents
+from tracker.sequence.reader import read_flat_setup
 from tracker.sequence.robot_sensors import SENSOR_TABLES, read_sensor_setup
-from tracker.sequence.schema import BOXES
+from tracker.sequence.schema import BOXES, ROBOTS
 from tracker.sequence.truth_tables import people_columns_of
 
 SEEN = 0.2
@@ -44,12 +45,12 @@ def summarize(folder: Path) -> dict[str, Any]:
 
 def _of_sequence(folder: Path) -> dict[str, Any]:
     manifest, scenario = read_manifest(folder), read_json(folder / "scenario.json")
-    sequence = read_contents(folder, manifest["files"])
-    mounted = {name: mount.camera for name, mount in sequence.setup.mounts.items()}
+    setup = read_flat_setup(folder)
+    mounted = {name: mount.camera for name, mount in setup.mounts.items()}
     cameras = {name: f"{type(camera).__name__.lower()} {camera.width} x {camera.height}" for name, camera in mounted.items()}
-    people = read_table(folder / "truth" / "people.csv", people_columns_of(folder, sequence.setup.mounts))
+    people = read_table(folder / "truth" / "people.csv", people_columns_of(folder, setup.mounts))
     boxes = read_table(folder / "truth" / "boxes.csv", BOXES)
-    frames = len(sequence.truth or ())
+    frames = _frame_count(folder, people["frame"])
     present = np.bincount(people["frame"].astype(np.int64), minlength=frames) if frames else np.zeros(1, np.int64)
     sizes: Counter[str] = Counter()
     for name, entry in manifest["files"].items():
@@ -61,8 +62,8 @@ def _of_sequence(folder: Path) -> dict[str, Any]:
         "world": scenario.get("world") if isinstance(scenario, dict) else None,
         "seed": scenario.get("seed") if isinstance(scenario, dict) else None,
         "frames": frames,
-        "seconds": round(frames * sequence.setup.period, 6),
-        "rate": round(1 / sequence.setup.period, 6),
+        "seconds": round(frames * setup.period, 6),
+        "rate": round(1 / setup.period, 6),
         "cameras": cameras,
         "images": sum(name.startswith("images/") for name in manifest["files"]),
         "people": len(np.unique(people["person"])),
@@ -74,6 +75,17 @@ def _of_sequence(folder: Path) -> dict[str, Any]:
         "bytes": sum(sizes.values()),
         "bytes_of": dict(sizes),
     } | _of_sensors(folder, manifest["files"])
+
+
+def _frame_count(folder: Path, with_people: NDArray[np.int64]) -> int:
+    """The number of frames in truth/robots.csv. with_people: frames of the rows of people.csv. Raises ValueError for frames out of order."""
+    frames = read_table(folder / "truth" / "robots.csv", ROBOTS)["frame"]
+    count = len(np.unique(frames))
+    if count and (frames.min(), frames.max()) != (0, count - 1):
+        raise ValueError(f"{folder / 'truth' / 'robots.csv'}: frames are not 0 to {count - 1} without gaps")
+    if with_people.min(initial=0) < 0 or with_people.max(initial=-1) >= count:
+        raise ValueError(f"{folder / 'truth' / 'people.csv'}: a frame is not in the sequence, which has {count}")
+    return count
 
 
 def _of_sensors(folder: Path, files: dict[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Array, Image, Pose
+from tracker.geometry.ground import Flat, Ground
 from tracker.io.csv_tables import rows_by_frame
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
@@ -43,23 +44,27 @@ def read_sequence(folder: Path) -> Sequence:
 
 def read_contents(folder: Path, files: dict[str, Any]) -> Sequence:
     """As read_sequence, without a check of the files. files: those of the manifest."""
-    try:
-        setup = _read_setup(folder)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{folder / 'calibration.json'}: field {error} is missing or of the wrong kind") from None
+    setup = _read_setup(folder, *read_terrain(folder / "terrain.npz"))
     truth = _read_truth(folder, setup)
     ticks = _DiskTicks(folder, setup, len(truth), files)
     provenance = {"scenario": read_json(folder / "scenario.json"), "manifest": _sha256((folder / "manifest.json").read_bytes())}
     return Sequence(setup, ticks, truth, provenance)
 
 
-def _read_setup(folder: Path) -> Setup:
-    calibration = read_json(folder / "calibration.json")
-    ground, tops = read_terrain(folder / "terrain.npz")
+def read_flat_setup(folder: Path) -> Setup:
+    """The setup of a sequence on flat ground: its terrain is not read. Raises ValueError with the path for invalid content."""
+    return _read_setup(folder, Flat(), None)
+
+
+def _read_setup(folder: Path, ground: Ground, occluders: Ground | None) -> Setup:
+    path = folder / "calibration.json"
+    calibration = read_json(path)
     try:
-        return setup_from(calibration, ground, tops)
+        return setup_from(calibration, ground, occluders)
     except ValueError as error:
-        raise ValueError(f"{folder / 'calibration.json'}: {error}") from None
+        raise ValueError(f"{path}: {error}") from None
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path}: field {error} is missing or of the wrong kind") from None
 
 
 def _read_truth(folder: Path, setup: Setup) -> tuple[Truth, ...]:

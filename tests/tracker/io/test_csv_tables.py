@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracker.io.csv_tables import read_arrays, read_table, write_arrays, write_table
+from tracker.io.csv_tables import BLOCK, _checked_table, _sound_table, read_arrays, read_table, write_arrays, write_table
 
 COLUMNS: dict[str, type] = {"frame": int, "name": str, "x": float}
 ROWS: list[list[object]] = [[0, "a", 0.1], [1, "b", -2.5e-9], [2, "c", 1 / 3]]
@@ -60,3 +60,18 @@ def test_object_arrays_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", heights=np.array([{}, []], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle"):
         read_arrays(tmp_path / "a.npz", ("heights",))
+
+
+def test_columns_are_read_at_once_as_cells_are_one_by_one(tmp_path: Path) -> None:
+    """Blanks, blank lines and more rows than a block change no value, line number or type; a fault is left to the reading by cells."""
+    lines = [f"{k - 7}, n_{k % 3} ,{k / 7 - 3:.9g}" + "\n" * (1 + (k % 50 == 0)) for k in range(BLOCK + 500)]
+    (tmp_path / "t.csv").write_text("frame,name,x\n" + "".join(lines))
+    found, one_by_one = _sound_table(tmp_path / "t.csv", COLUMNS), _checked_table(tmp_path / "t.csv", COLUMNS)
+    assert found is not None
+    assert found[0] == one_by_one[0]
+    for name in COLUMNS:
+        assert found[1][name].dtype == one_by_one[1][name].dtype
+        np.testing.assert_array_equal(found[1][name], one_by_one[1][name])
+    for faulty in ("1_0,a,1", "1,a,nan", "1,a,1e61", f"{1 << 62},a,1", "1,a", "1.5,a,1", '1,"a",1', f"{1 << 70},a,1"):
+        (tmp_path / "t.csv").write_text(f"frame,name,x\n0,b,0\n{faulty}\n")
+        assert _sound_table(tmp_path / "t.csv", COLUMNS) is None
