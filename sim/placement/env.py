@@ -22,6 +22,7 @@ from sim.placement import rewards
 from sim.placement.camera_views import CameraViews
 from sim.placement.config import DECISION_RATE, PlacementConfig
 from sim.placement.episode import Episode
+from sim.placement.map import map_of
 from sim.placement.observations import Observation, observe, space_of
 from sim.placement.plan_view import draw_plan
 from sim.placement.rewards import Reward
@@ -38,6 +39,7 @@ class Placement(gymnasium.Env[Observation, Array]):
     maximum. A waypoint action is a point, east and north over the extent of the world. The robot drives to the nearest node of the roadmap.
 
     An episode terminates when all robots have tipped over. The TimeLimit of the registration truncates it.
+    With a map_seed, the map is built here, so that environments in forked processes share its memory.
     Raises ValueError, with name, value and bound, for invalid options, and gymnasium's own errors.
     """
 
@@ -52,6 +54,9 @@ class Placement(gymnasium.Env[Observation, Array]):
         self.action_space = spaces.Box(-1.0, 1.0, (self.config.robots, 2), np.float32)  # type: ignore[assignment]
         self.episode: Episode | None = None
         self._key = Episode.key(self.config, 0)
+        if self.config.map_seed is not None:
+            # Gymnasium makes one environment before it forks the processes of make_vec: their map is in the memory that they share.
+            map_of(self._key)
         self._camera_views = CameraViews(self.config)
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
