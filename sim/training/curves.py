@@ -9,7 +9,6 @@ import cv2
 import matplotlib.figure
 import numpy as np
 
-from sim.training.decoding import suppressed
 from sim.training.evaluation import FoundImage, Range, judged
 from sim.training.optimization import PARTS
 from sim.training.scene_rendering import ImageSet
@@ -51,13 +50,13 @@ def draw_curves(rows: list[tuple[float, ...]], kinds: dict[str, list[FoundImage]
 
 
 def draw_frames(shown: list[tuple[ImageSet, int, FoundImage]], calibration: tuple[Array, Array, float], file: Path, least: float = 0.5) -> None:
-    """Write images as PNG: bodies seen at least by half in green, boxes with a score of at least `least` in orange. shown: set, index, candidates."""
+    """Write images as PNG: bodies seen at least by half in green, boxes with a score of at least `least` in orange. shown: set, index, boxes."""
     pictures = []
     for images, index, image in shown:
         picture = np.ascontiguousarray(np.asarray(images.colour[index])[..., ::-1])
-        found = suppressed(image.found, calibration[2], image.period)
-        score = np.interp(found.logits, calibration[0], calibration[1])
-        for boxes, colour in ((image.boxes[image.visible >= 0.5], (80, 200, 60)), (found.boxes[score >= least], (30, 130, 255))):
+        found, logit = image.suppressed(calibration[2])
+        score = np.interp(logit, calibration[0], calibration[1])
+        for boxes, colour in ((image.boxes[image.visible >= 0.5], (80, 200, 60)), (found[score >= least], (30, 130, 255))):
             for left, top, right, bottom in np.rint(boxes).astype(int).tolist():
                 cv2.rectangle(picture, (left, top), (right, bottom), colour, 2)
         pictures.append(cv2.resize(picture, SHOWN, interpolation=cv2.INTER_AREA))

@@ -12,12 +12,16 @@ from itertools import pairwise
 import numpy as np
 
 from sim.training.augmentation import cut_off
-from sim.training.decoding import Candidates, Network, candidates, suppressed
 from sim.training.scene_rendering import ImageSet
 from sim.training.targets import HIDDEN
 from tracker.geometry import Array, Mask
 from tracker.metrics.box_detection import IOU, NOBODY, average_precision, box_overlaps, match_by_score
+from tracker.person_detector.detector import PersonDetector
+from tracker.person_detector.found_boxes import kept_rows
+from tracker.person_detector.peaks import Peaks
 
+LEAST_LOGIT = -4.5
+"""Of a box that is judged."""
 SEEN = 0.5
 """Least visible share of a body that has to be found."""
 HEIGHTS = (20.0, 256.0)
@@ -28,9 +32,12 @@ VISIBLE_BINS = (0.3, 0.5, 0.8, 0.95, 1.0001)
 
 @dataclass(frozen=True, eq=False)
 class FoundImage:
-    """Candidates of one image before suppression, and its bodies: boxes (n, 4) px, visible (n,), cut (n,). period: width of a panorama, or None."""
+    """What was found in one image before suppression, and its bodies: boxes (n, 4) px, visible (n,), cut (n,).
 
-    found: Candidates
+    period: width of a panorama, or None.
+    """
+
+    found: Peaks
     boxes: Array
     visible: Array
     cut: Mask
@@ -42,6 +49,11 @@ class FoundImage:
         """Heights (n,) of the bodies, px."""
         return self.boxes[:, 3] - self.boxes[:, 1]
 
+    def suppressed(self, nms_iou: float) -> tuple[Array, Array]:
+        """One box for each body: left, top, right, bottom (k, 4) px, and logits (k,), the surest first."""
+        found = self.found.select(kept_rows(self.found.box, self.found.logit, nms_iou, self.period))
+        return np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1), found.logit
+
 
 @dataclass(frozen=True)
 class Range:
@@ -51,15 +63,15 @@ class Range:
     visible: tuple[float, float] = (SEEN, 2.0)
 
 
-def found_images(network: Network, sets: Iterable[tuple[str, ImageSet]], wraps: bool) -> list[FoundImage]:
-    """The candidates in all images of some sets, each with the name of its world. wraps: whether they are panoramas."""
+def found_images(detector: PersonDetector, sets: Iterable[tuple[str, ImageSet]], wraps: bool) -> list[FoundImage]:
+    """What is found in all images of some sets, each with the name of its world. wraps: whether they are panoramas."""
     out = []
     for world, images in sets:
         height, width = images.instances.shape[1:]
         for index in range(len(images.colour)):
             mine = images.image == index
             cut = cut_off(images.boxes[mine], width, height, wraps)
-            found = candidates(network, np.asarray(images.colour[index]), wraps)
+            found = detector.peaks(np.ascontiguousarray(images.colour[index]), wraps, wraps, LEAST_LOGIT)
             out.append(FoundImage(found, images.boxes[mine], images.visible[mine], cut, world, float(width) if wraps else None))
     return out
 
@@ -68,7 +80,7 @@ def judged(images: list[FoundImage], wanted: Range, nms_iou: float) -> tuple[Arr
     """Logits (k,) of boxes after suppression, whether each is a body, and the number of bodies that had to be found."""
     logits, hits, count = [], [], 0
     for image in images:
-        found = suppressed(image.found, nms_iou, image.period)
+        found, logit = image.suppressed(nms_iou)
         there = image.visible >= HIDDEN
         boxes, visible = image.boxes[there], image.visible[there]
         height = boxes[:, 3] - boxes[:, 1]
@@ -76,10 +88,10 @@ def judged(images: list[FoundImage], wanted: Range, nms_iou: float) -> tuple[Arr
         good &= (visible >= wanted.visible[0]) & (visible < wanted.visible[1])
         count += int(good.sum())
         # Bodies that are ignored take any number of boxes, as crowds in COCO do.
-        body = match_by_score(box_overlaps(found.boxes, boxes, image.period), good, np.array([IOU]), ~good)[0]
-        hit, own = np.append(good, False)[body], found.boxes[:, 3] - found.boxes[:, 1]
+        body = match_by_score(box_overlaps(found, boxes, image.period), good, np.array([IOU]), ~good)[0]
+        hit, own = np.append(good, False)[body], found[:, 3] - found[:, 1]
         counted = hit | ((body == NOBODY) & (own >= wanted.heights[0]) & (own < wanted.heights[1]))
-        logits.append(found.logits[counted])
+        logits.append(logit[counted])
         hits.append(hit[counted])
     return np.concatenate(logits or [np.zeros(0)]), np.concatenate(hits or [np.zeros(0, bool)]), count
 
@@ -107,13 +119,13 @@ def feet_errors(images: list[FoundImage], nms_iou: float) -> Array:
     """Errors (k,) of the lower edge of found bodies, as a share of their height; positive is too low."""
     errors = []
     for image in images:
-        found = suppressed(image.found, nms_iou, image.period)
-        found = found.select(found.logits > 0.0)
+        found, logit = image.suppressed(nms_iou)
+        found = found[logit > 0.0]
         good = np.flatnonzero((image.visible >= SEEN) & ~image.cut & (image.heights >= HEIGHTS[0]) & (image.heights < HEIGHTS[1]))
-        if not len(good) or not len(found.logits):
+        if not len(good) or not len(found):
             continue
-        iou = box_overlaps(found.boxes, image.boxes[good], image.period)
+        iou = box_overlaps(found, image.boxes[good], image.period)
         best, which = iou.max(axis=0), iou.argmax(axis=0)
         near = best >= IOU
-        errors.append((found.boxes[which[near], 3] - image.boxes[good[near], 3]) / image.heights[good[near]])
+        errors.append((found[which[near], 3] - image.boxes[good[near], 3]) / image.heights[good[near]])
     return np.concatenate(errors or [np.zeros(0)])

@@ -1,4 +1,4 @@
-"""Export of the network as ONNX with its calibration in the metadata, and its use by onnxruntime. Needs the extra `train`."""
+"""Export of the network as ONNX with its calibration in the metadata. Needs the extra `train`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tracker.io.atomic import new_file
@@ -54,19 +52,3 @@ def export(network: nn.Module, file: Path, entry: dict[str, Any]) -> None:
         assert [one.name for one in model.graph.output] == list(OUTPUTS)
         onnx.helper.set_model_props(model, {KEY: json.dumps(entry)})
         onnx.save(model, part)
-
-
-class OnnxNetwork:
-    """An exported network in one thread: image (H, W, 3) uint8 RGB, H and W multiples of 32 → scores (1, h, w) and edges (4, h, w)."""
-
-    def __init__(self, file: Path) -> None:
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        self._session = onnxruntime.InferenceSession(file.read_bytes(), options, providers=["CPUExecutionProvider"])
-
-    def __call__(self, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        tensor = np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32) / np.float32(255)
-        scores, edges = self._session.run(["scores", "edges"], {"image": tensor})
-        return scores[0], edges[0]

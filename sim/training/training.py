@@ -24,6 +24,7 @@ from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import read_json
 from tracker.io.progress import progress_bar
 from tracker.io.resume import check_same, holds_run
+from tracker.person_detector.detector import PersonDetector
 
 HELD_OUT_SEED = 2000
 """Seed of the first held-out worlds. Training and calibration have seeds from 10,000 on."""
@@ -33,6 +34,8 @@ JUDGED = {"moments": 4, "panoramas": 1, "pinholes": 2}
 """Sizes of the scenes of calibration and evaluation."""
 ORDER, MODEL, FIGURES, CURVES, FRAMES = "order.json", "person_detector.onnx", "figures.json", "curves.png", "frames.png"
 SHOWN_FRAMES = 10
+UNCALIBRATED = {"version": 1, "calibration": [[-10.0, 0.0], [10.0, 1.0]], "min_score": 0.0, "nms_iou": 1.0}
+"""Metadata of the model while its calibration is sought."""
 NEEDED = ("torch", "onnx", "onnxruntime")
 """Packages of the extra `train`."""
 
@@ -133,7 +136,7 @@ def _sets(tasks: list[SceneTask], kind: str) -> list[ImageSet]:
 
 def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]], sampler: CropSampler) -> dict[str, Any]:
     from sim.training.network import parameter_count
-    from sim.training.onnx_model import OnnxNetwork, export
+    from sim.training.onnx_model import export
     from sim.training.optimization import optimize
 
     network = optimize(sampler, plan.steps, folder, max(1, plan.workers - 1))
@@ -142,10 +145,10 @@ def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]]
     data = {"images": pictures, "bodies": bodies, **plan.order}
     # The scores are not calibrated yet, but the graph is what will be shipped.
     model = folder / MODEL
-    export(network, model, {})
-    run = OnnxNetwork(model)
-    calibration = calibrate([image for kind in (PANORAMAS, PINHOLES) for image in _found(run, tasks["calibration"], kind)])
-    kinds = {kind: _found(run, tasks["held-out"], kind) for kind in (PANORAMAS, PINHOLES)}
+    export(network, model, UNCALIBRATED)
+    detector = PersonDetector(model)
+    calibration = calibrate([image for kind in (PANORAMAS, PINHOLES) for image in _found(detector, tasks["calibration"], kind)])
+    kinds = {kind: _found(detector, tasks["held-out"], kind) for kind in (PANORAMAS, PINHOLES)}
     result = _figures(kinds, calibration) | {"parameters": parameter_count(network), "data": data, "nms_iou": calibration.nms_iou}
     _draw(folder, kinds, tasks["held-out"], calibration)
     export(network, model, _entry(plan, calibration, data, result))
@@ -153,9 +156,9 @@ def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]]
     return result
 
 
-def _found(run: Any, tasks: list[SceneTask], kind: str) -> list[FoundImage]:
+def _found(detector: PersonDetector, tasks: list[SceneTask], kind: str) -> list[FoundImage]:
     sets = ((task.world, ImageSet.read(task.folder, kind)) for task in tasks)
-    return found_images(run, progress_bar(sets, total=len(tasks), desc=f"{kind}s", unit="scene"), kind == PANORAMAS)
+    return found_images(detector, progress_bar(sets, total=len(tasks), desc=f"{kind}s", unit="scene"), kind == PANORAMAS)
 
 
 def _figures(kinds: dict[str, list[FoundImage]], calibration: Calibration) -> dict[str, Any]:

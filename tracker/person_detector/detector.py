@@ -6,28 +6,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tracker.detections.boxes import detections_from_boxes
-from tracker.geometry import Array, Pose
+from tracker.geometry import Array, Image, Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Ground
 from tracker.person_detector.found_boxes import FoundBoxes, one_for_each
-from tracker.person_detector.network import STRIDE, Calibration, Maps, PersonNetwork
-from tracker.person_detector.pixels import Level, level_of, rgb_image
+from tracker.person_detector.magnification import LEAST_LOGIT, SHARED, SLACK, SMALL, magnified_parts
+from tracker.person_detector.network import STRIDE, PersonNetwork
+from tracker.person_detector.peaks import Peaks, peaks_of
+from tracker.person_detector.pixels import Level, level_of, level_of_part, rgb_image
 from tracker.person_detector.statures import could_stand
 from tracker.types import Detections
 
 BODIES: tuple[tuple[float, float], ...] = ((0.0, 288.0), (96.0, np.inf))
 """px of the picture: heights of bodies that are taken from the whole picture, and from the picture at half its size."""
-MOST = 1000
-"""Candidates of a level, the surest."""
 POLES = 8
 """The upper and lower 1/POLES of a panorama are searched at half size alone: there, bodies are large and bent."""
-LONGEST_EDGE = 8.0
-"""Logarithm of the longest distance to an edge, px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +56,9 @@ class PersonDetector:
         image, site = rgb_image(picture), site or CameraPlace()
         if wraps is None:
             wraps = site.camera is not None and site.camera.wraps
-        found = _joined([self._at_level(image, level, site.camera, wraps) for level in range(len(BODIES))])
+        peaks = self.peaks(image, isinstance(site.camera, Panorama), wraps, self.network.calibration.least_logit)
+        found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.logit), peaks.sigma)
+        found = found.select(found.probability >= self.network.calibration.min_score)
         found = _within(one_for_each(found, self.network.calibration.nms_iou, image.shape[1] if wraps else None), image, wraps)
         if site.camera is None or site.pose is None or site.ground is None:
             return found
@@ -74,46 +73,34 @@ class PersonDetector:
         left, _, right, bottom = found.sigma.T
         return detections_from_boxes(site.camera, found.box, found.probability, np.column_stack([np.hypot(left, right) / 2, bottom]))
 
-    def _at_level(self, image: NDArray[np.uint8], halvings: int, camera: Camera | None, wraps: bool) -> FoundBoxes:
-        rows = None
-        if halvings == 0 and isinstance(camera, Panorama):
-            step = max(1, len(image) // POLES)
-            rows = step, len(image) - step
-        level = level_of(image, halvings, wraps, rows)
-        found = candidates(self.network(level.pixels), level, self.network.calibration)
-        low, high = BODIES[halvings]
-        middle = found.box[:, 0] + found.box[:, 2] / 2
+    def peaks(self, image: Image, panorama: bool, wraps: bool, least_logit: float) -> Peaks:
+        """Boxes in an image (H, W, 3) before suppression, with logits of at least `least_logit`.
+
+        The whole image is searched, then the image at half its size, and parts at twice the size where small bodies may be.
+        panorama: whether the image is equirectangular, so that its upper and lower ends are bent. wraps: as in `find`.
+        """
+        step = max(1, len(image) // POLES)
+        rows = (step, len(image) - step) if panorama else None
+        full = self._at_level(level_of(image, 0, wraps, rows), BODIES[0], min(least_logit, LEAST_LOGIT), image.shape[1] if wraps else None)
+        half = self._at_level(level_of(image, 1, wraps), BODIES[1], least_logit, image.shape[1] if wraps else None)
+        out = [half]
+        for part in magnified_parts(full, image.shape, wraps):
+            full = full.select(~((full.height < SHARED) & part.holds(full)))
+            level = level_of_part(part.cut_out(image), part.seen[:2])
+            found = self._at_level(level, (0.0, SMALL), least_logit, None)
+            out.append(found.select(part.holds(found, SLACK)))
+        return Peaks.joined([full.select(full.logit >= least_logit), *out])
+
+    def _at_level(self, level: Level, heights: tuple[float, float], least_logit: float, period: float | None) -> Peaks:
+        """The peaks of a level with heights between two bounds, px of the picture. period: width of a picture that wraps, px."""
+        found = peaks_of(self.network(level.pixels), level, least_logit)
+        found = found.select((found.height >= heights[0]) & (found.height < heights[1]))
+        if period is None:
+            return found
         # Beyond the seam, the same people stand again. On it, each side may place the middle beyond the other.
-        slack = STRIDE * level.scale
-        here = (middle >= -slack) & (middle < image.shape[1] + slack) if wraps else np.isfinite(middle)
-        return found.select(here & (found.box[:, 3] >= low) & (found.box[:, 3] < high))
-
-
-def candidates(maps: Maps, level: Level, calibration: Calibration) -> FoundBoxes:
-    """Boxes, px of the picture, at the local maxima of the scores of a level."""
-    scores = maps["scores"][0]
-    peaks = scores >= cv2.dilate(scores, np.ones((3, 3), np.uint8))
-    rows, columns = np.nonzero(peaks & (scores >= calibration.least_logit) & np.isfinite(scores))
-    logits = scores[rows, columns].astype(np.float64)
-    first = np.lexsort((columns, rows, -logits))[:MOST]
-    rows, columns, logits = rows[first], columns[first], logits[first]
-    edges = np.exp(np.minimum(maps["edges"][:, rows, columns].astype(np.float64), LONGEST_EDGE)).T
-    centre = (np.stack([columns, rows], axis=1) + 0.5) * STRIDE - level.origin
-    left_top, right_bottom = centre - edges[:, :2], centre + edges[:, 2:]
-    box = np.concatenate([left_top, right_bottom - left_top], axis=1) * level.scale
-    sigma = None
-    if "spread" in maps:
-        # The standard deviation of a Laplace distribution is its scale times √2.
-        sigma = np.sqrt(2) * np.exp(np.minimum(maps["spread"][:, rows, columns].astype(np.float64).T, 0.0)) * box[:, 3:]
-    good = np.isfinite(box).all(axis=1) & (box[:, 2:] > 0).all(axis=1)
-    found = FoundBoxes(box, calibration.probabilities(logits), sigma)
-    return found.select(good & (found.probability >= calibration.min_score))
-
-
-def _joined(parts: list[FoundBoxes]) -> FoundBoxes:
-    sigmas = [part.sigma for part in parts if part.sigma is not None]
-    sigma = np.concatenate(sigmas) if len(sigmas) == len(parts) else None
-    return FoundBoxes(np.concatenate([part.box for part in parts]), np.concatenate([part.probability for part in parts]), sigma)
+        slack, x = STRIDE * level.scale, found.middle[:, 0]
+        turns = np.floor(x / period)[:, None] * np.array([period, 0.0, 0.0, 0.0])
+        return Peaks(found.box - turns, found.logit, found.sigma).select((x >= -slack) & (x < period + slack))
 
 
 def _within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBoxes:

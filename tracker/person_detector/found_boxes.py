@@ -67,8 +67,13 @@ def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> 
     Two boxes are one person if they overlap by `iou`. Where the areas of the feet overlap as well, a little less is enough.
     People who stand behind each other have feet at different heights of the image. period: width of an image that wraps, px.
     """
-    order = np.lexsort((found.box[:, 0], found.box[:, 1], -found.probability))
-    box = found.box[order]
+    return found.select(kept_rows(found.box, found.probability, iou, period))
+
+
+def kept_rows(boxes: Array, score: Array, iou: float, period: float | None) -> Ints:
+    """Rows of boxes (n, 4) with scores (n,) that `one_for_each` keeps, the surest first."""
+    order = np.lexsort((boxes[:, 0], boxes[:, 1], -score))
+    box = boxes[order]
     feet = np.column_stack([box[:, 0], box[:, 1] + (1 - FEET) * box[:, 3], box[:, 2], FEET * box[:, 3]])
     alive, kept = np.ones(len(box), dtype=bool), []
     for k in range(len(box)):
@@ -78,4 +83,4 @@ def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> 
         overlap = ious(box[k], box[k + 1 :], period)
         same = (overlap > iou) | ((overlap > SOFTER * iou) & (ious(feet[k], feet[k + 1 :], period) > SAME_FEET))
         alive[k + 1 :] &= ~same
-    return found.select(order[np.array(kept, dtype=np.int64)])
+    return np.asarray(order[np.array(kept, dtype=np.int64)])

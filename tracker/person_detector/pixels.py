@@ -66,8 +66,18 @@ def level_of(image: Image, halvings: int, wraps: bool, rows: tuple[int, int] | N
         # A narrow panorama is continued by several turns.
         columns = np.arange(-pad, width + pad) % width
         part = part[:, columns]
+    return Level(_input_of(part), (pad, -(first >> halvings)), scale)
+
+
+def level_of_part(part: Image, corner: tuple[int, int]) -> Level:
+    """A level of a part of a picture at twice its size. corner: column and row of the part in the picture, px."""
+    return Level(_input_of(part), (-2 * corner[0], -2 * corner[1]), 0.5)
+
+
+def _input_of(part: NDArray[Any]) -> NDArray[np.float32]:
+    """A picture (h, w, 3) as input (1, 3, H, W) of the network, continued to sides that it takes."""
     below, right = -len(part) % MULTIPLE, -part.shape[1] % MULTIPLE
     part = cv2.copyMakeBorder(part, 0, below, 0, right, cv2.BORDER_REPLICATE)
     pixels = np.ascontiguousarray(part.transpose(2, 0, 1)[None], dtype=np.float32)
     pixels *= np.float32(1 / 255)
-    return Level(pixels, (pad, -(first >> halvings)), scale)
+    return pixels

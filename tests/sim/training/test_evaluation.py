@@ -1,35 +1,27 @@
-"""Decoding, suppression, average precision and calibration."""
+"""Boxes of targets, average precision and calibration."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from sim.training.calibration import corners
-from sim.training.decoding import Candidates, candidates, suppressed
 from sim.training.evaluation import FoundImage, Range, judged
 from sim.training.targets import targets_of
 from tracker.metrics.box_detection import average_precision, box_overlaps
+from tracker.person_detector.peaks import Peaks, peaks_of
+from tracker.person_detector.pixels import Level
 
 
-def test_decoding_inverts_the_targets():
-    """A network that says the targets gives the boxes back, also of a body over the seam of a panorama."""
-    box = np.array([250.0, 40.0, 274.0, 100.0])
-
-    def exact(image):
-        height, width = image.shape[:2]
-        scores, edges = np.full((1, height // 4, width // 4), -9.0, np.float32), np.zeros((4, height // 4, width // 4), np.float32)
-        # The padded image of 256 columns at full size has the body twice.
-        for shift in (96.0, 96.0 - 256.0) if width >= 400 else ():
-            made = targets_of(box[None] + [[shift, 0, shift, 0]], np.ones(1), np.zeros(1, bool), 512)
-            heat, distance = made.heat[:, : height // 4, : width // 4], made.edges[:, : height // 4, : width // 4]
-            scores[heat == 1] = 3.0
-            edges = np.where(heat > 0.2, np.log(distance), edges).astype(np.float32)
-        return scores, edges
-
-    found = candidates(exact, np.zeros((128, 256, 3), np.uint8), wraps=True)
-    kept = suppressed(found, 0.5, 256.0)
-    assert len(kept.logits) == 1
-    np.testing.assert_allclose((kept.boxes[0] - box + 128) % 256 - 128, 0, atol=1e-3)
+def test_peaks_invert_the_targets():
+    """A network that says the targets gives the boxes back."""
+    boxes = np.array([[50.0, 40.0, 74.0, 100.0], [120.5, 30.0, 160.0, 131.0]])
+    made = targets_of(boxes, np.ones(2), np.zeros(2, bool), 256)
+    scores = np.where(made.heat == 1, 3.0, -9.0).astype(np.float32)
+    edges = np.log(np.maximum(made.edges, 1e-3)).astype(np.float32)
+    found = peaks_of({"scores": scores, "edges": edges}, Level(np.zeros((1, 3, 256, 256), np.float32), (0, 0), 1.0), 0.0)
+    order = np.argsort(found.box[:, 0])
+    np.testing.assert_allclose(found.box[order, :2], boxes[:, :2], atol=1e-3)
+    np.testing.assert_allclose(found.box[order, 2:], boxes[:, 2:] - boxes[:, :2], atol=1e-3)
 
 
 def test_overlaps_wrap():
@@ -39,7 +31,8 @@ def test_overlaps_wrap():
 
 
 def _image(boxes, logits, bodies, visible):
-    found = Candidates(np.array(boxes, float).reshape(-1, 4), np.array(logits, float))
+    corners = np.array(boxes, float).reshape(-1, 4)
+    found = Peaks(np.hstack([corners[:, :2], corners[:, 2:] - corners[:, :2]]), np.array(logits, float))
     bodies = np.array(bodies, float).reshape(-1, 4)
     return FoundImage(found, bodies, np.array(visible, float), np.zeros(len(bodies), bool), "campus", None)
 

@@ -1,4 +1,4 @@
-"""A small network with known answers: a person is a bright blob of 12 px, and its box is 20 px wide and 50 px high about it."""
+"""A small network with known answers: a person is a bright blob of 12 px, and its box is 20 px wide and 70 px high about it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,21 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-BLOB, WIDTH, HEIGHT = 12, 20, 50
+BLOB, WIDTH, HEIGHT = 12, 20, 70
 META = {"version": 1, "calibration": [[-4, 0.0], [0, 0.5], [4, 1.0]], "min_score": 0.3, "nms_iou": 0.5}
 
 
-def write_blob_network(path: Path, meta: dict[str, Any] | str | None = None, spread: float | None = None, outputs: tuple[str, ...] = ()) -> Path:
-    """Write the network. meta: its metadata, a text as it is; "" for none. spread: of all edges. outputs: names in place of scores and edges."""
+def write_blob_network(
+    path: Path, meta: dict[str, Any] | str | None = None, spread: float | None = None, outputs: tuple[str, ...] = (), height: int = HEIGHT
+) -> Path:
+    """Write the network. meta: its metadata, a text as it is; "" for none. spread: of all edges. outputs: names in place of scores and edges.
+
+    height: of the boxes, px.
+    """
     kernel, inner = np.full((1, 3, 28, 28), -1.0 / (3 * (28**2 - BLOB**2)), dtype=np.float32), slice(8, 8 + BLOB)
     kernel[:, :, inner, inner] = 1 / (3 * BLOB**2)
     names = outputs or ("scores", "edges")
-    constant = {"edges": np.log([WIDTH / 2, HEIGHT / 2, WIDTH / 2, HEIGHT / 2])}
+    constant = {"edges": np.log([WIDTH / 2, height / 2, WIDTH / 2, height / 2])}
     if spread is not None:
         constant["spread"] = np.full(4, np.log(spread))
     nodes = [helper.make_node("Conv", ["image", "kernel", "offset"], [names[0]], strides=[4, 4], pads=[12, 12, 12, 12])]

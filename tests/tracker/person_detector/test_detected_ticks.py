@@ -26,7 +26,7 @@ FRAMES = 12
 def setup() -> Setup:
     """Two rovers far from each other, since both see the same pictures."""
     there = sequences.setup()
-    mounts = {name: replace(mount, camera=Panorama(256, 128)) for name, mount in there.mounts.items()}
+    mounts = {name: replace(mount, camera=Panorama(512, 256)) for name, mount in there.mounts.items()}
     starts: dict[str, Start | None] = {f"robot_{k}": Start(Pose.planar(80 * k, 0, 0), 1e-6 * np.eye(6)) for k in range(2)}
     return replace(there, mounts=mounts, starts=starts, ground=Flat())
 
@@ -35,7 +35,7 @@ def ticks() -> TicksInMemory:
     """Two rovers that stand, and two blobs below the horizon that move."""
     rng, out = np.random.default_rng(0), []
     for k in range(FRAMES):
-        image = picture_with((128, 256), [(30.0 + 4 * k, 70.0), (150.0, 72.0)])
+        image = picture_with((256, 512), [(62.0 + 4 * k, 142.0), (302.0, 146.0)])
         still = Odometry(Pose.exp(np.zeros(6)), 1e-8 * np.eye(6)) if k else None
         views = [replace(view, image=image, odometry=still, robot_detections=None) for view in sequences.tick(k, rng).views]
         out.append(Tick(k, k / 6, tuple(views)))

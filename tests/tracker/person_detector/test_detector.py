@@ -19,7 +19,9 @@ from tracker.geometry.cameras import Panorama, Pinhole
 from tracker.geometry.ground import Flat
 from tracker.person_detector.detector import CameraPlace, PersonDetector
 from tracker.person_detector.found_boxes import FoundBoxes, ious, one_for_each
+from tracker.person_detector.magnification import LARGEST_SHARE, SMALL, magnified_parts
 from tracker.person_detector.network import PersonNetwork
+from tracker.person_detector.peaks import Peaks
 from tracker.person_detector.statures import could_stand
 from tracker.recordings import RecordingCamera
 
@@ -46,6 +48,31 @@ def test_large_bodies_come_from_half_the_size(detector: PersonDetector) -> None:
     found = detector.find(picture_with((256, 320), [(164.0, 132.0)], 2 * BLOB))
     large = found.box[found.box[:, 3] > 1.5 * HEIGHT]
     np.testing.assert_allclose(large, [[164 - WIDTH, 132 - HEIGHT, 2 * WIDTH, 2 * HEIGHT]], atol=1e-3)
+
+
+def test_small_bodies_come_from_parts_at_twice_the_size(tmp_path: Path) -> None:
+    """A blob of 8 px is uncertain at full size and sure at twice the size, where its box is half as large; one on the seam, too."""
+    small = PersonDetector(write_blob_network(tmp_path / "m.onnx", height=40))
+    places = [(0.0, 70.0), (102.0, 82.0), (300.0, 126.0)]
+    found = small.find(picture_with((256, 512), places, 8), wraps=True)
+    assert len(found) == 3
+    order = np.argsort((found.box[:, 0] + WIDTH) % 512)
+    for box, place in zip(found.box[order], np.array(places), strict=True):
+        np.testing.assert_allclose(box[2:], [WIDTH / 2, 20], atol=1e-3)
+        away = (box[:2] + box[2:] / 2 - place + [256, 0]) % [512, 256] - [256, 0]
+        np.testing.assert_allclose(away, 0, atol=1.01)
+
+
+def test_magnified_parts_are_bounded_and_hold_their_peaks() -> None:
+    rng = np.random.default_rng(2)
+    box = np.column_stack([rng.uniform(0, 500, 80), rng.uniform(0, 230, 80), np.full(80, 8.0), rng.uniform(15, 80, 80)])
+    peaks = Peaks(box, rng.uniform(-4, 3, 80))
+    parts = magnified_parts(peaks, (256, 512, 3), wraps=False)
+    assert parts == magnified_parts(peaks.select(rng.permutation(80)), (256, 512, 3), wraps=False)
+    assert 0 < sum(part.area for part in parts) <= LARGEST_SHARE * 256 * 512
+    surest = peaks.select(np.array([np.argmax(np.where(peaks.height < SMALL, peaks.logit, -np.inf))]))
+    assert parts[0].holds(surest).all()
+    assert not magnified_parts(peaks.select(peaks.height >= SMALL), (256, 512, 3), wraps=True)
 
 
 def test_scores_follow_the_calibration(tmp_path: Path) -> None:

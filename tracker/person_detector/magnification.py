@@ -1,0 +1,84 @@
+"""Parts of an image that are searched a second time at twice the size, as the network sees small bodies better there.
+
+A part is a rectangle of tiles that have uncertain or certain peaks of small bodies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tracker.geometry import Image, Mask
+from tracker.person_detector.peaks import Peaks
+
+SMALL = 60.0
+"""px of the picture: bodies below this height are taken from parts at twice the size."""
+SHARED = 51.0
+"""px: bodies from this height on are taken from the picture as well. Suppression keeps one box of each."""
+LEAST_LOGIT = -2.0
+"""Logit of a peak that is reason for a second look."""
+TILE, MARGIN, SLACK = 32, 16, 6
+"""px: edge of a tile, what is seen around a part, and how far beside it a body may be that belongs to it."""
+LARGEST_SHARE = 0.4
+"""Of the picture: area of all parts with their margins, at most, as it decides the time."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A rectangle of a picture, px: `core` holds the middles of its bodies, `seen` is what is magnified. Both are left, top, right, bottom."""
+
+    core: tuple[int, int, int, int]
+    seen: tuple[int, int, int, int]
+
+    @property
+    def area(self) -> int:
+        """Of what is seen, px."""
+        left, top, right, bottom = self.seen
+        return (right - left) * (bottom - top)
+
+    def holds(self, peaks: Peaks, slack: float = 0.0) -> Mask:
+        """Which peaks (n,) have their middles in the core, or at most `slack` px beside it."""
+        x, y = peaks.middle.T
+        left, top, right, bottom = self.core
+        return np.asarray((x >= left - slack) & (x < right + slack) & (y >= top - slack) & (y < bottom + slack))
+
+    def cut_out(self, image: Image) -> Image:
+        """What is seen of an image (H, W, 3), at twice its size; columns beyond the seam are those of the other side."""
+        left, top, right, bottom = self.seen
+        part = image[top:bottom].take(np.arange(left, right) % image.shape[1], axis=1)
+        return np.asarray(cv2.resize(part, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def magnified_parts(peaks: Peaks, shape: tuple[int, ...], wraps: bool) -> list[Part]:
+    """The parts of an image of shape (H, W, …) with peaks of small bodies, those with the surest peak first, up to LARGEST_SHARE of the image."""
+    height, width = shape[:2]
+    small = peaks.select((peaks.height < SMALL) & (peaks.logit >= LEAST_LOGIT))
+    if not len(small):
+        return []
+    tiles = np.zeros((-(-height // TILE), -(-width // TILE)), np.uint8)
+    column, row = (small.middle // TILE).astype(int).T
+    column = column % tiles.shape[1] if wraps else np.clip(column, 0, tiles.shape[1] - 1)
+    row = np.clip(row, 0, tiles.shape[0] - 1)
+    tiles[row, column] = 1
+    count, label, boxes, _ = cv2.connectedComponentsWithStats(tiles, connectivity=4)
+    surest = np.full(count, -np.inf)
+    np.maximum.at(surest, label[row, column], small.logit)
+    out, left = [], LARGEST_SHARE * height * width
+    for k in (1 + np.argsort(-surest[1:], kind="stable")).tolist():
+        part = _part(boxes[k, :4].tolist(), (width, height), wraps)
+        if part.area <= left:
+            out.append(part)
+            left -= part.area
+    return out
+
+
+def _part(tiles: list[int], size: tuple[int, int], wraps: bool) -> Part:
+    """The part of a rectangle of tiles: column, row, number of columns and rows."""
+    across, down, columns, rows = tiles
+    core = across * TILE, down * TILE, min((across + columns) * TILE, size[0]), min((down + rows) * TILE, size[1])
+    seen = core[0] - MARGIN, max(core[1] - MARGIN, 0), core[2] + MARGIN, min(core[3] + MARGIN, size[1])
+    if not wraps:
+        seen = max(seen[0], 0), seen[1], min(seen[2], size[0]), seen[3]
+    return Part(core, seen)
