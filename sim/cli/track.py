@@ -98,7 +98,7 @@ class SlamOptions:
     correction: Literal["on", "off"] = "on"
     """Whether the filter estimates each robot's odometry correction factor."""
     persistence: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on with fej")] = None
-    """Whether the filter estimates odometry biases, as of wheel slip; for fej or iekf."""
+    """Whether the filter models lasting errors: odometry biases, as of wheel slip, and drift of features; for fej or iekf."""
     unknown_start: Annotated[str, unset("ROBOT,...", "none")] = ""
     """Robots with an unknown start, as robot_1,robot_2. Each maps alone until its map matches the others' map."""
 

@@ -193,6 +193,11 @@ class JointState:
         rows = np.arange(self.offset(robot), self.offset(robot) + 6)
         self.P[rows, rows] += variance
 
+    def diffuse(self, landmarks: Indices, variance: Array) -> None:
+        """Add an independent variance (k,) m² an axis to landmarks (k,), each at most once."""
+        rows = self.base + 3 * landmarks[:, None] + np.arange(3)
+        self.P[rows, rows] += variance[:, None]
+
     def retry_with_inflation(self, robot: int, variance: Array, attempt: Callable[[], tuple[Outcome, int, int]], few: int) -> tuple[Outcome, bool]:
         """The result of an attempt at association, repeated with an inflated pose covariance if most matches fail the gate.
 

@@ -256,7 +256,10 @@ class Slam:
         chosen = spread_over_azimuth(azimuth, landmark_map.hits[m.landmark].astype(np.float64), self.parameters.max_updates)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
         self._count_matches(robot, m)
-        good = self._measurement_update(name, (mount, landmark, seen.bearing[sighting], seen.covariance[sighting]), view) > 0.3
+        noise, drift = seen.covariance[sighting], self.parameters.feature_drift
+        if drift is not None and view.sightings is None:
+            noise = drift.apply(self._joint, landmark_map, landmark, self._joint.camera_pose(robot, mount).origin, noise)
+        good = self._measurement_update(name, (mount, landmark, seen.bearing[sighting], noise), view) > 0.3
         landmark_map.record_sightings(landmark[good], descriptor[sighting[good]], robot, tick)
         landmark_map.rejected[landmark[~good]] += 1
         self._counters["outlier"] += int((~good).sum())

@@ -235,6 +235,7 @@ class LandmarkInitializer:
         if not reason:
             self.joint.add_landmark(triangulated.point, columns, G, triangulated.noise_covariance)
             self.landmark_map.add(int(tracks.subject[row]), tracks.descriptor[row], self.robot, tick, int(tracks.hits[row]))
+            self.landmark_map.view[self.landmark_map.count - 1] = cameras.origin[-1] - triangulated.point
         return reason or "new"
 
     def _state_jacobian(self, triangulated: TriangulatedPoint, poses: Indices) -> tuple[Indices, Array]:

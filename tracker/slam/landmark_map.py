@@ -57,7 +57,7 @@ class LandmarkMap:
 
     identity: a unique number; subject: the given name or −1; descriptor (count, robots, d): the last one that each robot saw; hits, missed,
     rejected: counts. last_seen: tick of the last sighting; last_robot: its robot; last_seen_by (capacity, robots): tick of each robot's last
-    sighting, −1 for none. last_localized (robots,): the last tick at which each robot had sightings and was not lost.
+    sighting, −1 for none. view (capacity, 3) m: the last camera's position relative to the landmark, zero if unknown. last_localized (robots,): the last tick at which each robot had sightings and was not lost.
     """
 
     def __init__(self, capacity: int, robots: int) -> None:
@@ -65,6 +65,7 @@ class LandmarkMap:
         self.identity, self.subject, self.hits, self.missed, self.rejected, self.last_seen, self.last_robot = np.zeros((7, capacity), dtype=np.intp)
         self.last_seen_by = np.full((capacity, robots), -1, dtype=np.intp)
         self.last_localized = np.full(robots, -1, dtype=np.intp)
+        self.view = np.zeros((capacity, 3))
         self._descriptor = np.zeros((capacity, robots, 0), dtype=np.float32)
 
     @property
@@ -81,6 +82,7 @@ class LandmarkMap:
         self.last_seen[i], self.last_robot[i] = tick, robot
         self.last_seen_by[i] = -1
         self.last_seen_by[i, robot] = tick
+        self.view[i] = 0.0
         self._descriptor[i] = 0
         self._descriptor[i, robot] = descriptor
         self._next += 1
@@ -122,6 +124,7 @@ class LandmarkMap:
             self.last_seen,
             self.last_robot,
             self.last_seen_by,
+            self.view,
             self._descriptor,
         ):
             column[landmark] = column[last]

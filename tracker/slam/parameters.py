@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from tracker.ekf.odometry_biases import BiasModel
 from tracker.slam.data_association import Gate
 from tracker.slam.features import FeatureParameters
+from tracker.slam.landmark_drift import DriftModel
 from tracker.slam.landmark_initialization import InitializationParameters
 from tracker.slam.landmark_map import PruningParameters
 from tracker.slam.resection import RelocalizationParameters
@@ -20,7 +21,7 @@ class SlamParameters:
     an update. correction: estimate a correction factor a robot. correction_sigma rad: its initial deviation about x, y, z. correction_walk:
     its random walk, rad an axis a square root of a second. gravity_correlation_time and rotation_correlation_time s: correlation times of errors
     of "up" and of the odometry's rotation, for which the variances are inflated. odometry_biases: estimate these errors as states, without
-    rotation_correlation_time (None: do not; not for invariant). robust: standard deviations of a residual beyond which it loses weight.
+    rotation_correlation_time (None: do not; not for invariant). feature_drift: lasting errors of features of images (None: they are white). robust: standard deviations of a residual beyond which it loses weight.
 
     max_updates: landmarks a camera updates at once. max_new_landmarks: of a camera a tick. capacity: landmarks in the map. clones: earlier poses
     kept a robot, one every `clone_spacing` m. robot_radius m: sightings so near to another robot's centre are no landmarks, unless named.
@@ -36,6 +37,7 @@ class SlamParameters:
     gravity_correlation_time: float = 1.0
     rotation_correlation_time: float = 0.2
     odometry_biases: BiasModel | None = None
+    feature_drift: DriftModel | None = None
     robust: float = 3.0
     max_updates: int = 32
     max_new_landmarks: int = 12
@@ -61,8 +63,8 @@ class SlamParameters:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
 
     def with_odometry_biases(self) -> SlamParameters:
-        """With odometry biases as states and first-estimates Jacobians, with which NEES is near one.
+        """With odometry biases as states, drift of image features and first-estimates Jacobians, with which NEES is near one.
 
-        Meant for wheels that slip; it has no advantage where errors are independent from tick to tick.
+        Meant for wheels that slip and for features of images; it has no advantage where errors are independent from tick to tick.
         """
-        return replace(self, mode="fej", odometry_biases=BiasModel())
+        return replace(self, mode="fej", odometry_biases=BiasModel(), feature_drift=DriftModel())
