@@ -1,6 +1,6 @@
 """Errors of image features that last: the point that a feature shows slides over the surface while the view of it changes.
 
-The errors of the bearings of one feature are alike from frame to frame, and part with the angle and the distance from which it is seen.
+The errors of the bearings of one feature are alike from frame to frame. They change with the direction and the distance of the view.
 A filter that takes them for independent is overconfident. Here they are a random walk of the landmark, beside white noise.
 """
 

@@ -57,7 +57,8 @@ class LandmarkMap:
 
     identity: a unique number; subject: the given name or −1; descriptor (count, robots, d): the last one that each robot saw; hits, missed,
     rejected: counts. last_seen: tick of the last sighting; last_robot: its robot; last_seen_by (capacity, robots): tick of each robot's last
-    sighting, −1 for none. view (capacity, 3) m: the last camera's position relative to the landmark, zero if unknown. last_localized (robots,): the last tick at which each robot had sightings and was not lost.
+    sighting, −1 for none. view (capacity, 3) m: the last camera's position relative to the landmark, zero if unknown.
+    last_localized (robots,): the last tick at which each robot had sightings and was not lost.
     """
 
     def __init__(self, capacity: int, robots: int) -> None:

@@ -21,7 +21,9 @@ class SlamParameters:
     an update. correction: estimate a correction factor a robot. correction_sigma rad: its initial deviation about x, y, z. correction_walk:
     its random walk, rad an axis a square root of a second. gravity_correlation_time and rotation_correlation_time s: correlation times of errors
     of "up" and of the odometry's rotation, for which the variances are inflated. odometry_biases: estimate these errors as states, without
-    rotation_correlation_time (None: do not; not for invariant). feature_drift: lasting errors of features of images (None: they are white). robust: standard deviations of a residual beyond which it loses weight.
+    rotation_correlation_time (None: do not; not for invariant).
+    feature_drift: lasting errors of features of images (None: all are white). robust: standard deviations of a residual beyond which it loses
+    weight.
 
     max_updates: landmarks a camera updates at once. max_new_landmarks: of a camera a tick. capacity: landmarks in the map. clones: earlier poses
     kept a robot, one every `clone_spacing` m. robot_radius m: sightings so near to another robot's centre are no landmarks, unless named.

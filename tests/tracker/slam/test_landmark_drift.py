@@ -15,7 +15,7 @@ from tracker.slam.parameters import SlamParameters
 from tracker.types import Mount, Start
 
 SIGMA = 0.004
-MOUNT = Mount("r", Pose.identity(), Panorama(1024, 512))
+MOUNT = Mount(Panorama(1024, 512), Pose.identity(), "r")
 
 
 def a_map(points: Array) -> tuple[JointState, LandmarkMap]:
