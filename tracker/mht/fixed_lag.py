@@ -1,15 +1,17 @@
 """Fixed-lag smoothing of the tracks of the global hypothesis: the tick `delay` ticks ago, given all measurements up to now.
 
-A leaf remembers its filtered states, which a Rauch-Tung-Striebel smoother goes through backwards (rts_smoother.rts_step).
+A leaf remembers its filtered states, which the fixed-interval smoother goes through backwards (Rauch, Tung, Striebel 1965, Maximum likelihood
+estimates of linear dynamic systems).
 """
 
 from __future__ import annotations
 
 from typing import final
 
+import numpy as np
+
 from tracker.geometry import Mask
 from tracker.mht.track_trees import TrackHypotheses
-from tracker.tracks.rts_smoother import rts_step
 from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition
 
 
@@ -47,5 +49,9 @@ def smoothed(tracks: TrackHypotheses, ago: int, motion: tuple[float, MotionParam
     """The smoothed tracks of `ago` ticks before; all are older than that. motion: period s and parameters."""
     x, P = tracks.states[:, 0], tracks.covariances[:, 0]
     for k in range(1, ago + 1):
-        x, P = rts_step((tracks.states[:, k], tracks.covariances[:, k]), (x, P), *coasting_transition(tracks.past_misses[:, k - 1], *motion))
-    return Tracks(tracks.tree, x, P, tracks.score, tracks.hits, tracks.misses, tracks.age)
+        (F, Q), state, covariance = coasting_transition(tracks.past_misses[:, k - 1], *motion), tracks.states[:, k], tracks.covariances[:, k]
+        predicted = F @ covariance @ F.transpose(0, 2, 1) + Q
+        C = np.linalg.solve(predicted, F @ covariance).transpose(0, 2, 1)
+        x = state + (C @ (x[:, :, None] - F @ state[:, :, None]))[:, :, 0]
+        P = covariance + C @ (P - predicted) @ C.transpose(0, 2, 1)
+    return Tracks(tracks.tree, x, P, tracks.score, tracks.misses)

@@ -12,7 +12,7 @@ import numpy as np
 
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array, Ints, Mask
-from tracker.tracks.tracks import MotionParameters, coasting_transition, position_sigma
+from tracker.tracks.tracks import MotionParameters, coasting_transition
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,8 @@ class TrackHypotheses:
     @property
     def position_sigma(self) -> Array:
         """(n,) m, standard deviation of the place along the major axis."""
-        return position_sigma(self.covariance)
+        a, b, c = (self.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+        return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
 
     @property
     def speed(self) -> Array:
@@ -89,27 +90,21 @@ def initiated(
 
     stature: mean and standard deviation of people, m; size: ticks of memory, cameras, and length of an appearance.
     """
-    n = len(groups)
+    n, (window, cameras, length) = len(groups), size
     state, covariance = np.zeros((n, 5)), np.zeros((n, 5, 5))
     for k, group in enumerate(groups):
         state[k, :2] = group.point
         covariance[k, :2, :2] = group.covariance
     covariance[:, 2, 2] = covariance[:, 3, 3] = motion.start_speed**2
     state[:, 4], covariance[:, 4, 4] = stature[0], stature[1] ** 2
-    return _roots(first_tree + np.arange(n), state, covariance, size)
-
-
-def _roots(tree: Ints, state: Array, covariance: Array, size: tuple[int, int, int]) -> TrackHypotheses:
-    """Leaves of one tick; size: ticks of memory, cameras, and length of an appearance."""
-    n, (window, cameras, length) = len(tree), size
     zero, ones, no = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, dtype=bool)
     states, covariances, detected = np.zeros((n, window, 5)), np.zeros((n, window, 5, 5)), np.zeros((n, window), dtype=bool)
     states[:, 0], covariances[:, 0], detected[:, 0] = state, covariance, True
     node = np.full((n, window), -1, dtype=np.int64)
     appearance = np.zeros((n, cameras, length)), np.zeros((n, cameras))
     return TrackHypotheses(
-        tree, state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, zero, no, no, node, states, covariances, detected, 0 * node,
-        np.zeros((n, window)), np.zeros(n), *appearance,
+        first_tree + np.arange(n), state, covariance, np.zeros(n), np.zeros(n), ones, zero, ones, zero, zero, no, no,
+        node, states, covariances, detected, 0 * node, np.zeros((n, window)), np.zeros(n), *appearance,
     )  # fmt: skip
 
 

@@ -366,4 +366,4 @@ def _one_leaf_per_tree(leaves: TrackHypotheses, best: Ints) -> Ints:
 
 def _tracks(people: TrackHypotheses) -> Tracks:
     """The tracks without their memory."""
-    return Tracks(people.tree, people.state, people.covariance, people.score, people.hits, people.misses, people.age)
+    return Tracks(people.tree, people.state, people.covariance, people.score, people.misses)

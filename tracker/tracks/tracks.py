@@ -31,16 +31,14 @@ class Tracks:
     """Rows are tracks.
 
     tree (n,): ids, never used again; state (n, 5): x, y m, velocity m/s and stature m; covariance (n, 5, 5); score (n,): existence score, a
-    log-likelihood ratio over clutter. hits, misses, age (n,): frames with a box, frames without a box in a row, frames since initiation.
+    log-likelihood ratio over clutter. misses (n,): frames without a box in a row.
     """
 
     tree: Ints
     state: Array
     covariance: Array
     score: Array
-    hits: Ints
     misses: Ints
-    age: Ints
 
     def __len__(self) -> int:
         return len(self.tree)
@@ -51,12 +49,6 @@ class Tracks:
 
 
 _COLUMNS = tuple(Tracks.__dataclass_fields__)
-
-
-def position_sigma(covariance: Array) -> Array:
-    """(n,) m, standard deviation of the place along the major axis; covariance (n, 5, 5) of states."""
-    a, b, c = (covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
 
 
 def transition(dt: float, motion: MotionParameters) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ def tracks(*people: Person) -> Tracks:
     state, ids = np.stack([x, y, vx, vy, 1.72 + 0 * x], axis=1).astype(float), tree.astype(np.int64)
     covariance = np.tile(np.diag([0.03, 0.03, 0.2, 0.2, 0.01]), (len(ids), 1, 1))
     zero: Ints = np.zeros(len(ids), dtype=np.int64)
-    return Tracks(ids, state, covariance, zero + 9.0, zero + 9, misses.astype(np.int64), zero + 9)
+    return Tracks(ids, state, covariance, zero + 9.0, misses.astype(np.int64))
 
 
 def compared(a: Appearance, b: Appearance) -> float:

@@ -19,7 +19,7 @@ def reported_ids(x: list[float | None]) -> set[int]:
         n, one = int(place is not None), np.ones(int(place is not None), dtype=np.int64)
         state = np.zeros((n, 5))
         state[:, 0] = place or 0.0
-        ids, feet, _ = track_ids.report(Tracks(7 * one, state, np.tile(np.eye(5), (n, 1, 1)), 1.0 * one, one, 0 * one, one))
+        ids, feet, _ = track_ids.report(Tracks(7 * one, state, np.tile(np.eye(5), (n, 1, 1)), 1.0 * one, 0 * one))
         assert len(ids) == len(feet) == int(place is not None and place <= EDGE)
         out |= set(ids.tolist())
     return out
