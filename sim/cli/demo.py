@@ -96,6 +96,7 @@ def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | 
     """
     from sim.parallel.pool import usable_cores
     from sim.recording.record import record
+    from tracker.geometry.compile_ahead import compiling
     from tracker.io.atomic import is_free, write_text
     from tracker.io.progress import progress_bar
     from tracker.io.resume import json_value
@@ -111,8 +112,12 @@ def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | 
     # The model is checked before the work, and the run names it.
     run: dict[str, Any] = {"source": "sequence", "views": []} | ({"model": PersonNetwork(model).checksum} if pixels else {})
     folder = out / "sequence"
-    if not folder.exists():
-        record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"), usable_cores())
+    # On the first run, the tracker's kernels are compiled while the sequence is made.
+    with compiling(2 if usable_cores() > 1 else 0) as processes:
+        if not folder.exists():
+            record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"), usable_cores())
+        for process in processes:
+            process.wait()
     sequence = read_sequence(folder)
     if not is_free(out / "track"):
         there = read_results(out / "track").run

@@ -16,6 +16,7 @@ import numba
 from numba.core import config, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
+from numba.core.registry import cpu_target
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -35,6 +36,13 @@ class RepairedCache(FunctionCache):
         except Exception:
             self._empty()
             return None
+
+    def holds(self, arguments: tuple[Any, ...]) -> bool:
+        """Whether the function is in the cache for arguments of these types of numba. It is not loaded."""
+        try:
+            return self._index_key(arguments, cpu_target.target_context.codegen()) in self._cache_file._load_index()
+        except Exception:
+            return False
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep a compiled function, if possible."""

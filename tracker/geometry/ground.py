@@ -79,7 +79,9 @@ class Grid:
         """
         if not np.isfinite(limit):
             raise ValueError(f"limit is {limit} m, needs to be finite")
-        o, d = (np.ascontiguousarray(v, dtype=np.float64) for v in (origins, directions))
+        o, d = (np.ascontiguousarray(v, dtype=np.float64).view() for v in (origins, directions))
+        # One kind of array, so that the kernel is compiled once.
+        o.flags.writeable = d.flags.writeable = False
         distance = _march(self.heights, self.origin, self.spacing, float(self.heights.max()) + 1e-6, o, d, float(limit))
         hit = distance >= 0
         return o + np.where(hit, distance, 0.0)[:, None] * d, hit

@@ -88,7 +88,10 @@ class Heightfield:
 
     def height_at(self, points: ArrayLike) -> Array:
         """(n, 2 or more) x, y m → (n,) heights m; the nearest inside outside."""
-        return _interpolated(self.heights, self.origin, self.spacing, np.asarray(points, dtype=np.float64))
+        # One kind of array, read-only and contiguous, so that the kernel is compiled once.
+        places = np.ascontiguousarray(points, dtype=np.float64).view()
+        places.flags.writeable = False
+        return _interpolated(self.heights, self.origin, self.spacing, places)
 
     def normal_at(self, points: ArrayLike) -> Array:
         """(n, 2 or more) x, y m → (n, 3) unit normals of the triangle there, upwards; that of the nearest inside outside."""
