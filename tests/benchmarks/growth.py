@@ -31,6 +31,7 @@ from sim.parallel.pool import ONE_THREAD
 from sim.recording.drawing_workers import DrawingWorkers
 from sim.recording.frame_loop import simulated_frames, truth_of
 from sim.recording.tracker_setup import make_setup
+from sim.rendering.gl_context import GLUnavailable, choose_gl
 from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
@@ -56,6 +57,8 @@ POINTS: dict[str, tuple[int, ...]] = {
     "sequences": (100, 1_000, 10_000),
 }
 """Measurement → sizes."""
+DRAWN = ("people", "cameras", "resolution", "workers")
+"""Measurements that choose an OpenGL backend."""
 
 
 def memory() -> float:
@@ -193,12 +196,15 @@ def main(chosen: list[str] | None = None) -> None:
     os.environ |= dict.fromkeys(ONE_THREAD, "1")
     found: dict[str, dict[str, dict[str, float]]] = json.loads(FIGURES.read_text()) if FIGURES.exists() else {}
     for name, _, only in (one.partition("=") for one in chosen or MEASURE):
+        if name in DRAWN:
+            # The test of backends takes seconds; forked processes inherit its choice.
+            choose_gl()
         if name == "sequences":
             one_sequence()
         for size in [int(only)] if only else POINTS[name]:
             try:
                 values = measured(name, size)
-            except (ValueError, OSError) as error:
+            except (ValueError, OSError, GLUnavailable) as error:
                 print(f"{name} {size}: {error}", flush=True)
                 continue
             found.setdefault(name, {})[str(size)] = values
