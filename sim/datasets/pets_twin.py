@@ -25,10 +25,10 @@ from sim.simulation.simulation import Simulation
 from tracker.datasets.pets2009 import PETS_RATE
 from tracker.formats.pets2009 import Annotations, ground_truth, read_annotations, read_camera
 from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.box_overlaps import box_overlaps as overlaps
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Flat
 from tracker.io.resume import checksum
-from tracker.metrics.matching import overlap
 from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes
 from worlds import catalogue
@@ -195,10 +195,5 @@ def box_overlaps(twin: Twin, folder: Path) -> Array:
         edges = np.column_stack([corner, corner + boxes[:, 2:]])
         edges = np.clip(edges, 0.0, [camera.width, camera.height, camera.width, camera.height])
         same = ids[:, None] == truth.person[None, :]
-        out.append((overlap(_with_size(edges), _with_size(truth.full)) * same).max(axis=1, initial=0.0))
+        out.append((overlaps(edges, truth.full) * same).max(axis=1, initial=0.0))
     return np.concatenate(out)
-
-
-def _with_size(edges: Array) -> Array:
-    """Boxes of left, top, width and height from edges left, top, right, bottom."""
-    return np.column_stack([edges[:, :2], edges[:, 2:] - edges[:, :2]])

