@@ -31,6 +31,7 @@ LIGHTS = (BUILT_LIGHT, "overcast", "low", "dim", LAMPS)
 OPTIONAL = {
     "imu": "", "wheels": 0.0, "clock": "", "detector_model": INDEPENDENT, "camera": "", "view_camera": "", "effects": "",
     "distractors": 0, "groups": 0.0, "sitting": 0.0, "clothing": PLAIN_CLOTHING, "umbrellas": 0.0, "light": BUILT_LIGHT, "wet": 0.0, "speed": 0.7,
+    "facades": 0, "glare": 0.0,
 }  # fmt: skip
 """Optional fields with the values that switch them off. The JSON of a scenario holds only those that are switched on."""
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -56,6 +57,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "sitting": (0.0, 1.0),
     "umbrellas": (0.0, 1.0),
     "wet": (0.0, 1.0),
+    "facades": (0, 60),
+    "glare": (0.0, 1.0),
     "speed": (0.1, 1.5),
 }
 """Lowest and highest value of every numeric field, both included."""
@@ -83,6 +86,7 @@ class Scenario:
     clothing: plain, or varied: mostly dark, with long coats, long skirts, hoods and loose hair.
     umbrellas: probability that a person who does not sit carries one, 0 by default.
     light: one of LIGHTS. built: as the world has it. lamps: of a room, in place of the sun. wet: how wet the ground is, 0 by default.
+    facades: number of buildings with windows around the world. glare: probability that a window of theirs mirrors the sun, or is lit from inside.
     speed: top speed of rovers that drive to goals of their own, m/s.
     Raises ValueError with name, value and bound for any field out of its bounds, NaN included.
     """
@@ -120,6 +124,8 @@ class Scenario:
     light: str = BUILT_LIGHT
     wet: float = 0.0
     speed: float = 0.7
+    facades: int = 0
+    glare: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.world, str) or not self.world:
@@ -152,6 +158,8 @@ class Scenario:
             raise ValueError(f"light is {repr(self.light)[:60]}, needs one of {', '.join(LIGHTS)}")
         if self.groups + self.sitting > 1:
             raise ValueError(f"groups and sitting are {self.groups:g} and {self.sitting:g}, need shares of at most 1 together")
+        if self.glare and not self.facades:
+            raise ValueError(f"glare is {self.glare:g} and facades is 0, needs the facades whose windows glare")
         _ = self.imu_steps, self.wheel_steps
         if self.clock:
             own = {f"robot_{i}{part}" for i in range(self.robots) for part in ("", "_camera")}

@@ -46,6 +46,10 @@ class ScenarioSettings:
     """built (as the world has it), overcast, low (a low warm sun), dim, or lamps (of a room, in place of the sun)."""
     wet: Number = None
     """How wet the ground is, from 0 to 1: darker, and bright towards the sun."""
+    facades: Whole = None
+    """Number of buildings with windows that stand around the world; 0 is usual."""
+    glare: Number = None
+    """Probability that a window of these buildings mirrors the sun or is lit from inside, from 0 to 1."""
     speed: Number = None
     """Top speed of the rovers, m/s; 0.7 is usual."""
     distractors: Whole = None

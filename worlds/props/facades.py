@@ -1,0 +1,110 @@
+"""Building fronts with windows around a world, some of whose panes glare: they mirror the sun, or are lit from inside."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from worlds.engine import mujoco
+from worlds.props.shapes import Shape, quad
+from worlds.terrain.heightfield import Array, Heightfield
+from worlds.terrain.polygons import turned
+from worlds.textures.canvas import Box
+from worlds.textures.facade_pictures import BAY, STOREY, VARIANTS, bay_box, facade
+from worlds.textures.materials import add_material
+
+BAYS, STOREYS = (3, 9), (1, 5)
+"""Least and largest number of bays and of storeys, the upper one excluded."""
+DISTANCE, DEPTH, FOOTING = (0.5, 8.0), 6.0, 3.0
+"""m: distance of a front from the ground of the world, depth of a building, and how far it reaches below the ground beside it."""
+FIRST = 1000
+"""Number of the first building, beyond those of the walls of any world."""
+SUN, INSIDE = (1.0, 0.99, 0.94, 1.0), (1.0, 0.86, 0.58, 1.0)
+"""RGBA of panes that mirror the sun, and of panes with lamps behind them."""
+MIRRORS = 0.5
+"""Share of the glaring panes that mirror the sun."""
+THICKNESS = 0.02
+"""m: how far a glaring pane stands out."""
+
+
+def add_facades(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfield, count: int, glare: float) -> None:
+    """Put `count` buildings around the ground of a world, each with its front towards the world.
+
+    Free space is not changed, since nobody can be there. glare: probability that a window glares. In rooms they stand behind the walls.
+    """
+    for name, colour in (("glare_sun", SUN), ("glare_inside", INSIDE)):
+        spec.add_material(name=name, emission=1.0, specular=0.0, rgba=list(colour))
+    for number in range(FIRST, FIRST + count):
+        canvas, pane = facade(rng)
+        name = f"wall{number}"
+        add_material(spec, f"{name}-facade", canvas, 0.05)
+        bays, storeys = int(rng.integers(*BAYS)), int(rng.integers(*STOREYS))
+        place, yaw = _place(rng, ground.extent, bays * BAY)
+        low, high = ground.extent
+        on = np.array([*place, float(ground.height_at(np.clip(place, low, high)[None])[0])])
+        front, windows = _front(rng, bays, storeys)
+        parts = {"facade": (front + _body(bays * BAY, storeys * STOREY), f"{name}-facade")}
+        # As many draws for any share, so that the same buildings stand there.
+        glares, mirrors = rng.random(len(windows)) < glare, rng.random(len(windows)) < MIRRORS
+        for part, some in (("sun", windows[glares & mirrors]), ("inside", windows[glares & ~mirrors])):
+            if len(some):
+                parts[part] = _panes(some, pane), f"glare_{part}"
+        for part, (shape, material) in parts.items():
+            geom = shape.add_to(spec, f"{name}-{part}", material, on, yaw)
+            # Nobody reaches it, and its shadow would lie over half of the world.
+            geom.contype, geom.conaffinity, geom.castshadow = 0, 0, False
+
+
+def _place(rng: np.random.Generator, extent: Array, width: float) -> tuple[Array, float]:
+    """The middle (2,) m of the foot of a front outside of an extent [[xmin, ymin], [xmax, ymax]], and the yaw that turns it from −y to the world."""
+    low, high = np.asarray(extent)
+    side, out = int(rng.integers(4)), float(rng.uniform(*DISTANCE))
+    yaw = (0.0, -np.pi / 2, np.pi, np.pi / 2)[side]
+    half = (high - low) / 2 if side % 2 == 0 else (high - low)[::-1] / 2
+    along = rng.uniform(-1, 1) * max(0.0, half[0] - width / 4)
+    return (low + high) / 2 + turned(np.array([[along, half[1] + out]]), yaw)[0], yaw
+
+
+def _front(rng: np.random.Generator, bays: int, storeys: int) -> tuple[Shape, Array]:
+    """The front of a building at y = 0, and the lower left corners (n, 2) m of x and z of its bays with a window."""
+    shape, corners = _wall(bays * BAY, -FOOTING, 0.0), []
+    for storey in range(storeys):
+        for bay in range(bays):
+            x, z, variant = (bay - bays / 2) * BAY, storey * STOREY, int(rng.integers(VARIANTS))
+            square = [(x, 0, z), (x + BAY, 0, z), (x + BAY, 0, z + STOREY), (x, 0, z + STOREY)]
+            shape += quad(square, bay_box(variant))
+            if variant < VARIANTS - 1:
+                corners.append((x, z))
+    return shape, np.array(corners).reshape(-1, 2)
+
+
+def _wall(width: float, low: float, high: float) -> Shape:
+    """A wall without windows at y = 0."""
+    half = width / 2
+    return quad([(-half, 0, low), (half, 0, low), (half, 0, high), (-half, 0, high)], bay_box(VARIANTS - 1))
+
+
+def _body(width: float, height: float) -> Shape:
+    """The other walls and the roof."""
+    half, blank = width / 2, bay_box(VARIANTS - 1)
+    ring = [(half, 0.0), (half, DEPTH), (-half, DEPTH), (-half, 0.0)]
+    shape = quad([(-half, 0, height), (half, 0, height), (half, DEPTH, height), (-half, DEPTH, height)], blank)
+    for (ax, ay), (bx, by) in pairwise(ring):
+        shape += quad([(ax, ay, -FOOTING), (bx, by, -FOOTING), (bx, by, height), (ax, ay, height)], blank)
+    return shape
+
+
+def _panes(corners: Array, pane: Box) -> Shape:
+    """Panes as flat boxes before the front; corners (n, 2) m of x and z of their bays."""
+    x0, z0, x1, z1 = pane
+    shape = None
+    for x, z in corners:
+        ring = [(x + x0, z + z0), (x + x1, z + z0), (x + x1, z + z1), (x + x0, z + z1)]
+        whole = np.array([[0.0, 0.0], [1.0, 1.0]])
+        one = quad([(a, -THICKNESS, b) for a, b in ring], whole)
+        for (ax, az), (bx, bz) in zip(ring, ring[1:] + ring[:1], strict=True):
+            one += quad([(ax, 0, az), (bx, 0, bz), (bx, -THICKNESS, bz), (ax, -THICKNESS, az)], whole)
+        shape = one if shape is None else shape + one
+    assert shape is not None
+    return shape
