@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array
+from tracker.geometry.box_overlaps import box_overlaps
 
 FEET = 0.15
 """Lowest share of a box that counts as the area of its feet."""
@@ -48,19 +49,6 @@ class FoundBoxes:
         return FoundBoxes(self.box[rows], self.probability[rows], None if self.sigma is None else self.sigma[rows])
 
 
-def ious(one: Array, others: Array, period: float | None = None) -> Array:
-    """IoU (n,) of a box (4,) with others (n, 4): left, top, width, height px. period: width of an image that wraps, px."""
-    shift = others[:, 0] - one[0]
-    if period is not None:
-        # The nearest copy of each box, by the middles.
-        middle = shift + (others[:, 2] - one[2]) / 2
-        shift = shift - period * np.round(middle / period)
-    across = np.minimum(shift + others[:, 2], one[2]) - np.maximum(shift, 0.0)
-    up = np.minimum(others[:, 1] + others[:, 3], one[1] + one[3]) - np.maximum(others[:, 1], one[1])
-    both = np.maximum(across, 0.0) * np.maximum(up, 0.0)
-    return np.asarray(both / np.maximum(others[:, 2] * others[:, 3] + one[2] * one[3] - both, 1e-9))
-
-
 def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> FoundBoxes:
     """Non-maximum suppression: of boxes that are one person, the surest.
 
@@ -73,14 +61,15 @@ def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> 
 def kept_rows(boxes: Array, score: Array, iou: float, period: float | None) -> Ints:
     """Rows of boxes (n, 4) with scores (n,) that `one_for_each` keeps, the surest first."""
     order = np.lexsort((boxes[:, 0], boxes[:, 1], -score))
-    box = boxes[order]
-    feet = np.column_stack([box[:, 0], box[:, 1] + (1 - FEET) * box[:, 3], box[:, 2], FEET * box[:, 3]])
+    left, top, width, height = boxes[order].T
+    box = np.column_stack([left, top, left + width, top + height])
+    feet = np.column_stack([left, top + (1 - FEET) * height, left + width, top + height])
     alive, kept = np.ones(len(box), dtype=bool), []
     for k in range(len(box)):
         if not alive[k]:
             continue
         kept.append(k)
-        overlap = ious(box[k], box[k + 1 :], period)
-        same = (overlap > iou) | ((overlap > SOFTER * iou) & (ious(feet[k], feet[k + 1 :], period) > SAME_FEET))
+        overlap, stand = (box_overlaps(edges[k : k + 1], edges[k + 1 :], period)[0] for edges in (box, feet))
+        same = (overlap > iou) | ((overlap > SOFTER * iou) & (stand > SAME_FEET))
         alive[k + 1 :] &= ~same
     return np.asarray(order[np.array(kept, dtype=np.int64)])

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from tests.tracker.person_detector.blob_network import BLOB, HEIGHT, META, WIDTH, picture_with, write_blob_network
 from tracker.geometry import angles_from_bearing
+from tracker.geometry.box_overlaps import box_overlaps
 from tracker.geometry.cameras import Panorama, Pinhole
 from tracker.geometry.ground import Flat
 from tracker.person_detector.detector import CameraPlace, PersonDetector
-from tracker.person_detector.found_boxes import FoundBoxes, ious, one_for_each
+from tracker.person_detector.found_boxes import FoundBoxes, one_for_each
 from tracker.person_detector.magnification import LARGEST_SHARE, SMALL, magnified_parts
 from tracker.person_detector.network import PersonNetwork
 from tracker.person_detector.peaks import Peaks
@@ -153,8 +154,8 @@ def test_suppression_does_not_depend_on_the_order_and_wraps() -> None:
     np.testing.assert_array_equal(one.box, other.box)
     moved = one_for_each(FoundBoxes(np.column_stack([(box[:, 0] + 390) % 400, box[:, 1:]]), probability), 0.4, 400.0)
     np.testing.assert_allclose(moved.box[:, 0], (one.box[:, 0] + 390) % 400)
-    for k in range(len(one)):
-        assert (ious(one.box[k], np.delete(one.box, k, axis=0), 400.0) <= 0.4).all()
+    edges = np.column_stack([one.box[:, :2], one.box[:, :2] + one.box[:, 2:]])
+    assert (box_overlaps(edges, edges, 400.0) - np.eye(len(edges)) <= 0.4).all()
 
 
 def test_only_boxes_of_a_possible_stature_stand_on_the_ground() -> None:
