@@ -57,7 +57,10 @@ def add_facades(spec: mujoco.MjSpec, rng: np.random.Generator, ground: Heightfie
 
 
 def _place(rng: np.random.Generator, extent: Array, width: float) -> tuple[Array, float]:
-    """The middle (2,) m of the foot of a front outside of an extent [[xmin, ymin], [xmax, ymax]], and the yaw that turns it from −y to the world."""
+    """The middle (2,) m of the foot of a front outside of an extent [[xmin, ymin], [xmax, ymax]], and its yaw.
+
+    The yaw turns the front from −y to the world.
+    """
     low, high = np.asarray(extent)
     side, out = int(rng.integers(4)), float(rng.uniform(*DISTANCE))
     yaw = (0.0, -np.pi / 2, np.pi, np.pi / 2)[side]

@@ -20,7 +20,10 @@ def bay_box(variant: int) -> Array:
 
 
 def facade(rng: np.random.Generator) -> tuple[Canvas, Box]:
-    """The picture of the bays of a front, and the pane of its windows: x0, y0, x1, y1 m from the lower left corner of a bay."""
+    """The picture of the bays of a front, and the pane of its windows.
+
+    The pane is x0, y0, x1, y1 m from the lower left corner of a bay.
+    """
     material = (brick, brick, plaster, concrete)[int(rng.integers(4))]
     canvas = material(rng, VARIANTS * BAY, STOREY, 0.0)
     width, sill, top = rng.uniform(1.0, 2.4), rng.uniform(0.7, 1.1), rng.uniform(2.3, 2.7)
