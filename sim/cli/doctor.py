@@ -6,7 +6,7 @@ import importlib
 import os
 import platform
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from sim.cli.options import json_text
@@ -20,7 +20,7 @@ class Doctor:
     """Report what this computer has: versions, OpenGL, rendering speed.
 
     The report names the OpenGL renderer, says whether it is a GPU, and measures the
-    panoramas that it renders per second.
+    panoramas that it renders per second. It counts what passes to and from the driver.
 
     Example: pilsim doctor --json
     """
@@ -36,7 +36,7 @@ class Doctor:
 def examine(seconds: float = 3.0) -> dict[str, Any]:
     """Versions, platform, OpenGL and rendering speed as JSON values. The speed is measured for about `seconds` s.
 
-    Without OpenGL, "gl" and "speed" are None, and "fault" names what to install. Raises ValueError where `seconds` is not above 0.
+    Without OpenGL, "gl", "speed" and "traffic" are None, and "fault" names what to install. Raises ValueError where `seconds` is not above 0.
     """
     if not seconds > 0:
         raise ValueError(f"seconds is {seconds}, needs more than 0")
@@ -47,6 +47,7 @@ def examine(seconds: float = 3.0) -> dict[str, Any]:
         "backend": None,
         "gl": None,
         "speed": None,
+        "traffic": None,
         "fault": None,
     }
     try:
@@ -70,6 +71,12 @@ def describe(report: dict[str, Any]) -> str:
         f"{'speed':10} {speed['panoramas']:.1f} panoramas a second, {speed['width']} x {speed['height']}, colour + instances + range,"
         f" {speed['scene']}, {speed['robots']} robots, {speed['people']} people",
     ]
+    if (traffic := report["traffic"]) is not None:
+        lines.append(
+            f"{'traffic':10} a panorama: {traffic['uploads']:.1f} uploads of {traffic['uploaded_bytes'] / 1e6:.2f} MB,"
+            f" {traffic['draws']:.0f} draw calls,"
+            f" {traffic['read_backs']:.0f} read-backs of {traffic['read_bytes'] / 1e6:.1f} MB, each of which waits for the driver"
+        )
     return "\n".join(lines)
 
 
@@ -97,11 +104,12 @@ def _rendering(seconds: float) -> dict[str, Any]:
         information = renderer.information
         # The first panorama includes compilation by the driver and by numba.
         renderer.render(simulation.data, poses)
-        started, drawn = time.perf_counter(), 0
+        before, started, drawn = renderer.traffic, time.perf_counter(), 0
         while not drawn or time.perf_counter() - started < seconds:
             drawn += len(renderer.render(simulation.data, poses))
-        rate = drawn / (time.perf_counter() - started)
+        rate, traffic = drawn / (time.perf_counter() - started), renderer.traffic.since(before)
     size = {"width": camera.width, "height": camera.height}
     content = {"scene": scenario.world, "robots": scenario.robots, "people": scenario.people}
     gl = {"vendor": information.vendor, "renderer": information.renderer, "version": information.version, "gpu": information.is_gpu}
-    return {"gl": gl, "speed": {"panoramas": rate} | size | content}
+    passed = {name: count / drawn for name, count in asdict(traffic).items()}
+    return {"gl": gl, "speed": {"panoramas": rate} | size | content, "traffic": passed}

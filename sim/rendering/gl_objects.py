@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,35 @@ from numpy.typing import NDArray
 
 from sim.rendering.gl_context import GLUnavailable
 from worlds.engine import mujoco
+
+
+@dataclass
+class DriverTraffic:
+    """What passed between the program and the driver: uploads of buffers, draw calls and read-backs, with their bytes.
+
+    A read-back waits until the driver has drawn all that was asked before, so it is a point of synchronization.
+    """
+
+    uploads: int = 0
+    uploaded_bytes: int = 0
+    draws: int = 0
+    read_backs: int = 0
+    read_bytes: int = 0
+
+    def upload(self, size: int) -> None:
+        """Count one upload of `size` bytes."""
+        self.uploads += 1
+        self.uploaded_bytes += size
+
+    def read_back(self, size: int) -> None:
+        """Count one read-back of `size` bytes."""
+        self.read_backs += 1
+        self.read_bytes += size
+
+    def since(self, before: DriverTraffic) -> DriverTraffic:
+        """The difference to an earlier state."""
+        return DriverTraffic(*(now - then for now, then in zip(astuple(self), astuple(before), strict=True)))
+
 
 NEEDED = ("GL_ARB_multi_draw_indirect", "GL_ARB_clip_control", "GL_ARB_base_instance", "GL_ARB_shading_language_420pack")
 

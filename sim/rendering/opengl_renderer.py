@@ -43,6 +43,7 @@ class OpenGLRenderer:
         from OpenGL import GL
 
         self._gl: Any = GL
+        self.traffic = gl_objects.DriverTraffic()
         gl_objects.check(GL)
         self._model, self._draw_list, self._size = model, drawn, size
         self.lights = Lights.of(model)
@@ -62,8 +63,7 @@ class OpenGLRenderer:
     def update(self, data: mujoco.MjData) -> None:
         """Upload the current records of the draw list, and draw the shadow maps."""
         GL = self._gl
-        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._record_buffer)
-        GL.glBufferData(GL.GL_ARRAY_BUFFER, self._draw_list.records.nbytes, self._draw_list.records, GL.GL_STREAM_DRAW)
+        self._upload(GL.GL_ARRAY_BUFFER, self._record_buffer, self._draw_list.records)
         self._data = data
         self._cast_shadows(data)
 
@@ -84,11 +84,20 @@ class OpenGLRenderer:
             if self.lights.shadows:
                 GL.glUniformMatrix4fv(self._uniform_location(program, "shadows"), self.lights.shadows, GL.GL_TRUE, self._shadow_matrices)
 
-    def draw(self, place: Place, matrix: Array, draw_commands: DrawCommands) -> None:
-        """Draw commands into the viewport `place` (left, bottom, width, height); matrix (4, 4): projection from world to clip space."""
+    def upload_faces(self, faces: Sequence[DrawCommands]) -> list[int]:
+        """Upload the commands of all faces of a camera at once. Returns the number of the first command of each face."""
+        counts = [len(face.commands) for face in faces]
+        if sum(counts):
+            self._upload_commands(np.concatenate([face.commands for face in faces]))
+        return [sum(counts[:k]) for k in range(len(counts))]
+
+    def draw(self, place: Place, matrix: Array, draw_commands: DrawCommands, start: int) -> None:
+        """Draw a face into the viewport `place` (left, bottom, width, height); matrix (4, 4): projection from world to clip space.
+
+        start: number of the face's first command, of `upload_faces`.
+        """
         GL = self._gl
         GL.glViewport(*place)
-        self._upload_commands(draw_commands.commands)
         blending, kind, placed = False, -1, set[int]()
         for batch in draw_commands.batches:
             if batch.blended and not blending:
@@ -103,7 +112,7 @@ class OpenGLRenderer:
                 GL.glActiveTexture(GL.GL_TEXTURE0)
                 target = GL.GL_TEXTURE_CUBE_MAP if batch.kind == CUBE_MAPPED else GL.GL_TEXTURE_2D
                 GL.glBindTexture(target, self._textures[batch.texture])
-            self._draw_batch(batch)
+            self._draw_batch(batch, start)
         if blending:
             GL.glDisablei(GL.GL_BLEND, 0)
 
@@ -119,6 +128,7 @@ class OpenGLRenderer:
         GL.glActiveTexture(GL.GL_TEXTURE0)
         GL.glBindTexture(GL.GL_TEXTURE_CUBE_MAP, self._sky)
         GL.glDepthFunc(GL.GL_EQUAL)
+        self.traffic.draws += 1
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
         GL.glDepthFunc(GL.GL_GREATER)
 
@@ -135,33 +145,36 @@ class OpenGLRenderer:
         GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT1)
         GL.glReadPixels(0, 0, width, height, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, atlas.codes)
         GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, atlas.depth)
+        for array in (atlas.colour, atlas.codes, atlas.depth):
+            self.traffic.read_back(array.nbytes)
         return atlas
 
-    def coverage_bits(
-        self, slots: NDArray[np.uint32], faces: Sequence[tuple[Place, Array, DrawCommands]], size: tuple[int, int]
-    ) -> NDArray[np.uint32]:
-        """Bits (height, width) of all bodies that cover a texel at any depth. slots (m,): bit of every record.
+    def upload_slots(self, slots: NDArray[np.uint32]) -> None:
+        """Upload the current records of the draw list with the bit of every record, slots (m,), for `coverage_bits`."""
+        self._draw_list.records["slot"] = slots
+        self._upload(self._gl.GL_ARRAY_BUFFER, self._record_buffer, self._draw_list.records)
+
+    def coverage_bits(self, faces: Sequence[tuple[Place, Array, DrawCommands]], size: tuple[int, int]) -> NDArray[np.uint32]:
+        """Bits (height, width) of all bodies that cover a texel at any depth. Call `upload_slots` before.
 
         faces: viewport, projection and commands of each face, as in `draw`.
         """
         GL = self._gl
+        starts = self.upload_faces([face[2] for face in faces])
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._mark_framebuffer)
         GL.glClearBufferuiv(GL.GL_COLOR, 0, np.zeros(4, np.uint32))
-        self._draw_list.records["slot"] = slots
-        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._record_buffer)
-        GL.glBufferData(GL.GL_ARRAY_BUFFER, self._draw_list.records.nbytes, self._draw_list.records, GL.GL_STREAM_DRAW)
         GL.glDisable(GL.GL_DEPTH_TEST)
         GL.glEnable(GL.GL_COLOR_LOGIC_OP)
         GL.glLogicOp(GL.GL_OR)
-        for place, matrix, draw_commands in faces:
+        for (place, matrix, draw_commands), start in zip(faces, starts, strict=True):
             GL.glViewport(*place)
             self._use_program(self._mark_program, matrix)
-            self._upload_commands(draw_commands.commands)
-            self._draw_batch(Batch(0, -1, False, 0, len(draw_commands.commands)))
+            self._draw_batch(Batch(0, -1, False, 0, len(draw_commands.commands)), start)
         GL.glDisable(GL.GL_COLOR_LOGIC_OP)
         GL.glEnable(GL.GL_DEPTH_TEST)
         bits = np.empty(size[::-1], np.uint32)
         GL.glReadPixels(0, 0, *size, GL.GL_RED_INTEGER, GL.GL_UNSIGNED_INT, bits)
+        self.traffic.read_back(bits.nbytes)
         return bits
 
     def _cast_shadows(self, data: mujoco.MjData) -> None:
@@ -188,20 +201,26 @@ class OpenGLRenderer:
             GL.glDisable(GL.GL_CULL_FACE)
             GL.glDepthFunc(GL.GL_LESS)
             self._upload_commands(drawn.commands(casting, drawn.radius[casting] * per_metre / SHADOW_BIAS / 2))
-            self._draw_batch(Batch(0, -1, False, 0, len(casting)))
+            self._draw_batch(Batch(0, -1, False, 0, len(casting)), 0)
             GL.glDepthFunc(GL.GL_GREATER)
             GL.glEnable(GL.GL_CULL_FACE)
 
     def _upload_commands(self, commands: NDArray[np.void]) -> None:
-        GL = self._gl
-        GL.glBindBuffer(GL.GL_DRAW_INDIRECT_BUFFER, self._command_buffer)
-        GL.glBufferData(GL.GL_DRAW_INDIRECT_BUFFER, commands.nbytes, np.ascontiguousarray(commands), GL.GL_STREAM_DRAW)
+        self._upload(self._gl.GL_DRAW_INDIRECT_BUFFER, self._command_buffer, np.ascontiguousarray(commands))
 
-    def _draw_batch(self, batch: Batch) -> None:
+    def _upload(self, target: int, buffer: int, content: NDArray[np.void]) -> None:
+        """Replace the content of a buffer, and leave it bound."""
+        GL = self._gl
+        GL.glBindBuffer(target, buffer)
+        GL.glBufferData(target, content.nbytes, content, GL.GL_STREAM_DRAW)
+        self.traffic.upload(content.nbytes)
+
+    def _draw_batch(self, batch: Batch, start: int) -> None:
         GL = self._gl
         if batch.last > batch.first:
-            start = ctypes.c_void_p(batch.first * COMMAND.itemsize)
-            GL.glMultiDrawElementsIndirect(GL.GL_TRIANGLES, GL.GL_UNSIGNED_INT, start, batch.last - batch.first, COMMAND.itemsize)
+            self.traffic.draws += 1
+            offset = ctypes.c_void_p((start + batch.first) * COMMAND.itemsize)
+            GL.glMultiDrawElementsIndirect(GL.GL_TRIANGLES, GL.GL_UNSIGNED_INT, offset, batch.last - batch.first, COMMAND.itemsize)
 
     def _use_program(self, program: int, matrix: Array | None) -> None:
         """Use a program. matrix: its projection, unchanged where None."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 import atexit
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from sim.rendering.coverage import BITS, UnoccludedExtent, covered
 from sim.rendering.cubemap import DENSITY, Face, FaceTable
 from sim.rendering.draw_list import DrawList
 from sim.rendering.gl_context import GLInformation, gl_information, open_context, watched
+from sim.rendering.gl_objects import DriverTraffic
 from sim.rendering.opengl_renderer import OpenGLRenderer
 from sim.rendering.shaders import projection
 from tracker.geometry import Array, Pose
@@ -105,6 +106,11 @@ class PanoramaRenderer:
         self._make_current()
         return gl_information(self._gl)
 
+    @property
+    def traffic(self) -> DriverTraffic:
+        """What passed between this renderer and the driver since the scene was uploaded."""
+        return replace(self._renderer.traffic)
+
     def render(self, data: mujoco.MjData, poses: Sequence[Pose], which: Sequence[int] | None = None) -> list[RenderedImage]:
         """Images of cameras at `poses` (T_world_camera). `data` must be up to date (mj_forward, mj_step or mj_kinematics).
 
@@ -131,7 +137,19 @@ class PanoramaRenderer:
         self._make_current()
         self._draw_list.update(data)
         groups = [list(instances[k : k + BITS]) for k in range(0, len(instances), BITS)]
-        return [[body for group in groups for body in self._unoccluded(pose, group, index)] for pose, index in zip(poses, indices, strict=True)]
+        out: list[list[UnoccludedExtent]] = [[] for _ in poses]
+        owner = self._instance_of_code[self._draw_list.records["code"]]
+        for group in groups:
+            slots = np.zeros(len(owner), np.uint32)
+            for k, instance in enumerate(group):
+                slots[owner == instance] = 1 << k
+            # The bits of a group are uploaded once for all cameras.
+            with watched("drawing"):
+                self._renderer.upload_slots(slots)
+            marked = np.flatnonzero(slots)
+            for extents, pose, index in zip(out, poses, indices, strict=True):
+                extents += self._unoccluded(pose, marked, len(group), index)
+        return out
 
     def _camera_indices(self, poses: Sequence[Pose], which: Sequence[int] | None) -> Sequence[int]:
         indices = [0] * len(poses) if which is None else which
@@ -149,26 +167,24 @@ class PanoramaRenderer:
         draw_commands = self._draw_list.visible_from(pose, self._planes[index], self._resolution[index])
         with watched("drawing"):
             renderer.begin(pose.translation)
-            for face, listed in zip(table.faces, draw_commands, strict=True):
+            starts = renderer.upload_faces(draw_commands)
+            for face, listed, start in zip(table.faces, draw_commands, starts, strict=True):
                 edges = np.concatenate([face.low, face.high])
-                renderer.draw(_viewport(face), self._projection(pose, face), listed)
+                renderer.draw(_viewport(face), self._projection(pose, face), listed, start)
                 renderer.draw_sky(_viewport(face), (face.axes @ pose.rotation.T).T, edges)
             atlas = renderer.read(table.width, table.height)
         known = [self._instance_of_code] if self._class_of_code is None else [self._instance_of_code, self._class_of_code]
         sampled = table.sample(atlas, (NEAR, self._far), known)
         return RenderedImage(sampled.colour, sampled.values[0], sampled.range, None if self._class_of_code is None else sampled.values[1])
 
-    def _unoccluded(self, pose: Pose, instances: Sequence[int], index: int) -> list[UnoccludedExtent]:
+    def _unoccluded(self, pose: Pose, marked: NDArray[np.int64], bodies: int, index: int) -> list[UnoccludedExtent]:
+        """Extents of `bodies` bodies for a camera. marked: the records that are drawn, which have the bits of the bodies."""
         table, camera = self._tables[index], self.cameras[index]
-        owner = self._instance_of_code[self._draw_list.records["code"]]
-        slots = np.zeros(len(owner), np.uint32)
-        for k, instance in enumerate(instances):
-            slots[owner == instance] = 1 << k
-        draw_commands = self._draw_list.visible_from(pose, self._planes[index], self._resolution[index], np.flatnonzero(slots))
+        draw_commands = self._draw_list.visible_from(pose, self._planes[index], self._resolution[index], marked)
         faces = [(_viewport(face), self._projection(pose, face), of) for face, of in zip(table.faces, draw_commands, strict=True) if len(of.commands)]
         with watched("drawing"):
-            bits = self._renderer.coverage_bits(slots, faces, (table.width, table.height))
-        return covered(bits, table.nearest, len(instances), camera.wraps)
+            bits = self._renderer.coverage_bits(faces, (table.width, table.height))
+        return covered(bits, table.nearest, bodies, camera.wraps)
 
     def _projection(self, pose: Pose, face: Face) -> Array:
         return projection(pose, face.axes, np.concatenate([face.low, face.high]), (NEAR, self._far))

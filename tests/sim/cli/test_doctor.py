@@ -18,6 +18,10 @@ def test_the_report_is_json_and_text() -> None:
     assert report["gl"]["renderer"] in text
     assert ("the CPU" in text) != ("a GPU" in text)
     assert "panoramas a second, 1024 x 512" in text
+    # Colour, geom codes and depth are read, 4 bytes a texel each.
+    assert report["traffic"]["read_backs"] == 3
+    assert report["traffic"]["read_bytes"] >= 12 * 1024 * 512 / 2
+    assert "3 read-backs of" in text
     assert all(line == line.rstrip() for line in text.splitlines())
 
 
