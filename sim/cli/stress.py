@@ -39,7 +39,12 @@ class TrackerOptions:
 
 @dataclass(frozen=True)
 class RoverOptions:
-    """Cameras and speed of the rovers in every simulated run; sim/README.md has models and effects."""
+    """Rovers and people in every simulated run, unless the sweep sets them; sim/README.md has cameras and effects."""
+
+    robots: int = 4
+    """Number of rovers."""
+    people: int = 10
+    """Number of people."""
 
     camera: Annotated[str, unset("MODEL[:OPTIONS]", "equirectangular")] = ""
     """Camera of the rovers, as for `pilsim generate`."""
@@ -172,7 +177,9 @@ class Stress:
             raise ValueError(f"{self.pets}: no such folder")
         start = replace(default_scenario(self.frames, self.width), world=self.world, detector_model=chosen_model(self.detector_model))
         rovers = self.rovers
-        start = replace(start, camera=rovers.camera, effects=",".join(rovers.effect), speed=rovers.speed)
+        start = replace(
+            start, camera=rovers.camera, effects=",".join(rovers.effect), speed=rovers.speed, robots=rovers.robots, people=rovers.people
+        )
         if self.recording is not None:
             if self.pets is not None:
                 raise ValueError("--recording and --pets exclude each other")

@@ -21,10 +21,10 @@ from tracker.types import Mount, Setup, Start
 START_SIGMA = np.array([0.01, 0.01, 0.01, 0.003, 0.003, 0.005])
 
 
-def _readout(scenario: Scenario, rig: Rig, view: RigView) -> float:
-    """s from the first row to the last of a view; 0 for a stitched panorama, whose rows are not those of its sensors."""
-    stitched = rig.stitching is not None and not view.suffix
-    return 0.0 if stitched else scenario.camera_effects.readout or 0.0
+def _exposed(scenario: Scenario, rig: Rig, view: RigView) -> tuple[float, float]:
+    """s from the first row to the last, and s of exposure. The first is 0 for a stitched panorama, whose rows are not those of its sensors."""
+    stitched, effects = rig.stitching is not None and not view.suffix, scenario.camera_effects
+    return 0.0 if stitched else effects.readout or 0.0, effects.shutter or 0.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
         error = Pose.exp(rng.normal(0.0, START_SIGMA))
         starts[robot] = Start(simulation.T_world_robot(robot) @ error, np.diag(START_SIGMA**2))
     mounts = {
-        f"{robot}_camera{view.suffix}": Mount(view.camera, simulation.T_body_camera @ view.T_rig_view, robot, _readout(scenario, rig, view))
+        f"{robot}_camera{view.suffix}": Mount(view.camera, simulation.T_body_camera @ view.T_rig_view, robot, *_exposed(scenario, rig, view))
         for robot in simulation.robots
         for view in rig.views
     }

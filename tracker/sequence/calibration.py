@@ -43,7 +43,7 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
         "cameras": {
             name: _camera_json(mount.camera)
             | {"robot": mount.robot, "T_body_camera": pose_row(mount.T_body_camera)}
-            | ({"readout": mount.readout} if mount.readout else {})
+            | {key: value for key, value in (("readout", mount.readout), ("exposure", mount.exposure)) if value}
             for name, mount in setup.mounts.items()
         },
         "starts": {
@@ -56,7 +56,7 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
 def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground | None) -> Setup:
     """The setup that calibration_of wrote, with ground and occluders. Raises KeyError, TypeError or ValueError for other content."""
     mounts = {
-        name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"], _readout(name, entry))
+        name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"], *(_seconds(name, entry, key) for key in ("readout", "exposure")))
         for name, entry in calibration["cameras"].items()
     }
     starts = {
@@ -72,11 +72,11 @@ def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground
     return Setup(mounts, ground, starts, period, height=(low, high), occluders=occluders)
 
 
-def _readout(name: str, entry: Mapping[str, Any]) -> float:
-    """Readout time of a camera, s; 0 where the file names none. Raises ValueError outside [0, 1]."""
-    value = entry.get("readout", 0.0)
+def _seconds(name: str, entry: Mapping[str, Any], key: str) -> float:
+    """Readout time or exposure of a camera, s; 0 where the file names none. Raises ValueError outside [0, 1]."""
+    value = entry.get(key, 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
-        raise ValueError(f"readout of camera {name!r} is {str(value)[:40]} s, needs 0 to 1")
+        raise ValueError(f"{key} of camera {name!r} is {str(value)[:40]} s, needs 0 to 1")
     return float(value)
 
 

@@ -25,7 +25,7 @@ from tracker.slam.landmark_initialization import LandmarkInitializer
 from tracker.slam.landmark_map import LandmarkMap, dissimilarity, spread_over_azimuth, unit_rows
 from tracker.slam.parameters import SlamParameters
 from tracker.slam.relocalization import RelocalizedPose, Relocalizer, SlamState
-from tracker.slam.row_times import at_frame_time
+from tracker.slam.row_times import moved_to_frame, turned_to_frame
 from tracker.slam.unknown_start import UnknownStarts
 from tracker.types import MapSnapshot, Mount, Odometry, Setup, Sightings, Start, Tick, View
 
@@ -221,8 +221,8 @@ class Slam:
         if seen is None:
             return None
         odometry = self._odometry.get(name)
-        if mount.readout and odometry is not None:
-            seen = replace(seen, bearing=at_frame_time(seen.bearing, mount, odometry.T_before_now, self.setup.period))
+        if odometry is not None:
+            seen = replace(seen, bearing=turned_to_frame(seen.bearing, mount, odometry.T_before_now, self.setup.period))
         others = [number for other, number in self._team.items() if other != name]
         moving = on_robots(self._joint, self._joint.camera_pose(self._team[name], mount), others, seen, self.parameters.robot_radius)
         self._counters["on a robot"] += int(moving.sum())
@@ -256,10 +256,11 @@ class Slam:
         chosen = spread_over_azimuth(azimuth, landmark_map.hits[m.landmark].astype(np.float64), self.parameters.max_updates)
         landmark, sighting = m.landmark[chosen], m.sighting[chosen]
         self._count_matches(robot, m)
+        bearing = self._without_parallax(name, mount, landmark, seen.bearing[sighting])
         noise, drift = seen.covariance[sighting], self.parameters.feature_drift
         if drift is not None and view.sightings is None:
             noise = drift.apply(self._joint, landmark_map, landmark, self._joint.camera_pose(robot, mount).origin, noise)
-        good = self._measurement_update(name, (mount, landmark, seen.bearing[sighting], noise), view) > 0.3
+        good = self._measurement_update(name, (mount, landmark, bearing, noise), view) > 0.3
         landmark_map.record_sightings(landmark[good], descriptor[sighting[good]], robot, tick)
         landmark_map.rejected[landmark[~good]] += 1
         self._counters["outlier"] += int((~good).sum())
@@ -267,6 +268,15 @@ class Slam:
         free[m.sighting] = free[m.rejected_sighting] = False
         self._counters["no match"] += int(free.sum())
         return np.flatnonzero(free), len(m.landmark)
+
+    def _without_parallax(self, name: str, mount: Mount, landmark: Indices, bearing: Array) -> Array:
+        """Bearings (k, 3) of landmarks less the parallax of the camera's way since their rows were exposed."""
+        odometry = self._odometry.get(name)
+        if odometry is None or not (mount.readout or mount.exposure):
+            return bearing
+        place = self._joint.camera_pose(self._team[name], mount).origin
+        ranges = np.linalg.norm(self._joint.point[landmark] - place, axis=1)
+        return moved_to_frame(bearing, ranges, mount, odometry.T_before_now, self.setup.period)
 
     def _measurement_update(self, name: str, seen: LandmarkMeasurement | None, view: View | None = None) -> Array:
         """One update by associated sightings, robots in the view, and gravity, which is used once a tick.

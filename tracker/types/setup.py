@@ -14,12 +14,16 @@ from tracker.types.detections import RobotDetections
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """A camera on a robot: T_body_camera, and the name of the robot. readout: s from the first row to the last of a rolling shutter."""
+    """A camera on a robot: T_body_camera, and the name of the robot.
+
+    readout: s from the first row to the last of a rolling shutter. exposure: s. The time of a frame is the end of its last row's exposure.
+    """
 
     camera: Camera
     T_body_camera: Pose
     robot: str
     readout: float = 0.0
+    exposure: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
