@@ -56,7 +56,13 @@ def calibration_of(setup: Setup) -> dict[str, Any]:
 def setup_from(calibration: Mapping[str, Any], ground: Ground, occluders: Ground | None) -> Setup:
     """The setup that calibration_of wrote, with ground and occluders. Raises KeyError, TypeError or ValueError for other content."""
     mounts = {
-        name: Mount(_camera_from(entry), pose_from(entry["T_body_camera"]), entry["robot"], *(_seconds(name, entry, key) for key in ("readout", "exposure")))
+        name: Mount(
+            _camera_from(entry),
+            pose_from(entry["T_body_camera"]),
+            entry["robot"],
+            _seconds(name, entry, "readout"),
+            _seconds(name, entry, "exposure"),
+        )
         for name, entry in calibration["cameras"].items()
     }
     starts = {
