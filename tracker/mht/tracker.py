@@ -40,6 +40,7 @@ from tracker.mht.negative_information import ExpectedVisibility
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.pruning import prune_branches, surviving_leaves
 from tracker.mht.track_trees import TrackHypotheses, initiated, predict
+from tracker.tracks.crowding import Crowding
 from tracker.tracks.measurement_noise import MeasurementNoise
 from tracker.tracks.reidentification import NewTargetModel, Reidentification
 from tracker.tracks.sensor_model import SensorModel
@@ -74,6 +75,7 @@ class MhtFilter:
         """delay: ticks that the tracks remember at least."""
         self.setup, self.parameters = setup, parameters
         self.sensor_model = SensorModel(setup, parameters)
+        self.crowding = Crowding(parameters.crowding, setup.period)
         ranges = parameters.fusion.ranges
         self._stature = ranges.stature, ranges.stature_sigma
         self._walkable = WalkablePrior.of(setup.ground, setup.occluders, ranges.walkability)
@@ -125,6 +127,7 @@ class MhtFilter:
         self._reidentify(chosen.best, new)
         self._prune(chosen)
         people = self.leaves.select(self.best)
+        self.crowding.learn(people.state[people.confirmed & ~people.deleted, :2])
         # Ticks at which no view could have had a box do not count as a gap.
         present = people.confirmed & ~people.deleted & (people.expected_misses <= self._max_gap)
         present &= (people.misses == 0) | (people.position_sigma <= self.parameters.report_sigma)
@@ -172,16 +175,17 @@ class MhtFilter:
         groups = [g for g in groups if any(sure[v][d] for v, d in g.members)]
         place, seen = children.state[first, :2], children.box[first] >= 0
         recent = (self.leaves.misses < 3) & ~self.leaves.deleted
-        known = []
+        known, reach = [], self.crowding.merge_distance(self.parameters.merge_distance)
         for g in groups:
-            near = np.linalg.norm(place - g.point, axis=1) < self.parameters.merge_distance
+            near = np.linalg.norm(place - g.point, axis=1) < reach
             known.append((near & recent & ~seen[:, [v for v, _ in g.members]].any(axis=1)).any())
         return [g for g, k in zip(groups, known, strict=True) if not k], doubt
 
     def _initiation_scores(self, views: list[GroundDetections], cameras: list[Viewpoint], roots: list[CrossViewGroup]) -> Array:
         """Log-likelihood ratio of each root being a new person over clutter."""
         people = self.leaves.select(self.best)
-        return self.sensor_model.initiation_score(list(zip(views, cameras, strict=True)), roots, (people.state[:, :2], people.tree), self._ticks)
+        rate = self.sensor_model.arrival_rate(self._ticks, self.crowding.arrivals)
+        return self.sensor_model.initiation_score(list(zip(views, cameras, strict=True)), roots, (people.state[:, :2], people.tree), rate)
 
     def _extend_trees(
         self, children: ChildHypotheses, new_trees: tuple[list[CrossViewGroup], Array], seen: tuple[BoxTable, Array], watched: Mask
@@ -219,7 +223,8 @@ class MhtFilter:
         self._parent, self.leaves = parent, leaves
         missed = np.vstack([missed[children.parent], np.zeros((len(new), len(table.origin)))])
         rows = ConflictRows(leaves.tree, self._boxes, leaves.state[:, :2], leaves.deleted, missed)
-        self._conflicts = conflicts_of(self._conflicts, parent, rows, table.existence_ratio, (q.merge_distance, q.merge_step, q.split_share))
+        limits = self.crowding.merge_distance(q.merge_distance), q.merge_step, q.split_share
+        self._conflicts = conflicts_of(self._conflicts, parent, rows, table.existence_ratio, limits)
 
     def _with_walkable_prior(self, leaves: TrackHypotheses) -> TrackHypotheses:
         """The leaves with places and scores updated by the prior of walkable places."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from tracker.detections.ground_points import FusionParameters
 from tracker.tracks.calibration_bias import RegistrationBiasParameters
+from tracker.tracks.crowding import CrowdingParameters
 from tracker.tracks.detection_rates import DetectionRateParameters
 from tracker.tracks.reidentification import ReidentificationParameters
 from tracker.tracks.standing_clutter import StandingClutterParameters
@@ -20,6 +21,7 @@ class TrackParameters:
     motion: MotionParameters = field(default_factory=MotionParameters)
     detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
+    crowding: CrowdingParameters = field(default_factory=CrowdingParameters)
     standing_clutter: StandingClutterParameters = field(default_factory=StandingClutterParameters)
     usable: tuple[float, float] = (0.6, 0.15)  # probability of a person, as given and as learned, below which a box is ignored
     initiation: tuple[float, float] = (0.8, 0.5)  # the same, below which a box initiates no track
@@ -29,7 +31,7 @@ class TrackParameters:
     merge_step: float = 2.0  # greatest log-likelihood ratio for one person of a tick in which each view sees at most one of two tracks
     split_share: float = 0.8  # share of the ratio of a second box in one view that counts against one person
     merge_score: float = 10.0  # log-likelihood ratio above which two tracks are one person
-    merge_distance: float = 1.0  # m, greatest distance of two tracks that may be one person (theta_s)
+    merge_distance: float = 1.0  # m, greatest distance of two tracks that may be one person (theta_s); less in crowds (crowding.py)
     gate: float = 4.0  # standard deviations of the innovation
     delta_a: float = 9 / 7  # s, longest gap of a track that is bridged
     coasting_factor: float = 3.0  # of delta_a, time for which a track without boxes coasts before its deletion, unreported

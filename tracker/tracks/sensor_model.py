@@ -139,16 +139,20 @@ class SensorModel:
         box, person = linear_sum_assignment(within, maximize=True)
         return free[box[within[box, person] > 0]]
 
+    def arrival_rate(self, ticks: int, crowding: float) -> float:
+        """New people a square metre and tick. ticks: number of ticks so far, this one included. crowding: as Crowding.arrivals."""
+        q = self.parameters
+        return float(q.arrival_rate * crowding + q.initial_density * np.exp(-(ticks - 1) * self.setup.period / 0.3))
+
     def initiation_score(
-        self, seen: list[tuple[GroundDetections, Viewpoint]], groups: list[CrossViewGroup], others: tuple[Array, Ints], ticks: int
+        self, seen: list[tuple[GroundDetections, Viewpoint]], groups: list[CrossViewGroup], others: tuple[Array, Ints], rate: float
     ) -> Array:
         """log-likelihood ratio (g,) of a new person over false boxes, for each group of boxes.
 
         seen: detections and viewpoint of each view. others: places (t, 2) m and trees (t,) of the tracks, which may occlude the new people.
-        ticks: number of ticks so far, this one included.
+        rate: of new people, as `arrival_rate`.
         """
         q, (place, tree) = self.parameters, others
-        rate = q.arrival_rate + q.initial_density * np.exp(-(ticks - 1) * self.setup.period / 0.3)
         points = np.array([g.point for g in groups]).reshape(-1, 2)
         score, no_tree = np.full(len(groups), np.log(rate)), np.full(len(groups), -1, dtype=np.int64)
         front = np.arange(len(groups), len(groups) + len(place))

@@ -1,0 +1,57 @@
+"""How crowded it is, by the distances of tracked people to their nearest neighbours.
+
+From it follow the distance within which two tracks may be one person, and the rate of new people.
+
+Among people at random places of density λ, the mean distance to the nearest one is 1 / (2 √λ) (Clark & Evans 1954).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.geometry import Array
+
+
+@dataclass(frozen=True)
+class CrowdingParameters:
+    """least: tracks from which on distances tell anything. memory: s of the average.
+
+    separation: share of the distance of neighbours within which two tracks may be one person.
+    usual_density: people a square metre up to which the rate of new people stays as it is; above, it grows in proportion.
+    """
+
+    least: int = 4
+    memory: float = 3.0
+    separation: float = 0.8
+    usual_density: float = 0.15
+
+
+class Crowding:
+    """The average distance of neighbours, m, and what follows from it."""
+
+    def __init__(self, parameters: CrowdingParameters, period: float) -> None:
+        """period: s of a tick."""
+        self.parameters = parameters
+        self._share = 1 - np.exp(-period / parameters.memory)
+        self.distance = np.inf
+
+    def learn(self, places: Array) -> None:
+        """Take the places (n, 2) m of the tracked people of a tick."""
+        if len(places) < self.parameters.least:
+            return
+        apart = np.linalg.norm(places[:, None] - places, axis=2)
+        np.fill_diagonal(apart, np.inf)
+        now = float(np.mean(apart.min(axis=1)))
+        self.distance = now if not np.isfinite(self.distance) else self.distance + self._share * (now - self.distance)
+
+    def merge_distance(self, most: float) -> float:
+        """m: distance within which two tracks may be one person, at most `most`."""
+        return min(most, self.parameters.separation * self.distance)
+
+    @property
+    def arrivals(self) -> float:
+        """Factor of the rate of new people."""
+        density = 1 / (4 * self.distance**2) if self.distance > 0 else np.inf
+        return float(np.clip(density / self.parameters.usual_density, 1.0, 100.0))
