@@ -22,11 +22,13 @@ def test_whole_numbers_become_floats_where_floats_are_meant():
 @pytest.mark.parametrize("name", sorted(BOUNDS))
 def test_bounds_belong_to_the_values(name):
     low, high = BOUNDS[name]
+    # Windows glare on facades alone.
+    others = {"facades": 1} if name == "glare" else {}
     for value in (low, high):
-        assert getattr(Scenario(**{name: value}), name) == value
+        assert getattr(Scenario(**{name: value}, **others), name) == value
     for value in (low - 1, high + 1, math.nan, math.inf, "1", None, True):
         with pytest.raises(ValueError, match=f"{name} is .*needs"):
-            Scenario(**{name: value})
+            Scenario(**{name: value}, **others)
 
 
 @pytest.mark.parametrize(("name", "value"), [("frames", 1.0), ("robots", 2.5), ("width", 101), ("world", ""), ("world", 3)])
