@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ ONE_THREAD = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_
 With more threads, sums are taken in another order and results differ.
 """
 MAX_WORKERS = 1024
+UNUSED = r"\d+ tasks (have been successfully executed|which were still being processed)"
+"""How joblib's warning begins."""
 CONNECT_TIMEOUT = 15
 """s to wait for the scheduler of a cluster."""
 
@@ -62,6 +65,8 @@ class Pool:
         from joblib import Parallel, delayed
         from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+        # joblib warns of calls whose results nobody takes, which is so after each interruption.
+        warnings.filterwarnings("ignore", UNUSED, UserWarning)
         local = _threads(self.workers) if threads else _processes(self.workers)
         with local if self.cluster is None else _cluster(self.cluster) as (jobs, in_progress):
             try:
