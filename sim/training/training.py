@@ -36,6 +36,8 @@ ORDER, MODEL, FIGURES, CURVES, FRAMES = "order.json", "person_detector.onnx", "f
 SHOWN_FRAMES = 10
 UNCALIBRATED = {"version": 1, "calibration": [[-10.0, 0.0], [10.0, 1.0]], "min_score": 0.0, "nms_iou": 1.0}
 """Metadata of the model while its calibration is sought."""
+RANGE_BATCHES = 12
+"""Batches of crops after those of the training, which decide the ranges of activations."""
 NEEDED = ("torch", "onnx", "onnxruntime")
 """Packages of the extra `train`."""
 
@@ -136,7 +138,7 @@ def _sets(tasks: list[SceneTask], kind: str) -> list[ImageSet]:
 
 def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]], sampler: CropSampler) -> dict[str, Any]:
     from sim.training.network import parameter_count
-    from sim.training.onnx_model import export
+    from sim.training.onnx_model import describe, export
     from sim.training.optimization import optimize
 
     network = optimize(sampler, plan.steps, folder, max(1, plan.workers - 1))
@@ -145,13 +147,14 @@ def _trained(plan: TrainingPlan, folder: Path, tasks: dict[str, list[SceneTask]]
     data = {"images": pictures, "bodies": bodies, **plan.order}
     # The scores are not calibrated yet, but the graph is what will be shipped.
     model = folder / MODEL
-    export(network, model, UNCALIBRATED)
+    export(network, model, (sampler.batch(plan.steps + k).picture for k in range(RANGE_BATCHES)))
+    describe(model, UNCALIBRATED)
     detector = PersonDetector(model)
     calibration = calibrate([image for kind in (PANORAMAS, PINHOLES) for image in _found(detector, tasks["calibration"], kind)])
     kinds = {kind: _found(detector, tasks["held-out"], kind) for kind in (PANORAMAS, PINHOLES)}
     result = _figures(kinds, calibration) | {"parameters": parameter_count(network), "data": data, "nms_iou": calibration.nms_iou}
     _draw(folder, kinds, tasks["held-out"], calibration)
-    export(network, model, _entry(plan, calibration, data, result))
+    describe(model, _entry(plan, calibration, data, result))
     write_text(folder / FIGURES, json.dumps(result, indent=1) + "\n")
     return result
 

@@ -21,6 +21,7 @@ import tempfile
 import time
 import venv
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -79,6 +80,15 @@ class Task:
     def video(self) -> Path:
         return PETS / "video" / f"{self.view}.mp4"
 
+    def in_camera_pixels(self, image: Image) -> Image:
+        """A frame at the size of the camera: the video of View_006 is wider than the images of its calibration."""
+        return np.asarray(cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)) if image.shape[1::-1] != self.size else image
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        camera = open_recording(PETS, SourceOptions.parse(cameras=self.view)).cameras[self.view].camera
+        return camera.width, camera.height
+
 
 def ours(task: Task, model: Path | None, calibrated: bool) -> tuple[Path, float]:
     """Our boxes in a MOT15 file, and ms a frame. calibrated: with the camera's calibration."""
@@ -92,7 +102,7 @@ def ours(task: Task, model: Path | None, calibrated: bool) -> tuple[Path, float]
         _, image = capture.read()
         if frame not in task.frames:
             continue
-        picture = np.ascontiguousarray(image[:, :, ::-1])
+        picture = np.ascontiguousarray(task.in_camera_pixels(image)[:, :, ::-1])
         start = time.thread_time()
         found = detector.find(picture, site)
         seconds.append(time.thread_time() - start)
@@ -117,8 +127,9 @@ def hog_python(given: Path | None) -> Path | None:
 def hog(task: Task, python: Path) -> tuple[Path, float]:
     """The boxes of OpenCV 4's HOG, and ms a frame."""
     file = task.folder / f"hog-{task.view}.txt"
+    size = [str(side) for side in task.size]
     words = [str(python), str(Path(__file__).with_name("hog_people.py")), str(task.video), str(task.frames.start), str(task.frames.stop), str(file)]
-    done = subprocess.run([*words, str(task.frames.step)], capture_output=True, text=True, check=True)
+    done = subprocess.run([*words, str(task.frames.step), *size], capture_output=True, text=True, check=True)
     return file, float(done.stdout)
 
 
@@ -158,7 +169,7 @@ def coco(task: Task, home: Path, name: str) -> tuple[Path, float]:
         for frame in range(task.frames.stop):
             _, image = capture.read()
             if frame in task.frames:
-                square, scale, origin = input_square(image, network)
+                square, scale, origin = input_square(task.in_camera_pixels(image), network)
                 file.write(square[:, :, ::-1].tobytes())
     out, script = task.folder / f"{name}.json", Path(__file__).with_name("tfjs_people.mjs")
     subprocess.run(["node", str(script), name, str(home), str(raw), str(len(task.frames)), str(out)], capture_output=True, check=True)

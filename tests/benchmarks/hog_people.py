@@ -1,7 +1,10 @@
-"""People by OpenCV 4's HOG and SVM (Dalal and Triggs 2005), run by a Python that has them: `python hog_people.py VIDEO FIRST END OUT.txt [STEP]`.
+"""People by OpenCV 4's HOG and SVM (Dalal and Triggs 2005), run by a Python that has them.
+
+    python hog_people.py VIDEO FIRST END OUT.txt STEP WIDTH HEIGHT
 
 OpenCV 5 has no HOG, so that this file runs in a virtual environment of its own and imports nothing of pilsim.
-Images are doubled, since the window is 128 px high. Windows have margins, which the boxes leave out, and are suppressed at an IoU of 0.5.
+Images are scaled to WIDTH x HEIGHT and then doubled, since the window is 128 px high.
+Windows have margins, which the boxes leave out, and are suppressed at an IoU of 0.5.
 """
 
 import sys
@@ -28,8 +31,8 @@ def found(hog, image):
 
 
 def main():
-    video, first, end, out = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
-    step = int(sys.argv[5]) if len(sys.argv) > 5 else 1
+    video, out = sys.argv[1], sys.argv[4]
+    first, end, step, width, height = (int(word) for word in (*sys.argv[2:4], *sys.argv[5:8]))
     cv2.setNumThreads(1)
     hog = cv2.HOGDescriptor()
     hog.setSVMDetector(cv2.HOGDescriptor_getDefaultPeopleDetector())
@@ -38,6 +41,8 @@ def main():
         _, image = capture.read()
         if frame < first or (frame - first) % step:
             continue
+        if image.shape[:2] != (height, width):
+            image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
         start = time.thread_time()
         boxes, scores = found(hog, image)
         seconds += time.thread_time() - start

@@ -51,9 +51,12 @@ class PersonDetector:
 
         Parts of a box outside the picture are cut off, but not those beyond the seam of an image that wraps.
         site: of the camera; where pose and ground are known, too, boxes that no person could have are left out.
-        wraps: whether the right edge continues at the left one, None for what the camera says. Raises ValueError as rgb_image.
+        wraps: whether the right edge continues at the left one, None for what the camera says.
+        Raises ValueError as rgb_image, and for a picture of another size than the camera's.
         """
         image, site = rgb_image(picture), site or CameraPlace()
+        if site.camera is not None and image.shape[:2] != (site.camera.height, site.camera.width):
+            raise ValueError(f"image is {image.shape[1]} x {image.shape[0]} px, its camera {site.camera.width} x {site.camera.height}")
         if wraps is None:
             wraps = site.camera is not None and site.camera.wraps
         peaks = self.peaks(image, isinstance(site.camera, Panorama), wraps, self.network.calibration.least_logit)

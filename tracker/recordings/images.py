@@ -23,8 +23,8 @@ class ImageSource(Protocol):
     def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
         """Yield an image (H, W, 3) uint8 RGB for each frame from 0 to `frames` − 1, or None where there is none.
 
-        size: height and width of image files, px. A video may be scaled. Raises ValueError with the path for an image file of another size,
-        and for a video that ends too early.
+        size: height and width of the camera, px. Images of a video are scaled to it. Raises ValueError with the path for an image file of
+        another size, and for a video that ends too early.
         """
         ...
 
@@ -60,6 +60,9 @@ class VideoFile:
                 success, image = video.read()
                 if not success:
                     raise ValueError(f"{self.path}: has {self.first + index} frames, the detections go on")
+                if image.shape[:2] != size:
+                    # Calibrations are of the camera's own pixels: View_006 of PETS 2009 is published as a wider video.
+                    image = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)
                 yield np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
         finally:
             video.release()

@@ -128,6 +128,20 @@ def test_the_same_picture_has_the_same_boxes(detector: PersonDetector, tmp_path:
     np.testing.assert_array_equal(detector.find(image).box, again.find(image).box)
 
 
+def test_the_shipped_network_is_of_whole_numbers() -> None:
+    """Its convolutions are in 8 bits, so that the number of threads changes no box."""
+    network, threaded = PersonNetwork(), PersonNetwork(threads=2)
+    assert network.path.stat().st_size < 1 << 20
+    image = np.random.default_rng(0).random((1, 3, 96, 128), dtype=np.float32)
+    for name, values in network(image).items():
+        np.testing.assert_array_equal(values, threaded(image)[name], err_msg=name)
+
+
+def test_a_picture_of_another_size_than_the_camera_is_refused(detector: PersonDetector) -> None:
+    with pytest.raises(ValueError, match="image is 192 x 160 px, its camera 180 x 160"):
+        detector.find(np.zeros((160, 192, 3), np.uint8), CameraPlace(Pinhole(180, 160, 100.0, 100.0, 90.0, 80.0)))
+
+
 def test_spread_becomes_the_covariance_of_detections(tmp_path: Path) -> None:
     model = PersonDetector(write_blob_network(tmp_path / "m.onnx", spread=0.1))
     camera = Pinhole(width=320, height=256, fx=400, fy=400, cx=160, cy=128)

@@ -50,6 +50,24 @@ def test_a_cut_video_begins_at_the_first_frame(data: Any, tmp_path: Path) -> Non
     assert abs(float(first.mean()) - 100) < 4
 
 
+def test_a_video_of_another_size_is_scaled_to_the_camera(data: Any, tmp_path: Path) -> None:
+    """A calibration is of the camera's own pixels. A mark in the middle stays in the middle."""
+    image = np.zeros((96, 128, 3), np.uint8)
+    image[40:56, 56:72] = 250
+    writers = VideoWriters(tmp_path, 7.0)
+    writers.put("wide", image)
+    writers.finish()
+    scaled = next(iter(VideoFile(tmp_path / "wide.mp4").images(1, (96, 120))))
+    assert scaled is not None
+    assert scaled.shape == (96, 120, 3)
+    weights = scaled.mean(axis=2)
+    assert abs((weights.sum(axis=0) * (np.arange(120) + 0.5)).sum() / weights.sum() - 60.0) < 0.5
+    recording = read_pets(data("pets2009/S2.L1"), SourceOptions(("6",), images=True)).cut(0, 1)
+    (tick,) = recording.sequence(images=True).ticks
+    assert tick.views[0].image is not None
+    assert tick.views[0].image.shape == (576, 720, 3)
+
+
 def test_short_or_invalid_video_is_refused(data: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"no images, neither video/CAMERA.mp4 nor images/CAMERA/, of View_005"):
         open_sequence(data("pets2009/S2.L1"), SourceOptions(("5",), images=True))
