@@ -84,6 +84,8 @@ FORMATS = (
     ),
 )
 """All formats, in the order in which a folder is compared with them."""
+NAMED = 4
+"""Sequences of a dataset that an error names."""
 
 
 def is_pilsim(path: Path) -> bool:
@@ -98,6 +100,8 @@ def format_of(path: Path) -> SourceFormat:
     for form in FORMATS:
         if form.matches(path):
             return form
+    if (path / DATASET).is_file() and (names := sorted(found.name for found in path.iterdir() if _is_sequence(found))):
+        raise ValueError(f"{path}: is a dataset, needs one of its sequences: {', '.join(names[:NAMED])}{', …' if len(names) > NAMED else ''}")
     wrong = "is a file" if path.is_file() else "holds nothing that pilsim opens"
     raise ValueError(f"{path}: {wrong}, needs the folder of one of: {'; '.join(form.title for form in FORMATS)}")
 

@@ -46,6 +46,14 @@ def test_a_folder_of_no_format_lists_all(tmp_path: Path) -> None:
         format_of(tmp_path / "recording.txt")
 
 
+def test_a_dataset_names_its_sequences(tmp_path: Path) -> None:
+    (tmp_path / "dataset.json").write_text("{}")
+    for k in range(2):
+        SOURCES["pilsim"][1](tmp_path / f"pilsun-{k:05d}")
+    with pytest.raises(ValueError, match=r"is a dataset, needs one of its sequences: pilsun-00000, pilsun-00001$"):
+        format_of(tmp_path)
+
+
 @pytest.mark.parametrize("kind", RECORDINGS)
 @pytest.mark.parametrize(
     "options",
