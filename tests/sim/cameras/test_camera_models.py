@@ -1,6 +1,7 @@
 """Camera models against exact rays, the stitched panorama against both lenses, and texts of cameras."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -9,6 +10,7 @@ from scipy import ndimage
 
 from sim.cameras import Rig, parse_camera
 from sim.cameras.partial import PartialCamera
+from sim.rendering.coverage import UnoccludedExtent
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from tests.sim.rays import GROUPS, cast, silhouettes
 from tests.sim.scenes import Scene, court
@@ -16,7 +18,9 @@ from tracker.geometry import Pose
 from tracker.geometry.cameras import Camera, Fisheye
 
 POSE = Pose.planar(-6.0, -1.0, 0.3, 1.4)
+PEOPLE = range(1, 6)
 MODELS = [
+    "equirectangular",
     "fisheye:fov=200,k1=0.02,pitch=20",
     "pinhole:fov=80,k1=-0.1,k2=0.01,p1=0.001",
     "cylindrical:fov=70",
@@ -33,8 +37,8 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def shots(scene: Scene) -> Iterator[dict[str, list[tuple[Camera, Pose, RenderedImage]]]]:
-    """Model → every camera that is rendered for it, its pose, and its image."""
+def shots(scene: Scene) -> Iterator[dict[str, list[tuple[Camera, Pose, RenderedImage, list[UnoccludedExtent]]]]]:
+    """Model → every camera that is rendered for it, its pose, its image, and the extents of all five people without occlusion."""
     wanted: dict[str, list[tuple[Camera, Pose]]] = {}
     for text in MODELS:
         rig = Rig.of(text, 512)
@@ -43,16 +47,18 @@ def shots(scene: Scene) -> Iterator[dict[str, list[tuple[Camera, Pose, RenderedI
             wanted[text] += [(half, POSE @ T) for half, T in zip(rig.stitching.halves, rig.stitching.T_rig_lens, strict=True)]
     cameras = list(dict.fromkeys(camera for entries in wanted.values() for camera, _ in entries))
     with PanoramaRenderer(scene.model, cameras, scene.instances) as renderer:
-        yield {
-            text: [(camera, pose, renderer.render(scene.data, [pose], [cameras.index(camera)])[0]) for camera, pose in entries]
-            for text, entries in wanted.items()
-        }
+        out = {}
+        for text, entries in wanted.items():
+            poses, which = [pose for _, pose in entries], [cameras.index(camera) for camera, _ in entries]
+            images, extents = renderer.render(scene.data, poses, which), renderer.unoccluded(scene.data, poses, PEOPLE, which)
+            out[text] = [(*entry, *seen) for entry, *seen in zip(entries, images, extents, strict=True)]
+        yield out
 
 
 @pytest.mark.parametrize("text", MODELS)
-def test_instances_and_range_are_those_of_rays_at_1000_pixels(scene: Scene, shots: dict, text: str) -> None:
-    rng = np.random.default_rng(3)
-    for camera, pose, shot in shots[text]:
+def test_instances_range_and_boxes_are_those_of_rays(scene: Scene, shots: dict, text: str) -> None:
+    rng, boxes = np.random.default_rng(3), 0
+    for camera, pose, shot, extents in shots[text]:
         geom, distance = cast(scene.model, scene.data, camera, pose)
         away = ~silhouettes(geom, distance)
         v, u = np.nonzero(away)
@@ -66,11 +72,43 @@ def test_instances_and_range_are_those_of_rays_at_1000_pixels(scene: Scene, shot
         error = np.abs(shot.range[v, u][hit] - distance[v, u][hit]) / distance[v, u][hit]
         assert np.median(error) < 0.0005
         assert np.percentile(error, 99) < 0.01
-    assert any(shot.instances.any() for _, _, shot in shots[text])
+        u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        outside = camera.blind(np.stack([u.ravel(), v.ravel()], axis=1) + camera.pixel_centre).reshape(geom.shape)
+        person_of_ray = np.where(outside | (geom < 0), 0, scene.instances[geom])
+        pixels_of_rays = np.bincount(person_of_ray.ravel(), minlength=6)
+        for person in PEOPLE:
+            if pixels_of_rays[person] > 30:
+                assert np.abs(_box(shot.instances == person) - _box(person_of_ray == person)).max() <= 1, person
+                boxes += 1
+        # The box of the whole body, against rays that pass through all that is not this body.
+        person = int(np.argmax(pixels_of_rays[1:])) + 1
+        if pixels_of_rays[person] > 30 and extents[person - 1].box[2] <= camera.width:
+            with _alone(scene, person):
+                geom, _ = cast(scene.model, scene.data, camera, pose)
+            assert np.abs(extents[person - 1].box - _box((geom >= 0) & ~outside)).max() <= 1, person
+    assert boxes
+    assert any(shot.instances.any() for _, _, shot, _ in shots[text])
+
+
+@contextmanager
+def _alone(scene: Scene, person: int) -> Iterator[None]:
+    """Rays hit this person alone: all other shapes are in a group that rays leave out."""
+    groups = scene.model.geom_group.copy()
+    scene.model.geom_group[scene.instances != person] = 5
+    try:
+        yield
+    finally:
+        scene.model.geom_group[:] = groups
+
+
+def _box(mask: np.ndarray) -> np.ndarray:
+    """Left, top, right and bottom px of the pixels of a mask."""
+    v, u = np.nonzero(mask)
+    return np.array([u.min(), v.min(), u.max() + 1, v.max() + 1])
 
 
 def test_blind_pixels_of_a_round_image_show_nothing(shots: dict) -> None:
-    camera, _, shot = shots["dual-fisheye:fov=200,baseline=0.1,distance=4"][0]
+    camera, _, shot, _ = shots["dual-fisheye:fov=200,baseline=0.1,distance=4"][0]
     for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
         assert not shot.colour[corner].any()
         assert np.isinf(shot.range[corner])
