@@ -22,6 +22,7 @@ class Report:
 
     Examples: pilsim report runs/stress
               pilsim report runs/stress --out density.html
+              pilsim report runs/independent --beside runs/fairmot
               pilsim report prediction.json
     """
 
@@ -29,6 +30,8 @@ class Report:
     """The folder with results.jsonl, as `pilsim stress` writes it, or the file of `pilsim predict --out`."""
     out: Annotated[Path | None, unset("FILE", "FOLDER/report.html or FILE.html")] = None
     """The page to write."""
+    beside: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]", help_behavior_hint="(default: none)")] = ()
+    """Other folders of `pilsim stress`, shown on the same page under their names: other trackers or other detectors."""
 
     def run(self) -> None:
         from sim.report.prediction_page import plots_folder, write_prediction_page
@@ -38,8 +41,10 @@ class Report:
         prediction = self.folder.suffix.lower() == ".json" and not self.folder.is_dir()
         if not self.folder.is_dir() and not (prediction and self.folder.is_file()):
             raise ValueError(f"{self.folder}: no such {'file' if prediction else 'folder'}")
+        if prediction and self.beside:
+            raise ValueError("--beside is for folders of `pilsim stress`")
         beside = plots_folder(self.folder) if prediction else self.folder / "report"
         target = self.out or (self.folder.with_suffix(".html") if prediction else self.folder / "report.html")
         with folder_lock(beside), output_file_lock(target):
-            path = write_prediction_page(self.folder, self.out) if prediction else write_report(self.folder, self.out)
+            path = write_prediction_page(self.folder, self.out) if prediction else write_report(self.folder, self.out, self.beside)
         print(f"{path}: the page ({path.stat().st_size / 1e6:.1f} MB); plots as PNG and CSV in {beside}")

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from sim.report.page import PageContent, page
 from sim.report.pictures import Album
 from sim.report.plots import Plot, save
-from sim.report.rows import Rows, read_rows
+from sim.report.rows import Rows, read_beside
 from sim.report.series import overview, plots_of
 from sim.report.summary import moments
 from tracker.io.atomic import write_text
 from tracker.io.progress import progress_bar
 
 
-def write_report(folder: Path, out: Path | None = None) -> Path:
+def write_report(folder: Path, out: Path | None = None, others: Sequence[Path] = ()) -> Path:
     """Write the page to `out` (default: FOLDER/report.html), and each plot as PNG and CSV into FOLDER/report. Returns the path of the page.
 
-    Raises ValueError as `read_rows` does, and where a picture lies outside the folder.
+    others: other folders, whose runs are shown beside those of the first.
+    Raises ValueError as `read_beside` does, and where a picture lies outside the folder.
     """
-    rows = read_rows(folder)
+    rows = read_beside([folder, *others])
     target = out or folder / "report.html"
     if target.is_dir():
         raise ValueError(f"{target}: is a folder, needs a file name")

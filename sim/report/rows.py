@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -96,11 +96,12 @@ class SweepRows:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """All rows of a folder. torn: whether the last line was cut off and left out."""
+    """All rows of a folder. torn: whether the last line was cut off and left out. several: whether there are rows of other folders, too."""
 
     folder: Path
     rows: tuple[Row, ...]
     torn: bool
+    several: bool = False
 
     @property
     def trackers(self) -> list[str]:
@@ -155,6 +156,26 @@ def read_rows(folder: Path) -> Rows:
         raise ValueError(f"{path}: holds no {'whole ' if last else ''}row")
     _check_unique(rows)
     return Rows(folder, rows, bool(last.strip()))
+
+
+def read_beside(folders: Sequence[Path]) -> Rows:
+    """The rows of several folders as those of one, the first. A tracker has the name of its folder, before its own where there are several of them.
+
+    Moments are those of the first folder, where their pictures are. Raises ValueError as `read_rows`, and for folders of the same name.
+    """
+    read = [read_rows(folder) for folder in folders]
+    if len(read) == 1:
+        return read[0]
+    names = [rows.folder.resolve().name for rows in read]
+    names = names if len(set(names)) == len(names) else [str(rows.folder) for rows in read]
+    if len(set(names)) < len(names):
+        raise ValueError(f"{folders[0]}: the same folder is given twice")
+    out = list[Row]()
+    for name, rows in zip(names, read, strict=True):
+        for row in rows.rows:
+            moments = row.moments if rows is read[0] else ()
+            out.append(replace(row, tracker=f"{name}:{row.tracker}" if len(rows.trackers) > 1 else name, moments=moments))
+    return Rows(read[0].folder, tuple(out), any(rows.torn for rows in read), True)
 
 
 def _check_unique(rows: Iterable[Row]) -> None:

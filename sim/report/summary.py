@@ -126,7 +126,8 @@ def trackers(rows: Rows) -> str:
     for tracker in rows.trackers:
         values = [row.scores["mota"] for row in rows.rows if row.tracker == tracker and "mota" in row.scores]
         means.append(f"{tracker} {np.mean(values):.2f} over {plural(len(values), 'run')}" if values else f"{tracker} without a score")
-    return f"Mean MOTA: {listed(means)}. The text above is about {rows.trackers[0]}; `pilsim compare {rows.folder.name}` shows paired differences."
+    paired = "" if rows.several else f"; `pilsim compare {rows.folder.name}` shows paired differences"
+    return f"Mean MOTA: {listed(means)}. The text above is about {rows.trackers[0]}{paired}."
 
 
 def certainty(rows: Rows) -> str:

@@ -105,7 +105,8 @@ class SecondBoxes:
 
     samples (n, 7): errors of the four edges in heights of the body; confidence, visible share, and 1 where there was no first
     box. Errors are from the first box, or from the whole body where there is none.
-    Samples (n, 5) lack the last two: all are from the whole body, and drawn for all alike.
+    Samples (n, 8) have a last column, 1 where the next row is the same box step_s later: while a box lasts, it takes these rows in turn, to and fro.
+    Samples (n, 5) lack the last two of seven: all are from the whole body, and drawn for all alike. With 5 or 7 columns, a box keeps its sample.
     coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
     """
 
@@ -113,6 +114,7 @@ class SecondBoxes:
     time_s: float
     samples: tuple[tuple[float, ...], ...]
     coefficients: tuple[float, ...] = ()
+    step_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -289,7 +291,8 @@ def _check(model: DetectorModel) -> None:
         _check_shape(name, value, shape)
     _check_optional(model)
     second = model.second
-    _check_samples("second.samples", second.samples, 7 if second.samples and np.shape(second.samples[0]) == (7,) else 5)
+    columns = len(second.samples[0]) if second.samples and np.shape(second.samples[0]) in ((7,), (8,)) else 5
+    _check_samples("second.samples", second.samples, columns)
     _check_samples("false.samples", model.false.samples, 4)
     _check_samples("standing.samples", model.standing.samples, 6)
     _check_samples("standing.fixed", model.standing.fixed, 8)
@@ -303,6 +306,7 @@ def _check(model: DetectorModel) -> None:
         ("confidences.lasting", c.lasting, 0.0, 1.0),
         ("confidences.spread", c.spread, 0.0, 100.0),
         ("standing.jitter", model.standing.jitter, 0.0, 10.0),
+        ("second.step_s", second.step_s, 0.0, LONGEST),
         ("standing.sites", model.standing.sites, 0.0, 1000.0),
         ("false.rate", model.false.rate, 0.0, 1000.0),
         ("edges.hidden", e.hidden, 0.0, 1.0),

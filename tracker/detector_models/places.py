@@ -45,11 +45,12 @@ def at_its_places(model: DetectorModel, samples: Samples) -> DetectorModel:
     """The model with the standing false boxes of the first view of the samples at their places in the image.
 
     A place that had a box within SITE_TIME of the last frame goes on. Places end and begin as often as they did, and begin where one was.
+    A stationary process has births × (time of the fit + life) places in the fit, with those that stood at its start.
     """
     false = samples.false
     mine = false.view == 0
     total = int(false.frames[0])
-    rows, lives, ends, births = list[Array](), 0, 0, 0
+    rows, lives, ends = list[Array](), 0, 0
     margin = max(1, round(SITE_TIME / samples.period))
     for site in np.unique(false.site[mine & (false.site >= 0)]).tolist():
         at = mine & (false.site == site)
@@ -57,10 +58,10 @@ def at_its_places(model: DetectorModel, samples: Samples) -> DetectorModel:
         span, stands = int(frames[-1] - frames[0] + 1), frames[-1] >= total - margin
         sure = np.percentile(false.confidence[at], [10, 90])
         rows.append(np.array([*np.median(false.edges[at], axis=0), len(frames) / span, *sure, float(stands)]))
-        lives, ends, births = lives + span, ends + (not stands), births + (frames[0] >= margin)
+        lives, ends = lives + span, ends + (not stands)
     fixed = tuple(tuple(row) for row in np.round(np.array(rows).reshape(-1, 8), 4).tolist())[:MOST_SAMPLES]
     life = lives * samples.period / ends if ends else LONGEST
-    rate = births / max(samples.period * total, 1e-9)
+    rate = len(rows) / (samples.period * total + min(life, LONGEST))
     standing = replace(model.standing, fixed=fixed, life_s=round(min(life, LONGEST), 4), births=round(rate, 5) if fixed else 0.0)
     return replace(model, standing=standing if fixed else replace(standing, sites=0.0))
 

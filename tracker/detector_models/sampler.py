@@ -13,7 +13,7 @@ from tracker.datasets.projected_boxes import body_outlines, clipped
 from tracker.detector_models.bodies import TrueBodies
 from tracker.detector_models.model import CLEAR, KNOTS, OVERLAPS, DetectorModel, persistence
 from tracker.detector_models.overlaps import MATCH, nearest_overlap
-from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, second_rates
+from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, next_example, second_rates
 from tracker.detector_models.trends import trend_features
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.box_overlaps import paired_overlaps
@@ -72,6 +72,10 @@ class ViewSampler:
         self._fills = rng.spawn(1)[0]
         self._fill = self._fills.normal(size=n)
         self._alike = examples_by_kind(model.second)
+        # The example that a second box has now, −1 for none, and whether it goes on forward. They need no random numbers of their own.
+        self._now = np.full(self._example.shape, -1)
+        self._forward = np.ones(self._example.shape, dtype=bool)
+        self._waited = 0.0
         self._sites = Sites(model, camera, period, self._false)
 
     def step(self, bodies: TrueBodies, place: Place) -> SimulatedBoxes:
@@ -102,6 +106,15 @@ class ViewSampler:
         renewed = self._people.random((n, 3)) >= np.array(kept)
         self._hidden = np.where(renewed, self._people.random((n, 3)), self._hidden)
         example = self._people.integers(0, 1 << 30, self._example.shape)
+        self._now = np.where(renewed[:, 2:], -1, self._now)
+        self._waited += self.period
+        while 0 < model.second.step_s <= self._waited * (1 + 1e-9):
+            self._waited -= model.second.step_s
+            for row, number in np.argwhere(self._now >= 0).tolist():
+                self._now[row, number], self._forward[row, number] = next_example(
+                    model.second, int(self._now[row, number]), bool(self._forward[row, number])
+                )
+                renewed[row, 2] |= self._now[row, number] < 0
         self._example = np.where(renewed[:, 2:], example, self._example)
 
     def _of_people(self, bodies: TrueBodies, rows: Ints) -> tuple[Array, Array, Ints]:
@@ -167,9 +180,13 @@ class ViewSampler:
                 continue
             for number, rate in enumerate(rates[k].tolist()):
                 if self._hidden[row, 2] < rate:
-                    alike = self._alike[int(kind[k])]
-                    sample = second.samples[int(alike[int(self._example[row, number]) % len(alike)])]
-                    base = first[k] if found[k] and len(sample) == 7 and sample[6] < 0.5 else bodies.whole[k]
+                    alike, now = self._alike[int(kind[k])], int(self._now[row, number])
+                    if now < 0 or (second.samples[now][6] < 0.5) != found[k]:
+                        now = int(alike[int(self._example[row, number]) % len(alike)])
+                    if second.step_s > 0:
+                        self._now[row, number] = now
+                    sample = second.samples[now]
+                    base = first[k] if found[k] and len(sample) >= 7 and sample[6] < 0.5 else bodies.whole[k]
                     out.append(base + np.array(sample[:4]) * bodies.height[k])
                     sure.append(sample[4])
                     of.append(int(bodies.person[k]))

@@ -70,7 +70,7 @@ class FalseSamples:
     """A row for each false box that is judged: view, frame, site (n,), −1 for new ones; edges (n, 4) px; confidence (n,).
 
     size (n, 3) m: distance, height, width. unjudged: number of boxes beyond the area. frames: by view, the number of frames.
-    seconds (m, 8): rows of second boxes, with person, four errors, confidence, visible share, and 1 where the person has no first box.
+    seconds (m, 10): rows of second boxes, with person, four errors, confidence, visible share, 1 where the person has no first box, view, frame.
     Errors are from the first box, or else from the whole body.
     """
 
@@ -111,7 +111,7 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
         raise ValueError("too little truth: no frame has both truth and detections")
     names = tuple(dict.fromkeys(one.camera for one in frames))
     number = {name: k for k, name in enumerate(names)}
-    rows, seconds = list[tuple[Any, ...]](), [np.zeros((0, 8))]
+    rows, seconds = list[tuple[Any, ...]](), [np.zeros((0, 10))]
     boxes: dict[str, list[tuple[int, Array, float]]] = {name: [] for name in names}
     for one in frames:
         camera = recording.cameras[one.camera].camera
@@ -124,7 +124,7 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
                 base = one.bodies.whole[owner] if first < 0 else one.edges[first]
                 error = (one.edges[box] - base) / one.bodies.height[owner]
                 kind = one.bodies.visible[owner], float(one.match[owner] < 0)
-                seconds.append(np.array([[one.bodies.person[owner], *error, one.confidence[box], *kind]]))
+                seconds.append(np.array([[one.bodies.person[owner], *error, one.confidence[box], *kind, number[one.camera], one.frame]]))
             else:
                 boxes[one.camera].append((one.frame, one.edges[box], float(one.confidence[box])))
     people = _people(rows)
@@ -140,7 +140,8 @@ def joined(parts: Sequence[Samples]) -> Samples:
     for part in parts:
         p, f = part.people, part.false
         people.append(replace(p, view=p.view + views, person=np.unique(p.person, return_inverse=True)[1] + persons))
-        false.append(replace(f, view=f.view + views, site=np.where(f.site >= 0, f.site + sites, -1)))
+        second = f.seconds + np.array([0.0] * 8 + [views, 0.0])
+        false.append(replace(f, view=f.view + views, site=np.where(f.site >= 0, f.site + sites, -1), seconds=second))
         views, persons = views + len(part.cameras), persons + len(np.unique(p.person))
         sites += int(f.site.max(initial=-1)) + 1
     names = tuple(name for part in parts for name in part.cameras)

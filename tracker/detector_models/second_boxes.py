@@ -31,9 +31,56 @@ def fit_second(samples: Samples, features: Array, weight: Array) -> SecondBoxes:
     # Frames of a run of second boxes are one observation, not many: the weight of each is less by the correlation time.
     beta = processes.logistic(x, some.astype(float), weight * min(1.0, samples.period / max(2 * time_s, 1e-9)), PRIOR)
     time_s = processes.hidden_chain(expit(x @ beta), some, samples.pairs, weight, flickers=(0.0,))[0]
-    step = max(1, -(-len(rows) // MOST_SAMPLES))
-    kept = np.round(rows[::step, 1:], 4)
-    return SecondBoxes(tuple(rates), time_s, tuple(tuple(row) for row in kept.tolist()), tuple(np.round(beta, 4).tolist()))
+    kept = tuple(tuple(row) for row in np.round(examples(rows), 4).tolist())
+    return SecondBoxes(tuple(rates), time_s, kept, tuple(np.round(beta, 4).tolist()), round(samples.period, 6))
+
+
+def examples(rows: Array) -> Array:
+    """Examples (n, 8) as in SecondBoxes, at most MOST_SAMPLES, from rows (m, 10) as in FalseSamples.seconds: whole runs, chosen at random."""
+    found = runs(rows)
+    taken, total = list[list[int]](), 0
+    for k in np.random.default_rng(0).permutation(len(found)).tolist():
+        taken.append(found[k][: MOST_SAMPLES - total])
+        total += len(taken[-1])
+        if total == MOST_SAMPLES:
+            break
+    order = sorted(taken)
+    follows = np.array([float(k + 1 < len(run)) for run in order for k in range(len(run))])
+    return np.column_stack([rows[[row for run in order for row in run], 1:8], follows])
+
+
+def runs(rows: Array) -> list[list[int]]:
+    """Numbers of the rows (m, 10) that are one second box of a person in frames one after the other.
+
+    Boxes of a person and view in two such frames are the same one by turns of the smallest difference of edges. A run ends where the first box comes
+    or goes, since errors then have another base.
+    """
+    order = np.lexsort((rows[:, 9], rows[:, 0], rows[:, 8])).tolist()
+    groups = dict[tuple[float, ...], list[int]]()
+    for row in order:
+        groups.setdefault((rows[row, 8], rows[row, 0], rows[row, 7], rows[row, 9]), []).append(row)
+    out, of = list[list[int]](), dict[int, list[int]]()
+    for (view, person, base, frame), mine in groups.items():
+        before, free = list(groups.get((view, person, base, frame - 1), [])), list(mine)
+        while before and free:
+            apart = np.abs(rows[before][:, None, 1:5] - rows[free][None, :, 1:5]).sum(axis=2)
+            a, b = np.unravel_index(int(np.argmin(apart)), apart.shape)
+            of[free[b]] = of[before[a]]
+            of[free[b]].append(free[b])
+            del before[a], free[b]
+        for row in free:
+            of[row] = [row]
+            out.append(of[row])
+    return out
+
+
+def next_example(second: SecondBoxes, at: int, forward: bool) -> tuple[int, bool]:
+    """The example after row `at` of the same box, and the direction in which it goes on; −1 for a box of one frame alone."""
+    ahead, behind = second.samples[at][7] > 0.5, at > 0 and second.samples[at - 1][7] > 0.5
+    if not ahead and not behind:
+        return -1, True
+    forward = ahead if forward else not behind
+    return at + (1 if forward else -1), forward
 
 
 def second_rates(second: SecondBoxes, features: Array, found: Mask) -> Array:

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from sim.report.rows import read_rows
+from sim.report.report import write_report
+from sim.report.rows import read_beside, read_rows
 from tests.sim import stress_rows
 
 
@@ -23,6 +24,17 @@ def test_rows_by_sweep_setting_and_seed(tmp_path: Path) -> None:
     assert density.settings[3].scores("default", "truths") == dict.fromkeys(range(3), 6000)
     assert density.settings[3].scores("default", "visible_recall") == dict.fromkeys(range(3), 0.8)
     assert density.settings[3].scores("default", "nonsense") == {}
+
+
+def test_folders_beside_each_other_are_on_one_page(tmp_path: Path) -> None:
+    folders = [stress_rows.write(tmp_path / name, stress_rows.density(2)) for name in ("independent", "fairmot")]
+    read = read_beside(folders)
+    assert (read.trackers, len(read.rows), read.folder) == (["independent", "fairmot"], 16, folders[0])
+    text = write_report(folders[0], tmp_path / "page.html", folders[1:]).read_text(encoding="utf-8")
+    assert "MOTA of independent" in text and "MOTA of fairmot" in text
+    assert "pilsim compare" not in text
+    with pytest.raises(ValueError, match="given twice"):
+        read_beside([folders[0], folders[0]])
 
 
 def test_settings_go_by_number_and_curves_by_value(tmp_path: Path) -> None:
