@@ -277,9 +277,10 @@ class FixedPlaces:
         """Edges (n, 4) px and confidences (n,) of the next frame."""
         rng = self.rng
         stays = rng.random(len(self.row)) < self.stays
-        new = rng.integers(len(self.rows), size=int(rng.poisson(self.births)))
+        free = np.setdiff1d(np.arange(len(self.rows)), self.row[stays])
+        new = rng.choice(free, min(int(rng.poisson(self.births)), len(free)), replace=False)
         state = np.where(rng.random(len(self.row)) < self.kept, self.state, rng.random(len(self.row)))
-        self.row = np.concatenate([self.row[stays], np.setdiff1d(new, self.row[stays])])
+        self.row = np.concatenate([self.row[stays], new])
         self.state = np.concatenate([state[stays], rng.random(len(self.row) - int(stays.sum()))])
         mine = self.rows[self.row]
         jitter = rng.normal(0.0, self.jitter, (len(mine), 4)) * (mine[:, 3] - mine[:, 1])[:, None]
