@@ -8,7 +8,9 @@ import pytest
 from tests.tracker.detector_models.test_sampler import CAMERA, PERIOD, bodies, people, plain, run
 from tracker.detector_models.model import DetectorModel, SecondBoxes, StandingBoxes
 from tracker.detector_models.observations import match_frame
+from tracker.detector_models.places import at_its_places
 from tracker.detector_models.sampler import FixedPlaces
+from tracker.detector_models.samples import FalseSamples, PeopleSamples, Samples
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, second_rates
 from tracker.detector_models.trends import TREND, bounds_of, fitted_trend, folds_of, trend_features
 
@@ -66,6 +68,19 @@ def test_fixed_places_stand_end_and_begin():
     assert count.sum() / 60 == pytest.approx(1 / (1 - np.exp(-PERIOD / 5)), rel=0.35)
     born = FixedPlaces(plain(standing=replace(standing, births=0.4, life_s=2.0)), PERIOD, np.random.default_rng(1))
     assert {tuple(edge) for _ in range(400) for edge in born.step()[0].tolist()} == {rows[0][:4], rows[1][:4]}
+
+
+def test_places_that_stood_at_the_start_count_as_begun():
+    # One place stands in frames 0 to 39 of 100, and none comes later.
+    frames, zeros = np.arange(40), np.zeros(40, dtype=np.int64)
+    box = np.tile([10.0, 20.0, 60.0, 120.0], (40, 1))
+    false = FalseSamples(zeros, frames, zeros, box, np.ones((40, 3)), np.full(40, 0.5), 0, np.array([100]), np.zeros((0, 10)))
+    nobody = PeopleSamples(*[np.zeros(0)] * 17)
+    standing = at_its_places(plain(), Samples(nobody, false, PERIOD, ("C1",))).standing
+    assert standing.life_s == pytest.approx(40 * PERIOD)
+    # Of one birth a second and lives of 1 s, two places are seen in 1 s: one that comes, and one that is there.
+    assert standing.births == pytest.approx(1 / ((100 + 40) * PERIOD), rel=1e-3)
+    assert standing.fixed == ((10.0, 20.0, 60.0, 120.0, 1.0, 0.5, 0.5, 0.0),)
 
 
 def test_second_boxes_depend_on_visibility():

@@ -1,6 +1,7 @@
 """Second boxes that move while they last: runs of examples are found, and simulated boxes take their steps."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def test_a_second_box_takes_the_steps_of_its_run():
         seen.append(round(float((other - first) / height), 4))
     # To and fro between the ends of the run.
     at = [offsets.index(offset) for offset in seen]
-    assert all(abs(a - b) == 1 for a, b in zip(at, at[1:], strict=False))
+    assert all(abs(a - b) == 1 for a, b in pairwise(at))
     assert set(at) == {0, 1, 2}
     assert DetectorModel.from_json(still.to_json()).second == second
     # Rows without runs stay where they are while a box lasts.
