@@ -55,7 +55,7 @@ class Demo:
     cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
     """These options change the cameras."""
     detector_model: DetectorModelName = "independent"
-    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
+    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
     detector: Literal["simulated", "pixels"] = "simulated"
     """Source of the boxes: a simulated detector, which knows the truth, or the person detector on the panoramas."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None

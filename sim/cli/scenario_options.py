@@ -99,7 +99,7 @@ class DetectorSettings:
     min_visible: Number = None
     """Visible fraction of a body, from 0 to 1, below which it is never detected."""
     detector_model: Annotated[str | None, unset("FILE|NAME", "independent")] = None
-    """Errors of a real detector in place of these: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
+    """Errors of a real detector in place of these: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
 
 
 def detector_given(options: DetectorSettings) -> dict[str, Any]:

@@ -102,7 +102,7 @@ class Stress:
     world: str = "pilsun"
     """Name of the world, unless the sweep sets it."""
     detector_model: DetectorModelName = "independent"
-    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn or pets-det."""
+    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
     detector: Literal["simulated", "pixels"] = "simulated"
     """Source of the boxes: a simulated detector, which knows the truth, or the person detector on the rendered panoramas."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
