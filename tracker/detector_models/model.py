@@ -105,7 +105,7 @@ class SecondBoxes:
 
     samples (n, 7): errors of the four edges in heights of the body; confidence, visible share, and 1 where there was no first
     box. Errors are from the first box, or from the whole body where there is none.
-    Samples (n, 8) have a last column, 1 where the next row is the same box step_s later: while a box lasts, it takes these rows in turn, to and fro.
+    Samples (n, 8) have a last column, 1 where the next row is the same box step_s later. While a box lasts, it takes the rows of a run, to and fro.
     Samples (n, 5) lack the last two of seven: all are from the whole body, and drawn for all alike. With 5 or 7 columns, a box keeps its sample.
     coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
     """
