@@ -115,7 +115,7 @@ ROOM_SWEEPS: dict[str, Sweep] = {
         Sweep("room", "more people in a room of 7.7 x 3.4 m with four corner cameras", "people", (3, 10, 15, 20), "{} people"),
         Sweep("standing", "people of this room who stand together in groups", "groups", (0.0, 0.25, 0.5, 0.75, 1.0), "{:.0%} stand", "share"),
         Sweep("detectors", "detectors by name, before ten people in this room", "detector_model", (
-            INDEPENDENT, "fairmot", "pets-det", "keypoint-rcnn", "faster-rcnn",
+            INDEPENDENT, "fairmot", "pets-det", "keypoint-rcnn", "faster-rcnn", "pixels",
         ), "detector: {}"),
         Sweep("lasting", "places of lasting false boxes of faster-rcnn in each view of this room", "sites", (0.0, 1.0, 2.0, 4.0, 8.0),
             "{:g} places a view", "places a view"),
