@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
 from tracker.detections.front_end import FrontEnd, ImageParameters
 from tracker.detections.ground_points import GroundDetections
+from tracker.detections.occlusion import Viewpoint
 from tracker.detections.rejections import BOXES, NO_POSE, count_rejections
 from tracker.mht.parameters import MhtParameters
 from tracker.mht.tracker import MhtTracker
+from tracker.reading_ahead import ahead
 from tracker.slam.filter import Slam
 from tracker.slam.parameters import SlamParameters
 from tracker.tracks.track_ids import TrackIds
@@ -32,26 +36,45 @@ class Parameters:
     delay: int = 0  # ticks of the fixed-lag smoother, by which estimates are late
 
 
-def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None) -> Iterator[Estimate]:
+def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None, threads: int = 1) -> Iterator[Estimate]:
     """One Estimate for each tick, `delay` ticks later.
 
+    threads: from two on, ticks are read in one thread, robots localized and images searched in others, while people of the tick before are tracked.
+    The estimates do not depend on it. Up to four ticks are in memory then.
     Raises ValueError where a tick has a camera that the setup does not have, or an index that is not larger than the last.
     """
-    tracker = Tracker(setup, parameters or Parameters())
-    for tick in ticks:
-        if estimate := tracker.step(tick):
+    with ExitStack() as stack:
+        if threads == 1:
+            tracker = Tracker(setup, parameters or Parameters())
+            placed: Iterable[PlacedTick] = map(tracker.place, ticks)
+        else:
+            tracker = Tracker(setup, parameters or Parameters(), stack.enter_context(ThreadPoolExecutor(threads)))
+            placed = stack.enter_context(ahead(map(tracker.place, stack.enter_context(ahead(ticks)))))
+        for tick in placed:
+            if estimate := tracker.follow(tick):
+                yield estimate
+        while estimate := tracker.finish():
             yield estimate
-    while estimate := tracker.finish():
-        yield estimate
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedTick:
+    """A tick with the robots' poses in `estimate`, and its boxes on the ground with the viewpoint of each."""
+
+    tick: Tick
+    estimate: Estimate
+    feet: list[GroundDetections]
+    cameras: list[Viewpoint]
 
 
 class Tracker:
     """The state between ticks: the SLAM filter of the team, and the tracker of people."""
 
-    def __init__(self, setup: Setup, parameters: Parameters) -> None:
+    def __init__(self, setup: Setup, parameters: Parameters, threads: ThreadPoolExecutor | None = None) -> None:
+        """threads: work on the views of a tick side by side."""
         self.setup, self.parameters = setup, parameters
         self.slam = Slam(setup, parameters.slam)
-        self._front_end = FrontEnd(setup, parameters.targets.fusion, parameters.images)
+        self._front_end = FrontEnd(setup, parameters.targets.fusion, parameters.images, threads)
         self._people = MhtTracker(self._front_end.setup, parameters.targets, parameters.delay)
         self._track_ids = TrackIds(setup)
         self._waiting: deque[Estimate] = deque()
@@ -60,16 +83,24 @@ class Tracker:
 
     def step(self, tick: Tick) -> Estimate | None:
         """Take a tick; the estimate of the tick `delay` ticks before it, None at the start."""
+        return self.follow(self.place(tick))
+
+    def place(self, tick: Tick) -> PlacedTick:
+        """Localize the robots at a tick, and place its boxes. This needs nothing of the people, so it may run ahead of `follow`."""
         self._check(tick)
         self.slam.step(tick)
         # Robots with an unknown start have no pose until they are localized in the map of the team.
         poses = {robot: (self.slam.pose(robot), self.slam.covariance(robot)) for robot in self.setup.starts if self.slam.is_localized(robot)}
         known, covariances = {robot: pose for robot, (pose, _) in poses.items()}, {robot: P for robot, (_, P) in poses.items()}
         feet, cameras = self._front_end.step(tick, poses)
-        people = self._people.step(feet, cameras)
-        self._count_rejections(tick, feet)
-        estimate = Estimate.of_robots(tick.index, known, covariances, self.slam.counters | dict(self._rejections))
-        self._waiting.append(replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)))
+        estimate = Estimate.of_robots(tick.index, known, covariances, self.slam.counters)
+        return PlacedTick(tick, replace(estimate, map_snapshot=self.slam.map_snapshot(tick.index)), feet, cameras)
+
+    def follow(self, placed: PlacedTick) -> Estimate | None:
+        """Follow the people at the next tick; the estimate of the tick `delay` ticks before it, None at the start."""
+        people = self._people.step(placed.feet, placed.cameras)
+        self._count_rejections(placed.tick, placed.feet)
+        self._waiting.append(replace(placed.estimate, counters=placed.estimate.counters | dict(self._rejections)))
         return self._completed(people)
 
     def finish(self) -> Estimate | None:

@@ -16,9 +16,10 @@ from tracker.sequence.results import RUN, Results, read_results, write_results
 from tracker.types import Sequence
 
 
-def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters: Parameters | None = None) -> Results:
+def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters: Parameters | None = None, threads: int = 1) -> Results:
     """Track a sequence with a progress bar and write the results, or read them where the same run is there already.
 
+    threads: as of tracker.pipeline.track; the results do not depend on it.
     run: what is tracked, as JSON values by name; provenance and parameters are added to it.
     Raises ValueError where `folder` holds another run, or one that pilsim 0.3.0 or older wrote, and where another process writes into it.
     Raises Kept where the results cannot be written there, with the place where they are instead.
@@ -31,7 +32,7 @@ def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters
         raise ValueError(f"{graphs}: lies in {folder}, needs a place outside it for the graphs")
     with folder_lock(folder), nullcontext() if graphs is None else folder_lock(graphs):
         # Another process may have written the results before the lock was free.
-        return _same_run(folder, wanted) or _new_run(sequence, folder, wanted, parameters)
+        return _same_run(folder, wanted) or _new_run(sequence, folder, wanted, parameters, threads)
 
 
 def check_output(folder: Path) -> None:
@@ -52,9 +53,9 @@ def _same_run(folder: Path, wanted: Mapping[str, Any]) -> Results | None:
     return there
 
 
-def _new_run(sequence: Sequence, folder: Path, wanted: dict[str, Any], parameters: Parameters | None) -> Results:
+def _new_run(sequence: Sequence, folder: Path, wanted: dict[str, Any], parameters: Parameters | None, threads: int) -> Results:
     """Track a sequence and write the results into a folder without content."""
-    estimates = track(sequence.setup, sequence.ticks, parameters)
+    estimates = track(sequence.setup, sequence.ticks, parameters, threads)
     results = Results.of(progress_bar(estimates, total=len(sequence.ticks), desc="tracking", unit="frame"), wanted)
     write_or_rescue(folder, lambda place: write_results(place, results))
     return results

@@ -126,7 +126,8 @@ def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | 
             for name in PICTURES:
                 (out / name).unlink(missing_ok=True)
             shutil.rmtree(out / "track")
-    results = tracked(detected_in_images(sequence, model, usable_cores()) if pixels else sequence, out / "track", run)
+    cores = usable_cores()
+    results = tracked(detected_in_images(sequence, model, cores) if pixels else sequence, out / "track", run, threads=cores)
     scores = evaluate(sequence, results)
     write_text(out / "scores.json", json_text(scores, indent=1) + "\n")
     draw(sequence, results, scores, out)

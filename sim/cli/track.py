@@ -136,7 +136,7 @@ class Track:
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
     """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
-    """Number of threads of --detector pixels. The result does not depend on it."""
+    """Number of threads that find people in images, localize robots and track people. The result does not depend on it."""
     images: bool = False
     """Use the images, too: silhouettes and appearance. A recording needs video/ or images/ of any camera."""
     map: Literal["known", "unknown"] = "unknown"
@@ -169,8 +169,9 @@ class Track:
         part, pixels = self.part, self.detector == "pixels"
         if self.model and not pixels:
             raise ValueError(f"{self.model}: --model is for --detector pixels")
-        if self.workers is not None and (self.workers < 1 or not pixels):
-            raise ValueError(f"--workers is {self.workers}, needs at least 1, and --detector pixels")
+        threads = usable_cores() if self.workers is None else self.workers
+        if threads < 1:
+            raise ValueError(f"--workers is {threads}, needs at least 1")
         if self.detector == "simulated" and format_of(self.source).name != PILSIM and part.project is None:
             part = replace(part, project="")
         options = part.options(self.images, pixels)
@@ -178,7 +179,7 @@ class Track:
         if pixels:
             # The network is checked before the work, and the run names it.
             model = PersonNetwork(self.model).checksum
-            sequence = detected_in_images(sequence, self.model, usable_cores() if self.workers is None else self.workers)
+            sequence = detected_in_images(sequence, self.model, threads)
         first = next(iter(sequence.ticks), None)
         if first is None:
             raise ValueError(f"{self.source}: no frame, since the files of detections hold no box and there is no truth")
@@ -190,7 +191,7 @@ class Track:
         if pixels:
             run["model"] = model
         parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
-        results = tracked(sequence, self.out, run, parameters)
+        results = tracked(sequence, self.out, run, parameters, threads)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
         q, places = parameters.targets, sum(len(ids) for ids, _ in results.tracks.values())

@@ -6,6 +6,7 @@ the tracker learns how good each detector is. The name of that view is the camer
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,10 +38,12 @@ class ImageParameters:
 class FrontEnd:
     """The front end of all cameras of a setup. The attribute `setup` is the given one with the views of silhouettes added."""
 
-    def __init__(self, setup: Setup, fusion: FusionParameters, images: ImageParameters) -> None:
+    def __init__(self, setup: Setup, fusion: FusionParameters, images: ImageParameters, threads: ThreadPoolExecutor | None = None) -> None:
+        """threads: work on the views of a tick side by side, each with a state of its own."""
         fixed = {name: mount for name, mount in setup.mounts.items() if images.silhouettes and setup.is_fixed(mount.robot)}
         self.setup = replace(setup, mounts=setup.mounts | {name + SILHOUETTES: mount for name, mount in fixed.items()})
         self.fusion, self.images = fusion, images
+        self._map = map if threads is None else threads.map
         self._tracklets = {name: KltTracklets(mount.camera, images.tracklets) for name, mount in setup.mounts.items() if images.tracklets}
         self._silhouettes = {name: Silhouettes(mount.camera, _pose(setup, mount), setup, images.silhouettes) for name, mount in fixed.items()}
 
@@ -49,11 +52,9 @@ class FrontEnd:
 
         placed: robot → T_world_robot and covariance (6, 6) of its right tangent.
         """
-        feet: list[GroundDetections] = []
-        for view in tick.views:
-            robot = self.setup.mounts[view.camera].robot
-            if robot in placed:
-                feet += self._ground_detections(view, placed[robot])
+        seen = [view for view in tick.views if self.setup.mounts[view.camera].robot in placed]
+        found = self._map(lambda view: self._ground_detections(view, placed[self.setup.mounts[view.camera].robot]), seen)
+        feet = [boxes for view in found for boxes in view]
         return feet, [self._viewpoint(f.camera, placed) for f in feet]
 
     def _ground_detections(self, view: View, placed: Placed) -> list[GroundDetections]:
