@@ -231,9 +231,11 @@ def plot(found: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
             axis.set(xscale="log", yscale="log")
         else:
             axis.set(xscale="log", ylim=(0, None))
+        axis.set_xticks(sizes, [f"{size:g}" if size < 1e5 else f"{size:.0e}" for size in sizes])
+        axis.minorticks_off()
         axis.set_title(what, fontsize=9)
         axis.set_xlabel(name, fontsize=8)
-        axis.tick_params(labelsize=7)
+        axis.tick_params(labelsize=6)
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=75)
 
