@@ -49,6 +49,17 @@ def too_many(config: pytest.Config) -> bool:
 
 
 @pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the tracker's kernels before several workers begin, each of which would compile all of them where they are not in the cache."""
+    if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
+        from tracker.geometry.compile_ahead import compiling
+
+        with compiling(2) as processes:
+            for process in processes:
+                process.wait()
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
     reasons, log = skip_reasons(session.config), session.config.getoption("skip_log")
     if log and reasons:
