@@ -9,7 +9,7 @@ from tests.conftest import DATA
 from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.comparison import distances, table
 from tracker.detector_models.fitting import open_source
-from tracker.detector_models.model import model_names, named_model
+from tracker.detector_models.model import named_model
 from tracker.detector_models.samples import joined
 from tracker.detector_models.simulation import independent_detections, simulated_detections
 
@@ -39,7 +39,7 @@ def compared(name: str) -> dict[str, dict[str, float]]:
 
 
 def main() -> None:
-    for name in model_names():
+    for name in ROWS:
         missing = [path for path in ROWS[name][0] if not path.is_dir()]
         if missing:
             print(f"{name}: needs {missing[0]}")
