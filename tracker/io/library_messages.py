@@ -8,7 +8,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_one_at_a_time = threading.RLock()
+standard_error = threading.RLock()
+"""Who holds it is the only one that collects messages. Other threads hold it while they write to standard error, so that theirs are not collected."""
 
 
 class Printed:
@@ -21,7 +22,7 @@ class Printed:
 def library_messages() -> Iterator[Printed]:
     """Collect what is printed on standard error in the block, and what libraries print to no Python stream. Where there is none, nothing is."""
     out = Printed()
-    with _one_at_a_time, tempfile.TemporaryFile() as file:
+    with standard_error, tempfile.TemporaryFile() as file:
         try:
             own = os.dup(2)
         except OSError:

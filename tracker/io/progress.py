@@ -9,6 +9,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from tracker.io.library_messages import standard_error
+
 PERIOD = 10.0
 """Time between two lines where standard error is no terminal, s. Work that is shorter writes none."""
 LINE = "{desc}: {n_fmt}/{total_fmt} [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
@@ -34,7 +36,9 @@ class _Bar(tqdm):  # type: ignore[misc]
 
     def _try(self, draw: Any, *given: Any, **named: Any) -> Any:
         try:
-            return draw(*given, **named)
+            # A thread that reads an image collects what is printed meanwhile, and takes it for a fault of the image.
+            with standard_error:
+                return draw(*given, **named)
         except (OSError, ValueError):
             # ValueError is raised for a closed file, and for characters that it lacks.
             self.disable = True

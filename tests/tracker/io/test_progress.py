@@ -3,9 +3,13 @@
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
+
+from tracker.io.library_messages import library_messages
+from tracker.io.progress import progress_bar
 
 ROOT = Path(__file__).parents[3]
 CODE = """
@@ -69,3 +73,30 @@ def test_a_terminal_shows_a_bar() -> None:
     assert b"sums: 100%" in shown
     assert b"3/3" in shown
     assert shown.count(b"x\r\n") == 3
+
+
+def test_a_line_is_no_message_of_a_library_that_another_thread_collects(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Images are read in a thread while the main one shows the progress: its line was taken for a fault of the image."""
+    monkeypatch.setattr("tracker.io.progress._Lines.period", 0.0)
+    collecting, found = threading.Event(), list[str]()
+
+    def read() -> None:
+        with library_messages() as printed:
+            collecting.set()
+            # The line of the other thread is due now, and waits.
+            drawing.join(0.3)
+            os.write(2, b"Corrupt JPEG data\n")
+        found.append(printed.line)
+
+    def draw() -> None:
+        collecting.wait()
+        with progress_bar(total=2, desc="tracking") as bar:
+            bar.update(1)
+
+    drawing, reading = threading.Thread(target=draw), threading.Thread(target=read)
+    reading.start()
+    drawing.start()
+    reading.join()
+    drawing.join()
+    assert found == ["Corrupt JPEG data"]
+    assert "tracking: " in capfd.readouterr().err
