@@ -94,8 +94,8 @@ def test_a_line_is_no_message_of_a_library_that_another_thread_collects(capfd: p
             bar.update(1)
 
     drawing, reading = threading.Thread(target=draw), threading.Thread(target=read)
-    reading.start()
     drawing.start()
+    reading.start()
     reading.join()
     drawing.join()
     assert found == ["Corrupt JPEG data"]
