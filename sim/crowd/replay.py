@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
 
 from sim.crowd.crowd import COLUMNS, CrowdState, Obstacles
 from sim.crowd.social_force import GOAL, HEADING, PRESENT, VX, X
@@ -156,6 +155,9 @@ def _smoothed(place: Array, times: Array) -> Array:
     window = min(2 * round(WINDOW / step / 2) + 1, n - 1 + n % 2)
     if window < 4:
         return place
+    # This takes a second, which other crowds need not wait for.
+    from scipy.signal import savgol_filter
+
     return np.asarray(savgol_filter(place, window, 2, axis=0))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from sim.parallel.pool import Pool
 from sim.prediction.halves import Frames, Halves, fit_views, open_halves
@@ -59,7 +59,7 @@ class Predicted:
         mean, n = float(known.mean()), len(known)
         if n < 2:
             return Predicted(mean, None, None)
-        wide = float(student.ppf(0.975, n - 1) * known.std(ddof=1) * np.sqrt(1 + 1 / n))
+        wide = float(stdtrit(n - 1, 0.975) * known.std(ddof=1) * np.sqrt(1 + 1 / n))
         return Predicted(mean, max(mean - wide, bounds[0]), min(mean + wide, bounds[1]))
 
 

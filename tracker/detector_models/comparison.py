@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import ks_2samp
 
 from tracker.detector_models.fit import edge_errors
 from tracker.detector_models.model import EDGES
@@ -67,6 +66,9 @@ def distances(real: Samples, simulated: Samples, filled: tuple[float, float]) ->
 
 
 def _ks(first: Array, second: Array) -> float:
+    # This takes half a second, which other commands need not wait for.
+    from scipy.stats import ks_2samp
+
     first, second = first[np.isfinite(first)], second[np.isfinite(second)]
     return float(ks_2samp(first, second, method="asymp").statistic) if len(first) and len(second) else float("nan")
 

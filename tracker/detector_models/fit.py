@@ -7,9 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.special import expit, ndtri
-from scipy.stats import chi2
-from scipy.stats import t as student
+from scipy.special import expit, gammaincinv, ndtri, stdtrit
 
 from tracker.detector_models import processes
 from tracker.detector_models.bodies import FEATURES
@@ -93,7 +91,7 @@ def _exact(parts: Mapping[str, Any], samples: Samples) -> dict[str, tuple[float,
     # Garwood's interval of a count, scaled as the presence of the places scales it.
     sites, known = len(np.unique(false.site[false.site >= 0])), parts["standing"].sites
     scale = known / sites if sites else 1.0 / max(1, len(false.frames))
-    low, high = chi2.ppf(0.025, 2 * sites) / 2 if sites else 0.0, chi2.ppf(0.975, 2 * sites + 2) / 2
+    low, high = gammaincinv(sites, 0.025) if sites else 0.0, gammaincinv(sites + 1, 0.975)
     out = {"standing.sites": (known, float(low * scale), float(high * scale))}
     for group, masks in miss_groups(people).items():
         for label, mask in masks.items():
@@ -115,7 +113,7 @@ def _rounded(key: str, value: float, low: float, high: float) -> tuple[float, fl
 
 def _few(people: int) -> float:
     """How much wider than a bootstrap's an interval of few people is: Student's t over the normal quantile."""
-    return float(student.ppf(0.975, people - 1) / ndtri(0.975) * np.sqrt(people / (people - 1)))
+    return float(stdtrit(people - 1, 0.975) / ndtri(0.975) * np.sqrt(people / (people - 1)))
 
 
 def _interval(values: list[float]) -> tuple[float, float]:

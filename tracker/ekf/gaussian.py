@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import dsyr2k, dsyrk
 from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from tracker.geometry import Array
 
@@ -29,7 +29,8 @@ def gate(dof: int, probability: float) -> float:
     """
     if dof < 1 or not 0 < probability < 1:
         raise ValueError(f"gate of {dof} numbers at probability {probability}, needs at least 1 and a probability in (0, 1)")
-    return float(chi2.ppf(probability, dof))
+    # The quantile of χ². scipy.stats has it, too, and takes half a second to import.
+    return float(2 * gammaincinv(dof / 2, probability))
 
 
 def mahalanobis2(error: ArrayLike, covariance: ArrayLike) -> Array:

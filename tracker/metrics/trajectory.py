@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 from itertools import permutations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from tracker.geometry import Array, Pose, rotation_onto
 
@@ -100,7 +100,7 @@ class RobotScore:
         if not self.runs:
             return float("nan"), float("nan")
         freedom = DEGREES_OF_FREEDOM * self.runs
-        low, high = chi2.ppf([0.025, 0.975], freedom) / freedom
+        low, high = 2 * gammaincinv(freedom / 2, [0.025, 0.975]) / freedom
         return float(low), float(high)
 
     def to_dict(self) -> dict[str, float | None]:
