@@ -121,6 +121,7 @@ def test_there_is_something_to_test() -> None:
     assert len(READ) >= 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", RUN, ids=str)
 def test_commands_run(block: Block, tmp_path: Path, data: Callable[..., Path]) -> None:
     environment = dict(os.environ, PATH=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
