@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tracker.person_detector.detector import CameraPlace, PersonDetector
+from tracker.reading_ahead import ahead
 from tracker.types import Detections, Odometry, Sequence, Setup, Tick, Ticks, View
 
 AHEAD = 2
@@ -40,20 +40,10 @@ class DetectedTicks:
                 yield with_found_people(tick, detector, sites)
             return
         with ExitStack() as stack:
-            # Ticks are read one after the other, so the reader is one thread.
-            reader, searchers = ThreadPoolExecutor(1), ThreadPoolExecutor(self.threads)
+            # Ticks are read one after the other, so the reader is one thread. It ends first, as it hands views to the searchers.
+            searchers = ThreadPoolExecutor(self.threads)
             stack.callback(searchers.shutdown, cancel_futures=True)
-            stack.callback(reader.shutdown, cancel_futures=True)
-            ticks, waiting = iter(self.ticks), deque[Future[_Searched | None]]()
-
-            def begun() -> _Searched | None:
-                tick = next(ticks, None)
-                return None if tick is None else _Searched(tick, detector, sites, searchers)
-
-            for _ in range(AHEAD):
-                waiting.append(reader.submit(begun))
-            while (searched := waiting.popleft().result()) is not None:
-                waiting.append(reader.submit(begun))
+            for searched in stack.enter_context(ahead((_Searched(tick, detector, sites, searchers) for tick in self.ticks), AHEAD)):
                 yield searched.result()
 
     def odometry(self) -> Iterator[dict[str, Odometry]]:
