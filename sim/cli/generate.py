@@ -119,7 +119,9 @@ class Generate:
     config: Annotated[Path | None, unset("FILE", "none")] = None
     """A .toml or .json file of options, as frames = 100 or at_once = 8; the command line overrides it."""
     cluster: Annotated[str | None, unset("ADDRESS", "this machine alone")] = None
-    """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path."""
+    """Address of a Dask scheduler, as tcp://10.0.0.1:8786, in place of this machine; its workers must see DIR under the same path.
+
+    With fewer sequences than its threads, this machine simulates them and the cluster draws parts of their frames."""
 
     def run(self) -> None:
         if self.preset == "twin":

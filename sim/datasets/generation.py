@@ -16,7 +16,8 @@ from pathlib import Path
 
 from sim.datasets.generation_worker import SequenceTask, run_task
 from sim.datasets.presets import Preset
-from sim.parallel.pool import Pool, WorkerLost
+from sim.parallel.pool import Pool, WorkerLost, cluster_client, usable_cores
+from sim.recording.record import in_any_order
 from sim.scenario import OPTIONAL
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
@@ -124,11 +125,21 @@ def _check_free(plan: Plan) -> None:
 
 
 def _run(plan: Plan, tasks: list[SequenceTask]) -> None:
-    """Run the tasks in other processes, on this machine or on the cluster. Local workers without a sequence of their own draw for the others."""
+    """Run the tasks in other processes, on this machine or on the cluster.
+
+    Workers without a sequence of their own draw for the others: on the cluster, sequences are then simulated here and drawn there by parts.
+    """
+    pool = plan.pool
     if plan.cluster is None:
         tasks = [dataclasses.replace(task, workers=max(1, plan.workers // len(tasks))) for task in tasks]
+    elif in_any_order(plan.preset.scenario, plan.form):
+        with cluster_client(plan.cluster) as client:
+            threads = sum(client.nthreads().values())
+        if len(tasks) < threads:
+            pool = Pool(min(len(tasks), usable_cores()))
+            tasks = [dataclasses.replace(task, cluster=plan.cluster, parent=os.getpid()) for task in tasks]
     try:
-        for _ in plan.pool.as_completed(run_task, ((task,) for task in tasks)):
+        for _ in pool.as_completed(run_task, ((task,) for task in tasks)):
             pass
     except WorkerLost as error:
         raise OSError(f"{error}; the same command resumes") from None

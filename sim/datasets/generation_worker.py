@@ -12,6 +12,7 @@ from pathlib import Path
 
 from sim.datasets.fixed_cameras import corner_cameras, place_cameras
 from sim.datasets.presets import Preset, confine, provenance
+from sim.parallel.pool import drawing_alone
 from sim.recording.frame_journal import NAME as JOURNAL
 from sim.recording.record import Recording, write_recording
 from sim.simulation.furnished_world import furnished
@@ -24,7 +25,6 @@ from worlds import catalogue
 
 CHECK_INTERVAL = 0.3
 """Time between checks whether the parent process is alive, s."""
-_one_at_a_time = threading.Lock()
 _watched_parents: set[int] = set()
 
 
@@ -32,7 +32,8 @@ _watched_parents: set[int] = set()
 class SequenceTask:
     """A sequence to generate: its folder, the name and value of its preset, and the form of its images.
 
-    parent: id of the process that needs it, or None. The worker ends when that process has ended. workers: processes that draw it.
+    parent: id of the process that needs it, or None. The worker ends when that process has ended.
+    workers, cluster: as of Recording.
     """
 
     folder: Path
@@ -41,6 +42,7 @@ class SequenceTask:
     form: ImageForm
     parent: int | None = None
     workers: int = 1
+    cluster: str | None = None
 
     @property
     def complete(self) -> bool:
@@ -80,12 +82,7 @@ class SequenceTask:
 
         Raises ValueError for a scenario that does not fit into its world, and where the linear algebra of this process has several threads.
         """
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-            if os.environ.get(name) != "1":
-                raise ValueError(f"{name} is {os.environ.get(name)!r} in a worker, needs to be 1 at its start (Dask's nannies set it)")
-        os.environ["LP_NUM_THREADS"] = "1"
-        # A process has one watchdog and one OpenGL context, but workers of Dask may have several threads.
-        with _one_at_a_time, file_lock(self._lock, wait=True):
+        with drawing_alone(), file_lock(self._lock, wait=True):
             if not self.complete:
                 write_recording(self._recording(), self.folder)
 
@@ -96,7 +93,8 @@ class SequenceTask:
         world = furnished(world, scenario)
         place = corner_cameras if self.preset.corners else place_cameras
         fixed = place(world, self.preset.views, scenario.view_width)
-        return Recording(scenario, Simulation(scenario, world=world), fixed, provenance(self.name, self.preset), self.form, self.workers)
+        simulation, made_by = Simulation(scenario, world=world), provenance(self.name, self.preset)
+        return Recording(scenario, simulation, fixed, made_by, self.form, self.workers, self.cluster)
 
 
 def _exit_with_parent(parent: int) -> None:

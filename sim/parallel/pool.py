@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 ONE_THREAD = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Environment variables that limit the threads of the software renderer and of linear algebra.
@@ -19,6 +23,7 @@ UNUSED = r"\d+ tasks (have been successfully executed|which were still being pro
 """How joblib's warning begins."""
 CONNECT_TIMEOUT = 15
 """s to wait for the scheduler of a cluster."""
+_one_at_a_time = threading.Lock()
 
 
 def usable_cores() -> int:
@@ -98,20 +103,40 @@ def _processes(workers: int) -> Iterator[tuple[int, int]]:
             get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
 
 
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[int, int]]:
-    """As `_threads`, with the workers of a Dask cluster and two calls in progress per thread."""
-    from joblib import parallel_config
-
+def cluster_client(address: str) -> Client:
+    """A connection to a Dask cluster, to be used as a context. Raises ValueError where Dask is missing or the address is invalid, and OSError where
+    no scheduler answers.
+    """
     try:
         from distributed import Client
     except ImportError:
         raise ValueError("--cluster needs Dask: pip install 'pilsim[cluster]'") from None
     try:
-        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=True)
+        return Client(address, timeout=CONNECT_TIMEOUT, set_as_default=True)
     except (ValueError, TypeError) as error:
         raise ValueError(f"--cluster is {address!r}, needs an address as tcp://HOST:PORT ({error})") from None
-    with client, parallel_config("dask", wait_for_workers_timeout=CONNECT_TIMEOUT):
+
+
+@contextmanager
+def drawing_alone() -> Iterator[None]:
+    """For drawing in a worker of a cluster, which may have several threads: a process has one watchdog and one OpenGL context.
+
+    Raises ValueError where the linear algebra of this process has several threads.
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        if os.environ.get(name) != "1":
+            raise ValueError(f"{name} is {os.environ.get(name)!r} in a worker, needs to be 1 at its start (Dask's nannies set it)")
+    os.environ["LP_NUM_THREADS"] = "1"
+    with _one_at_a_time:
+        yield
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[tuple[int, int]]:
+    """As `_threads`, with the workers of a Dask cluster and two calls in progress per thread."""
+    from joblib import parallel_config
+
+    with cluster_client(address) as client, parallel_config("dask", wait_for_workers_timeout=CONNECT_TIMEOUT):
         in_progress = max(1, 2 * sum(client.nthreads().values()))
         yield max(2, in_progress), in_progress
 

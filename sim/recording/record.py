@@ -113,7 +113,8 @@ class Recording:
     """A sequence to be written: a simulation at its first frame, and fixed cameras by name.
 
     provenance: JSON values that describe how it was made. form: which images are written, and how.
-    workers: number of processes that draw; with one, this process draws. The bytes do not depend on it.
+    workers: number of processes that draw; with one, this process draws. cluster: address of a Dask scheduler whose workers draw
+    in their place, where `in_any_order` holds. The bytes do not depend on either.
     """
 
     scenario: Scenario
@@ -122,6 +123,7 @@ class Recording:
     provenance: dict[str, Any]
     form: ImageForm = field(default_factory=ImageForm)
     workers: int = 1
+    cluster: str | None = None
 
     @staticmethod
     def of(scenario: Scenario, workers: int = 1) -> Recording:
@@ -159,8 +161,8 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
     written = SequenceWriter(folder, told, occluders, recording.form, sensors.setup() if sensors else None)
     if scenario.effects:
         written.add_effects(_effect_rows(scenario, simulation, setup), setup, scenario.camera_effects.moves)
-    if is_plain(scenario) and not recording.form.video:
-        frames_of = ResumableFrames(scenario, simulation, setup, recording.form, recording.workers)
+    if in_any_order(scenario, recording.form):
+        frames_of = ResumableFrames(scenario, simulation, setup, recording.form, recording.workers, recording.cluster)
         frames_of.write(written, sensors, (recording.provenance, versions()), progress, export_mesh=recording.form.mesh)
         return
     with open_renderer(scenario, simulation, others) as renderer, written as writer:
@@ -172,6 +174,11 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
             writer.add_samples(frame.tick.index, frame.samples)
             writer.add_rows(frame.rows)
         writer.finish(recording.provenance, versions())
+
+
+def in_any_order(scenario: Scenario, form: ImageForm) -> bool:
+    """Whether the frames of a sequence can be drawn in any order, so that several workers draw it, and it is resumed within."""
+    return is_plain(scenario) and not form.video
 
 
 def _effect_rows(scenario: Scenario, simulation: Simulation, setup: Setup) -> list[list[object]]:

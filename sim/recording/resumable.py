@@ -1,4 +1,4 @@
-"""Writing of a sequence that can be killed at any moment and resumed within it, drawn by one or several processes.
+"""Writing of a sequence that can be killed at any moment and resumed within it, drawn by one or several processes or a cluster.
 
 The simulation runs ahead and hands moments to the drawing. Random errors of detectors are drawn here, in the order of the frames.
 A resumed run simulates from frame 0, which takes a fraction of the time of drawing, and skips the drawing of frames that are on disk.
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.recording.cluster_drawing import ClusterDrawing
 from sim.recording.drawing import Drawn, DrawnScene, Moment, MomentRenderer
 from sim.recording.drawing_workers import DrawingWorkers
 from sim.recording.frame_journal import FrameJournal
@@ -25,7 +26,7 @@ from sim.sensors.robot_detector import RobotDetector
 from sim.sensors.robot_sensors import RobotSensors
 from sim.sensors.view_detectors import ViewDetectors
 from sim.simulation.simulation import Simulation
-from tracker.geometry import Array
+from tracker.geometry import Array, Pose
 from tracker.sequence.writer import ImageForm, SequenceWriter, view_name
 from tracker.types import RobotDetections, Setup, Tick, Truth, View
 from worlds.export import export
@@ -33,20 +34,23 @@ from worlds.export import export
 
 @dataclass(frozen=True, eq=False)
 class _Simulated:
-    """What the simulation gives for one frame. truth: without the views. feet (m, 3): of the people."""
+    """What the simulation gives for one frame. poses: T_world_camera by camera. truth: without the views. feet (m, 3): of the people."""
 
     state: FrameState
-    moment: Moment
+    poses: list[Pose]
     truth: Truth
     feet: Array
     robots: dict[str, RobotDetections | None]
 
 
 class ResumableFrames:
-    """The frames of a scenario, from its simulation at frame 0. workers: as of Recording."""
+    """The frames of a scenario, from its simulation at frame 0. workers, cluster: as of Recording."""
 
-    def __init__(self, scenario: Scenario, simulation: Simulation, setup: Setup, form: ImageForm, workers: int) -> None:
-        self._scenario, self._simulation, self._setup, self._form, self._workers = scenario, simulation, setup, form, workers
+    def __init__(
+        self, scenario: Scenario, simulation: Simulation, setup: Setup, form: ImageForm, workers: int = 1, cluster: str | None = None
+    ) -> None:
+        self._scenario, self._simulation, self._setup, self._form = scenario, simulation, setup, form
+        self._workers, self._cluster = workers, cluster
         self._exposures = {
             name: Exposure(scenario.exposure, scenario.image_noise, scenario.period, scenario.stream(f"exposure/{name}")) for name in setup.mounts
         }
@@ -66,14 +70,16 @@ class ResumableFrames:
             if export_mesh:
                 export(self._simulation.world, writer.partial / "terrain.glb")
             with journal, ExitStack() as stack:
-                drawn = self._drawn(journal, sensors, stack)
+                drawn = self._drawn(journal, sensors, made_by[1], stack)
                 for one in progress(drawn, total=self._scenario.frames) if progress else drawn:
                     self._add(writer, journal, self._simulated.popleft(), one)
                 writer.images.wait()
             journal.remove()
             writer.finish(*made_by)
 
-    def _drawn(self, journal: FrameJournal, sensors: RobotSensors | None, stack: ExitStack) -> Iterator[Drawn | None]:
+    def _drawn(
+        self, journal: FrameJournal, sensors: RobotSensors | None, versions: dict[str, str], stack: ExitStack
+    ) -> Iterator[Drawn | None]:
         """What is drawn of each frame, in order; None for a frame that the journal has."""
         moments = self._moments(journal, sensors)
         missing = self._scenario.frames - len(journal.drawn)
@@ -82,6 +88,10 @@ class ResumableFrames:
                 yield None
             return
         scene = DrawnScene.of(self._simulation, self._setup, self._form, self._raw)
+        if self._cluster is not None:
+            cluster = stack.enter_context(ClusterDrawing(scene, self._cluster, missing, versions))
+            yield from cluster.draw(moments)
+            return
         if self._workers > 1:
             workers = stack.enter_context(DrawingWorkers(scene, min(self._workers, missing)))
             yield from workers.draw(moments)
@@ -96,7 +106,7 @@ class ResumableFrames:
             moment = Moment.of(state, self._simulation, self._setup)
             robots = {name: robot_detector.detect(name) for name in self._setup.mounts}
             truth = truth_of(state, self._simulation, {})
-            self._simulated.append(_Simulated(state, moment, truth, self._simulation.feet(), robots))
+            self._simulated.append(_Simulated(state, moment.poses, truth, self._simulation.feet(), robots))
             yield None if state.index in journal.drawn else moment
 
     def _add(self, writer: SequenceWriter, journal: FrameJournal, simulated: _Simulated, drawn: Drawn | None) -> None:
@@ -104,7 +114,7 @@ class ResumableFrames:
         state = simulated.state
         people = journal.drawn[state.index] if drawn is None else drawn.people
         true, views = {}, []
-        for (name, mount), pose in zip(self._setup.mounts.items(), simulated.moment.poses, strict=True):
+        for (name, mount), pose in zip(self._setup.mounts.items(), simulated.poses, strict=True):
             true[name] = truth_above(self._simulation.world, pose, *people[name])
             found = self._detectors.detect(name, true[name], state.people.person, simulated.feet)
             views.append(View(name, found, odometry=state.odometry.get(mount.robot), robot_detections=simulated.robots[name]))
