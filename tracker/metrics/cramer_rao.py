@@ -111,7 +111,7 @@ def bound_of_map(
 ) -> float | None:
     """The bound, m, of a run on images, where landmarks have no names: for the sightings that the tracker itself used, by its own map.
 
-    It takes all associations as correct, landmarks at their last estimates, and features with the accuracy of FeatureParameters. It leaves out
+    It takes all associations as correct, landmarks at their last estimates, and all features with FeatureParameters.sigma. It leaves out
     sightings that the tracker did not use, other robots, and the bearings from which a landmark was triangulated. So another front end may be
     better than this bound. None if no robot moves from a known start, or nothing was seen.
     """

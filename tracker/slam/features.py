@@ -24,8 +24,8 @@ class FeatureParameters:
 
     limit: features of an image. elevation rad: the band about the horizon of the level image. level_tolerance rad: a smaller tilt is not
     levelled. contrast: OpenCV's contrastThreshold. columns, rows: cells over which the features are distributed. sigma rad an axis: the error
-    of a correct match. enlarge: factor of the boxes of people. pad: pixels of wrap-around. max_size rad: wider patches lie on more than
-    one object.
+    of a correct match of a patch of reference_size rad. It is in proportion to the patch's diameter, within sigma_range rad. enlarge: factor
+    of the boxes of people. pad: pixels of wrap-around. max_size rad: wider patches lie on more than one object.
     """
 
     limit: int = 300
@@ -35,9 +35,18 @@ class FeatureParameters:
     columns: int = 16
     rows: int = 5
     sigma: float = 0.004
+    reference_size: float = 0.05
+    sigma_range: tuple[float, float] = (0.0016, 0.008)
     enlarge: float = 1.2
     pad: int = 48
     max_size: float = 0.1
+
+    def bearing_sigma(self, size: Array) -> Array:
+        """(n,) rad: the standard deviation an axis of bearings of patches with diameters size (n,) rad.
+
+        A wide patch shows more than one surface, and slides farther over them as the view changes.
+        """
+        return np.clip(self.sigma * size / self.reference_size, *self.sigma_range)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +54,14 @@ class Features:
     """Features of one image.
 
     bearing (n, 3) unit, camera frame. descriptor (n, 128) float32, RootSIFT of length 1. size (n,) rad, the diameter of the patch.
-    response (n,), the local contrast. sigma rad: the standard deviation of a bearing, an axis.
+    response (n,), the local contrast. sigma (n,) rad: the standard deviation of a bearing, an axis.
     """
 
     bearing: Array
     descriptor: Floats
     size: Array
     response: Array
-    sigma: float
+    sigma: Array
 
     def __len__(self) -> int:
         return len(self.bearing)
@@ -60,7 +69,7 @@ class Features:
     def sightings(self) -> Sightings:
         """The features as sightings of unidentified landmarks."""
         n = len(self)
-        covariance = np.tile(np.eye(2) * self.sigma**2, (n, 1, 1))
+        covariance = np.square(self.sigma)[:, None, None] * np.eye(2)
         return Sightings(self.bearing, np.full(n, np.nan), np.full(n, -1), self.descriptor, covariance)
 
 
@@ -85,7 +94,7 @@ def extract(image: Image, camera: Panorama, up: Array, people: Detections, param
     keypoints = [keypoints[i] for i in chosen]
     keypoints, descriptor = sift.compute(grey, keypoints) if keypoints else ([], np.zeros((0, 128)))
     size = np.array([k.size for k in keypoints]) * np.pi / camera.height
-    return Features(bearing[chosen], root_sift(descriptor), size, response[chosen], parameters.sigma)
+    return Features(bearing[chosen], root_sift(descriptor), size, response[chosen], parameters.bearing_sigma(size))
 
 
 def _detect(sift: Any, grey: Image, widest: float) -> list[Any]:

@@ -259,7 +259,7 @@ class Slam:
         bearing = self._without_parallax(name, mount, landmark, seen.bearing[sighting])
         noise, drift = seen.covariance[sighting], self.parameters.feature_drift
         if drift is not None and view.sightings is None:
-            noise = drift.apply(self._joint, landmark_map, landmark, self._joint.camera_pose(robot, mount).origin, noise)
+            noise = drift.apply(self._joint, landmark_map, landmark, (robot, tick, self._joint.camera_pose(robot, mount).origin), noise)
         good = self._measurement_update(name, (mount, landmark, bearing, noise), view) > 0.3
         landmark_map.record_sightings(landmark[good], descriptor[sighting[good]], robot, tick)
         landmark_map.rejected[landmark[~good]] += 1

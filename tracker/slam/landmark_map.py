@@ -57,7 +57,8 @@ class LandmarkMap:
 
     identity: a unique number; subject: the given name or −1; descriptor (count, robots, d): the last one that each robot saw; hits, missed,
     rejected: counts. last_seen: tick of the last sighting; last_robot: its robot; last_seen_by (capacity, robots): tick of each robot's last
-    sighting, −1 for none. view (capacity, 3) m: the last camera's position relative to the landmark, zero if unknown.
+    sighting, −1 for none. view (capacity, 3) m: the last position of the camera of the robot `viewer`, relative to the landmark, at the tick
+    `viewed`; zero if unknown (landmark_drift.py).
     last_localized (robots,): the last tick at which each robot had sightings and was not lost.
     """
 
@@ -66,6 +67,7 @@ class LandmarkMap:
         self.identity, self.subject, self.hits, self.missed, self.rejected, self.last_seen, self.last_robot = np.zeros((7, capacity), dtype=np.intp)
         self.last_seen_by = np.full((capacity, robots), -1, dtype=np.intp)
         self.last_localized = np.full(robots, -1, dtype=np.intp)
+        self.viewer, self.viewed = np.zeros((2, capacity), dtype=np.intp)
         self.view = np.zeros((capacity, 3))
         self._descriptor = np.zeros((capacity, robots, 0), dtype=np.float32)
 
@@ -83,7 +85,7 @@ class LandmarkMap:
         self.last_seen[i], self.last_robot[i] = tick, robot
         self.last_seen_by[i] = -1
         self.last_seen_by[i, robot] = tick
-        self.view[i] = 0.0
+        self.viewer[i], self.viewed[i], self.view[i] = robot, tick, 0.0
         self._descriptor[i] = 0
         self._descriptor[i, robot] = descriptor
         self._next += 1
@@ -125,6 +127,8 @@ class LandmarkMap:
             self.last_seen,
             self.last_robot,
             self.last_seen_by,
+            self.viewer,
+            self.viewed,
             self.view,
             self._descriptor,
         ):

@@ -68,5 +68,6 @@ class SlamParameters:
         """With odometry biases as states, drift of image features and first-estimates Jacobians, with which NEES is near one.
 
         Meant for wheels that slip and for features of images; it has no advantage where errors are independent from tick to tick.
+        Wrong matches of images are frequent, so a residual loses weight beyond two standard deviations.
         """
-        return replace(self, mode="fej", odometry_biases=BiasModel(), feature_drift=DriftModel())
+        return replace(self, mode="fej", odometry_biases=BiasModel(), feature_drift=DriftModel(), robust=2.0)

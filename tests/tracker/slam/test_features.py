@@ -124,6 +124,16 @@ def test_inside_boxes_over_the_seam() -> None:
     np.testing.assert_array_equal(inside, [True, True, False, False])
 
 
+def test_the_stated_deviation_of_a_bearing_is_in_proportion_to_its_patch() -> None:
+    f, rule = seen((0, 0, 0)), FeatureParameters()
+    np.testing.assert_allclose(rule.bearing_sigma(np.array([0.001, 0.02, 0.025, 0.05, 0.1, 0.2])), [0.0016, 0.0016, 0.002, 0.004, 0.008, 0.008])
+    between = (f.size > 0.02) & (f.size < 0.1)
+    assert between.sum() > 0.8 * len(f)
+    np.testing.assert_allclose(f.sigma[between], 0.08 * f.size[between])
+    np.testing.assert_allclose(f.sightings().covariance, f.sigma[:, None, None] ** 2 * np.eye(2))
+    assert f.size.max() > 2 * f.size.min(), "patches of several sizes"
+
+
 def test_a_plain_image_has_no_features() -> None:
     f = extract(np.full((512, 1024, 3), 90, dtype=np.uint8), CAMERA, UP, Detections.none(), FeatureParameters())
     assert len(f) == 0
