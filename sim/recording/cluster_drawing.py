@@ -20,7 +20,7 @@ from sim.recording.drawing import Drawn, DrawnScene, Moment, MomentRenderer
 
 SHORTEST, LONGEST = 8, 64
 """Frames of a part. A part opens a renderer, which takes as long as 4 frames of four panoramas; a longer one holds more images in memory."""
-PARTS = 4
+PARTS = 2
 """Parts for each thread of the cluster, where their length allows it, so that threads end at about the same time."""
 AHEAD = 2
 """Parts for each thread that wait, are drawn, or wait for an earlier one."""

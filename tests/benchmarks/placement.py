@@ -1,15 +1,20 @@
 """Speed of the placement environment compared with Gymnasium's Ant-v5 in the same process, and the memory of sixteen environments.
 
-    python -m tests.benchmarks.placement
+    python -m tests.benchmarks.placement [profile|memory]
 
 The table shows decisions and simulated seconds per second of process time of one core. Four robots and ten people in ruins take random actions;
-observations and rewards are included.
+observations and rewards are included. `profile` shows where the time goes, and `memory` what the processes of make_vec take (Linux).
 """
 
 from __future__ import annotations
 
+import cProfile
+import os
+import pstats
 import resource
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -18,6 +23,7 @@ import sim  # noqa: F401
 
 KINDS = (("kinematic", "state", 1500), ("kinematic", "tracks", 30), ("kinematic", "pixels", 30), ("physics", "state", 60))
 ENVS = 16
+VECTOR = 8
 
 
 def speed(env: gymnasium.Env[Any, Any], steps: int) -> float:
@@ -55,7 +61,42 @@ def resident() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def profile() -> None:
+    """Print the functions of pilsim that take most of each kind's time, with what they call."""
+    for drive, observation, steps in KINDS:
+        env = gymnasium.make("pilsim/Placement-v0", drive=drive, observation=observation)
+        speed(env, 15)
+        profiler = cProfile.Profile()
+        profiler.runcall(speed, env, steps)
+        print(f"{drive}, {observation}")
+        pstats.Stats(profiler).sort_stats("cumulative").print_stats(r"(sim|tracker)/|mj_step", 30)
+        env.close()
+
+
+def memory() -> None:
+    """Print the memory of the processes of an asynchronous make_vec, MiB a process, with a map of each process and with one map for all."""
+    for options in ({}, {"map_seed": 0}):
+        envs: Any = gymnasium.make_vec("pilsim/Placement-v0", num_envs=VECTOR, vectorization_mode="async", **options)
+        envs.reset(seed=0)
+        for _ in range(5):
+            envs.step(envs.action_space.sample())
+        each = [rollup(process.pid) for process in envs.processes]
+        total = rollup(os.getpid())["Pss:"] + sum(one["Pss:"] for one in each)
+        mean = {name: sum(one[name] for one in each) / VECTOR for name in each[0]}
+        print(f"{VECTOR} processes, {options or 'a map each'}: {mean}; PSS of all {total:.0f}")
+        envs.close()
+
+
+def rollup(pid: int) -> dict[str, float]:
+    """Resident, proportional (PSS), and private and written memory of a process, MiB."""
+    rows = [line.split() for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()]
+    return {row[0]: round(int(row[1]) / 1024) for row in rows if row[0] in ("Rss:", "Pss:", "Private_Dirty:")}
+
+
 def main() -> None:
+    if chosen := {"profile": profile, "memory": memory}.get(sys.argv[-1]):
+        chosen()
+        return
     before = resident()
     envs = [gymnasium.make("pilsim/Placement-v0") for _ in range(ENVS)]
     for k, env in enumerate(envs):
