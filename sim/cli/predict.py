@@ -87,6 +87,9 @@ class Predict:
         fitted = "" if found.fit_frames is None else f"; models of {found.fit_frames[0]}:{found.fit_frames[1]}"
         cameras = ", ".join(found.cameras)
         print(f"{self.source}: {found.people} people in frames {first}:{end} of {cameras}{fitted}; {self.seeds} twins, intervals of one run, 95 %")
+        if found.shared is not None:
+            off = f"{found.shared.by_place:.2f} m by place and {found.shared.deviation:.2f} m by person"
+            print(f"All views agree that the truth is off by {off}, and that statures differ by {100 * found.shared.stature:.0f} %; twins do, too.")
         print("\n".join(lines(found)))
         if self.out is not None:
             print(f"{self.out}: written; `pilsim report {self.out}` makes a page of it")

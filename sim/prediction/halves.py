@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from tracker.detector_models.fitting import Source
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import true_people
 from tracker.detector_models.places import at_its_places, fit_view
+from tracker.detector_models.shared_errors import SharedErrors, agreed
 from tracker.recordings import Recording
 
 LEAST_FRAMES = 2
@@ -29,6 +31,14 @@ class Halves:
     fit_frames: Frames | None
     try_frames: Frames
     real: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FittedViews:
+    """Detector models, camera → model, and the errors of the truth that the views share, None where these are not known."""
+
+    models: Mapping[str, DetectorModel]
+    shared: SharedErrors | None = None
 
 
 def parse_frames(text: str, option: str) -> Frames:
@@ -80,12 +90,15 @@ def _source(path: Path, recording: Recording) -> Source:
     return Source(recording, truth, {})
 
 
-def fit_views(source: Source, path: Path) -> dict[str, DetectorModel]:
-    """A detector model of each view, camera → model. A view with too little truth has the model of all views together.
+def fit_views(source: Source, path: Path) -> FittedViews:
+    """A detector model of each view, and the errors of the truth that views share.
 
+    A view with too little truth has the model of all views together.
     Raises ValueError, with the path, where all views together have too little truth.
     """
     made = {"frames": list(source.recording.source.get("frames", [0, source.recording.frames]))}
+    truth, errors = agreed(source.recording, source.truth)
+    source = replace(source, truth=truth)
     kind, out, common = source.truth.kind, dict[str, DetectorModel](), None
     for name in source.recording.detections:
         alone = replace(source, recording=source.recording.choose([name]))
@@ -97,4 +110,4 @@ def fit_views(source: Source, path: Path) -> dict[str, DetectorModel]:
             except ValueError as error:
                 raise ValueError(f"{path}: {error}") from None
             out[name] = at_its_places(common, alone.samples())
-    return out
+    return FittedViews(out, errors)

@@ -11,13 +11,14 @@ import numpy as np
 from scipy.special import stdtrit
 
 from sim.parallel.pool import Pool
-from sim.prediction.halves import Frames, Halves, fit_views, open_halves
+from sim.prediction.halves import FittedViews, Frames, Halves, fit_views, open_halves
 from sim.prediction.outcomes import FIGURES, Outcome, outcome
 from sim.prediction.twins import Models, twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.fitting import Source
 from tracker.detector_models.model import INDEPENDENT, model_of
+from tracker.detector_models.shared_errors import SharedErrors
 
 BOUNDS: dict[str, tuple[float, float]] = {"mota": (-np.inf, 1.0), "idf1": (0.0, 1.0), "hota": (0.0, 1.0)}
 """Least and greatest value of figures; others are counts and distances of at least 0."""
@@ -68,6 +69,7 @@ class Prediction:
     """Outcomes by detector, one a seed, and the real one, None without real boxes.
 
     frames: of the fit (None without one) and of the twins. people: number of true persons in the twins.
+    shared: errors of the truth on which the views agree, where they are known.
     """
 
     twins: Mapping[str, tuple[Outcome, ...]]
@@ -76,6 +78,7 @@ class Prediction:
     frames: Frames
     people: int
     cameras: tuple[str, ...]
+    shared: SharedErrors | None = None
 
     def predicted(self, detector: str) -> dict[str, Predicted]:
         """Figures by name, of the twins of a detector."""
@@ -99,6 +102,7 @@ class Prediction:
             "frames": list(self.frames),
             "people": self.people,
             "cameras": list(self.cameras),
+            "truth_errors": self.shared and self.shared.to_dict(),
             "real": real,
             "predicted": twins,
         }
@@ -114,8 +118,10 @@ def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress |
         raise ValueError("seeds are none, needs at least one")
     halves = open_halves(plan.path, plan.options, plan.fit_frames, FITTED in plan.detectors.values())
     calls, names = list[tuple[Source, Models | str, TrackerUnderTest, int]](), list[str]()
+    shared: SharedErrors | None = None
     for name, choice in plan.detectors.items():
         models = _models(choice, halves, plan.path)
+        shared = models.shared if models is not None and shared is None else shared
         calls += [(halves.tried, models, plan.tracker, seed) for seed in plan.seeds]
         names += [name] * len(plan.seeds)
     if halves.real:
@@ -125,7 +131,7 @@ def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress |
     twins = {name: tuple(one for one, other in zip(found, names, strict=False) if other == name) for name in plan.detectors}
     persons = {int(person) for ids, _ in (halves.tried.recording.truth or {}).values() for person in ids}
     cameras = tuple(halves.tried.recording.detections) or tuple(halves.tried.recording.cameras)
-    return Prediction(twins, found[-1] if halves.real else None, halves.fit_frames, halves.try_frames, len(persons), cameras)
+    return Prediction(twins, found[-1] if halves.real else None, halves.fit_frames, halves.try_frames, len(persons), cameras, shared)
 
 
 REAL = "real"
@@ -139,7 +145,7 @@ def _models(choice: str, halves: Halves, path: Path) -> Models:
     if model is None:
         return None
     recording = halves.tried.recording
-    return dict.fromkeys(list(recording.detections) or list(recording.cameras), model)
+    return FittedViews(dict.fromkeys(list(recording.detections) or list(recording.cameras), model))
 
 
 def _outcome(source: Source, models: Models | str, tracker: TrackerUnderTest, seed: int) -> Outcome:

@@ -125,21 +125,26 @@ def body_boxes(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[fl
     return np.asarray(boxes[shown])
 
 
-def body_outlines(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float, float] = (1.75, 0.5)) -> tuple[Ints, Array, Array]:
+def body_outlines(
+    camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float | Array, float] = (1.75, 0.5)
+) -> tuple[Ints, Array, Array]:
     """Outlines of bodies, also where they lie beyond the image: rows (m,) of `feet`, and lowest and highest corner (m, 2) px of each.
 
-    feet (k, 3) m, world. body: height and width, m, of an upright cylinder. Bodies with a point that the camera cannot project are left out.
+    feet (k, 3) m, world. body: height, of all or (k,), and width, m, of upright cylinders.
+    Bodies with a point that the camera cannot project are left out.
     Outlines in panoramas are not brought into [0, W).
     """
     height, width = body
     around = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
     ring = width / 2 * np.column_stack([np.cos(around), np.sin(around), np.zeros(CORNERS)])
     # The last point, in the middle, tells on which side of the seam of a panorama the body is.
-    cylinder = np.concatenate([ring, ring + np.array([0.0, 0.0, height]), [[0.0, 0.0, height / 2]]])
-    points = (np.asarray(feet, dtype=np.float64).reshape(-1, 1, 3) + cylinder).reshape(-1, 3)
+    level = np.concatenate([ring, ring, np.zeros((1, 3))])
+    up = np.concatenate([np.zeros(CORNERS), np.ones(CORNERS), [0.5]])[:, None] * np.array([0.0, 0.0, 1.0])
+    cylinders = level + np.reshape(height, (-1, 1, 1)) * up
+    points = (np.asarray(feet, dtype=np.float64).reshape(-1, 1, 3) + cylinders).reshape(-1, 3)
     rays = T_world_camera.inverse().apply(points)
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
-    pixels = camera.pixels_from_bearings(rays)[0].reshape(-1, len(cylinder), 2)
+    pixels = camera.pixels_from_bearings(rays)[0].reshape(-1, len(level), 2)
     rows = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))
     pixels = pixels[rows]
     if camera.wraps:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,15 +66,19 @@ def outlined(camera: Camera, low: Array, high: Array) -> tuple[Array, Array, Arr
     return whole, part, np.clip(cut, 0.0, 1.0)
 
 
-def bodies_in_view(view: tuple[Camera, Pose], person: Ints, feet: Array, pillars: Array, boxes: Array | None = None) -> TrueBodies:
+def bodies_in_view(
+    view: tuple[Camera, Pose], person: Ints, feet: Array, pillars: Array, boxes: Array | None = None, heights: Mapping[int, float] | None = None
+) -> TrueBodies:
     """The bodies of people at feet (n, 3) m, world, in a view (camera, T_world_camera).
 
     pillars (p, 5) as in Setup. boxes (n, 4): left, top, width, height px where true boxes are known; otherwise bodies are projected.
+    heights: person → m, of those whose projected bodies are not of BODY.
     Bodies hide what is behind them over SILHOUETTE of the width of their boxes.
     """
     camera, pose = view
     if boxes is None:
-        rows, low, high = body_outlines(camera, pose, feet, BODY)
+        tall = np.array([(heights or {}).get(int(one), BODY[0]) for one in person])
+        rows, low, high = body_outlines(camera, pose, feet, (tall, BODY[1]))
     else:
         rows, low, high = np.arange(len(person)), boxes[:, :2], boxes[:, :2] + boxes[:, 2:]
     whole, part, cut = outlined(camera, low, high)

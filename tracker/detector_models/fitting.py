@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from tracker.detector_models.fit import fit
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import TruePeople, observed, true_people
 from tracker.detector_models.samples import Samples, joined, samples_of
+from tracker.detector_models.shared_errors import agreed
 from tracker.detector_models.simulation import Simulated, independent_detections, simulated_detections
 from tracker.io.resume import checksum
 from tracker.recordings import Recording
@@ -58,11 +59,18 @@ def open_source(path: Path, options: SourceOptions) -> Source:
     return Source(recording, truth, description)
 
 
+def _agreed(source: Source) -> Source:
+    """The source with the people that all views see, where these are known: annotations are off, which is no error of the detector."""
+    truth, errors = agreed(source.recording, source.truth)
+    return source if errors is None else replace(source, truth=truth, description=source.description | {"truth_errors": errors.to_dict()})
+
+
 def fit_sources(sources: Sequence[Source], name: str) -> Fit:
     """Fit a model to sources together, and compare it. Raises ValueError where there is too little truth, or where sources do not go together."""
     kinds = {source.truth.kind for source in sources}
     if len(kinds) > 1:
         raise ValueError("one source has true boxes and one has true places alone, needs sources of one kind")
+    sources = [_agreed(source) for source in sources]
     real = joined([source.samples() for source in sources])
     made = {"pilsim": version("pilsim"), "sources": [source.description for source in sources]}
     model = fit(real, name, kinds.pop(), made)

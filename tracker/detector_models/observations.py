@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,10 @@ MARGIN = 1.0
 """m: false boxes farther than this beyond the area are not judged, since truth may end there."""
 FARTHEST = 60.0
 """m: false boxes without feet on the ground, or farther, are taken to stand here."""
+NEAR = 0.5
+"""Body heights up to which boxes beside a body are its own, in a view where these are many."""
+LEAST_NEAR = 0.1
+"""Share of the bodies from which such boxes are many: calibration moves them, not chance."""
 NEAREST_SIZE = 0.4
 """Greatest difference of log heights of a body and a box that is its own though they hardly overlap."""
 NOBODY = -1
@@ -38,11 +42,13 @@ class TruePeople:
     """The true people of a recording: frame → ids (n,) and feet (n, 3) m.
 
     boxes: camera → frame → boxes (n, 4) px in the same order, where they are known. file: that of the truth, "" where it is one of the recording.
+    heights: id → m, of people whose projected bodies are not of bodies.BODY.
     """
 
     places: Mapping[int, tuple[Ints, Array]]
     boxes: Mapping[str, Mapping[int, Array]]
     file: str = ""
+    heights: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
@@ -108,9 +114,17 @@ def observed(
             if pose is None or not 0 <= frame < recording.frames:
                 continue
             known = truth.boxes.get(name, {}).get(frame)
-            bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known)
+            bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known, truth.heights)
             box, confidence = boxes.get(frame, (np.zeros((0, 4)), np.zeros(0)))
             yield match_frame(name, frame, bodies, (np.column_stack([box[:, :2], box[:, :2] + box[:, 2:]]), confidence), camera.camera, near)
+
+
+def matched(recording: Recording, truth: TruePeople) -> tuple[list[ViewFrame], float]:
+    """The frames of a recording's only view, and `near`: NEAR where calibration moves many boxes by more than their width, else 0."""
+    frames, moved = list(observed(recording, truth)), list(observed(recording, truth, near=NEAR))
+    bodies = sum(len(one.match) for one in frames)
+    more = sum(int((one.match >= 0).sum()) for one in moved) - sum(int((one.match >= 0).sum()) for one in frames)
+    return (moved, NEAR) if more >= LEAST_NEAR * max(bodies, 1) else (frames, 0.0)
 
 
 def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, Array], camera: Camera, near: float = 0.0) -> ViewFrame:

@@ -11,13 +11,9 @@ import numpy as np
 from tracker.detector_models.fit import LEAST_VISIBLE, fit
 from tracker.detector_models.fitting import Source
 from tracker.detector_models.model import LONGEST, MOST_SAMPLES, DetectorModel
-from tracker.detector_models.samples import SITE_TIME, Samples
+from tracker.detector_models.observations import matched
+from tracker.detector_models.samples import SITE_TIME, Samples, samples_of
 from tracker.geometry import Array
-
-NEAR = 0.5
-"""Body heights up to which boxes beside a body are its own, in a view where these are many."""
-LEAST_NEAR = 0.1
-"""Share of the bodies from which such boxes are many: calibration moves them, not chance."""
 
 
 def fit_view(source: Source, name: str, made: Mapping[str, Any]) -> DetectorModel:
@@ -27,9 +23,8 @@ def fit_view(source: Source, name: str, made: Mapping[str, Any]) -> DetectorMode
 
     source: with the detections of one view. Raises ValueError where there is too little truth.
     """
-    samples, moved, near = source.samples(), source.samples(near=NEAR), 0.0
-    if moved.people.detected.mean() - samples.people.detected.mean() >= LEAST_NEAR:
-        samples, near = moved, NEAR
+    frames, near = matched(source.recording, source.truth)
+    samples = samples_of(source.recording, frames, bool(source.truth.boxes))
     model = fit(samples, name, source.truth.kind, made, replicates=0, view_alone=True)
     return at_its_places(replace(model, misses=replace(model.misses, unseen=unseen(samples)), edges=replace(model.edges, near=near)), samples)
 

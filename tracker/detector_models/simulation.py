@@ -46,7 +46,8 @@ def _view(recording: Recording, truth: TruePeople, model: DetectorModel, name: s
         if pose is None or not 0 <= frame < recording.frames:
             continue
         ground = float(recording.ground.height_at(pose.translation[None])[0])
-        made = sampler.step(bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known.get(frame)), Place(pose, ground))
+        bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known.get(frame), truth.heights)
+        made = sampler.step(bodies, Place(pose, ground))
         out[frame] = made.boxes, made.confidence
     return out
 
@@ -61,7 +62,7 @@ def independent_detections(recording: Recording, truth: TruePeople, seed: int, c
             pose = pose_at(recording, camera, frame)
             if pose is None or not 0 <= frame < recording.frames:
                 continue
-            bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known.get(frame))
+            bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known.get(frame), truth.heights)
             found = (rng.random(len(bodies.person)) >= MISSES) & (bodies.visible >= LEAST_VISIBLE)
             edges = bodies.seen + rng.normal(0.0, NOISE, bodies.seen.shape) / _pixel_angle(camera.camera, bodies.seen)
             sure = np.clip(rng.normal(*CONFIDENCE, len(edges)), 0.5, 1.0)
