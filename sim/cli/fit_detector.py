@@ -80,6 +80,7 @@ class FitDetector:
 
     def _print(self, found: Fit) -> None:
         from tracker.detector_models.comparison import table
+        from tracker.detector_models.fitting import places_note
 
         model = found.model
         if self.json:
@@ -90,7 +91,7 @@ class FitDetector:
             print(f"{name:34} {value:9.4f}  [{low:.4f}, {high:.4f}]")
         print("\n".join(table(found.distances)))
         if model.bodies == "places":
-            print("Truth has places only: errors of edges are those from projected bodies, and hold the spread of stature.")
+            print(places_note(model))
         if model.counts["unjudged"]:
             print(f"{model.counts['unjudged']} boxes beyond the area, where truth may end, are not judged.")
         print(f"{self.out}: the model of {model.counts['found']} boxes of {model.counts['people']} people; --detector-model {self.out} simulates it")

@@ -58,7 +58,7 @@ def tested(rows: Rows) -> str:
     frames = sorted({row.frames for row in simulated if row.frames})
     ours = [sweep for sweep in sweeps if sweep.name != REAL]
     names = listed(spread(sweep) for sweep in ours[:4]) + (f" and {len(ours) - 4} more" if len(ours) > 4 else "")
-    text = "Tracking of people by the panoramic cameras of moving robots, in simulation with known truth"
+    text = f"Tracking of people by {cameras_of(simulated)}, in simulation with known truth"
     text += f"{' (world' + 's' * (len(worlds) > 1) + ' ' + listed(worlds) + ')' if worlds else ''}; tracker: {listed(rows.trackers)}. "
     if ours:
         text += f"One parameter is varied: {names}. " if len(ours) == 1 else f"{len(ours)} sweeps, each of one parameter: {names}. "
@@ -70,6 +70,12 @@ def tested(rows: Rows) -> str:
     rendered = {row.rendered for row in whole}
     rendering = {True: "images were rendered", False: "detections were simulated without rendering"}
     return f"{text}; {rendering[rendered.pop()] if len(rendered) == 1 else 'some were rendered, some not'}."
+
+
+def cameras_of(simulated: list[Row]) -> str:
+    """Which cameras see the people of simulated runs: those of robots, and fixed ones where there are no robots."""
+    driven = {bool(row.scenario.get("robots", True)) for row in simulated} or {True}
+    return listed(["panoramic cameras of moving robots"] * (True in driven) + ["fixed cameras"] * (False in driven))
 
 
 def broke(found: list[Finding]) -> str:

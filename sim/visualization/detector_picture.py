@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.detector_models.comparison import miss_runs
 from tracker.detector_models.fit import edge_errors
-from tracker.detector_models.fitting import Fit
+from tracker.detector_models.fitting import Fit, places_note
 from tracker.detector_models.model import EDGES, OVERLAPS
 from tracker.detector_models.samples import Samples
 from tracker.geometry import Array
@@ -67,7 +67,7 @@ def _note(found: Fit) -> str:
     text = "Bars: 95 % intervals, by a bootstrap over people and blocks of 5 s. "
     text += "Black: real boxes; orange: boxes that the model simulates on the same people."
     if model.bodies == "places":
-        text += "\nTruth has places only: true boxes are projected bodies of 1.75 x 0.5 m. The spread of stature is a part of the errors of edges."
+        text += f"\n{places_note(model)}"
     if model.counts["unjudged"]:
         text += f" {model.counts['unjudged']} boxes beyond the area are not judged."
     return text

@@ -8,7 +8,7 @@ from __future__ import annotations
 from tests.conftest import DATA
 from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.comparison import distances, table
-from tracker.detector_models.fitting import open_source
+from tracker.detector_models.fitting import agreed_source, open_source
 from tracker.detector_models.model import named_model
 from tracker.detector_models.samples import joined
 from tracker.detector_models.simulation import independent_detections, simulated_detections
@@ -31,7 +31,7 @@ def compared(name: str) -> dict[str, dict[str, float]]:
     for path in paths:
         camera, equals, file = text.rpartition("=")
         given = [f"{camera}{equals}{path / file}"] if text else []
-        sources.append(open_source(path, SourceOptions.parse(given, cameras=cameras, frames=frames)))
+        sources.append(agreed_source(open_source(path, SourceOptions.parse(given, cameras=cameras, frames=frames))))
     real, filled = joined([source.samples() for source in sources]), (model.edges.hidden, model.edges.border)
     own = joined([s.samples(simulated_detections(s.recording, s.truth, model, seed)) for s in sources for seed in SEEDS])
     plain = joined([s.samples(independent_detections(s.recording, s.truth, seed)) for s in sources for seed in SEEDS])

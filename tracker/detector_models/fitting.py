@@ -59,7 +59,15 @@ def open_source(path: Path, options: SourceOptions) -> Source:
     return Source(recording, truth, description)
 
 
-def _agreed(source: Source) -> Source:
+def places_note(model: DetectorModel) -> str:
+    """What true boxes are where truth has places only."""
+    text = "Truth has places only: true boxes are projected bodies of 1.75 x 0.5 m."
+    if all("truth_errors" in source for source in model.made["sources"]):
+        return f"{text} Views agree on other places and statures; errors are those from these."
+    return f"{text} The spread of stature is a part of the errors of edges."
+
+
+def agreed_source(source: Source) -> Source:
     """The source with the people that all views see, where these are known: annotations are off, which is no error of the detector."""
     truth, errors = agreed(source.recording, source.truth)
     return source if errors is None else replace(source, truth=truth, description=source.description | {"truth_errors": errors.to_dict()})
@@ -70,7 +78,7 @@ def fit_sources(sources: Sequence[Source], name: str) -> Fit:
     kinds = {source.truth.kind for source in sources}
     if len(kinds) > 1:
         raise ValueError("one source has true boxes and one has true places alone, needs sources of one kind")
-    sources = [_agreed(source) for source in sources]
+    sources = [agreed_source(source) for source in sources]
     real = joined([source.samples() for source in sources])
     made = {"pilsim": version("pilsim"), "sources": [source.description for source in sources]}
     model = fit(real, name, kinds.pop(), made)

@@ -29,7 +29,7 @@ def test_fit(room, tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "misses.share" in said
     assert "distance from real boxes" in said
-    assert "spread of stature" in said
+    assert "Views agree on other places and statures" in said
     assert read_model(out).made["sources"][0]["frames"] == [0, 50]
     assert picture.read_bytes()[:4] == b"\x89PNG"
     command(monkeypatch, "stress", "--list", "--json", "--sweep", "density/0", "--detector-model", out)

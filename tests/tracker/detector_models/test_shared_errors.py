@@ -61,7 +61,7 @@ def test_one_view_and_true_boxes_tell_nothing(seen):
 
 
 def test_drawn_people_are_the_same_by_the_same_seed(seen):
-    room, truth, there = seen
+    room, truth, _ = seen
     _, errors = agreed(room, truth)
     first, again, other = (drawn(room, truth, errors, seed) for seed in (1, 1, 2))
     frame = next(iter(truth.places))
