@@ -38,7 +38,7 @@ MEASURES = (
     PlottedMeasure("efficiency", "Error of the robots relative to the bound", "ATE / Cramér-Rao bound (1 is perfect)", (), (0.0, 1.0)),
     PlottedMeasure("map_aligned_m", "Error of landmarks", "RMSE after alignment [m] (0 is perfect)", (), (0.0, 0.01)),
     PlottedMeasure("map_complete", "Landmarks mapped", "share of those seen often (1 is perfect)"),
-    PlottedMeasure("mota_all", "All people, seen or not", "MOTA over all people", (("visible_recall", "bound: share seen by robots"),)),
+    PlottedMeasure("mota_all", "All people, seen or not", "MOTA over all people", (("visible_recall", "bound: share seen by a camera"),)),
 )
 
 

@@ -148,8 +148,8 @@ class StandingBoxes:
 class DetectorModel:
     """The error model of a detector.
 
-    bodies: "boxes" where errors refer to true boxes, "places" where they refer to projected bodies (bodies.BODY), at the places and with
-    the statures on which several views agree. Of one view, the spread of stature is a part of the latter.
+    bodies: "boxes" where errors refer to true boxes, "places" where they refer to projected bodies (bodies.BODY).
+    Several views agree on their places and statures. Of one view, the spread of stature is a part of the latter.
     made: sources, cameras, frames. figures: name → value, and lowest and highest value (95 %). counts: what the fit had.
     """
 

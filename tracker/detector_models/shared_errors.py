@@ -141,8 +141,8 @@ def box_errors(recording: Recording, truth: TruePeople, views: Iterable[Iterable
 def fit_shared_errors(found: BoxErrors, period: float) -> SharedErrors | None:
     """Errors that views share; None where too little is known. period: s from frame to frame.
 
-    The field is a weighted least-squares fit to all boxes. The process is found by moments, of errors across the line of sight at LAGS:
-    the product of those of two views, with unit vectors a and b, is σ² (a · b) in the mean.
+    The field is a weighted least-squares fit to all boxes. The process is found by moments of errors across the line of sight, at LAGS.
+    The product of those of two views, with unit vectors a and b across them, is σ² (a · b) in the mean.
     """
     if not len(found.person):
         return None
