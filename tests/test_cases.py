@@ -133,6 +133,7 @@ def test_rows_a_little_out_of_order_are_sorted(tmp_path: Path) -> None:
     assert (tmp_path / "clean-out" / "robots.csv").read_bytes() == (tmp_path / "mixed-out" / "robots.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_bad_number_in_results_is_named(tmp_path: Path) -> None:
     source = write_set(tmp_path / "set", 10.0)
     track_utias(source, tmp_path / "out", False)

@@ -42,7 +42,9 @@ def test_stable_baselines_checker_passes():
     checker.check_env(make())
 
 
-@pytest.mark.parametrize("options", [{}, {"action": "waypoint"}, {"drive": "physics"}, {"observation": "tracks"}], ids=str)
+@pytest.mark.parametrize(
+    "options", [pytest.param({}, marks=pytest.mark.slow), {"action": "waypoint"}, {"drive": "physics"}, {"observation": "tracks"}], ids=str
+)
 def test_equal_seeds_and_copies_give_equal_episodes(options):
     env, other = make(**options), make(**options)
     actions = np.random.default_rng(0).uniform(-1, 1, (4, 3, 2)).astype(np.float32)
