@@ -120,8 +120,15 @@ def lasting_and_drifting(score: Array, pairs: Pairs, weight: Array) -> tuple[flo
             number.append(float(w[known].sum()))
     if not lags:
         return 0.0, 0.0
-    target, share = np.clip(gamma, -1.0, 1.0), np.array(number) / np.sum(number)
-    decay = np.exp(-np.array(lags)[None] / np.array(TIMES)[:, None])
+    return lasting_share(np.clip(gamma, -1.0, 1.0), np.array(number), np.exp(-np.array(lags)[None] / np.array(TIMES)[:, None]))
+
+
+def lasting_share(target: Array, weight: Array, decay: Array) -> tuple[float, float]:
+    """Lasting share and time constant, s, of correlations target (n,): lasting + (1 − lasting) decay, by weighted least squares.
+
+    decay (len(TIMES), n): the correlations of what drifts, by time constant.
+    """
+    share = weight / np.sum(weight)
     # One unknown for each time constant: γ − decay = lasting (1 − decay).
     lasting = ((target - decay) * (1 - decay) * share).sum(axis=1) / np.maximum(((1 - decay) ** 2 * share).sum(axis=1), 1e-12)
     lasting = np.clip(lasting, 0.0, 1.0)

@@ -17,7 +17,7 @@ from tracker.datasets.projected_boxes import pose_at
 from tracker.detector_models.bodies import BODY
 from tracker.detector_models.model import CLEAR
 from tracker.detector_models.observations import TruePeople, ViewFrame, matched
-from tracker.detector_models.processes import LAGS, TIMES
+from tracker.detector_models.processes import LAGS, TIMES, lasting_share
 from tracker.geometry import Array, Ints
 from tracker.recordings import Recording
 
@@ -155,7 +155,8 @@ def fit_shared_errors(found: BoxErrors, period: float) -> SharedErrors | None:
     if moments is None:
         return None
     lag, gamma, weight = moments
-    lasting, time_s = _lasting_and_time(np.asarray(lag * period), np.clip(gamma / max(gamma[0], 1e-9), -1.0, 1.0), weight)
+    decay = np.array([_decay(np.asarray(lag * period), time_s) for time_s in TIMES])
+    lasting, time_s = lasting_share(np.clip(gamma / max(gamma[0], 1e-9), -1.0, 1.0), weight, decay)
     by_place, deviation = np.sqrt(((terms @ field) ** 2).sum(axis=1).mean()), np.sqrt(max(gamma[0], 0.0))
     stature = np.std(list(_statures(found).values()) or [0.0])
     numbers = (round(float(one), 4) for one in (by_place, deviation, lasting, time_s, stature))
@@ -272,15 +273,3 @@ def _no_errors() -> BoxErrors:
 def _decay(lag_s: Array, time_s: float) -> Array:
     a = np.sqrt(3.0) * np.asarray(lag_s) / max(time_s, 1e-6)
     return np.asarray((1 + a) * np.exp(-a))
-
-
-def _lasting_and_time(lag_s: Array, correlation: Array, weight: Array) -> tuple[float, float]:
-    """Share that lasts and time constant, s, by weighted least squares over TIMES."""
-    best = np.inf, 0.0, 0.0
-    for time_s in TIMES:
-        decay = _decay(lag_s, time_s)
-        scale = max(float((weight * (1 - decay) ** 2).sum()), 1e-12)
-        lasting = float(np.clip((weight * (correlation - decay) * (1 - decay)).sum() / scale, 0.0, 1.0))
-        loss = float((weight * (correlation - decay - lasting * (1 - decay)) ** 2).sum())
-        best = min(best, (loss, lasting, time_s))
-    return round(best[1], 4), round(best[2], 4)
