@@ -150,7 +150,9 @@ def check_folder(scenario: Scenario, out: Path) -> None:
 
 
 def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path) -> None:
-    """Draw contact sheet, plan and video, where they are missing."""
+    """Draw contact sheet, plan and video, where they are missing. The plan is drawn in a thread, beside the video."""
+    from concurrent.futures import ThreadPoolExecutor
+
     from sim.visualization.overlays import annotated, contact_sheet, save_png
     from sim.visualization.plan_and_video import plan, video_frames, write_video
     from tracker.io.progress import progress_bar
@@ -162,11 +164,13 @@ def draw(sequence: Sequence, results: Results, scores: dict[str, Any], out: Path
         chosen = 2 * len(sequence.ticks) // 3
         tick = next(islice(iter(sequence.ticks), chosen, None))
         save_png(out / "contact_sheet.png", contact_sheet(annotated(sequence, results, tick), f"frame {tick.index}: estimated boxes and ids"))
-    if not (out / "plan.png").exists():
-        plan(sequence, results, title, out / "plan.png")
-    if not (out / "video.mp4").exists():
-        ticks = progress_bar(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
-        write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
+    with ThreadPoolExecutor(1) as beside:
+        planned = None if (out / "plan.png").exists() else beside.submit(plan, sequence, results, title, out / "plan.png")
+        if not (out / "video.mp4").exists():
+            ticks = progress_bar(sequence.ticks, total=len(sequence.ticks), desc="video", unit="frame")
+            write_video(out / "video.mp4", video_frames(sequence, results, ticks), 1 / sequence.setup.period)
+        if planned is not None:
+            planned.result()
 
 
 def _print_files(out: Path) -> None:

@@ -13,8 +13,9 @@ from pathlib import Path
 from sim.datasets.fixed_cameras import corner_cameras, place_cameras
 from sim.datasets.presets import Preset, confine, provenance
 from sim.parallel.pool import drawing_alone
+from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
-from sim.recording.record import Recording, write_recording
+from sim.recording.record import Recording, drawing_processes, write_recording
 from sim.simulation.furnished_world import furnished
 from sim.simulation.simulation import Simulation
 from tracker.io.atomic import partial_path
@@ -33,7 +34,7 @@ class SequenceTask:
     """A sequence to generate: its folder, the name and value of its preset, and the form of its images.
 
     parent: id of the process that needs it, or None. The worker ends when that process has ended.
-    workers, cluster: as of Recording.
+    workers: number of processes that draw. cluster: as of Recording.
     """
 
     folder: Path
@@ -84,9 +85,11 @@ class SequenceTask:
         """
         with drawing_alone(), file_lock(self._lock, wait=True):
             if not self.complete:
-                write_recording(self._recording(), self.folder)
+                count = drawing_processes(self.preset.scenario, self.form, self.workers) if self.cluster is None else 1
+                with drawing_workers(count) as drawing:
+                    write_recording(self._recording(drawing), self.folder)
 
-    def _recording(self) -> Recording:
+    def _recording(self, drawing: DrawingWorkers | None) -> Recording:
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
@@ -94,7 +97,7 @@ class SequenceTask:
         place = corner_cameras if self.preset.corners else place_cameras
         fixed = place(world, self.preset.views, scenario.view_width)
         simulation, made_by = Simulation(scenario, world=world), provenance(self.name, self.preset)
-        return Recording(scenario, simulation, fixed, made_by, self.form, self.workers, self.cluster)
+        return Recording(scenario, simulation, fixed, made_by, self.form, drawing, self.cluster)
 
 
 def _exit_with_parent(parent: int) -> None:

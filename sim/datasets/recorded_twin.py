@@ -180,7 +180,7 @@ def _at_least(extent: Array, side: float) -> Array:
     return np.array([extent[0] - missing, extent[1] + missing])
 
 
-def recording_of(twin: RecordedTwin, motion: TrueMotion | None = None, workers: int = 1) -> RecordingToWrite:
+def recording_of(twin: RecordedTwin, motion: TrueMotion | None = None) -> RecordingToWrite:
     """The twin at its first frame. Raises ValueError as `true_motion`, and for paths that are not free in the world."""
     motion = true_motion(twin) if motion is None else motion
     ids, position = motion.ids, motion.position
@@ -204,7 +204,7 @@ def recording_of(twin: RecordedTwin, motion: TrueMotion | None = None, workers: 
     paths = Paths(people, scenario.period * np.arange(scenario.frames, dtype=np.float64), position)
     simulation = Simulation(scenario, world=confine_rovers(world, position) if twin.robots else world, paths=paths)
     origin = {"source": twin.source.resolve().name, "cameras": list(motion.cameras)} | ({} if kept else {"ids": ids.tolist()})
-    return RecordingToWrite(scenario, simulation, motion.cameras, json.loads(scenario.to_json()) | {"twin": origin}, workers=workers)
+    return RecordingToWrite(scenario, simulation, motion.cameras, json.loads(scenario.to_json()) | {"twin": origin})
 
 
 def _world_of(scenario: Scenario, difficulty: float) -> World:

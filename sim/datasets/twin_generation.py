@@ -18,7 +18,8 @@ from sim.datasets.recorded_twin import RecordedTwin, TrueMotion, recording_of, t
 from sim.datasets.recorded_twin_picture import side_by_side
 from sim.datasets.twin_without_images import write_without_images
 from sim.parallel.pool import Pool, usable_cores
-from sim.recording.record import Recording, check_absent, write_recording
+from sim.recording.drawing_workers import drawing_workers
+from sim.recording.record import Recording, check_absent, drawing_processes, write_recording
 from tracker.datasets.opening import format_of
 from tracker.datasets.pets2009 import PETS_AREA, calibration_of
 from tracker.geometry import Array
@@ -65,7 +66,7 @@ def _generate(order: TwinOrder, workers: int, out: Path) -> Iterator[str]:
     names = tuple(text.strip() for text in (order.views or "").split(",") if text.strip())
     twin = dataclasses.replace(RecordedTwin(order.source, names), **order.changes)
     motion = true_motion(twin)
-    _write(recording_of(twin, motion, workers), order.render, motion.area, out)
+    _write(recording_of(twin, motion), order.render, motion.area, workers, out)
     yield from _described(out, order.render)
     if order.render and side_by_side(motion, out) is not None:
         yield f"{out / 'twin.png'} shows a frame beside the source's"
@@ -96,8 +97,7 @@ def _pets(order: TwinOrder) -> Twin:
 
 
 def _generate_pets(order: TwinOrder, twin: Twin, workers: int, out: Path) -> Iterator[str]:
-    made = dataclasses.replace(pets_twin.recording_of(twin), workers=workers)
-    _write(made, order.render, np.array(PETS_AREA), out)
+    _write(pets_twin.recording_of(twin), order.render, np.array(PETS_AREA), workers, out)
     yield from _described(out, order.render)
     if order.render and pets_twin.ANNOTATED in twin.views:
         pets_side_by_side(twin, out)
@@ -106,10 +106,11 @@ def _generate_pets(order: TwinOrder, twin: Twin, workers: int, out: Path) -> Ite
         yield f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {median:.3f} (twin.png shows a frame)"
 
 
-def _write(made: Recording, render: bool, area: Array | None, out: Path) -> None:
+def _write(made: Recording, render: bool, area: Array | None, workers: int, out: Path) -> None:
     progress = partial(progress_bar, desc="frames", unit="frame")
     if render:
-        write_recording(made, out, progress)
+        with drawing_workers(drawing_processes(made.scenario, made.form, workers)) as drawing:
+            write_recording(dataclasses.replace(made, workers=drawing), out, progress)
     else:
         write_without_images(made, out, area, progress)
 

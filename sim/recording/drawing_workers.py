@@ -12,7 +12,7 @@ import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, Pipe
 from queue import SimpleQueue
 
@@ -33,14 +33,17 @@ serve(Connection(int(sys.argv[1])))
 
 
 class DrawingWorkers:
-    """Draws moments in `count` processes. It is a context manager, which ends them."""
+    """Draws moments of one scene in `count` processes. It is a context manager, which ends them.
 
-    def __init__(self, scene: DrawnScene, count: int) -> None:
+    They start with it, so that they import what they need while the scene is built.
+    """
+
+    def __init__(self, count: int) -> None:
         choose_gl()
         self._processes: list[subprocess.Popen[bytes]] = []
         self._connections: list[Connection] = []
         self._idle: SimpleQueue[tuple[Connection, bool]] = SimpleQueue()
-        self._scene, self._count = scene, count
+        self._count = count
         self._threads = ThreadPoolExecutor(count)
 
     def __enter__(self) -> DrawingWorkers:
@@ -64,23 +67,23 @@ class DrawingWorkers:
         for connection in self._connections:
             connection.close()
 
-    def draw(self, moments: Iterable[Moment | None]) -> Iterator[Drawn | None]:
+    def draw(self, scene: DrawnScene, moments: Iterable[Moment | None]) -> Iterator[Drawn | None]:
         """What is drawn of the moments, in their order; None for None. Raises WorkerLost where a worker ends, and what a worker raises."""
         waiting: deque[Future[Drawn | None]] = deque()
         for moment in moments:
-            waiting.append(self._threads.submit(self._call, moment))
+            waiting.append(self._threads.submit(self._call, scene, moment))
             while waiting and (waiting[0].done() or len(waiting) > AHEAD * self._count):
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
-    def _call(self, moment: Moment | None) -> Drawn | None:
+    def _call(self, scene: DrawnScene, moment: Moment | None) -> Drawn | None:
         if moment is None:
             return None
         connection, new = self._idle.get()
         try:
             if new:
-                connection.send(self._scene)
+                connection.send(scene)
             connection.send(moment)
             answer = connection.recv()
         except (EOFError, OSError):
@@ -91,6 +94,16 @@ class DrawingWorkers:
             raise answer
         assert isinstance(answer, Drawn)
         return answer
+
+
+@contextmanager
+def drawing_workers(count: int) -> Iterator[DrawingWorkers | None]:
+    """Workers during this context; None for one, since the process of the caller draws then."""
+    if count < 2:
+        yield None
+        return
+    with DrawingWorkers(count) as workers:
+        yield workers
 
 
 def serve(connection: Connection) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.recording.calibration_error import error_rows, is_off, told_setup
+from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
 from sim.recording.frame_loop import FrameState, simulated_frames, truth_of
 from sim.recording.resumable import ResumableFrames
 from sim.recording.tracker_setup import FixedCamera, make_setup
@@ -113,8 +114,8 @@ class Recording:
     """A sequence to be written: a simulation at its first frame, and fixed cameras by name.
 
     provenance: JSON values that describe how it was made. form: which images are written, and how.
-    workers: number of processes that draw; with one, this process draws. cluster: address of a Dask scheduler whose workers draw
-    in their place, where `in_any_order` holds. The bytes do not depend on either.
+    workers: processes that draw; this process draws where None. cluster: address of a Dask scheduler whose workers draw in their place.
+    Both are for sequences that `in_any_order` allows. The bytes do not depend on either.
     """
 
     scenario: Scenario
@@ -122,24 +123,26 @@ class Recording:
     fixed: Mapping[str, FixedCamera]
     provenance: dict[str, Any]
     form: ImageForm = field(default_factory=ImageForm)
-    workers: int = 1
+    workers: DrawingWorkers | None = None
     cluster: str | None = None
 
     @staticmethod
-    def of(scenario: Scenario, workers: int = 1) -> Recording:
+    def of(scenario: Scenario, workers: DrawingWorkers | None = None) -> Recording:
         return Recording(scenario, Simulation(scenario), {}, json.loads(scenario.to_json()), workers=workers)
 
 
 def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int = 1) -> None:
     """Write the sequence of a scenario into the new or empty folder `folder`. Nothing is left there after an error, but for an OSError.
 
-    A run that was killed, or ended by an OSError, is resumed at the first frame whose images are not there. workers: as of Recording.
+    A run that was killed, or ended by an OSError, is resumed at the first frame whose images are not there.
+    workers: number of processes that draw; with one, this process draws. The bytes do not depend on it.
     progress: wraps the iterator of frames (tqdm, for example), or None.
     Raises Kept for an OSError, with the place of unfinished files.
     Raises ValueError if the folder is not empty, or if robots or people do not fit into the world.
     """
     check_absent(folder)
-    write_recording(Recording.of(scenario, workers), folder, progress)
+    with drawing_workers(drawing_processes(scenario, ImageForm(), workers)) as drawing:
+        write_recording(Recording.of(scenario, drawing), folder, progress)
 
 
 def check_absent(folder: Path) -> None:
@@ -179,6 +182,11 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
 def in_any_order(scenario: Scenario, form: ImageForm) -> bool:
     """Whether the frames of a sequence can be drawn in any order, so that several workers draw it, and it is resumed within."""
     return is_plain(scenario) and not form.video
+
+
+def drawing_processes(scenario: Scenario, form: ImageForm, workers: int) -> int:
+    """How many of `workers` processes a sequence can use: one where its frames are drawn in their order, and not more than it has frames."""
+    return min(workers, scenario.frames) if in_any_order(scenario, form) else 1
 
 
 def _effect_rows(scenario: Scenario, simulation: Simulation, setup: Setup) -> list[list[object]]:

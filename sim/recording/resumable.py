@@ -47,7 +47,13 @@ class ResumableFrames:
     """The frames of a scenario, from its simulation at frame 0. workers, cluster: as of Recording."""
 
     def __init__(
-        self, scenario: Scenario, simulation: Simulation, setup: Setup, form: ImageForm, workers: int = 1, cluster: str | None = None
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        setup: Setup,
+        form: ImageForm,
+        workers: DrawingWorkers | None = None,
+        cluster: str | None = None,
     ) -> None:
         self._scenario, self._simulation, self._setup, self._form = scenario, simulation, setup, form
         self._workers, self._cluster = workers, cluster
@@ -92,9 +98,8 @@ class ResumableFrames:
             cluster = stack.enter_context(ClusterDrawing(scene, self._cluster, missing, versions))
             yield from cluster.draw(moments)
             return
-        if self._workers > 1:
-            workers = stack.enter_context(DrawingWorkers(scene, min(self._workers, missing)))
-            yield from workers.draw(moments)
+        if self._workers is not None:
+            yield from self._workers.draw(scene, moments)
             return
         renderer = stack.enter_context(MomentRenderer(scene))
         for moment in moments:

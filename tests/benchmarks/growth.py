@@ -121,7 +121,7 @@ def mapped(landmarks: int) -> dict[str, float]:
 class SleepingWorkers(DrawingWorkers):
     """The queue of drawing workers, which sleep in place of drawing."""
 
-    def _call(self, moment: Any) -> Any:
+    def _call(self, scene: Any, moment: Any) -> Any:
         time.sleep(SLEEP)
         return moment
 
@@ -129,9 +129,9 @@ class SleepingWorkers(DrawingWorkers):
 def scheduled(workers: int) -> dict[str, float]:
     """Moments a second through the queue of drawing workers, and their share of workers / SLEEP."""
     count = 40 * workers
-    queue: Any = SleepingWorkers(None, workers)  # type: ignore[arg-type]
+    queue: Any = SleepingWorkers(workers)
     started = time.perf_counter()
-    assert list(queue.draw(range(count))) == list(range(count))
+    assert list(queue.draw(None, range(count))) == list(range(count))
     rate = count / (time.perf_counter() - started)
     return {"moments a second": rate, "share of the best": rate * SLEEP / workers}
 

@@ -17,6 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from sim.recording.drawing_workers import drawing_workers
 from sim.recording.frame_journal import NAME
 from sim.recording.record import Recording, write_recording
 from sim.scenario import Scenario
@@ -38,7 +39,8 @@ def start(simulation: Simulation, folder: Path, workers: int) -> int:
     code = 1
     try:
         os.setsid()
-        write_recording(Recording(SCENARIO, simulation, {}, json.loads(SCENARIO.to_json()), workers=workers), folder)
+        with drawing_workers(workers) as drawing:
+            write_recording(Recording(SCENARIO, simulation, {}, json.loads(SCENARIO.to_json()), workers=drawing), folder)
         code = 0
     except KeyboardInterrupt:
         code = 130

@@ -92,8 +92,9 @@ def missing() -> list[int]:
 def compile_listed(numbers: list[int], parent: int | None = None) -> None:
     """Compile kernels by their numbers in the list. The call ends early where the process `parent` is no longer the parent of this one."""
     rows = json.loads(LISTED.read_text())
-    # The compiler makes many objects, whose garbage collection would visit all modules each time.
+    # The compiler makes many objects that live long. Garbage collection visits the modules never, and these seldom.
     gc.freeze()
+    gc.set_threshold(20_000, 10, 50)
     for number in numbers:
         if parent is not None and os.getppid() != parent:
             return

@@ -106,8 +106,8 @@ def test_a_killed_worker_is_one_line(tmp_path: Path) -> None:
     setup = make_setup(SCENARIO, simulation)
     moments = [Moment.of(state, simulation, setup) for state in simulated_frames(SCENARIO, simulation, setup)]
     with ExitStack() as stack:
-        workers = stack.enter_context(DrawingWorkers(DrawnScene.of(simulation, setup, ImageForm(), False), 1))
-        drawn = workers.draw(moments * 50)
+        workers = stack.enter_context(DrawingWorkers(1))
+        drawn = workers.draw(DrawnScene.of(simulation, setup, ImageForm(), False), moments * 50)
         assert next(drawn) is not None
         (child,) = [pid for pid in children(os.getpid()) if b"drawing_workers" in Path(f"/proc/{pid}/cmdline").read_bytes()]
         os.kill(child, signal.SIGKILL)
