@@ -193,7 +193,8 @@ class Slam:
         for view in views:
             seen = self._sightings(name, view)
             if seen is not None:
-                rest.append((self._initializers[view.camera], seen, self._update(name, view, seen, tick)))
+                clones = self.parameters.initialization.min_clones if view.sightings is None else 1
+                rest.append((self._initializers[view.camera], seen, clones, self._update(name, view, seen, tick)))
             elif view.robot_detections:
                 self._measurement_update(name, None, view)
         if not rest:
@@ -202,13 +203,13 @@ class Slam:
             self._remove_landmark(int(landmark), "lost")
         if self._relocalizer.is_lost(name):
             return
-        for initializer, seen, (free, matched) in rest:
+        for initializer, seen, clones, (free, matched) in rest:
             room = max(0, min(self.parameters.max_new_landmarks, self.parameters.max_updates - matched))
             while self._joint.count > self._joint.capacity - room:
                 stalest = self._map.least_recently_seen()
                 self._relocalizer.archive.keep(self.state, stalest)
                 self._remove_landmark(stalest, "map full")
-            initializer.advance(seen, free, room, tick)
+            initializer.advance(seen, free, room, tick, clones)
         self._clone_pose(name)
 
     def _sightings(self, name: str, view: View) -> Sightings | None:

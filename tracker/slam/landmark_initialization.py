@@ -26,15 +26,19 @@ from tracker.types import Mount, Sightings
 class InitializationParameters:
     """Conditions on a feature track to become a landmark.
 
-    min_parallax: rad between two of its bearings. min_sightings: ticks at which it was seen. epipolar_tolerance: rad from the segment of
-    possible directions. max_distance and ratio: as in data_association.Gate. max_misses: in a row, until deletion. probability: gate of the
-    misfit of the bearings. max_relative_sigma: standard deviation of the range over the range. min_range, max_range: m. max_below_ground: m.
-    max_tracks: of a camera. For noisy bearings parallax_sigmas and epipolar_sigmas are lower bounds of the parallax and of the tolerance. They
-    are in standard deviations of the difference of two bearings.
+    min_parallax: rad between two of its bearings. min_sightings: ticks at which it was seen. min_clones: clones that saw it, for features of images.
+    epipolar_tolerance: rad from the segment of possible directions. max_distance and ratio: as in data_association.Gate. max_misses: in a row,
+    until deletion. probability: gate of the misfit of the bearings. max_relative_sigma: standard deviation of the range over the range.
+    min_range, max_range: m. max_below_ground: m. max_tracks: of a camera. For noisy bearings parallax_sigmas and epipolar_sigmas are lower
+    bounds of the parallax and of the tolerance. They are in standard deviations of the difference of two bearings.
+
+    One clone and the present pose do not contradict a point that moves along its epipolar line. While robots start, such points have parallax
+    before static ones have, and then become the first landmarks. So the bearings of two clones are needed.
     """
 
     min_parallax: float = 0.07
     min_sightings: int = 4
+    min_clones: int = 2
     epipolar_tolerance: float = 0.012
     max_distance: float = 0.6
     ratio: float = 0.8
@@ -173,8 +177,8 @@ class LandmarkInitializer:
         self._match = np.zeros(0, dtype=np.intp)
         self._new = np.zeros(0, dtype=np.intp)
 
-    def advance(self, seen: Sightings, free: Indices, room: int, tick: int) -> None:
-        """Track features among the sightings `free`, and add at most `room` landmarks to the map."""
+    def advance(self, seen: Sightings, free: Indices, room: int, tick: int, clones: int = 1) -> None:
+        """Track features among the sightings `free`, and add at most `room` landmarks to the map, each seen from at least `clones` clones."""
         tracks, camera = self.tracks, self.joint.camera_pose(self.robot, self.mount)
         direction, parameters = seen.bearing[free] @ camera.rotation.T, self.parameters.scaled_to_noise(seen.covariance)
         match = tracks.track(camera.origin, direction, (unit_rows(seen.descriptor[free]), seen.subject[free]), parameters)
@@ -183,7 +187,8 @@ class LandmarkInitializer:
         wide = tracks.parallax(earlier.rotation) > parameters.min_parallax
         self.counters["little parallax"] += int((found & ~wide).sum())
         done = np.zeros(len(tracks), dtype=bool)
-        for row in np.flatnonzero(found & wide & (tracks.hits >= self.parameters.min_sightings)):
+        often = tracks.seen_from.sum(axis=1) >= min(clones, self.joint.clones)
+        for row in np.flatnonzero(found & wide & often & (tracks.hits >= self.parameters.min_sightings)):
             if room > 0:
                 reason = self._add_landmark(int(row), seen, int(free[match[row]]), tick)
                 self.counters[reason] += 1

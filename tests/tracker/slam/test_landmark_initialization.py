@@ -16,14 +16,24 @@ SIGMA = 0.001
 
 
 def drive(
-    points: np.ndarray, step: float, sigma: float = 0.0, seed: int = 0, parameters: InitializationParameters | None = None, velocity: float = 0.0
+    points: np.ndarray,
+    step: float,
+    sigma: float = 0.0,
+    seed: int = 0,
+    parameters: InitializationParameters | None = None,
+    velocity: float = 0.0,
+    *,
+    ticks: int = 10,
+    spacing: int = 2,
+    named: bool = True,
+    clones: int = 1,
 ) -> tuple[JointState, LandmarkInitializer]:
-    """A robot along x, ten ticks, a clone at every other one; the points may move along y by `velocity` m a tick."""
+    """A robot along x, a clone at every `spacing`-th tick; the points may move along y by `velocity` m a tick."""
     rng = np.random.default_rng(seed)
     joint, landmark_map = JointState(clones=4, capacity=10, correction_sigma=None), LandmarkMap(10, 1)
     joint.add_robot(Start(Pose.identity(), 1e-12 * np.eye(6)))
     initializer = LandmarkInitializer(0, MOUNT, (joint, landmark_map), Flat(0.0), parameters or InitializationParameters())
-    for k in range(10):
+    for k in range(ticks):
         if k:
             joint.predict(0, Pose(np.eye(3), np.array([step, 0, 0])), 1e-14 * np.eye(6))
         p = points + np.array([-step * k, velocity * k, -0.5])
@@ -31,12 +41,13 @@ def drive(
         b = b + (sigma * rng.normal(size=(len(b), 1, 2)) @ tangent_basis(b))[:, 0]
         b /= np.linalg.norm(b, axis=1, keepdims=True)
         n = len(points)
-        seen = Sightings(b, np.full(n, np.nan), np.arange(n), np.zeros((n, 4), dtype=np.float32), np.tile(np.eye(2) * SIGMA**2, (n, 1, 1)))
+        subject, descriptor = np.where(named, np.arange(n), -1), np.eye(n, 4, dtype=np.float32) * (not named)
+        seen = Sightings(b, np.full(n, np.nan), subject, descriptor, np.tile(np.eye(2) * SIGMA**2, (n, 1, 1)))
         known = landmark_map.subject[: landmark_map.count]
-        initializer.advance(seen, np.flatnonzero(~np.isin(np.arange(n), known)), 10, k)
-        if k % 2 == 0:
-            joint.clone(0, (k // 2) % 4)
-            initializer.record_clone((k // 2) % 4)
+        initializer.advance(seen, np.flatnonzero((subject < 0) | ~np.isin(subject, known)), 10, k, clones)
+        if k % spacing == 0:
+            joint.clone(0, (k // spacing) % 4)
+            initializer.record_clone((k // spacing) % 4)
     return joint, initializer
 
 
@@ -66,6 +77,17 @@ def test_a_moving_point_is_not_triangulated() -> None:
     """It moves across the line of sight of a passing robot: the bearings of three ticks are inconsistent."""
     joint, initializer = drive(np.array([[1.0, 2, 1]]), 0.12, velocity=-0.15)
     assert joint.count == 0 or initializer.counters["rays disagree"] > 0
+
+
+def test_a_feature_that_moves_along_its_epipolar_line_needs_two_clones() -> None:
+    """The point moves at the height of the camera. One clone and the present pose do not contradict it, two clones do."""
+    point = np.array([[1.0, 2, 0.5]])
+    for clones, landmarks in ((1, 1), (2, 0)):
+        joint, _ = drive(point, 0.12, velocity=-0.1, ticks=5, spacing=4, named=False, clones=clones)
+        assert joint.count == landmarks
+    joint, initializer = drive(point, 0.12, velocity=-0.1, spacing=4, named=False, clones=2)
+    assert joint.count == 0
+    assert initializer.counters["rays disagree"] > 0
 
 
 def test_the_new_covariance_is_consistent() -> None:
