@@ -10,13 +10,13 @@ import itertools
 import statistics
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from sim.recording.record import open_renderer, run
+from sim.recording.record import RenderedFrame, open_renderer, run
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
@@ -37,15 +37,18 @@ STITCHED = "dual-fisheye:output=stitched"
 """The camera of `seam`, which needs two lenses."""
 
 
+def simulated(scenario: Scenario) -> Iterator[RenderedFrame]:
+    """The frames of the scenario, rendered with its cameras and effects."""
+    simulation = Simulation(scenario)
+    setup = make_setup(scenario, simulation)
+    with open_renderer(scenario, simulation) as renderer:
+        yield from run(scenario, simulation, setup, renderer)
+
+
 def milliseconds(effects: str, camera: str = "", frames: int = FRAMES, width: int = 1024) -> float:
     """Median processor time of a frame, ms; the first frame, which prepares tables, is left out."""
     scenario = Scenario(robots=1, people=4, frames=frames + 1, width=width, effects=effects, camera=camera)
-    simulation = Simulation(scenario)
-    setup = make_setup(scenario, simulation)
-    marks = []
-    with open_renderer(scenario, simulation) as renderer:
-        for _ in run(scenario, simulation, setup, renderer):
-            marks.append(time.process_time())
+    marks = [time.process_time() for _ in simulated(scenario)]
     return 1000 * statistics.median([b - a for a, b in itertools.pairwise(marks)])
 
 
@@ -55,10 +58,7 @@ def image_with(effects: str, frames: int = 8, width: int = 1024) -> Image:
     scenario = Scenario(
         world="quarry", seed=3, robots=1, people=8, frames=frames, width=width, speed=1.2, effects=effects, camera=camera, image_noise=0.0
     )
-    simulation = Simulation(scenario)
-    setup = make_setup(scenario, simulation)
-    with open_renderer(scenario, simulation) as renderer:
-        *_, last = run(scenario, simulation, setup, renderer)
+    *_, last = simulated(scenario)
     image = last.tick.views[0].image
     assert image is not None
     return image
