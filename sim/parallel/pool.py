@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -23,6 +25,9 @@ UNUSED = r"\d+ tasks (have been successfully executed|which were still being pro
 """How joblib's warning begins."""
 CONNECT_TIMEOUT = 15
 """s to wait for the scheduler of a cluster."""
+DASK_LOGGERS = ("distributed", "distributed.client")
+"""Loggers of Dask, each of which has a level and a handler of its own."""
+CLUSTER_LOST = "the scheduler or workers of the cluster were lost, perhaps because memory ran out"
 _one_at_a_time = threading.Lock()
 
 
@@ -57,8 +62,8 @@ class Pool:
         threads: calls run in threads of this process, which suits calls that wait. Until the last result is taken, every process that is
         started has one thread.
 
-        Raises what a call raises. Raises WorkerLost where a process ends during a call, ValueError where Dask is missing or the address is
-        invalid, and OSError where no scheduler answers.
+        Raises what a call raises. Raises WorkerLost where a process ends during a call or the cluster is lost. Raises ValueError where Dask is
+        missing or the address is invalid, and OSError where no scheduler answers.
         """
         return self._run(function, calls, threads, "generator")
 
@@ -74,11 +79,14 @@ class Pool:
         warnings.filterwarnings("ignore", UNUSED, UserWarning)
         local = _threads(self.workers) if threads else _processes(self.workers)
         with local if self.cluster is None else _cluster(self.cluster) as (jobs, in_progress):
+            losses = () if self.cluster is None else cluster_losses()
             try:
                 # One call per worker: a queue would outlive a main process that was killed.
                 yield from Parallel(n_jobs=jobs, pre_dispatch=in_progress, batch_size=1, return_as=order)(delayed(function)(*call) for call in calls)
             except TerminatedWorkerError:
                 raise WorkerLost("a worker was killed, perhaps because memory ran out") from None
+            except losses:
+                raise WorkerLost(CLUSTER_LOST) from None
 
 
 @contextmanager
@@ -111,10 +119,21 @@ def cluster_client(address: str) -> Client:
         from distributed import Client
     except ImportError:
         raise ValueError("--cluster needs Dask: pip install 'pilsim[cluster]'") from None
+    # Dask logs a traceback where its scheduler is lost, beside the error that it raises.
+    for name in DASK_LOGGERS:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         return Client(address, timeout=CONNECT_TIMEOUT, set_as_default=True)
     except (ValueError, TypeError) as error:
         raise ValueError(f"--cluster is {address!r}, needs an address as tcp://HOST:PORT ({error})") from None
+
+
+def cluster_losses() -> tuple[type[Exception], ...]:
+    """What Dask raises where the scheduler of a cluster, or too many workers one after another, are lost."""
+    from distributed import KilledWorker
+    from distributed.comm.core import CommClosedError
+
+    return KilledWorker, CancelledError, CommClosedError
 
 
 @contextmanager
@@ -136,9 +155,20 @@ def _cluster(address: str) -> Iterator[tuple[int, int]]:
     """As `_threads`, with the workers of a Dask cluster and two calls in progress per thread."""
     from joblib import parallel_config
 
-    with cluster_client(address) as client, parallel_config("dask", wait_for_workers_timeout=CONNECT_TIMEOUT):
+    with cluster_client(address) as client, parallel_config(_dask_backend(client)):
         in_progress = max(1, 2 * sum(client.nthreads().values()))
         yield max(2, in_progress), in_progress
+
+
+def _dask_backend(client: Client) -> Any:
+    """joblib's backend for a cluster. joblib itself would run the calls here where the cluster has one thread."""
+    from joblib._dask import DaskDistributedBackend
+
+    class ClusterBackend(DaskDistributedBackend):
+        def effective_n_jobs(self, n_jobs: int) -> int:
+            return max(2, int(super().effective_n_jobs(n_jobs)))
+
+    return ClusterBackend(client=client, wait_for_workers_timeout=CONNECT_TIMEOUT)
 
 
 @contextmanager

@@ -10,12 +10,11 @@ import importlib.metadata
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import CancelledError
 from contextlib import ExitStack
 from itertools import islice
 from typing import Any
 
-from sim.parallel.pool import WorkerLost, cluster_client, drawing_alone
+from sim.parallel.pool import CLUSTER_LOST, WorkerLost, cluster_client, cluster_losses, drawing_alone
 from sim.recording.drawing import Drawn, DrawnScene, Moment, MomentRenderer
 
 SHORTEST, LONGEST = 8, 64
@@ -85,12 +84,10 @@ def check_versions(needed: dict[str, str]) -> None:
 
 def _result(wanted: list[bool], future: Any) -> Iterator[Drawn | None]:
     """Drawn for each True, None for each False. future: of what is drawn, or None."""
-    from distributed import KilledWorker
-    from distributed.comm.core import CommClosedError
-
+    losses: tuple[type[Exception], ...] = (TimeoutError, *cluster_losses())
     try:
         drawn = iter([] if future is None else future.result())
-    except (KilledWorker, CancelledError, CommClosedError, TimeoutError):
-        raise WorkerLost("the scheduler or workers of the cluster were lost, perhaps because memory ran out; the same command resumes") from None
+    except losses:
+        raise WorkerLost(f"{CLUSTER_LOST}; the same command resumes") from None
     for one in wanted:
         yield next(drawn) if one else None

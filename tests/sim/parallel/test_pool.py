@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
+import sys
 import threading
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -78,3 +81,27 @@ def test_a_cluster_gives_results_in_order() -> None:
         pool = Pool(cluster=cluster.scheduler_address)
         assert list(pool.results(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
         assert sorted(pool.as_completed(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
+
+
+@pytest.mark.slow
+def test_a_cluster_of_one_thread_is_used_and_its_loss_is_one_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    distributed = pytest.importorskip("distributed")
+    where = ["--scheduler-file", str(tmp_path / "scheduler.json"), "--no-dashboard"]
+    # Their logs go elsewhere, so that what is captured is from this process alone.
+    dask = [
+        subprocess.Popen([sys.executable, "-m", f"distributed.cli.dask_{role}", *where, *more], stderr=subprocess.DEVNULL)
+        for role, more in (("scheduler", ["--port", "0"]), ("worker", ["--nworkers", "1", "--nthreads", "1"]))
+    ]
+    try:
+        with distributed.Client(scheduler_file=where[1]) as client:
+            client.wait_for_workers(1)
+            address = client.scheduler.address
+        assert os.getpid() not in Pool(cluster=address).results(os.getpid, [(), ()])
+        threading.Timer(1, dask[0].kill).start()
+        with pytest.raises(WorkerLost, match="the scheduler or workers of the cluster were lost"):
+            list(Pool(cluster=address).results(time.sleep, [(60,)]))
+    finally:
+        for process in reversed(dask):
+            process.kill()
+            process.wait()
+    assert capfd.readouterr().err == ""
