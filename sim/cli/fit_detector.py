@@ -30,7 +30,7 @@ class FitDetector:
               pilsim fit-detector CMC1 CMC2 --detections detections-faster-rcnn --out detector.json
     """
 
-    source: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR [DIR ...]")]
+    source: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR [DIR ...]", help_behavior_hint="(at least one)")]
     """Recordings with truth, PETS 2009 or WILDTRACK; several are fitted together."""
     out: Annotated[Path, arg(metavar="FILE.json")]
     """The model."""

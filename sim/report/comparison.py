@@ -170,7 +170,7 @@ def comparison_text(found: PairedComparison) -> str:
         if not pair.differences:
             lines.append("  no pair of runs in which both have scores")
     note = "Differences from the reference: mean and 95 % interval (Student's t over seeds). More MOTA and IDF1 are better; less ATE is better."
-    return "\n".join([*lines[1:], "", note, _by_chance(found)])
+    return "\n".join([*lines[1:], "", note, *_by_chance(found)])
 
 
 def _unpaired(found: PairedComparison, pair: ComparedPair) -> str:
@@ -180,12 +180,12 @@ def _unpaired(found: PairedComparison, pair: ComparedPair) -> str:
     return f" ({'; '.join(parts)})" if parts else ""
 
 
-def _by_chance(found: PairedComparison) -> str:
-    """How many of the intervals exclude 0, and how many would by chance alone."""
+def _by_chance(found: PairedComparison) -> list[str]:
+    """How many of the intervals exclude 0, and how many would by chance alone. No line where there is no interval."""
     every = [one for pair in found.pairs for one in pair.differences]
     judged = sum(one.interval.low is not None and one.verdict != "identical" for one in every)
     excluding = sum(one.verdict in ("better", "worse") for one in every)
-    return f"{excluding} of {judged} intervals exclude 0; by chance alone about {judged / 20:.1f} would."
+    return [f"{excluding} of {judged} intervals exclude 0; by chance alone about {judged / 20:.1f} would."] if judged else []
 
 
 def to_json(found: PairedComparison) -> dict[str, Any]:

@@ -143,6 +143,7 @@ def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixtur
     assert "Example" in text
     # `None` tells a reader nothing.
     assert "None" not in text
+    assert "(default: )" not in text
     # Examples stay on one line, so that they can be copied. All other lines fit.
     assert all(len(line) <= min(columns, 120) for line in lines if "pilsim " not in line)
     groups = [line.strip("╭╮─ ") for line in lines if line.startswith("╭")]

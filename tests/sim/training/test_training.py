@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.cli.train_detector import TrainDetector
 from sim.training.training import FIGURES, MODEL, TrainingPlan, check_needed, train_detector
 
 torch = pytest.importorskip("torch", reason="needs torch (make rl)")
@@ -45,6 +46,11 @@ def test_bad_plans_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"other\.txt"):
         train_detector(TrainingPlan(), tmp_path)
     check_needed()
+
+
+def test_the_command_has_the_defaults_of_a_plan():
+    command = TrainDetector(Path("D"))
+    assert TrainingPlan(**{field.name: getattr(command, field.name) for field in dataclasses.fields(TrainingPlan)}) == TrainingPlan()
 
 
 @pytest.mark.slow
