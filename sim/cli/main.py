@@ -82,6 +82,8 @@ GROUPS: dict[str, tuple[type, ...]] = {
 COMMANDS = {name_of(command): command for group in GROUPS.values() for command in group}
 WIDEST = 120
 """Largest width of the help of a command, columns."""
+WRONG_TYPE = re.compile(r"Error parsing (\S+): no type matching \{None\}\|(\S+) could be instantiated from \[(.*?)\]\. .*")
+"""What tyro says of a word that is not of the type of its option."""
 NEAR = 0.7
 """Least similarity, from 0 to 1 (difflib), of a word to the name that an error message suggests for it."""
 
@@ -231,7 +233,9 @@ def _first_part(box: str) -> str:
     # tyro draws with dashes and bars where the output is not in UTF-8.
     lines = [line.strip("│| ") for line in box.splitlines() if line.startswith(("│", "|"))]
     rules = [k for k, line in enumerate(lines) if line and set(line) <= set("─-")]
-    return " ".join(lines[: rules[0] if rules else None]).rstrip(".")
+    text = " ".join(lines[: rules[0] if rules else None]).rstrip(".")
+    # Of an option that may be left out, tyro lists the error of each of its types.
+    return WRONG_TYPE.sub(r"\1 is \3, needs \2", text)
 
 
 if __name__ == "__main__":

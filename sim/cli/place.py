@@ -125,9 +125,10 @@ class Place:
             print(json_text({"means": _plain(found), "differences": _plain(less), "episodes": [dataclasses.asdict(o) for o in outcomes]}, indent=1))
         else:
             what = f"{self.scene.density or self.world}, {self.steps} decisions each"
-            print(text(found, less), f"means over {self.episodes} seeds from {self.seed} with 95 % intervals; {what}", sep="\n\n")
+            seeds = f"{self.episodes} seed{'s' * (self.episodes != 1)} from {self.seed}"
+            print(text(found, less), f"means over {seeds} with 95 % intervals; {what}", sep="\n\n")
         if self.picture is not None:
-            draw(found, f"{self.scene.density or self.world}, {self.episodes} episodes", self.picture)
+            draw(found, f"{self.scene.density or self.world}, {self.episodes} episode{'s' * (self.episodes != 1)}", self.picture)
 
     def _outcomes(self) -> list[EpisodeResult]:
         """The outcomes of all episodes, ordered by policy and seed."""

@@ -56,8 +56,15 @@ class Score:
             return
         if self.source and self.results and not (self.files.truth or self.files.result) and self.files.iou is None:
             results = read_results(self.results)
-            sequence = open_sequence(self.source, SourceOptions.of_run(results.run))
-            scores = evaluate(sequence, results)
+            options = SourceOptions.of_run(results.run)
+            try:
+                sequence = open_sequence(self.source, options)
+            except ValueError as error:
+                raise ValueError(f"{error} (opened as {self.results}/run.json says)" if options != SourceOptions() else str(error)) from None
+            try:
+                scores = evaluate(sequence, results)
+            except ValueError as error:
+                raise ValueError(f"{self.results}, scored against {self.source}: {error}") from None
             if scores["robots"]:
                 scores["robots"] |= efficiency(sequence, results)
         elif self.files.truth and self.files.result and not (self.source or self.results):

@@ -50,3 +50,7 @@ class Worlds:
                 locks.enter_context(output_file_lock(self.export))
             rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip, self.distractors))
         print(json_text(rows, indent=1) if self.json else describe(rows))
+        if not self.json:
+            pictures = [] if self.preview is None else [self.preview / f"{row['world']}.png" for row in rows]
+            for path in [*pictures, *([] if self.export is None else [self.export])]:
+                print(f"wrote {path}")

@@ -49,9 +49,10 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
     module = rerun()
     if save is not None and save.suffix != ".rrd":
         raise ValueError(f"--save is {save}, needs a name that ends in .rrd")
+    source, given = _sequence_and_tracks(folder, results)
+    format_of(source)
     if save is None and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ValueError("there is no screen here for the viewer: give --save FILE.rrd, and open that elsewhere with `rerun FILE.rrd`")
-    source, given = _sequence_and_tracks(folder, results)
     if tracked and results is not None:
         raise ValueError("--results and --track exclude each other: tracks are read, or made now")
     read = read_results(given) if given is not None and not tracked else None

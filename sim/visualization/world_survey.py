@@ -65,7 +65,7 @@ def survey(name: str | None, difficulty: float, seed: int, options: SurveyOption
         raise ValueError(f"{options.pictures}: is a file, needs a folder")
     names = sorted(catalogue.WORLDS) if name is None else [name]
     rows = []
-    for each in progress_bar(names, desc="worlds", disable=len(names) == 1, leave=False):
+    for each in progress_bar(names, desc="worlds", unit="world", disable=len(names) == 1, leave=False):
         scenario = Scenario(world=each, difficulty=difficulty, seed=seed, people=PEOPLE, robots=ROBOTS, distractors=options.distractors)
         world = world_of(scenario)
         if options.file is not None:

@@ -57,8 +57,8 @@ def fit(
     found, persons = int(people.detected.sum()), np.unique(people.person)
     if len(people) < LEAST_BODIES or len(persons) < LEAST_PEOPLE or found < LEAST_FOUND:
         raise ValueError(
-            f"too little truth: {len(people)} true bodies of {len(persons)} people, {found} of them with a box,"
-            f" needs at least {LEAST_BODIES} of {LEAST_PEOPLE} and {LEAST_FOUND}"
+            f"too little truth: {len(people)} true bodies of {len(persons)} people, {found} of these bodies with a box,"
+            f" needs at least {LEAST_BODIES} bodies, {LEAST_PEOPLE} people and {LEAST_FOUND} boxes"
         )
     parts, rng = _parts(samples, np.ones(len(people)), None, view_alone), np.random.default_rng(0)
     drawn = list[dict[str, float]]()

@@ -63,7 +63,7 @@ def evaluate_trajectories(source: Path, folder: Path) -> dict[str, Any]:
     """
     paths, team = read_trajectories(folder), read_utias(source)
     if paths.run.get("provenance") != _checksums(source):
-        raise ValueError("these results were made from another source, or from other files of it")
+        raise ValueError(f"{folder}, scored against {source}: these results were made from another source, or from other files of it")
     out = _filter_input(source, team, False, False)
     without_scans = out.schedule.kind != SCAN
     schedule = out.schedule._replace(**{name: getattr(out.schedule, name)[without_scans] for name in ("kind", "robot", "item", "time")})

@@ -93,21 +93,16 @@ class OutdoorSite:
         """Something round stands at place (2,) m."""
         self.blocked |= np.hypot(*np.moveaxis(self.nodes - np.asarray(place), -1, 0)) <= radius + 0.5 * self.ground.spacing
 
-    def lowest(self, place: ArrayLike, radius: float) -> float:
-        """m: the lowest ground within about that radius m."""
-        ring = np.asarray(place) + radius * np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
-        return float(self.ground.height_at(ring).min())
-
     def plant(self, kind: str, plant: Plant, place: Array, yaw: float) -> None:
         """Put a plant in the ground and block where it stands."""
-        plant.stand(self.spec, self.name_of(kind), [*place, self.lowest(place, plant.radius)], yaw)
+        plant.stand(self.spec, self.name_of(kind), [*place, self.ground.lowest_around(place, plant.radius)], yaw)
         self.block(place, plant.radius)
 
     def stone(self, shape: Shape, place: Array, sunk: float) -> None:
         """Put a stone down, `sunk` of its lower half in the ground, and block where it lies."""
         low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
         radius = 0.42 * float(np.hypot(*(high - low)[:2]))
-        z = self.lowest(place, 0.7 * radius) - low[2] * (1 - sunk)
+        z = self.ground.lowest_around(place, 0.7 * radius) - low[2] * (1 - sunk)
         shape.add_to(self.spec, self.name_of("rock"), "stone", [*place, z])
         self.block(place, radius)
 

@@ -72,7 +72,7 @@ def _blocks(rng: np.random.Generator, site: OutdoorSite, place: Array) -> None:
     corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     yaw = rng.uniform(-np.pi, np.pi)
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    z = site.lowest(place, 0.5)
+    z = site.ground.lowest_around(place, 0.5)
     for k in range(int(rng.integers(1, 4))):
         size = base * 0.9**k
         block = corners * size * rng.uniform(0.94, 1.0, (8, 3)) @ turn.T

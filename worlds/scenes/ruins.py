@@ -46,11 +46,6 @@ class _Site:
         x, y = np.asarray(place, dtype=np.float64)
         return shape.add_to(self.spec, name, "stone", [x, y, turn[0]], turn[1])
 
-    def low(self, place: ArrayLike, radius: float) -> float:
-        """m: the lowest ground within about that radius m."""
-        ring = np.asarray(place) + radius * np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
-        return float(self.ground.height_at(ring).min())
-
     def block(self, corners: ArrayLike) -> None:
         self.blocked[covered(self.ground, corners, SPACING / 2)] = True
 
@@ -140,7 +135,7 @@ def _walls(rng: np.random.Generator, site: _Site) -> None:
     """Walls, stretch by stretch, each convex; and the arches over doorways."""
     sink = 0.4
     for k, run in enumerate(site.plan.runs):
-        z = site.low(run.start + turned([run.along.mean(), 0], run.yaw), 0.5 * np.ptp(run.along) * 0.7)
+        z = site.ground.lowest_around(run.start + turned([run.along.mean(), 0], run.yaw), 0.5 * np.ptp(run.along) * 0.7)
         shift = rng.uniform(0, PERIOD, 2)
         for part in range(len(run.along) - 1):
             (x0, x1), (h0, h1) = run.along[part : part + 2], run.top[part : part + 2]
@@ -151,7 +146,7 @@ def _walls(rng: np.random.Generator, site: _Site) -> None:
             site.stand(wedge(profile, THICKNESS, shift), f"wall{k}-{part}", run.start, (z, run.yaw))
         site.block(run.corners())
     for k, (middle, yaw, span) in enumerate(site.plan.arches):
-        z = site.low(middle, 1.0)
+        z = site.ground.lowest_around(middle, 1.0)
         for part, stone in enumerate(arch(span, SPRING, RING, THICKNESS + 0.06)):
             site.stand(stone, f"arch{k}-{part}", middle, (z, yaw))
 
@@ -164,7 +159,7 @@ def _columns(rng: np.random.Generator, site: _Site) -> None:
         for v in (0.2, 0.5, 0.8):
             place = room[0] + u * (room[1] - room[0]) + v * (room[3] - room[0])
             r, state = rng.uniform(0.24, 0.3), rng.uniform()
-            z = site.low(place, r)
+            z = site.ground.lowest_around(place, r)
             height = rng.uniform(0.4, 0.8) if state > 0.55 else rng.uniform(2.2, 3.2)
             site.stand(_drum(rng, (1.25 * r, 1.25 * r), (-0.3, 0.16)), f"column{number}-foot", place, (z, 0.0))
             site.stand(_drum(rng, (r, 0.88 * r if height > 1 else r), (0.16, height)), f"column{number}-shaft", place, (z, 0.0))
@@ -191,7 +186,7 @@ def _fallen(rng: np.random.Generator, site: _Site, place: Array, what: tuple[flo
         middle = place + turned([reach + length / 2, rng.uniform(-0.08, 0.08)], yaw)
         lying = tilted(_drum(rng, (r, 0.96 * r), (-length / 2, length / 2)), np.pi / 2, 0.0)
         turn = yaw + rng.uniform(-0.15, 0.15)
-        site.stand(lying, f"column{number}-drum{part}", middle, (site.low(middle, r) + 0.6 * r, turn))
+        site.stand(lying, f"column{number}-drum{part}", middle, (site.ground.lowest_around(middle, r) + 0.6 * r, turn))
         site.block(rectangle(middle, (length, 2 * r), turn))
         reach += length + 0.12
 
@@ -226,6 +221,6 @@ def _stones(rng: np.random.Generator, site: _Site, heaps: list[tuple[Array, floa
             corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size * rng.uniform(0.75, 1.05, (8, 3))
             stone = tilted(hull(corners, rng.uniform(0, PERIOD, 2)), *rng.uniform(-0.4, 0.4, 2))
             yaw = rng.uniform(-np.pi, np.pi)
-            site.stand(stone, f"rock{number}", spot, (site.low(spot, 0.1) + 0.5 * size[2], yaw))
+            site.stand(stone, f"rock{number}", spot, (site.ground.lowest_around(spot, 0.1) + 0.5 * size[2], yaw))
             site.block(rectangle(spot, 2 * size[:2], yaw))
             number += 1

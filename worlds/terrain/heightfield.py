@@ -93,6 +93,11 @@ class Heightfield:
         places.flags.writeable = False
         return _interpolated(self.heights, self.origin, self.spacing, places)
 
+    def lowest_around(self, place: ArrayLike, radius: float) -> float:
+        """m: the lowest of the heights at place (2,) m and at four points around it, radius m away."""
+        ring = np.asarray(place) + radius * np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
+        return float(self.height_at(ring).min())
+
     def normal_at(self, points: ArrayLike) -> Array:
         """(n, 2 or more) x, y m → (n, 3) unit normals of the triangle there, upwards; that of the nearest inside outside."""
         u, v, z00, z01, z10, z11 = self._cells(points)

@@ -100,9 +100,11 @@ def exit_code(*words: str) -> int:
             'track has no option "--slm" (did you mean --slam?), "--detection" (did you mean --detections?), "--xyzzy"; see pilsim track --help',
         ),
         ("demo 3", "Unrecognized options: 3; see pilsim demo --help"),
+        ("generate pilsun --frames x --out D", "--frames is 'x', needs INT; see pilsim generate --help"),
+        ("generate pilsun --difficulty high --out D", "--difficulty is 'high', needs FLOAT; see pilsim generate --help"),
     ],
 )
-def test_misspelt_names(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_misspelt_names_and_values(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(*words.split()) == 2
     assert capsys.readouterr().err == f"error: {message}\n"
 
@@ -177,7 +179,7 @@ def test_missing_and_damaged_sources(tmp_path: Path) -> None:
     assert "000001.jpg: 200 bytes, the manifest says" in refused("track", "s", "--out", "out", cwd=tmp_path)
 
 
-def test_track_then_score_and_reuse(tmp_path: Path) -> None:
+def test_track_then_score_and_reuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
     done = pilsim("score", "s", "r", "--json", cwd=tmp_path)
@@ -191,6 +193,10 @@ def test_track_then_score_and_reuse(tmp_path: Path) -> None:
     assert (tmp_path / "r" / "tracks.txt").stat().st_mtime_ns == stamp
     sequences.write(tmp_path / "t", seed=1)
     assert "r: holds another run" in refused("track", "t", "--out", "r", cwd=tmp_path)
+    capsys.readouterr()
+    assert exit_code("score", str(tmp_path / "t"), str(tmp_path / "r")) == 2
+    said = f"{tmp_path / 'r'}, scored against {tmp_path / 't'}: these results were made from another source"
+    assert said in capsys.readouterr().err
 
 
 def test_results_of_an_old_version_are_scored_and_not_tracked_over(tmp_path: Path) -> None:

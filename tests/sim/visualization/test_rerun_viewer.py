@@ -82,6 +82,8 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(ValueError, match="no screen here"):
         show(tmp_path / "s")
+    with pytest.raises(ValueError, match="nowhere: no such folder"):
+        show(tmp_path / "nowhere")
     image = tmp_path / "s" / "images" / "robot_1_camera" / "000002.jpg"
     image.write_bytes(bytes(len(image.read_bytes())))
     with pytest.raises(ValueError, match=r"000002\.jpg: its SHA-256"):

@@ -48,6 +48,13 @@ def test_command_prints_json_and_exports(tmp_path: Path) -> None:
     assert (tmp_path / "lab.glb").read_bytes()[:4] == b"glTF"
 
 
+@pytest.mark.slow
+def test_command_names_what_it_writes(tmp_path: Path) -> None:
+    done = pilsim("worlds", "hall", "--export", str(tmp_path / "hall.obj"))
+    assert done.stdout.splitlines()[-1] == f"wrote {tmp_path / 'hall.obj'}"
+    assert (tmp_path / "hall.obj").is_file()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -112,7 +112,7 @@ def test_simulated_boxes_are_nearer_than_independent_ones(room, fitted):
 def test_too_little_truth_is_refused(room):
     truth = TruePeople(room.truth, {})
     few = room.cut(0, 5)
-    with pytest.raises(ValueError, match=r"too little truth: .* of 7 people"):
+    with pytest.raises(ValueError, match=r"too little truth: .* of 7 people, .* needs at least 200 bodies, 2 people and 100 boxes"):
         fit(samples_of(few, observed(few, TruePeople(few.truth, {}))), "few", "places", {})
     empty = replace(room, detections={"C1": {}})
     with pytest.raises(ValueError, match="0 of them with a box"):
