@@ -20,6 +20,7 @@ from tracker.mht.parameters import MhtParameters
 from tracker.mht.tracker import MhtTracker
 from tracker.reading_ahead import ahead
 from tracker.slam.filter import Slam
+from tracker.slam.image_features import ImageFeatures
 from tracker.slam.parameters import SlamParameters
 from tracker.tracks.track_ids import TrackIds
 from tracker.tracks.tracks import Tracks
@@ -39,17 +40,20 @@ class Parameters:
 def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None, threads: int = 1) -> Iterator[Estimate]:
     """One Estimate for each tick, `delay` ticks later.
 
-    threads: from two on, ticks are read in one thread, robots localized and images searched in others, while people of the tick before are tracked.
-    The estimates do not depend on it. Up to four ticks are in memory then.
+    threads: from two on, a tick is read, images of the tick before it are searched, and robots are localized in threads of their own.
+    The estimates do not depend on it. Up to six ticks are in memory then.
     Raises ValueError where a tick has a camera that the setup does not have, or an index that is not larger than the last.
     """
+    parameters = parameters or Parameters()
     with ExitStack() as stack:
         if threads == 1:
-            tracker = Tracker(setup, parameters or Parameters())
+            tracker = Tracker(setup, parameters)
             placed: Iterable[PlacedTick] = map(tracker.place, ticks)
         else:
-            tracker = Tracker(setup, parameters or Parameters(), stack.enter_context(ThreadPoolExecutor(threads)))
-            placed = stack.enter_context(ahead(map(tracker.place, stack.enter_context(ahead(ticks)))))
+            pool = stack.enter_context(ThreadPoolExecutor(threads))
+            tracker, features = Tracker(setup, parameters, pool), ImageFeatures(setup, parameters.slam.features, pool)
+            searched = stack.enter_context(ahead(map(features.find, stack.enter_context(ahead(ticks)))))
+            placed = stack.enter_context(ahead(map(tracker.place, searched)))
         for tick in placed:
             if estimate := tracker.follow(tick):
                 yield estimate

@@ -19,7 +19,7 @@ from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Mask, Pose, angles_from_bearing
 from tracker.geometry.cameras import Panorama
 from tracker.slam.data_association import Matches, associate
-from tracker.slam.features import extract
+from tracker.slam.image_features import ImageFeatures
 from tracker.slam.inter_robot import identify, on_robots, within_gate
 from tracker.slam.landmark_initialization import LandmarkInitializer
 from tracker.slam.landmark_map import LandmarkMap, dissimilarity, spread_over_azimuth, unit_rows
@@ -49,6 +49,7 @@ class Slam:
         self._unknown_starts = UnknownStarts(setup, parameters, Slam)
         self._odometry_gap: dict[str, tuple[int, Array]] = {}
         self._relocalizer = Relocalizer(parameters.relocalization, setup.period)
+        self._image_features = ImageFeatures(setup, parameters.features)
         self.sighted: dict[str, Sightings] = {}
         self._inflation = np.repeat(parameters.inflation_sigma, 3) ** 2
         self._tick = -1
@@ -62,6 +63,7 @@ class Slam:
                 raise ValueError(f"view of camera {view.camera!r}, needs one of {sorted(self.setup.mounts)}")
             if view.robot_detections is not None:
                 self.setup.check_robot_detections(view.camera, view.robot_detections)
+        for view in self._image_features.find(tick).views:
             views.setdefault(self.setup.mounts[view.camera].robot, []).append(view)
         for name in self.setup.starts:
             self._add_known_start(name, views.get(name, []))
@@ -215,10 +217,7 @@ class Slam:
     def _sightings(self, name: str, view: View) -> Sightings | None:
         """The view's sightings of static landmarks, in an order that does not depend on that of the input."""
         mount = self.setup.mounts[view.camera]
-        seen = view.sightings
-        if seen is None and view.image is not None and isinstance(mount.camera, Panorama):
-            up = self._joint.camera_pose(self._team[name], mount).rotation[2]
-            seen = extract(view.image, mount.camera, up, view.detections, self.parameters.features).sightings()
+        seen = view.sightings if view.sightings is not None else view.features
         if seen is None:
             return None
         odometry = self._odometry.get(name)

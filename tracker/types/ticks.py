@@ -36,7 +36,7 @@ class View:
     """The measurements of one camera at one tick.
 
     odometry: that of the robot that carries the camera, or None. image (H, W, 3) uint8 RGB or None.
-    robot_detections: None where no detector of robots runs.
+    robot_detections: None where no detector of robots runs. features: what was found in the image ahead of the SLAM filter, or None.
     """
 
     camera: str
@@ -45,6 +45,7 @@ class View:
     odometry: Odometry | None = None
     image: Image | None = None
     robot_detections: RobotDetections | None = None
+    features: Sightings | None = None
 
 
 @dataclass(frozen=True, eq=False)
