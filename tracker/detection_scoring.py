@@ -23,7 +23,7 @@ from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
 from tracker.io.json_files import read_json
 from tracker.metrics.box_detection import ImageBoxes
-from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings import FrameBoxes, Recording
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes, Sequence
@@ -198,13 +198,13 @@ def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, 
             # Detectors cut their boxes off at the edge of the image.
             whole, visible = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera.camera), bodies.visible
             own = feet[[person.tolist().index(one) for one in bodies.person.tolist()]]
-            complete = _complete(recording, camera, places)
+            complete = _complete(recording, places)
         period = float(camera.camera.width) if camera.camera.wraps else None
         counts = np.ones(len(whole), dtype=np.bool_)
         yield ImageBoxes(whole, edges, score, visible, counts, complete, own[:, :2], places, period, path.name, name)
 
 
-def _complete(recording: Recording, camera: RecordingCamera, feet: Array) -> Mask:
+def _complete(recording: Recording, feet: Array) -> Mask:
     """Whether boxes with feet (n, 2) m stand where the truth is complete; those without feet on the ground do not."""
     if recording.area is None:
         return np.ones(len(feet), dtype=np.bool_)

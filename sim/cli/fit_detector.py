@@ -36,7 +36,7 @@ class FitDetector:
     """The model."""
     picture: Annotated[Path | None, unset("FILE.png", "none")] = None
     """Draw all figures on one page."""
-    name: Annotated[str, unset("STR", "the name of the file")] = ""
+    name: Annotated[str, unset("NAME", "the name of the file")] = ""
     """Name of the model."""
     choice: OmitArgPrefixes[SourceChoice] = SourceChoice()
     json: bool = False

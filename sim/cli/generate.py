@@ -98,7 +98,7 @@ class Generate:
     """Number of people, in all."""
     width: Whole = None
     """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
-    views: Annotated[str | None, unset("STR", "the preset's; all of a twin; 1 of a PETS twin")] = None
+    views: Annotated[str | None, unset("N|NAME,...", "the preset's; all of a twin; 1 of a PETS twin")] = None
     """Number of fixed cameras; for a twin the names or numbers of its cameras, as in 1,5,7."""
     render: bool = True
     """Render images. A twin with --no-render has boxes by ray casting and no rovers; it is written as a recording."""

@@ -28,7 +28,7 @@ class EpisodeOptions:
     """What a policy observes: state gives visible people their true ids; tracks runs SLAM and tracker, and gives MOTA, too."""
     detector_model: DetectorModelName = "independent"
     """The detector of --observation tracks: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
-    density: Annotated[str | None, unset("STR", "none")] = None
+    density: Annotated[str | None, unset("PRESET", "none")] = None
     """A preset, pilsun, s2l1, s2l2 or s2l3: its world, robots and people replace --world, --robots and --people."""
 
 

@@ -11,7 +11,7 @@ from tyro.conf import UseAppendAction
 from sim.cli.options import unset
 
 _OWN = "the preset's"
-Word = Annotated[str | None, unset("STR", _OWN)]
+Word = Annotated[str | None, unset("NAME", _OWN)]
 Whole = Annotated[int | None, unset("INT", _OWN)]
 Number = Annotated[float | None, unset("FLOAT", _OWN)]
 

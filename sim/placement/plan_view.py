@@ -34,7 +34,7 @@ def draw_plan(episode: Episode) -> Image:
     """
     place, now = episode.place, episode.now
     scale, picture = _ground(place)
-    picture = _tint(picture.copy(), episode, scale)
+    picture = _tint(picture.copy(), episode)
     for k in range(len(now.team)):
         _trail(picture, [_pixel(place, step[k], scale) for step in episode.trail], COLOURS[k % len(COLOURS)])
     for mean, P in zip(*episode.estimates(), strict=True):
@@ -46,7 +46,7 @@ def draw_plan(episode: Episode) -> Image:
         if episode.goals is not None:
             _cross(picture, _pixel(place, place.roadmap.nodes[episode.goals[k]], scale), COLOURS[k % len(COLOURS)])
         _rover(picture, _pixel(place, robot[:2], scale), float(robot[YAW]), 0.5 * scale, COLOURS[k % len(COLOURS)])
-    return _legend(picture, episode, views)
+    return _legend(picture, views)
 
 
 @lru_cache(maxsize=8)
@@ -65,7 +65,7 @@ def _ground(place: PlacementMap) -> tuple[float, Image]:
     return scale, np.asarray(picture, dtype=np.uint8)
 
 
-def _tint(picture: Image, episode: Episode, scale: float) -> Image:
+def _tint(picture: Image, episode: Episode) -> Image:
     """The ground with the field of view of each robot tinted in its colour."""
     place, now, out = episode.place, episode.now, picture.astype(np.float32)
     nodes = place.floor.nodes.reshape(-1, 2)
@@ -125,7 +125,7 @@ def _rover(picture: Image, at: tuple[float, float], yaw: float, size: float, col
     cv2.polylines(picture, [corners], True, PAPER, 2, cv2.LINE_AA, _SHIFT)
 
 
-def _legend(picture: Image, episode: Episode, views: Array) -> Image:
+def _legend(picture: Image, views: Array) -> Image:
     """Append a legend: the numbers of people whom two or more, one, and no robots see."""
     out = np.full((picture.shape[0] + LEGEND_HEIGHT, picture.shape[1], 3), PAPER, dtype=np.uint8)
     out[: picture.shape[0]] = picture

@@ -78,7 +78,7 @@ class DrawList:
         self.records = np.zeros(len(self.geom), RECORD)
         self.records["rgba"] = colour[self.geom]
         self.records["code"] = self.geom + 1
-        self.kind, self.texture = _materials(model, self.geom, self.records, colour)
+        self.kind, self.texture = _materials(model, self.geom, self.records)
         self.blended = colour[self.geom, 3] < OPAQUE
         self.casts_shadow = model.geom_castshadow[self.geom].astype(bool) & ~self.blended
         self._levels = self.buffers.levels[self._shape]
@@ -176,7 +176,7 @@ def _scales(model: mujoco.MjModel, geom: Indices) -> Array:
     return scale
 
 
-def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void], colour: NDArray[np.float32]) -> tuple[Indices, Indices]:
+def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void]) -> tuple[Indices, Indices]:
     """Kind and texture (m,) of every record. Fills in shine and mapping by MuJoCo's rules."""
     material, kind = model.geom_matid[geom], model.geom_type[geom]
     has = material >= 0

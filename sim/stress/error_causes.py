@@ -193,7 +193,7 @@ def find_mistakes(evidence: TrialEvidence) -> list[Mistake]:
             out.append(_mistake(now, "false positive", cause, (None, track), places[track]))
         for person, track in sorted(now.match.items()):
             if person in last and last[person][0] != track:
-                cause = _why_switched(evidence.frames[last[person][1] : k + 1], person, track, (last[person][0], owner.get(track)))
+                cause = _why_switched(evidence.frames[last[person][1] : k + 1], person, (last[person][0], owner.get(track)))
                 out.append(_mistake(now, "switch", cause, (person, track), feet[person]))
         for person, track in now.match.items():
             owner[track], last[person] = (person, k), (track, k)
@@ -234,7 +234,7 @@ def _why_false(now: FrameEvidence, place: Array, owner: tuple[int, int] | None, 
     return "clutter"
 
 
-def _why_switched(since: tuple[FrameEvidence, ...], person: int, track: int, before: tuple[int, tuple[int, int] | None]) -> str:
+def _why_switched(since: tuple[FrameEvidence, ...], person: int, before: tuple[int, tuple[int, int] | None]) -> str:
     """since: the frames from the last match of the person until now.
 
     before: the track of that match, and person and frame of the last match of the new track.

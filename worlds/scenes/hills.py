@@ -27,7 +27,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     ground = flat.with_heights(_heights(rng, flat.nodes, track, difficulty))
     site = OutdoorSite(NAME, ground, HALF)
     picture = soil(rng, ground, MEADOW)
-    trail(picture, ground, track, (142, 120, 90), 0.9)
+    trail(picture, track, (142, 120, 90), 0.9)
     site.paint({"ground": picture, "stone": rock(rng, (150, 146, 136)), **canvases(rng, rng.uniform(0, 0.35))}, FAIR, rng)
     for place in site.rim(rng, 34, 2.2):
         site.plant("tree", broadleaf(rng, rng.uniform(4.5, 7.5)), place, rng.uniform(-np.pi, np.pi))

@@ -48,7 +48,7 @@ def soil(rng: np.random.Generator, ground: Heightfield, kind: Soil) -> Canvas:
     return canvas
 
 
-def trail(canvas: Canvas, ground: Heightfield, near: Array, colour: Colour, width: float) -> None:
+def trail(canvas: Canvas, near: Array, colour: Colour, width: float) -> None:
     """A way worn into the picture: near (rows, columns) m of every grid point from its middle."""
     worn = np.clip(1.4 - 1.4 * _on_picture(near, canvas.pixels.shape[:2]) / width, 0, 1) * 0.75
     _mix(canvas, worn, colour)
