@@ -189,7 +189,7 @@ def _check_names(words: list[str]) -> None:
         raise ValueError(f'pilsim has no command "{words[0]}"{f"; did you mean {near}?" if near else ";"} see pilsim --help')
     if {"-h", "--help"} & set(words):
         return
-    known = _flags(COMMANDS[words[0]])
+    known = [*_flags(COMMANDS[words[0]]), "--help"]
     given = [word.partition("=")[0] for word in words[1:] if word.startswith("--") and len(word) > 2]
     unknown = list(dict.fromkeys(flag for flag in given if flag.replace("_", "-") not in known))
     if unknown:

@@ -99,6 +99,8 @@ def exit_code(*words: str) -> int:
             "track x --slm ekf --detection x --xyzzy",
             'track has no option "--slm" (did you mean --slam?), "--detection" (did you mean --detections?), "--xyzzy"; see pilsim track --help',
         ),
+        ("demo --hlep", 'demo has no option "--hlep" (did you mean --help?); see pilsim demo --help'),
+        ("report runs --out page.pdf", "--out is page.pdf, needs a name that ends in .html"),
         ("demo 3", "Unrecognized options: 3; see pilsim demo --help"),
         ("generate pilsun --frames x --out D", "--frames is 'x', needs INT; see pilsim generate --help"),
         ("generate pilsun --difficulty high --out D", "--difficulty is 'high', needs FLOAT; see pilsim generate --help"),
