@@ -63,7 +63,7 @@ class Pool:
         started has one thread.
 
         Raises what a call raises. Raises WorkerLost where a process ends during a call or the cluster is lost. Raises ValueError where Dask is
-        missing or the address is invalid, and OSError where no scheduler answers.
+        missing or the address is invalid, and OSError where no scheduler answers or it has no worker.
         """
         return self._run(function, calls, threads, "generator")
 
@@ -155,18 +155,21 @@ def _cluster(address: str) -> Iterator[tuple[int, int]]:
     """As `_threads`, with the workers of a Dask cluster and two calls in progress per thread."""
     from joblib import parallel_config
 
-    with cluster_client(address) as client, parallel_config(_dask_backend(client)):
+    with cluster_client(address) as client, parallel_config(_dask_backend(client, address)):
         in_progress = max(1, 2 * sum(client.nthreads().values()))
         yield max(2, in_progress), in_progress
 
 
-def _dask_backend(client: Client) -> Any:
+def _dask_backend(client: Client, address: str) -> Any:
     """joblib's backend for a cluster. joblib itself would run the calls here where the cluster has one thread."""
     from joblib._dask import DaskDistributedBackend
 
     class ClusterBackend(DaskDistributedBackend):
         def effective_n_jobs(self, n_jobs: int) -> int:
-            return max(2, int(super().effective_n_jobs(n_jobs)))
+            try:
+                return max(2, int(super().effective_n_jobs(n_jobs)))
+            except TimeoutError:
+                raise OSError(f"{address}: this cluster has no worker after {CONNECT_TIMEOUT} s; `dask worker {address}` starts one") from None
 
     return ClusterBackend(client=client, wait_for_workers_timeout=CONNECT_TIMEOUT)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from sim.parallel import pool as pool_module
 from sim.parallel.pool import ONE_THREAD, Pool, WorkerLost
 
 
@@ -81,6 +82,15 @@ def test_a_cluster_gives_results_in_order() -> None:
         pool = Pool(cluster=cluster.scheduler_address)
         assert list(pool.results(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
         assert sorted(pool.as_completed(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
+
+
+@pytest.mark.slow
+def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(pool_module, "CONNECT_TIMEOUT", 1)
+    refused = pytest.raises(OSError, match=r"this cluster has no worker after 1 s; `dask worker tcp://")
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster, refused:
+        list(Pool(cluster=cluster.scheduler_address).results(math.sqrt, [(1,)]))
 
 
 @pytest.mark.slow
