@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.ekf.measurement_models import gravity, jacobians, predict, residual, robot_jacobians
+from tracker.ekf.odometry_biases import MOTION_BIASES
 from tracker.ekf.state import JointState, LinearizedMeasurement
 from tracker.geometry import Array, Indices, Mask, exp_so3
 from tracker.types import Mount, Odometry
@@ -66,7 +67,7 @@ def linearize(
     if odometry is not None and odometry.gravity is not None:
         up = odometry.gravity / np.linalg.norm(odometry.gravity)
         # The bias of "up" acts as an additional rotation of the body.
-        tilt = exp_so3(-odometry.gravity_sigma * np.append(joint.odometry_bias[robot, 6:], 0.0))
+        tilt = exp_so3(-odometry.gravity_sigma * np.append(joint.odometry_bias[robot, MOTION_BIASES:], 0.0))
         r[-1], H[-1, :, :6] = gravity(joint.rotation[robot] @ tilt, up)[0], gravity(joint.linearization_points[0][robot] @ tilt, up)[1]
         if joint.has_odometry_bias:
             H[-1, :, own - 2 : own] = -odometry.gravity_sigma * H[-1, :, 3:5]

@@ -18,7 +18,7 @@ from tracker.ekf.gaussian import block_diagonal, robust_weights, solve_positive,
 from tracker.ekf.invariant_error import Means, landmark_error_couplings, pose_error_maps, retract_invariant
 from tracker.ekf.lie_kernels import compose, exponential, logarithm, orthogonal, retract, retraction_jacobian, right_jacobian
 from tracker.ekf.measurement_models import CameraPose
-from tracker.ekf.odometry_biases import BIASES, BiasModel, bias_corrected
+from tracker.ekf.odometry_biases import BIASES, MOTION_BIASES, BiasModel, bias_corrected
 from tracker.geometry import Array, Indices, Pose
 from tracker.types import Mount, Start
 
@@ -50,7 +50,7 @@ class LinearizedMeasurement:
 class JointState:
     """Means and the joint covariance. Poses are numbered: robots first, then the clones of robot 0, of robot 1, …
 
-    rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; odometry_bias (robots, 8) (odometry_biases.py); point (capacity, 3) m, of
+    rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; odometry_bias (robots, 9) (odometry_biases.py); point (capacity, 3) m, of
     which the first `count` are in the map.
 
     mode "iekf": tangents at the present means. "invariant": the right-invariant error (invariant_error.py). "fej": first-estimates Jacobians
@@ -69,8 +69,7 @@ class JointState:
         self.robots, self.clones, self.capacity, self.count = 0, clones, capacity, 0
         self.invariant, self.first_estimates = mode == "invariant", mode == "fej"
         self.has_correction, self.has_odometry_bias = correction_sigma is not None, bias_model is not None
-        ratios = () if bias_model is None else bias_model.sigma_ratios
-        self._extra_sigma = np.array([*(correction_sigma or ()), *ratios])
+        self._extra_sigma = np.array([*(correction_sigma or ()), *(() if bias_model is None else bias_model.sigmas)])
         self.stride = 6 + len(self._extra_sigma)
         self.rotation, self.translation = np.zeros((0, 3, 3)), np.zeros((0, 3))
         self.used = np.zeros(0, dtype=bool)
@@ -155,11 +154,11 @@ class JointState:
     def predict(self, robot: int, motion: Pose, Q: Array, scale: Array | None = None) -> None:
         """X⁻ = F X + u, P⁻ = F P Fᵀ + Q for one robot: the motion T_before_now and its covariance Q (6, 6) in the right tangent.
 
-        scale (6, 6): maps the first six odometry biases to that tangent; the motion is corrected for them.
+        scale (6, 7): maps the odometry biases of the motion to that tangent; the motion is corrected for them.
         """
         pose, G = slice(self.offset(robot), self.offset(robot) + 6), None
         if scale is not None:
-            motion, G = bias_corrected(motion, scale, self.odometry_bias[robot, :6])
+            motion, G = bias_corrected(motion, scale, self.odometry_bias[robot, :MOTION_BIASES])
         self.rotation[robot], self.translation[robot], F = compose(self.rotation[robot], self.translation[robot], motion)
         if self._first is not None:
             R, t = self._first[0][robot].copy(), self._first[1][robot].copy()
@@ -168,7 +167,8 @@ class JointState:
             F = compose(R, t, Pose(orthogonal(R.T @ self.rotation[robot]), R.T @ (self.translation[robot] - t)))[2]
         if G is not None:
             wide = np.eye(self.stride)
-            wide[:6, :6], wide[:6, self.stride - BIASES : self.stride - 2] = F, G
+            first = self.stride - BIASES
+            wide[:6, :6], wide[:6, first : first + MOTION_BIASES] = F, G
             self._transform(slice(pose.start, pose.start + self.stride), wide)
         else:
             self._transform(pose, F)
@@ -181,7 +181,7 @@ class JointState:
             self.P[rows, rows] += sigma**2
 
     def decay_biases(self, rho: Array) -> None:
-        """One step of the odometry biases: each is multiplied by its factor rho (8,), and noise keeps its stationary variance."""
+        """One step of the odometry biases: each is multiplied by its factor rho (9,), and noise keeps its stationary variance."""
         for i in range(self.robots if self.has_odometry_bias else 0):
             rows = slice(self.offset(i) + self.stride - BIASES, self.offset(i) + self.stride)
             self.odometry_bias[i] *= rho

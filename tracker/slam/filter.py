@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tracker.ekf.linearization import LandmarkMeasurement, RobotMeasurements, linearize
-from tracker.ekf.odometry_biases import symmetric_root
+from tracker.ekf.odometry_biases import bias_scale
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Mask, Pose, angles_from_bearing
 from tracker.geometry.cameras import Panorama
@@ -163,7 +163,7 @@ class Slam:
         odometry = next((v.odometry for v in views if v.odometry is not None), None)
         if odometry is not None:
             stated = odometry.covariance
-            odometry, scale = self._with_error_model(odometry)
+            odometry, scale = self._with_error_model(name, odometry)
             variance = odometry.covariance if scale is None else stated
         self._odometry[name] = odometry
         if odometry is not None:
@@ -176,7 +176,7 @@ class Slam:
             self._odometry_gap[name] = gap + 1, step
             self._counters["no odometry"] += 1
 
-    def _with_error_model(self, odometry: Odometry) -> tuple[Odometry, Array | None]:
+    def _with_error_model(self, name: str, odometry: Odometry) -> tuple[Odometry, Array | None]:
         """The odometry with the covariance that prediction needs, and what maps the odometry biases to its tangent.
 
         Biases in the state leave the white part of the errors. Otherwise the variances are inflated for the correlation of the errors in time.
@@ -185,7 +185,8 @@ class Slam:
         level = np.sqrt(_correlation_factor(parameters.gravity_correlation_time, period))
         if parameters.odometry_biases is not None:
             covariance, sigma = parameters.odometry_biases.white_noise(odometry)
-            return replace(odometry, covariance=covariance, gravity_sigma=sigma * level), symmetric_root(odometry.covariance)
+            up = (self._joint.rotation[self._team[name]] @ odometry.T_before_now.rotation)[2]
+            return replace(odometry, covariance=covariance, gravity_sigma=sigma * level), bias_scale(odometry.covariance, up, period)
         scale = np.repeat([1.0, np.sqrt(_correlation_factor(parameters.rotation_correlation_time, period))], 3)
         return replace(odometry, covariance=odometry.covariance * np.outer(scale, scale), gravity_sigma=odometry.gravity_sigma * level), None
 
