@@ -115,7 +115,7 @@ def test_too_little_truth_is_refused(room):
     with pytest.raises(ValueError, match=r"too little truth: .* of 7 people, .* needs at least 200 bodies, 2 people and 100 boxes"):
         fit(samples_of(few, observed(few, TruePeople(few.truth, {}))), "few", "places", {})
     empty = replace(room, detections={"C1": {}})
-    with pytest.raises(ValueError, match="0 of them with a box"):
+    with pytest.raises(ValueError, match="0 of these bodies with a box"):
         fit(samples_of(empty, observed(empty, truth)), "none", "places", {})
     with pytest.raises(ValueError, match="no frame has both truth and detections"):
         samples_of(room, observed(room, TruePeople({}, {})))
