@@ -101,6 +101,11 @@ def test_an_error_comes_in_its_place_and_no_thread_is_left() -> None:
     assert [next(estimates).index for _ in range(3)] == [0, 1, 2]
     with pytest.raises(ValueError, match="tick 1 comes after tick 2"):
         next(estimates)
+    stranger = replace(ticks[2], views=(replace(ticks[2].views[0], camera="nobody"),))
+    estimates = track(setup, [*ticks[:2], stranger], replace(parameters, delay=0), 2)
+    assert [next(estimates).index for _ in range(2)] == [0, 1]
+    with pytest.raises(ValueError, match="tick 2 has a view of camera 'nobody', setup has"):
+        next(estimates)
     left = track(setup, ticks, parameters, 2)
     assert next(left).index == 0
     left.close()  # type: ignore[attr-defined]

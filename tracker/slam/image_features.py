@@ -47,7 +47,11 @@ class ImageFeatures:
 
         Raises ValueError as `extract` does.
         """
-        odometry = {self._robot(view): view.odometry for view in tick.views if view.odometry is not None}
+        mounts = self._setup.mounts
+        # The tracker refuses a camera that the setup does not have, in its place among the ticks.
+        if any(view.camera not in mounts for view in tick.views):
+            return tick
+        odometry = {mounts[view.camera].robot: view.odometry for view in tick.views if view.odometry is not None}
         for robot, measured in odometry.items():
             self._turn(robot, measured, tick.index)
         jobs = list(self._jobs(tick))
@@ -59,9 +63,6 @@ class ImageFeatures:
 
     def _search(self, job: _Job) -> Sightings:
         return extract(job.image, job.camera, job.up, job.view.detections, self._parameters).sightings()
-
-    def _robot(self, view: View) -> str:
-        return self._setup.mounts[view.camera].robot
 
     def _jobs(self, tick: Tick) -> Iterator[_Job]:
         for view in tick.views:
