@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tracker.geometry import Array, Ints, Mask, Pose, angles_from_bearing, wrap
+from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.compilation import njit
+from tracker.geometry.ground import Ground
 from tracker.types import Setup
 
 BOX_HALF_WIDTH, BODY_HEIGHT = 0.3, 1.75
@@ -47,6 +48,9 @@ DETECTED_BEHIND_PERSON_KNOWN = 0.6
 RAY_MARGIN = 0.3
 """m, an obstacle nearer than this before a point does not occlude it: places and maps have errors."""
 
+SURE_MARGIN, NEAR = 0.5, 2.0
+"""m. What is nearer than the highest point of a body by more than SURE_MARGIN hides the lower points, too, where all are farther than NEAR."""
+
 RelativeDetection = Callable[[str, Array], Array]
 """Detection rate (n,) of the view of a name for people covered by shares (n, 2) by objects and by people, relative to people in full view."""
 
@@ -76,30 +80,38 @@ class Bodies:
         """Share (n, 2) of each body that pillars cover, and that other people cover."""
         return np.asarray(occluded_share(view.pose.translation, self.feet, self.tree, self.front, self.setup.pillars))
 
-    def expected_detection(self, view: Viewpoint, reach: float) -> Array:
-        """Detection rate (n,) of each body in a view, relative to people in full view; occluders are known up to `reach` m."""
+    def expected_detection(self, view: Viewpoint, reach: float, rows: Ints | None = None) -> Array:
+        """Detection rate (r,) of bodies in a view, relative to people in full view; occluders are known up to `reach` m.
+
+        rows (r,): of the bodies, by default all.
+        """
         camera, pose, occluders = view.camera, view.pose, self.setup.occluders
-        n, origin = len(self.points), pose.translation
+        chosen: Any = slice(None) if rows is None else rows
+        points, origin = self.points[chosen], pose.translation
+        n = len(points)
         if not n:
             return np.zeros(0)
-        rays = self.points.reshape(-1, 3) - origin
+        rays = points.reshape(-1, 3) - origin
         distance = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         direction = rays / distance[:, None]
         inside = camera.pixels_from_bearings(direction @ pose.rotation)[1].reshape(n, -1)
         if occluders is None and self.relative_detection is not None:
             share = inside.mean(axis=1)
-            return np.asarray(share * self.relative_detection(view.name, self.occluded(view)) * (share > 0.5))
-        behind = self._behind_people(origin, distance.reshape(n, -1)[:, 1])
+            return np.asarray(share * self.relative_detection(view.name, self.occluded(view)[chosen]) * (share > 0.5))
+        behind = self._behind_people(origin)[chosen]
         if occluders is None:
             share = inside.mean(axis=1)
             return np.asarray(share * np.where(behind, DETECTED_BEHIND_PERSON, 1.0) * (share > 0.5))
-        stop, stopped = occluders.intersect(np.broadcast_to(origin, direction.shape), direction, reach)
-        visible = inside & ~(stopped & (np.linalg.norm(stop - origin, axis=1) < distance - RAY_MARGIN)).reshape(n, -1)
+        visible = inside & ~_hidden(occluders, origin, direction.reshape(n, -1, 3), distance.reshape(n, -1), reach)
         return np.asarray(DETECTED_BY_POINTS[visible.sum(axis=1)] * inside.any(axis=1) * np.where(behind, DETECTED_BEHIND_PERSON_KNOWN, 1.0))
 
-    def expected_by_view(self, views: list[Viewpoint], reach: float) -> Array:
-        """`expected_detection` of all views, (n, v)."""
-        return np.array([self.expected_detection(view, reach) for view in views]).reshape(len(views), len(self.points)).T
+    def expected_by_view(self, views: list[Viewpoint], reach: float, wanted: Mask | None = None) -> Array:
+        """`expected_detection` of all views, (n, v). wanted (n, v): 0 elsewhere; by default all."""
+        out = np.zeros((len(self.points), len(views)))
+        for v, view in enumerate(views):
+            rows = None if wanted is None else np.flatnonzero(wanted[:, v])
+            out[slice(None) if rows is None else rows, v] = self.expected_detection(view, reach, rows)
+        return out
 
     def occluded_by_view(self, views: list[Viewpoint]) -> Array:
         """`occluded` of all views, (n, v, 2)."""
@@ -120,14 +132,52 @@ class Bodies:
         _, visible = camera.pixels_from_bearings(direction @ pose.rotation)
         return np.asarray(visible.reshape(len(self.points), len(POINT_HEIGHTS)).any(axis=1))
 
-    def _behind_people(self, origin: Array, distance: Array, half_width: float = 0.25) -> Mask:
-        """Which bodies (n,) have another's body before them, seen from `origin` (3,) m; distance (n,) m to the chest."""
-        azimuth, _ = angles_from_bearing(self.points[:, 1] - origin)
-        front = self.front
-        apart = np.abs(wrap(azimuth[:, None] - azimuth[None, front]))
-        nearer = distance[None, front] < distance[:, None] - 0.3
-        other = self.tree[:, None] != self.tree[None, front]
-        return np.asarray((nearer & other & (apart < np.arctan(half_width / distance[front])[None, :])).any(axis=1))
+    def _behind_people(self, origin: Array, half_width: float = 0.25) -> Mask:
+        """Which bodies (n,) have another's body before them, seen from `origin` (3,) m."""
+        chest = self.points[:, 1] - origin
+        distance = np.maximum(np.linalg.norm(chest, axis=1), 1e-6)
+        azimuth = np.arctan2(chest[:, 1], chest[:, 0])
+        return np.asarray(_behind(azimuth, distance, self.tree, self.front, np.arctan(half_width / distance[self.front])))
+
+
+def _hidden(occluders: Ground, origin: Array, direction: Array, distance: Array, reach: float) -> Mask:
+    """Which points (n, 3) of bodies are hidden, those of a body from the lowest up; direction (n, 3, 3) and distance (n, 3) m are of their rays.
+
+    A ray to a higher point is above that to a lower one all the way. Therefore all points are visible where the lowest is, and all are hidden where
+    the highest is. This needs other rays for about half of the bodies only.
+    """
+
+    def blocked(rows: Ints, point: int) -> Array:
+        """By how much an occluder is nearer than the points (r,) of bodies, m; −inf where there is none before them."""
+        way = distance[rows, point]
+        stop, stopped = occluders.intersect(np.broadcast_to(origin, (len(rows), 3)), direction[rows, point], reach, until=way)
+        return np.where(stopped, way - np.linalg.norm(stop - origin, axis=1), -np.inf)
+
+    margin = np.full(distance.shape, -np.inf)
+    margin[:, 0] = blocked(np.arange(len(margin)), 0)
+    near = distance.min(axis=1) < NEAR
+    rest = np.flatnonzero((margin[:, 0] > 0) | near)
+    margin[rest, 2] = blocked(rest, 2)
+    surely = (margin[:, 2] > SURE_MARGIN) & ~near
+    margin[surely, 1] = np.inf
+    rest = rest[~surely[rest]]
+    margin[rest, 1] = blocked(rest, 1)
+    return margin > RAY_MARGIN
+
+
+@njit(cache=True)
+def _behind(azimuth: Array, distance: Array, tree: Ints, front: Ints, half: Array) -> Mask:
+    """Which bodies (n,) have one of the rows `front` (m,), of another tree, before them, less than its `half` width (m,) rad apart."""
+    out = np.zeros(len(azimuth), np.bool_)
+    for i in range(len(azimuth)):
+        for k in range(len(front)):
+            j = front[k]
+            if distance[j] < distance[i] - 0.3 and tree[j] != tree[i]:
+                apart = abs(azimuth[i] - azimuth[j])
+                if min(apart, 2 * math.pi - apart) < half[k]:
+                    out[i] = True
+                    break
+    return out
 
 
 @njit(cache=True)

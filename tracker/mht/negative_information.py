@@ -36,17 +36,21 @@ class ExpectedVisibility(NamedTuple):
 
     @staticmethod
     def of(
-        leaves: TrackHypotheses, views: list[Viewpoint], sensor_model: SensorModel, people: Ints, chosen: Mask | None = None
+        leaves: TrackHypotheses, views: list[Viewpoint], sensor_model: SensorModel, people: Ints, missed: Mask | None = None
     ) -> ExpectedVisibility:
-        """The expected detection of leaves in `views`; people: rows of those who may occlude others; chosen (n,): which may have a grid."""
+        """The expected detection of leaves in `views`; people: rows of those who may occlude others.
+
+        missed (n, v): the leaves and views that `given_misses` will need; `share` and `grid_share` are 0 elsewhere. By default all.
+        """
         q, place = sensor_model.parameters, leaves.state[:, :2]
         known = sensor_model.setup.occluders is not None
         uncertain = (leaves.position_sigma > q.sampling_sigma) & ~leaves.deleted & known
-        rows = np.flatnonzero(uncertain if chosen is None else uncertain & chosen)
+        rows = np.flatnonzero(uncertain if missed is None else uncertain & missed.any(axis=1))
         grid = GaussianGrid.of(place[rows], leaves.covariance[rows, :2, :2], COUNT, REACH) if len(rows) else None
         points = grid.points.reshape(-1, 2) if grid else place[:0]
         tree = np.concatenate([leaves.tree, np.repeat(leaves.tree[rows], COUNT**2)])
-        share = sensor_model.bodies(np.concatenate([place, points]), tree, people).expected_by_view(views, q.fusion.reach)
+        wanted = None if missed is None else np.concatenate([missed, np.repeat(missed[rows], COUNT**2, axis=0)])
+        share = sensor_model.bodies(np.concatenate([place, points]), tree, people).expected_by_view(views, q.fusion.reach, wanted)
         share, grid_share = share[: len(leaves)], share[len(leaves) :].reshape(len(rows), COUNT**2, len(views))
         if grid:
             share[rows] = np.einsum("k,nkv->nv", grid.weight, grid_share)

@@ -250,9 +250,10 @@ class MhtFilter:
         if self.setup.occluders is None or not len(leaves):
             return
         # A tentative track may be false, so that its missed detections tell nothing about its place.
-        visibility = ExpectedVisibility.of(leaves, cameras, self.sensor_model, self._active_rows(), leaves.confirmed)
+        seen = self._boxes >= 0
+        visibility = ExpectedVisibility.of(leaves, cameras, self.sensor_model, self._active_rows(), ~seen & leaves.confirmed[:, None])
         detection = np.array([self.sensor_model.detection(feet.camera) for feet in views])
-        state, covariance = visibility.given_misses(leaves.state, leaves.covariance, self._boxes >= 0, detection)
+        state, covariance = visibility.given_misses(leaves.state, leaves.covariance, seen, detection)
         states, covariances = leaves.states.copy(), leaves.covariances.copy()
         states[:, 0], covariances[:, 0] = state, covariance
         self.leaves = replace(leaves, state=state, covariance=covariance, states=states, covariances=covariances)

@@ -159,7 +159,7 @@ class SensorModel:
         bodies = self.bodies(np.concatenate([points, place]), np.concatenate([no_tree, tree]), front)
         for v, (feet, view) in enumerate(seen):
             member = np.array([dict(g.members).get(v, -1) for g in groups], dtype=np.int64)
-            expected = bodies.expected_detection(view, q.fusion.reach)[: len(groups)]
+            expected = bodies.expected_detection(view, q.fusion.reach, np.arange(len(groups)))
             miss = self.missed(feet.camera, expected)
             here = member >= 0
             score[~here] += miss[~here]

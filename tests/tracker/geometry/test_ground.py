@@ -84,6 +84,34 @@ def test_rays_against_brute_force(seed: int) -> None:
             assert not below.any()
 
 
+@pytest.mark.parametrize(("seed", "size"), [(0, 50), (1, 50), (2, 3), (3, 9)])
+def test_rays_that_skip_blocks_meet_the_ground_where_those_of_every_step_do(seed: int, size: int) -> None:
+    rng, ground = np.random.default_rng(seed), hills(seed, rough=1.0, size=size)
+    o, d = rays(rng, ground, 2000)
+    d[:10], d[10:20], d[20:30] = [0, 0, -1], [1, 0, 0], [0, -1, 0]
+    every = Grid(ground.heights, ground.origin, ground.spacing)
+    # No ray is above this, so that none skips a block.
+    every.__dict__["_peaks"] = np.full(ground._peaks.shape, 1e6)
+    points, hit = ground.intersect(o, d, 25.0)
+    expected, there = every.intersect(o, d, 25.0)
+    assert hit.any()
+    assert_array_equal(hit, there)
+    assert_allclose(points, expected, atol=1e-9)
+
+
+def test_a_ray_need_not_be_followed_beyond_what_matters() -> None:
+    rng, ground = np.random.default_rng(5), hills(5, rough=1.0)
+    o, d = rays(rng, ground, 1000)
+    until = rng.uniform(0, 20, 1000)
+    points, hit = ground.intersect(o, d, 25.0)
+    nearer, found = ground.intersect(o, d, 25.0, until=until)
+    near = hit & (np.linalg.norm(points - o, axis=1) < until - 1e-9)
+    assert near.any()
+    assert (hit & ~found).any()
+    assert found[near].all()
+    assert_array_equal(nearer[near], points[near])
+
+
 def test_ridge_thinner_than_a_cell_is_hit() -> None:
     # One line of the mesh stands 1 m high: its ridge is hit by every ray below its crest, wherever it begins.
     heights = np.zeros((21, 21))

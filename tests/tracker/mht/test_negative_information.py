@@ -38,13 +38,13 @@ def leaf(place: tuple[float, float], sigma: float) -> TrackHypotheses:
     return initiated(1, [group], MotionParameters(), (1.7, 0.1), (1, 0, 0))
 
 
-def visibility(setup: Setup, leaves: TrackHypotheses, chosen: Mask | None = None) -> tuple[ExpectedVisibility, list[Viewpoint]]:
+def visibility(setup: Setup, leaves: TrackHypotheses, missed: Mask | None = None) -> tuple[ExpectedVisibility, list[Viewpoint]]:
     views = []
     for name, mount in setup.mounts.items():
         start = setup.starts[mount.robot]
         assert start is not None
         views.append(Viewpoint(name, mount.camera, start.T_world_robot @ mount.T_body_camera))
-    return ExpectedVisibility.of(leaves, views, SensorModel(setup, PARAMETERS), np.arange(0), chosen), views
+    return ExpectedVisibility.of(leaves, views, SensorModel(setup, PARAMETERS), np.arange(0), missed), views
 
 
 def test_posteriors_match_samples() -> None:
@@ -66,7 +66,7 @@ def test_posteriors_match_samples() -> None:
 def test_detected_and_certain_leaves_and_leaves_in_unknown_worlds_are_unchanged(why: str) -> None:
     setup, leaves = walled(), leaf((0.0, 2.0), 0.2 if why == "sure" else 1.2)
     setup = replace(setup, occluders=None) if why == "unknown" else setup
-    found = visibility(setup, leaves, np.full(1, why != "left out"))[0]
+    found = visibility(setup, leaves, np.full((1, 1), why != "left out"))[0]
     state, covariance = found.given_misses(leaves.state, leaves.covariance, np.full((1, 1), why == "seen"), DETECTION)
     np.testing.assert_array_equal(state, leaves.state)
     np.testing.assert_array_equal(covariance, leaves.covariance)
