@@ -69,7 +69,8 @@ class Grid:
             raise ValueError(f"grid {self.heights.shape} with spacing {self.spacing} m, needs at least 2 x 2 and more than 0 m")
 
     def height_at(self, points: ArrayLike) -> Array:
-        p = np.ascontiguousarray(np.asarray(points, dtype=np.float64)[:, :2])
+        # A copy: one kind of array, so that the kernel is compiled once.
+        p = np.array(np.asarray(points, dtype=np.float64)[:, :2], order="C")
         return np.asarray(_heights(self.heights, self.origin, self.spacing, p))
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike, limit: float, until: Array | None = None) -> tuple[Array, Mask]:
