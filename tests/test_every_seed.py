@@ -1,4 +1,4 @@
-"""Every world on twenty seeds: it can be walked, is irregular, has its ground where rays find it, and people walk on it as people do."""
+"""Every world on twenty seeds: it can be walked, is irregular, and has its ground where rays find it. On every fourth, people walk as people do."""
 
 import numpy as np
 import pytest
@@ -23,6 +23,8 @@ def test_every_world_holds_on_every_seed(name: str, seed: int) -> None:
     can_be_walked(world, 74 if name in OPEN else 10)
     assert name in LEVEL or measure(world).irregular_share >= 0.15
     rays_hit_the_ground(world)
+    if seed % 4:
+        return
     footfalls = Footfalls(Simulation(Scenario(world=name, seed=seed, robots=1, people=6, rate=12.0), world), 96)
     assert len(footfalls.gap) > 600
     footfalls.are_human()

@@ -212,14 +212,14 @@ def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_killed_twenty_times_and_resumed(tmp_path: Path) -> None:
-    """At random moments of a run of two workers; afterwards the bytes are those of an undisturbed run, and nothing else is left."""
+def test_killed_at_random_moments_and_resumed(tmp_path: Path) -> None:
+    """In a run of two workers; afterwards the bytes are those of an undisturbed run. The benchmark `interruption` has more moments."""
     arguments = ["generate", "pilsun", *SMALL, "--views", "1", "--count", "3", "--workers", "2", "--out"]
     begun = time.monotonic()
     assert pilsim(*arguments, tmp_path / "undisturbed").returncode == 0
     length, expected = time.monotonic() - begun, sums(tmp_path / "undisturbed")
     rng = np.random.default_rng(20)
-    for number, moment in enumerate(rng.uniform(0.5, length, 20)):
+    for number, moment in enumerate(rng.uniform(0.5, length, 6)):
         folder = tmp_path / "killed"
         run = subprocess.Popen([PILSIM, *arguments, folder], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         time.sleep(moment)

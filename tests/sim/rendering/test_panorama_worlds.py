@@ -48,8 +48,7 @@ def test_every_world_is_drawn_as_rays_see_it(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("difficulty", [0.0, 1.0])
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize(("difficulty", "seed"), [(0.0, 2), (1.0, 3)])
 @pytest.mark.parametrize("name", sorted(catalogue.WORLDS))
 def test_every_world_at_its_easiest_and_hardest(name: str, difficulty: float, seed: int) -> None:
     check(compared(peopled(name, difficulty, seed)))

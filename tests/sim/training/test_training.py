@@ -56,7 +56,7 @@ def test_the_command_has_the_defaults_of_a_plan():
 @pytest.mark.slow
 def test_whole_training_in_small(tmp_path):
     """Data, training, export, calibration and scores; an interrupted training continues to the same model; another plan is refused."""
-    plan = TrainingPlan(scenes=1, moments=1, steps=4, calibration=1, held_out=1)
+    plan = TrainingPlan(scenes=1, moments=1, steps=2, calibration=1, held_out=1)
     figures = train_detector(plan, tmp_path)
     assert json.loads((tmp_path / FIGURES).read_text()) == figures
     model = (tmp_path / MODEL).read_bytes()
@@ -71,7 +71,7 @@ def test_whole_training_in_small(tmp_path):
     assert train_detector(plan, tmp_path) == figures
     assert (tmp_path / MODEL).read_bytes() == model
     with pytest.raises(ValueError, match="another training"):
-        train_detector(dataclasses.replace(plan, steps=5), tmp_path)
+        train_detector(dataclasses.replace(plan, steps=3), tmp_path)
 
 
 def test_scenes_are_rich_unless_told_otherwise(tmp_path: Path) -> None:

@@ -175,6 +175,7 @@ def test_nothing_is_found_in_real_recordings(data: Data, source: str) -> None:
 def test_planted_errors_are_found_in_real_recordings(data: Data, source: str, truth: bool) -> None:
     parts, options = SOURCES[source]
     recording = opened(data(*parts), **options)
-    for error, (kind, wrong, seen) in planted(recording).items():
+    # Each error takes 2 to 4 s: all of them in one recording, every third in the others.
+    for error, (kind, wrong, seen) in list(planted(recording).items())[:: 1 if source == "CMC1" else 3]:
         if truth or (seen and error.removeprefix("frames + 1 in ") not in IN_STEP.get(source, ())):
             assert kinds(check_calibration(wrong if truth else without_truth(wrong))) == [kind], error
