@@ -181,6 +181,14 @@ def test_no_people_at_all():
     assert simulation.joints().shape == (0, 17, 3)
 
 
+@pytest.mark.slow
+def test_pairs_of_limbs_of_a_large_crowd_need_no_memory():
+    simulation = Simulation(Scenario(robots=1, people=250, at_once=3), yard())
+    simulation.step()
+    assert simulation.data.ncon == 0
+    assert len(simulation.feet()) == 3
+
+
 def test_what_does_not_fit_is_refused(small):
     with pytest.raises(ValueError, match="robot is 'robot_9'"):
         small.T_world_robot("robot_9")
