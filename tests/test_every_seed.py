@@ -23,8 +23,7 @@ def test_every_world_holds_on_every_seed(name: str, seed: int) -> None:
     can_be_walked(world, 74 if name in OPEN else 10)
     assert name in LEVEL or measure(world).irregular_share >= 0.15
     rays_hit_the_ground(world)
-    if seed % 4:
-        return
-    footfalls = Footfalls(Simulation(Scenario(world=name, seed=seed, robots=1, people=6, rate=12.0), world), 96)
-    assert len(footfalls.gap) > 600
-    footfalls.are_human()
+    if seed % 4 == 0:
+        footfalls = Footfalls(Simulation(Scenario(world=name, seed=seed, robots=1, people=6, rate=12.0), world), 96)
+        assert len(footfalls.gap) > 600
+        footfalls.are_human()

@@ -51,6 +51,16 @@ def add_collider(spec: mujoco.MjSpec, name: str, stature: float) -> None:
     )  # fmt: skip
 
 
+def compile_posed(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The model of a scene with people that is posed and drawn, never stepped: without contacts.
+
+    Their search takes memory with the square of the number of limbs, which from some 220 people on is more than MuJoCo reserves.
+    """
+    model = spec.compile()
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    return model
+
+
 def varied_outfit(outfit: Outfit, rng: np.random.Generator) -> Outfit:
     """The outfit with the legs, hair and sleeves of LEGS and HAIR: long coats, long skirts, hoods and loose hair as well."""
     legs, hair = _one(rng, LEGS), _one(rng, HAIR)

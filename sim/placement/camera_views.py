@@ -62,9 +62,7 @@ class CameraViews:
             rng = scenario.stream(f"person_{k}")
             skeleton.statures(rng, 1, 0.0)
             clothing.add_person(spec, f"person_{k}", float(stature), rng)
-        self._model = spec.compile()
-        # As in the simulation, contacts of limbs would need memory with the square of their number, and say nothing here.
-        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self._model = clothing.compile_posed(spec)
         self._data, self._place = mujoco.MjData(self._model), place
         joints = [self._model.joint(f"robot_{k}").id for k in range(self.config.robots)]
         self._rows: Array = self._model.jnt_qposadr[joints][:, None] + np.arange(7)

@@ -257,9 +257,7 @@ class Simulation:
             add_umbrella(spec, f"{KIND}{person}", umbrellas)
         if self.scenario.light == LAMPS:
             lighting.add_lamps(spec, self.world.ground.extent, float(np.median(self.world.ground.heights)), self.scenario.stream("light/lamps"))
-        model = spec.compile()
-        # This model is posed, never stepped. Contacts would cost memory with the square of the number of limbs: too much from 220 people on.
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        model = clothing.compile_posed(spec)
         lighting.apply(model, self.scenario)
         return model
 

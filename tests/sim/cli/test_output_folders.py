@@ -230,8 +230,10 @@ SMALL = ["--robots", "1", "--people", "2", "--width", "64"]
 @pytest.mark.parametrize(
     ("words", "marker"),
     [
+        (["demo", "--frames", "3", *SMALL], "video.mp4"),
         (["generate", "pilsun", "--frames", "2", *SMALL], "README.md"),
         (["stress", "--sweep", "robots/0", "--frames", "6", "--no-render"], "results.jsonl"),
+        (["study", "graphs", "--frames", "4", "--repetitions", "1"], "graphs.png"),
         (["worlds", "pilsun", "--preview"], "pilsun.png"),
     ],
 )
