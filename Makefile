@@ -8,6 +8,9 @@ JOBS ?= 2
 TORCH ?= torch==2.13.0
 GL_CHECK := $(BIN)/python -c 'import sys, sim.rendering.gl_context; sys.tracebacklimit = 0; sim.rendering.gl_context.choose_gl()'
 
+# Where Python may not keep bytecode, every start compiles all modules again: a fifth of a short command.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-all bench lint gl system rl clean help
 
 help:

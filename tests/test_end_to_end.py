@@ -60,9 +60,8 @@ def test_a_small_demo_leaves_everything_and_is_reused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [21, 22])
-def test_demo(seed: int, tmp_path: Path) -> None:
-    pilsim("demo", "--frames", 120, "--seed", seed, "--out", "d", cwd=tmp_path)
+def test_demo(tmp_path: Path) -> None:
+    pilsim("demo", "--frames", 120, "--seed", 21, "--out", "d", cwd=tmp_path)
     scores = json.loads((tmp_path / "d" / "scores.json").read_text())
     assert scores["targets"]["mota"] >= 0.80
     assert scores["robots"]["ate_m"] < 0.5 * scores["dead_reckoning"]["ate_m"]

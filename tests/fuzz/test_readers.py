@@ -13,7 +13,7 @@ from tests.fuzz.client import Client
 from tests.fuzz.readers import READERS, Reader
 from tests.fuzz.worker import WAYS
 
-FAST, LONG = 12, 120
+FAST, LONG = 12, 60
 """Inputs of a reader and way: in `make test`, and in `make test-all`."""
 FIRST_SEED, SECOND_SEED = 1, 2
 TEXTS = [name for name, reader in READERS.items() if reader.form != "binary"]

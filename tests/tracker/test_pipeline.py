@@ -10,6 +10,7 @@ from tracker.datasets import synthetic_crowd
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
+from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, Tracker, track
 from tracker.types import Detections, Estimate, Setup, Tick
 
@@ -123,12 +124,12 @@ def test_memory_and_time_are_bounded_in_heavy_clutter() -> None:
     setup = synthetic_crowd.setup()
     tracker = Tracker(setup, Parameters())
     spent, held = [], []
-    for tick in synthetic_crowd.ticks(setup, np.zeros((200, 0, 2)), rng, clutter=300):
+    for tick in synthetic_crowd.ticks(setup, np.zeros((120, 0, 2)), rng, clutter=300):
         began = time.process_time()
         tracker.step(tick)
         spent.append(time.process_time() - began)
         held.append(len(tracker._people.filter.leaves))
     # Clutter makes a few dozen tentative leaves at most, however many boxes there are.
-    assert max(held) < 300
-    assert max(held[100:]) <= 1.5 * max(held[20:60]) + 30
-    assert np.median(spent[100:]) < 2 * np.median(spent[20:60])
+    assert max(held) <= MhtParameters().max_leaves
+    assert max(held[80:]) <= 1.5 * max(held[20:60]) + 30
+    assert np.median(spent[80:]) < 2 * np.median(spent[20:60])

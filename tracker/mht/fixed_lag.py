@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 
 from tracker.geometry import Mask
-from tracker.mht.track_trees import TrackHypotheses
+from tracker.mht.track_trees import TrackHypotheses, position_sigma
 from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition
 
 
@@ -19,11 +19,11 @@ from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition
 class MhtFixedLagSmoother:
     """The people of `delay` ticks ago, from the memory of the tracks in the global hypothesis. A delay of 0 reports at once."""
 
-    def __init__(self, delay: int, period: float, motion: MotionParameters) -> None:
-        """delay in ticks of `period` s. Raises ValueError where it is below 0."""
+    def __init__(self, delay: int, period: float, motion: MotionParameters, report_sigma: float = 1.0) -> None:
+        """delay in ticks of `period` s; report_sigma m, as in MhtParameters. Raises ValueError where delay is below 0."""
         if delay < 0:
             raise ValueError(f"delay is {delay} ticks, needs 0 or more")
-        self.delay, self.period, self.motion = delay, period, motion
+        self.delay, self.period, self.motion, self.report_sigma = delay, period, motion, report_sigma
         self._taken = self._reported = 0
         self._last: tuple[TrackHypotheses, Mask] | None = None
 
@@ -40,8 +40,9 @@ class MhtFixedLagSmoother:
         tracks, present = self._last
         ago = self._taken - 1 - self._reported
         self._reported += 1
-        # A person was there if detected at that tick or later, or if still present.
-        there = (tracks.age > ago) & tracks.confirmed & (present | tracks.detected[:, : ago + 1].any(axis=1))
+        # A person was there if detected at that tick or later, if still present, or if hidden for so short a time that the place was known.
+        hidden = ~tracks.deleted & (tracks.out_of_view == 0) & (position_sigma(tracks.covariances[:, ago]) <= self.report_sigma)
+        there = (tracks.age > ago) & tracks.confirmed & (present | hidden | tracks.detected[:, : ago + 1].any(axis=1))
         return smoothed(tracks.select(there), ago, (self.period, self.motion))
 
 

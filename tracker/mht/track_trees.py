@@ -63,8 +63,7 @@ class TrackHypotheses:
     @property
     def position_sigma(self) -> Array:
         """(n,) m, standard deviation of the place along the major axis."""
-        a, b, c = (self.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-        return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
+        return position_sigma(self.covariance)
 
     @property
     def speed(self) -> Array:
@@ -81,6 +80,12 @@ class TrackHypotheses:
 
 
 _COLUMNS = tuple(TrackHypotheses.__dataclass_fields__)
+
+
+def position_sigma(covariance: Array) -> Array:
+    """(n,) m, standard deviation of the place along the major axis; covariance (n, 5, 5) of states."""
+    a, b, c = (covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    return np.asarray(np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b)))
 
 
 def initiated(

@@ -53,7 +53,7 @@ class MhtTracker:
     """The tracker of people by multiple hypotheses, which reports `delay` ticks late. Raises ValueError where delay is below 0."""
 
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int) -> None:
-        self._smoother = MhtFixedLagSmoother(delay, setup.period, parameters.motion)
+        self._smoother = MhtFixedLagSmoother(delay, setup.period, parameters.motion, parameters.report_sigma)
         self.filter = MhtFilter(setup, parameters, delay)
 
     def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None:

@@ -224,7 +224,7 @@ def test_results_of_an_old_version_are_scored_and_not_tracked_over(tmp_path: Pat
 
 @pytest.mark.slow
 def test_a_utias_set_by_command(tmp_path: Path) -> None:
-    write_set(tmp_path / "s")
+    write_set(tmp_path / "s", 10.0)
     done = pilsim("track", "s", "--map", "known", "--slam", "ekf", "--correction", "off", "--out", "r", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "r: 2 robots at" in done.stdout

@@ -219,7 +219,7 @@ def test_killed_at_random_moments_and_resumed(tmp_path: Path) -> None:
     assert pilsim(*arguments, tmp_path / "undisturbed").returncode == 0
     length, expected = time.monotonic() - begun, sums(tmp_path / "undisturbed")
     rng = np.random.default_rng(20)
-    for number, moment in enumerate(rng.uniform(0.5, length, 6)):
+    for number, moment in enumerate(rng.uniform(0.5, length, 3)):
         folder = tmp_path / "killed"
         run = subprocess.Popen([PILSIM, *arguments, folder], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         time.sleep(moment)

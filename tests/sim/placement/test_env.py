@@ -240,4 +240,4 @@ def test_random_actions():
 @pytest.mark.slow
 @pytest.mark.parametrize("world", sorted(catalogue.WORLDS))
 def test_many_random_actions(world):
-    act_randomly(world, 100_000 // len(catalogue.WORLDS) + 1)
+    act_randomly(world, 40_000 // len(catalogue.WORLDS) + 1)

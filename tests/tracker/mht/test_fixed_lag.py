@@ -124,6 +124,26 @@ def test_tracks_confirmed_later_and_coasting_tracks_that_are_not_deleted_are_rep
     assert tracks.tree.tolist() == [1, 2, 3]
 
 
+def test_a_person_is_reported_until_the_place_is_too_uncertain() -> None:
+    """Hidden from the fourth tick on and not present at the end: reported while the place was known, unless deleted or outside all views."""
+    leaves = filtered(measurements(np.random.default_rng(4), 16, range(3, 16)))
+    sigma = np.sqrt([np.linalg.eigvalsh(leaf.covariance[0, :2, :2])[-1] for leaf in leaves])
+    known = int((sigma <= 1.0).sum())
+    assert 3 < known < 16
+
+    def reported(last: TrackHypotheses) -> int:
+        lag = MhtFixedLagSmoother(15, PERIOD, MOTION, 1.0)
+        for leaf in leaves[:-1]:
+            assert lag.feed(leaf, ~PRESENT) is None
+        first = lag.feed(last, ~PRESENT)
+        assert first is not None
+        return len(first) + sum(len(tracks) for tracks in iter(lag.drain, None))
+
+    assert reported(leaves[-1]) == known
+    assert reported(replace(leaves[-1], deleted=PRESENT)) == 3
+    assert reported(replace(leaves[-1], out_of_view=np.array([2]))) == 3
+
+
 def test_a_track_is_not_reported_before_its_initiation() -> None:
     lag, new = MhtFixedLagSmoother(1, PERIOD, MOTION), replace(people([1], 3), confirmed=PRESENT)
     assert lag.feed(people([], 3), np.zeros(0, dtype=bool)) is None

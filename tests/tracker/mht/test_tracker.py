@@ -1,6 +1,5 @@
 """The multiple-hypothesis tracker: accuracy, gaps, occlusion, learning of detection rates, and bounds of time and memory."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -160,18 +159,3 @@ def test_the_detection_rate_is_learned() -> None:
     # The prior is 0.9. Boxes outside the gate are not taken, and so not counted.
     assert abs(np.mean(found) - 0.5) < 0.1
     assert max(found) < 0.7
-
-
-@pytest.mark.slow
-def test_memory_and_time_are_bounded_in_heavy_clutter() -> None:
-    rng = np.random.default_rng(10)
-    setup = synthetic_crowd.setup()
-    tracker = Tracker(setup, MHT)
-    spent = []
-    for tick in synthetic_crowd.ticks(setup, np.zeros((120, 0, 2)), rng, clutter=300):
-        began = time.process_time()
-        tracker.step(tick)
-        spent.append(time.process_time() - began)
-        leaves = tracker._people.filter.leaves
-        assert len(leaves) <= MhtParameters().max_leaves
-    assert np.median(spent[80:]) < 3 * np.median(spent[20:60])

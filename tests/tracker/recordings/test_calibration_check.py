@@ -170,8 +170,7 @@ def test_nothing_is_found_in_real_recordings(data: Data, source: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("source", ["CMC1", "CMC2", "WILDTRACK"])
-@pytest.mark.parametrize("truth", [True, False], ids=["truth", "no truth"])
+@pytest.mark.parametrize(("source", "truth"), [("CMC1", True), ("CMC1", False), ("CMC2", True), ("WILDTRACK", True)])
 def test_planted_errors_are_found_in_real_recordings(data: Data, source: str, truth: bool) -> None:
     parts, options = SOURCES[source]
     recording = opened(data(*parts), **options)
