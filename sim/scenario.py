@@ -236,6 +236,11 @@ class Scenario:
         """s between frames."""
         return 1.0 / self.rate
 
+    def check_any_camera(self, fixed: int) -> None:
+        """Raise ValueError where nothing sees: no robot, and no `fixed` camera."""
+        if not (self.robots or fixed):
+            raise ValueError(f"robots is 0, needs a whole number in [1, {BOUNDS['robots'][1]:g}] where there is no fixed camera")
+
     def stream(self, name: str) -> np.random.Generator:
         """The random stream of that name, seeded by (seed, crc32(name)). Streams are independent of each other."""
         return np.random.default_rng([self.seed, zlib.crc32(name.encode())])

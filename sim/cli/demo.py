@@ -82,6 +82,7 @@ class Demo:
 
         if self.model and self.detector != "pixels":
             raise ValueError(f"{self.model}: --model is for --detector pixels")
+        scenario.check_any_camera(fixed=0)
         check_folder(scenario, self.out)
         # The lock is taken before the imports of the renderer and the tracker, which take seconds.
         with folder_lock(self.out):

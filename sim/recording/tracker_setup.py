@@ -10,7 +10,7 @@ import numpy as np
 from sim.cameras import Rig, RigView
 from sim.pedestrian import skeleton
 from sim.recording.rig_rendering import rig_of
-from sim.scenario import BOUNDS, Scenario
+from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Camera
@@ -40,6 +40,7 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
 
     fixed: name → camera, in addition to those of the rovers. Raises ValueError where there is no camera at all.
     """
+    scenario.check_any_camera(len(fixed or {}))
     rig = rig_of(scenario.camera, scenario.width)
     rng = scenario.stream("starts")
     starts: dict[str, Start | None] = {}
@@ -58,8 +59,6 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
             mounts |= {f"{name}{view.suffix}": Mount(view.camera, view.T_rig_view, name) for view in views}
         else:
             mounts[name] = Mount(one.camera, Pose.identity(), name)
-    if not mounts:
-        raise ValueError(f"robots is 0, needs a whole number in [1, {BOUNDS['robots'][1]:g}] where there is no fixed camera")
     # The walkable surface, with decks of bridges, on the grid of the ground.
     floor = simulation.world.terrain.on_grid
     terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, simulation.world.tops()))
