@@ -19,7 +19,7 @@ from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition
 class MhtFixedLagSmoother:
     """The people of `delay` ticks ago, from the memory of the tracks in the global hypothesis. A delay of 0 reports at once."""
 
-    def __init__(self, delay: int, period: float, motion: MotionParameters, report_sigma: float = 1.0) -> None:
+    def __init__(self, delay: int, period: float, motion: MotionParameters, report_sigma: float) -> None:
         """delay in ticks of `period` s; report_sigma m, as in MhtParameters. Raises ValueError where delay is below 0."""
         if delay < 0:
             raise ValueError(f"delay is {delay} ticks, needs 0 or more")

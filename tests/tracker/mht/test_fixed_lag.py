@@ -64,7 +64,7 @@ PRESENT = np.ones(1, dtype=bool)
 def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None:
     steps = 12
     measured = measurements(np.random.default_rng(0), steps, unseen)
-    leaves, lag = filtered(measured), MhtFixedLagSmoother(steps - 1, PERIOD, MOTION)
+    leaves, lag = filtered(measured), MhtFixedLagSmoother(steps - 1, PERIOD, MOTION, 1.0)
     reported = [lag.feed(leaf, PRESENT) for leaf in leaves]
     assert all(tracks is None for tracks in reported[:-1])
     first = reported[-1]
@@ -88,7 +88,7 @@ def test_the_smoothed_state_is_the_batch_estimate(unseen: Sequence[int]) -> None
 @pytest.mark.parametrize("delay", [0, 3, 20])
 def test_every_tick_is_reported_once(delay: int) -> None:
     leaves = filtered(measurements(np.random.default_rng(1), 10))
-    lag = MhtFixedLagSmoother(delay, PERIOD, MOTION)
+    lag = MhtFixedLagSmoother(delay, PERIOD, MOTION, 1.0)
     reported = [tracks for leaf in leaves if (tracks := lag.feed(leaf, PRESENT)) is not None]
     assert len(reported) == max(0, 10 - delay)
     while (tracks := lag.drain()) is not None:
@@ -98,7 +98,7 @@ def test_every_tick_is_reported_once(delay: int) -> None:
 
 
 def test_without_a_delay_nothing_is_changed() -> None:
-    lag = MhtFixedLagSmoother(0, PERIOD, MOTION)
+    lag = MhtFixedLagSmoother(0, PERIOD, MOTION, 1.0)
     for leaf in filtered(measurements(np.random.default_rng(2), 5)):
         tracks = lag.feed(leaf, PRESENT)
         assert tracks is not None
@@ -111,7 +111,7 @@ def test_tracks_confirmed_later_and_coasting_tracks_that_are_not_deleted_are_rep
         later.detected[:, 0] = detected
         return later
 
-    lag = MhtFixedLagSmoother(2, PERIOD, MOTION)
+    lag = MhtFixedLagSmoother(2, PERIOD, MOTION, 1.0)
     first = people([1, 2, 3, 4], 4)
     first.detected[:, 0] = [True, False, False, False]
     assert lag.feed(first, np.zeros(4, dtype=bool)) is None
@@ -145,7 +145,7 @@ def test_a_person_is_reported_until_the_place_is_too_uncertain() -> None:
 
 
 def test_a_track_is_not_reported_before_its_initiation() -> None:
-    lag, new = MhtFixedLagSmoother(1, PERIOD, MOTION), replace(people([1], 3), confirmed=PRESENT)
+    lag, new = MhtFixedLagSmoother(1, PERIOD, MOTION, 1.0), replace(people([1], 3), confirmed=PRESENT)
     assert lag.feed(people([], 3), np.zeros(0, dtype=bool)) is None
     before = lag.feed(new, PRESENT)
     assert before is not None
@@ -170,4 +170,4 @@ def test_a_coasting_track_comes_to_a_halt() -> None:
 
 def test_a_negative_delay_is_refused() -> None:
     with pytest.raises(ValueError, match="delay is -1 ticks"):
-        MhtFixedLagSmoother(-1, PERIOD, MOTION)
+        MhtFixedLagSmoother(-1, PERIOD, MOTION, 1.0)
