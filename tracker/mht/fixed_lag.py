@@ -19,11 +19,14 @@ from tracker.tracks.tracks import MotionParameters, Tracks, coasting_transition
 class MhtFixedLagSmoother:
     """The people of `delay` ticks ago, from the memory of the tracks in the global hypothesis. A delay of 0 reports at once."""
 
-    def __init__(self, delay: int, period: float, motion: MotionParameters, report_sigma: float) -> None:
-        """delay in ticks of `period` s; report_sigma m, as in MhtParameters. Raises ValueError where delay is below 0."""
+    def __init__(self, delay: int, period: float, motion: MotionParameters, hidden_sigma: float) -> None:
+        """delay in ticks of `period` s. hidden_sigma m: standard deviation of a place up to which a hidden person is reported who is not seen again.
+
+        Raises ValueError where delay is below 0.
+        """
         if delay < 0:
             raise ValueError(f"delay is {delay} ticks, needs 0 or more")
-        self.delay, self.period, self.motion, self.report_sigma = delay, period, motion, report_sigma
+        self.delay, self.period, self.motion, self.hidden_sigma = delay, period, motion, hidden_sigma
         self._taken = self._reported = 0
         self._last: tuple[TrackHypotheses, Mask] | None = None
 
@@ -41,7 +44,7 @@ class MhtFixedLagSmoother:
         ago = self._taken - 1 - self._reported
         self._reported += 1
         # A person was there if detected at that tick or later, if still present, or if hidden for so short a time that the place was known.
-        hidden = ~tracks.deleted & (tracks.out_of_view == 0) & (position_sigma(tracks.covariances[:, ago]) <= self.report_sigma)
+        hidden = ~tracks.deleted & (tracks.out_of_view == 0) & (position_sigma(tracks.covariances[:, ago]) <= self.hidden_sigma)
         there = (tracks.age > ago) & tracks.confirmed & (present | hidden | tracks.detected[:, : ago + 1].any(axis=1))
         return smoothed(tracks.select(there), ago, (self.period, self.motion))
 

@@ -53,7 +53,9 @@ class MhtTracker:
     """The tracker of people by multiple hypotheses, which reports `delay` ticks late. Raises ValueError where delay is below 0."""
 
     def __init__(self, setup: Setup, parameters: MhtParameters, delay: int) -> None:
-        self._smoother = MhtFixedLagSmoother(delay, setup.period, parameters.motion, parameters.report_sigma)
+        # Without known occluders, a track that is not seen again is more often wrong than hidden.
+        hidden_sigma = 0.0 if setup.occluders is None else parameters.report_sigma
+        self._smoother = MhtFixedLagSmoother(delay, setup.period, parameters.motion, hidden_sigma)
         self.filter = MhtFilter(setup, parameters, delay)
 
     def step(self, views: list[GroundDetections], cameras: list[Viewpoint]) -> Tracks | None:

@@ -81,7 +81,7 @@ def test_ppo_training_is_deterministic_and_its_policy_runs(tmp_path):
     from sim.policies.ppo import Learned
     from sim.policies.training import train
 
-    first, again = (train({**OPTIONS}, 3840, tmp_path / name) for name in ("ppo", "again"))
+    first, again = (train({**OPTIONS}, 1280, tmp_path / name) for name in ("ppo", "again"))
     assert (tmp_path / "ppo" / "curve.png").stat().st_size > 1000
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "ppo"]
     weights = [Learned.read(str(file)).model.policy.state_dict() for file in (first, again)]
