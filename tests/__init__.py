@@ -1,3 +1,3 @@
 """Tests and benchmarks. Importing `sim` first sets the threads of OpenBLAS, as every command does, before numpy is loaded."""
 
-import sim as sim
+import sim  # noqa: F401
