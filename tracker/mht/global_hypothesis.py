@@ -51,7 +51,8 @@ def solve(leaves: TrackHypotheses, conflicts: Conflicts, previous: Mask, paramet
     """The global hypothesis; previous (k, n): for each hypothesis of the last tick, which leaves are children of its leaves."""
     q = parameters
     weight = weights(leaves, q.max_weight)
-    usable = (weight > 0) & (leaves.score > 0)
+    # A leaf that is too fast is not kept. If it were chosen here, its tree would lose the leaves that agree with the others.
+    usable = (weight > 0) & (leaves.score > 0) & (leaves.speed <= q.motion.v_max)
     merge_score = np.where(leaves.confirmed[:, None] & leaves.confirmed[None, :], q.merge_score, q.merge_score / 2)
     conflict = conflicts.conflict | (conflicts.same_person > merge_score)
     np.fill_diagonal(conflict, False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from tracker.clique.branch_and_bound import exact
 from tracker.clique.local_search import Graph
 from tracker.datasets import synthetic_crowd
 from tracker.formats.dimacs import read_graph
-from tracker.mht.global_hypothesis import Problem, _optima
+from tracker.mht.global_hypothesis import Problem, _optima, solve
 from tracker.mht.parameters import MhtParameters
-from tracker.pipeline import Parameters, track
+from tracker.pipeline import Parameters, Tracker, track
 
 
 def gaps(folder: Path, many: MhtParameters) -> np.ndarray:
@@ -51,3 +52,22 @@ def test_the_best_cliques_combine_those_of_the_components() -> None:
     every = [np.array(rows) for rows in itertools.product(*(np.flatnonzero(tree == k) for k in range(4)))]
     best = sorted((float(weight[rows].sum()) for rows in every), reverse=True)[:6]
     np.testing.assert_allclose([weight[held].sum() for held in found], best)
+
+
+def test_a_leaf_that_is_too_fast_to_be_kept_is_not_chosen() -> None:
+    """Its tree keeps a leaf that agrees with the others: it is pruned after the choice, and would take the place of these."""
+    rng = np.random.default_rng(3)
+    setup = synthetic_crowd.setup()
+    tracker = Tracker(setup, Parameters())
+    for tick in synthetic_crowd.ticks(setup, synthetic_crowd.paths(8, 15, rng), rng, clutter=0.2):
+        tracker.step(tick)
+    mht = tracker._people.filter
+    leaves, conflicts, none = mht.leaves, mht._conflicts, np.zeros((0, len(mht.leaves)), dtype=bool)
+    first = solve(leaves, conflicts, none, mht.parameters, 0).best
+    tree, count = np.unique(leaves.tree[leaves.score > 0], return_counts=True)
+    fast = next(int(k) for k in first if leaves.tree[k] in tree[count > 1])
+    state = leaves.state.copy()
+    state[fast, 2:4] = 1.1 * mht.parameters.motion.v_max, 0.0
+    then = solve(replace(leaves, state=state), conflicts, none, mht.parameters, 0).best
+    assert fast not in then
+    assert leaves.tree[fast] in leaves.tree[then]
