@@ -52,14 +52,7 @@ def test_a_small_demo_leaves_everything_and_is_reused(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "d" / "track" / "run.json").read_text()) == run
     model = write_blob_network(tmp_path / "m.onnx")
     assert "tracking anew" in pilsim(*arguments, "--detector", "pixels", "--model", model, cwd=tmp_path)
-    pixels = json.loads((tmp_path / "d" / "track" / "run.json").read_text())
-    assert len(pixels["model"]) == 64
-    assert pixels["parameters"]["targets"]["usable"] < run["parameters"]["targets"]["usable"]
-    tracking = ("track", "d/sequence", "--detector", "pixels", "--model", model)
-    pilsim(*tracking, "--out", "t", cwd=tmp_path)
-    assert json.loads((tmp_path / "t" / "run.json").read_text())["parameters"] == pixels["parameters"]
-    pilsim(*tracking, "--confidence", "given", "--out", "g", cwd=tmp_path)
-    assert json.loads((tmp_path / "g" / "run.json").read_text())["parameters"] == run["parameters"]
+    assert len(json.loads((tmp_path / "d" / "track" / "run.json").read_text())["model"]) == 64
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "d" / "sequence").rglob("*")} == stamps
     other = subprocess.run([PILSIM, *map(str, arguments), "--seed", "1"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert other.returncode == 2

@@ -22,7 +22,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "slam": ("ekf", "iekf", "fej", "invariant"),
     "correction": ("on", "off"),
     "persistence": ("on", "off"),
-    "confidence": ("given", "calibrated", "learned"),
+    "confidence": ("given", "learned"),
 }
 """Options with a choice of words."""
 WHOLE = ("iterations", "delay", "n_conf", "k_h", "i_bls_max", "seed_search", "l_c")
@@ -31,9 +31,6 @@ REAL = ("theta_s", "v_max", "delta_a", "n_scan", "delta_min", "omega")
 """Options that are real numbers."""
 POSITIVE = ("theta_s", "v_max", "delta_a", "n_conf", "k_h", "i_bls_max")
 NOT_NEGATIVE = ("n_scan",)
-CALIBRATED = 0.3
-"""Probability below which a box is ignored where confidences are calibrated, so that three boxes of ten are true there.
-Other detectors give such confidences to many false boxes. Chosen on people from pixels in `ruins`, `campus` and `pilsun`, seeds 30 and 31."""
 OPTIONS = (*CHOICES, *WHOLE, *REAL, "images", "dump_graphs")
 """Names of all options."""
 
@@ -88,8 +85,6 @@ def _targets(given: Mapping[str, Any]) -> MhtParameters:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
     if given.get("confidence") == "learned":
         chosen = replace(chosen, detection_rates=replace(chosen.detection_rates, learned=True))
-    elif given.get("confidence") == "calibrated":
-        chosen = replace(chosen, usable=CALIBRATED)
     fields = {"theta_s": "merge_distance"} | {name: name for name in ("delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")}
     own = {field: given[name] for name, field in fields.items() if name in given}
     graphs = Path(given["dump_graphs"]) if "dump_graphs" in given else None

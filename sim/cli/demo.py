@@ -102,9 +102,9 @@ def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | 
     from tracker.io.progress import progress_bar
     from tracker.io.resume import json_value
     from tracker.metrics.evaluation import evaluate, table
-    from tracker.options import parameters_from
     from tracker.person_detector.detected_ticks import detected_in_images
     from tracker.person_detector.network import PersonNetwork
+    from tracker.pipeline import Parameters
     from tracker.run import tracked
     from tracker.sequence.reader import read_sequence
     from tracker.sequence.results import read_results
@@ -119,16 +119,16 @@ def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | 
             record(scenario, folder, partial(progress_bar, desc="panoramas", unit="frame"), usable_cores())
         for process in processes:
             process.wait()
-    sequence, parameters = read_sequence(folder), parameters_from({"confidence": "calibrated"} if pixels else {})
+    sequence = read_sequence(folder)
     if not is_free(out / "track"):
         there = read_results(out / "track").run
-        if there.get("parameters") != json_value(parameters) or there.get("model") != run.get("model"):
+        if there.get("parameters") != json_value(Parameters()) or there.get("model") != run.get("model"):
             print(f"{out / 'track'}: made with other parameters of the tracker or other boxes; tracking anew")
             for name in PICTURES:
                 (out / name).unlink(missing_ok=True)
             shutil.rmtree(out / "track")
     cores = usable_cores()
-    results = tracked(detected_in_images(sequence, model, cores) if pixels else sequence, out / "track", run, parameters, cores)
+    results = tracked(detected_in_images(sequence, model, cores) if pixels else sequence, out / "track", run, threads=cores)
     scores = evaluate(sequence, results)
     write_text(out / "scores.json", json_text(scores, indent=1) + "\n")
     draw(sequence, results, scores, out)

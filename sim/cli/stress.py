@@ -31,10 +31,8 @@ class TrackerOptions:
     """Number of linearizations of an update; ekf has one."""
     correction: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on")] = None
     """Whether the filter estimates each robot's odometry correction factor."""
-    confidence: Annotated[
-        Literal["given", "calibrated", "learned"] | None, unset("{given,calibrated,learned}", "given; calibrated with --detector pixels")
-    ] = None
-    """What confidences of detections say: as for `pilsim track`."""
+    confidence: Annotated[Literal["given", "learned"] | None, unset("{given,learned}", "given")] = None
+    """What confidences of detections say: a probability as given, or learned for each view while tracking."""
     n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
     """N-scan pruning: age after which a decision of the tracker of people is final, s; 0 is fastest."""
 
@@ -212,8 +210,6 @@ class Stress:
 
         names = ("slam", "iterations", "correction", "confidence", "n_scan")
         options = {name: value for name in names if (value := getattr(self.subject, name)) is not None}
-        if self.detector == "pixels" and not self.subject.tracker and self.subject.results is None:
-            options.setdefault("confidence", "calibrated")
         if self.subject.results is not None and not self.subject.results.is_dir():
             raise ValueError(f"{self.subject.results}: no such folder")
         if self.subject.tracker:

@@ -129,11 +129,8 @@ class Track:
     """These options choose what of a source is read, and replace or degrade its detections."""
     delay: int = 0
     """Number of frames by which the output lags; later frames smooth the positions of people."""
-    confidence: Annotated[
-        Literal["given", "calibrated", "learned"] | None, unset("{given,calibrated,learned}", "given; calibrated with --detector pixels")
-    ] = None
-    """What confidences of detections say: a probability that is often too high, or calibrated, or learned for each view while tracking.
-    Learn them for detectors of any other scale."""
+    confidence: Literal["given", "learned"] = "given"
+    """What confidences of detections say: a probability as given, or learned for each view while tracking, for detectors of any other scale."""
     detector: Literal["given", "simulated", "pixels"] = "given"
     """Boxes of the source, those of a simulated detector, or those found in the images. `simulated` is --project for recordings."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
@@ -193,8 +190,7 @@ class Track:
         run = {"source": self.source.name} | options.to_run() | ({"unknown_start": unknown} if unknown else {})
         if pixels:
             run["model"] = model
-        chosen = {name: value for name, value, _ in options_of(self) if name in OPTIONS}
-        parameters = parameters_from(chosen | ({"confidence": self.confidence or "calibrated"} if pixels else {}))
+        parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
         results = tracked(sequence, self.out, run, parameters, threads)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")

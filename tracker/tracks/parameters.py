@@ -23,10 +23,8 @@ class TrackParameters:
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
     crowding: CrowdingParameters = field(default_factory=CrowdingParameters)
     standing_clutter: StandingClutterParameters = field(default_factory=StandingClutterParameters)
-    usable: float = 0.6  # probability of a person, as given, below which a box is ignored
-    initiation: float = 0.8  # the same, below which a box initiates no track
-    usable_learned: float = 0.15  # as `usable`, of probabilities that are learned
-    initiation_learned: float = 0.5  # as `initiation`, of probabilities that are learned
+    usable: tuple[float, float] = (0.6, 0.15)  # probability of a person, as given and as learned, below which a box is ignored
+    initiation: tuple[float, float] = (0.8, 0.5)  # the same, below which a box initiates no track
     arrival_rate: float = 2e-4  # new people, a square metre and tick
     initial_density: float = 2e-2  # people in the first tick, a square metre
     max_gain: float = 6.0  # greatest log-likelihood ratio of one box

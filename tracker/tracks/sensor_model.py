@@ -47,17 +47,17 @@ class SensorModel:
 
     def usable(self, feet: GroundDetections) -> Mask:
         """Which boxes (n,) are likely enough of people to count at all."""
-        q = self.parameters
-        return np.asarray(self._share(feet) >= (q.usable_learned if q.detection_rates.learned else q.usable))
+        return self._probable(feet, self.parameters.usable)
 
     def may_start(self, feet: GroundDetections) -> Mask:
         """Which boxes (n,) are likely enough of people to initiate tracks."""
-        q = self.parameters
-        return np.asarray(self._share(feet) >= (q.initiation_learned if q.detection_rates.learned else q.initiation))
+        return self._probable(feet, self.parameters.initiation)
 
-    def _share(self, feet: GroundDetections) -> Array:
-        """Probability (n,) that the boxes are of people."""
-        return self.detection_rates.share(feet.camera, feet.confidence)
+    def _probable(self, feet: GroundDetections, least: tuple[float, float]) -> Mask:
+        """Which boxes (n,) are of people with a probability of at least `least`, as given and as learned."""
+        given, learned = least
+        share = self.detection_rates.share(feet.camera, feet.confidence)
+        return np.asarray(share >= (learned if self.detection_rates.parameters.learned else given))
 
     def missed(self, camera: str, expected: Array) -> Array:
         """Log-likelihood (n,) of a missed detection in `camera`; expected (n,): relative detection rate, 0 to 1, of each person."""
