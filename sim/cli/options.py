@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Out = Annotated[Path, arg(metavar="DIR")]
 
@@ -37,6 +40,19 @@ def numbers(text: str) -> list[int]:
         return [int(part) for part in text.split(",") if part.strip()]
     except ValueError:
         raise ValueError(f"--views is {text!r}, needs numbers as in 1,5,7") from None
+
+
+def ground_area(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Parse --area, as in 0,0,7.7,3.4: (2, 2) m, the lowest and highest x, y. Raises ValueError for anything else."""
+    import numpy as np
+
+    try:
+        area = np.array([float(part) for part in text.split(",")]).reshape(2, 2)
+    except ValueError:
+        area = np.full((2, 2), np.nan)
+    if not (np.isfinite(area).all() and (area[1] > area[0]).all()):
+        raise ValueError(f"--area is {text!r}, needs lowest x, lowest y, highest x, highest y in m, as in 0,0,7.7,3.4")
+    return area
 
 
 def json_text(value: Any, indent: int | None = None) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import json_text, unset
+from sim.cli.options import ground_area, json_text, unset
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Score:
 
     Examples: pilsim score PETS2009/S2.L1 runs/pets --json
               pilsim score --truth gt.txt --result mine.txt --iou 0.5
+              pilsim score $CMC/CMC1 runs/cmc1 --area 1.8,0,7.7,3.4
     """
 
     source: Positional[Annotated[Path | None, unset("[SOURCE]", "two files")]] = None
@@ -40,6 +41,10 @@ class Score:
     """The folder that `track` wrote."""
     json: bool = False
     """Print JSON alone."""
+    area: Annotated[str | None, unset("X0,Y0,X1,Y1", "everywhere")] = None
+    """Score people on this part of the ground, in m. What is
+    outside is ignored. Use it where cameras see people
+    beyond the border of the truth."""
     files: Annotated[OmitArgPrefixes[Files], arg(name="two-file")] = Files()
     """These options score one MOT15 file against another, in place of two folders."""
 
@@ -50,7 +55,10 @@ class Score:
         from tracker.planar_slam import trajectories, utias_run
         from tracker.sequence.results import read_results
 
+        area = ground_area(self.area) if self.area is not None else None
         if self.source and self.results and self.files == Files() and format_of(self.source).name == UTIAS:
+            if area is not None:
+                raise ValueError("--area is for the truth of people, and UTIAS has robots alone")
             scores = utias_run.evaluate_trajectories(self.source, self.results)
             print(json_text(scores, indent=1) if self.json else trajectories.table(scores))
             return
@@ -62,13 +70,15 @@ class Score:
             except ValueError as error:
                 raise ValueError(f"{error} (opened as {self.results}/run.json says)" if options != SourceOptions() else str(error)) from None
             try:
-                scores = evaluate(sequence, results)
+                scores = evaluate(sequence, results, area)
             except ValueError as error:
                 raise ValueError(f"{self.results}, scored against {self.source}: {error}") from None
             if scores["robots"]:
                 scores["robots"] |= efficiency(sequence, results)
         elif self.files.truth and self.files.result and not (self.source or self.results):
-            scores = evaluate_files(self.files.truth, self.files.result, self.files.iou)
+            scores = evaluate_files(self.files.truth, self.files.result, self.files.iou, area)
         else:
             raise ValueError("score takes either SOURCE and RESULTS, or --truth and --result with or without --iou")
+        if area is not None:
+            scores["area"] = area.tolist()
         print(json_text(scores, indent=1) if self.json else table(scores))

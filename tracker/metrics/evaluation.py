@@ -43,10 +43,11 @@ def evaluated_people(truth: tuple[Truth, ...], period: float) -> list[Mask]:
     return out
 
 
-def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
+def evaluate(sequence: Sequence, results: Results, area: Array | None = None) -> dict[str, Any]:
     """Scores as JSON values: `targets`, `everybody` (no person ignored), `robots` (with `each`, a robot's own) and `dead_reckoning`, or None.
 
     Recordings other than PETS 2009 have `hota_3d` too, on boxes of people (boxes_3d), and WILDTRACK, MultiviewX and GMVD `ground_detection`.
+    area: (2, 2) m or None, as MatchingFrame.within; with it there is no `ground_detection`, whose kit scores everybody.
     Raises ValueError if the sequence has no truth, or if the results belong to another source or have fewer frames.
     """
     truth = sequence.truth
@@ -58,9 +59,10 @@ def evaluate(sequence: Sequence, results: Results) -> dict[str, Any]:
         raise ValueError(f"results have {results.frames} frames, the truth has {len(truth)}: made from another source?")
     counts = evaluated_people(truth, sequence.setup.period)
     people: Tracks = {t.index: (t.person_id, t.feet) for t in truth}
-    everybody = matching_frames(people, results.tracks)
-    out: dict[str, Any] = {"targets": score(matching_frames(people, results.tracks, counts)).to_dict(), "everybody": score(everybody).to_dict()}
-    out |= _scores_of_kits(sequence.provenance, people, results.tracks, counts)
+    everybody = _scored(matching_frames(people, results.tracks), area)
+    seen = _scored(matching_frames(people, results.tracks, counts), area)
+    out: dict[str, Any] = {"targets": score(seen).to_dict(), "everybody": score(everybody).to_dict()}
+    out |= _scores_of_kits(sequence.provenance, people, results.tracks, counts, area)
     # The pose of a fixed camera is given and not scored.
     fixed = {robot for robot in sequence.setup.starts if sequence.setup.is_fixed(robot)}
     robots = {robot: [t.T_world_robot[robot] for t in truth] for robot in truth[0].T_world_robot if robot not in fixed} if truth else {}
@@ -82,14 +84,18 @@ def matching_frames(truth: Tracks, tracks: Tracks, counts: list[Mask] | None = N
     return [MatchingFrame(*truth[k], *tracks.get(k, none), counts=None if counts is None else counts[n]) for n, k in enumerate(truth)]
 
 
-def _scores_of_kits(provenance: dict[str, Any], truth: Tracks, tracks: Tracks, counts: list[Mask]) -> dict[str, Any]:
+def _scored(frames: list[MatchingFrame], area: Array | None) -> list[MatchingFrame]:
+    return frames if area is None else [frame.within(area) for frame in frames]
+
+
+def _scores_of_kits(provenance: dict[str, Any], truth: Tracks, tracks: Tracks, counts: list[Mask], area: Array | None) -> dict[str, Any]:
     """The scores that a kind of source has beside those of all: `hota_3d`, `ground_detection`."""
     if provenance.get("source", PETS) == PETS:
         return {}
     # The yaw of an estimate comes from the past alone, so that an online tracker stays one.
     boxes = boxes_of_tracks(truth), boxes_of_tracks(tracks, online=True)
-    out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(matching_frames(*boxes, counts)))}
-    if GRID_TRUTH in provenance.get("files", {}):
+    out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(_scored(matching_frames(*boxes, counts), area)))}
+    if GRID_TRUTH in provenance.get("files", {}) and area is None:
         out["ground_detection"] = score_ground_detections(matching_frames(truth, tracks)).to_dict()
     return out
 
@@ -115,17 +121,20 @@ def efficiency(sequence: Sequence, results: Results) -> dict[str, float | None]:
     return out
 
 
-def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, Any]:
+def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | None = None) -> dict[str, Any]:
     """Scores of one MOT15 file against another: boxes that overlap by `iou`, or positions within 1 m if it is None.
 
     A truth that is the ground_truth.json of AI City is compared with a result file of that challenge, as evaluate_aicity.
     Rows of the truth with confidence 0 are people that are not evaluated: as positions they are ignored both ways. As boxes they are evaluated
-    like all others, as in the published scores of S2.L1. Raises ValueError if positions are needed and a row has none.
+    like all others, as in the published scores of S2.L1. area: (2, 2) m or None, as MatchingFrame.within.
+    Raises ValueError if positions are needed and a row has none, and for an area of boxes.
     """
     if truth.suffix == ".json":
         if iou is not None:
             raise ValueError(f"{truth}: --iou is for boxes in images, and this is the truth of a scene in 3-D")
-        return evaluate_aicity(truth, result)
+        return evaluate_aicity(truth, result, area)
+    if iou is not None and area is not None:
+        raise ValueError("--area is a part of the ground in metres, and --iou compares boxes in images; give one of them")
     true, estimated = read_mot15(truth, tracks=True), read_mot15(result, tracks=True)
     for path, rows in ((truth, true), (result, estimated)):
         if iou is None and not rows.has_position.all():
@@ -139,14 +148,15 @@ def evaluate_files(truth: Path, result: Path, iou: float | None) -> dict[str, An
             frames.append(MatchingFrame(true.id[t], true.box[t], estimated.id[e], estimated.box[e]))
         else:
             frames.append(MatchingFrame(true.id[t], true.position[t], estimated.id[e], estimated.position[e], counts=true.confidence[t] != 0))
-    targets = (score(frames) if iou is None else score_boxes(frames, iou=iou)).to_dict()
+    targets = (score(_scored(frames, area)) if iou is None else score_boxes(frames, iou=iou)).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None}
 
 
-def evaluate_aicity(truth: Path, result: Path) -> dict[str, Any]:
+def evaluate_aicity(truth: Path, result: Path, area: Array | None = None) -> dict[str, Any]:
     """Scores of a result file of AI City against ground_truth.json: `targets` on the ground, `hota_3d` on the boxes of both files.
 
     People are scored alone: the rows of class 0, and the objects of that name. Frames are those of the truth.
+    area: (2, 2) m or None, as MatchingFrame.within.
     Raises ValueError as both readers, for rows of several scenes, and for a row in a frame that the truth has not.
     """
     true: Tracks = {}
@@ -165,7 +175,7 @@ def evaluate_aicity(truth: Path, result: Path) -> dict[str, Any]:
     found, first = np.unique(rows.frame[chosen], return_index=True)
     parts = np.split(chosen, first[1:])[: len(found)]
     estimated: Tracks = {k: (rows.id[part], rows.boxes[part]) for k, part in zip(found.tolist(), parts, strict=True)}
-    frames = matching_frames(true, estimated)
+    frames = _scored(matching_frames(true, estimated), area)
     targets = score(frames).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None, "hota_3d": hota_values(hota_3d(frames))}
 
@@ -194,6 +204,9 @@ def table(scores: dict[str, Any]) -> str:
         f"         {number(t['mota'])} {number(t['idf1'])} {number(t['hota'])} {number(t['motp_m'])} m {t['false_positives']:4d} {t['misses']:4d}"
         f"  {t['switches']:8d}  {t['fragments']:9d}  {t['mostly_tracked']}/{t['mostly_lost']}  {t['truths']:6d}",
     ]
+    if "area" in scores:
+        (x0, y0), (x1, y1) = scores["area"]
+        lines.append(f"         for x from {x0:g} to {x1:g} m and y from {y0:g} to {y1:g} m alone")
     if scores["everybody"] != t:
         lines.append(f"         MOTA over everybody, seen or not: {number(scores['everybody']['mota'])}")
     if "hota_3d" in scores:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -17,6 +17,7 @@ class MatchingFrame:
 
     truth_id (m,), truth (m, d), estimate_id (k,), estimate (k, d): positions in metres (d ≥ 2; x and y are compared) or boxes
     (d = 4: left, top, width, height px). counts (m,): False for truth that is ignored both ways, None if all of it is evaluated.
+    estimate_counts (k,): False for estimates that are no false positives where they match no evaluated truth, None if all may be.
     Raises ValueError for a wrong shape or a number that is not finite.
     """
 
@@ -25,6 +26,7 @@ class MatchingFrame:
     estimate_id: Ints
     estimate: Array
     counts: Mask | None = None
+    estimate_counts: Mask | None = None
 
     def __post_init__(self) -> None:
         for name in ("truth", "estimate"):
@@ -38,12 +40,22 @@ class MatchingFrame:
             ids.flags.writeable = False
             object.__setattr__(self, f"{name}_id", ids)
             object.__setattr__(self, name, array)
-        if self.counts is not None:
-            counts = np.array(self.counts, dtype=bool)
-            if counts.shape != self.truth_id.shape:
-                raise ValueError(f"counts has shape {counts.shape}, needs {self.truth_id.shape}")
-            counts.flags.writeable = False
-            object.__setattr__(self, "counts", counts)
+        for name, ids in (("counts", self.truth_id), ("estimate_counts", self.estimate_id)):
+            if (given := getattr(self, name)) is not None:
+                mask = np.array(given, dtype=bool)
+                if mask.shape != ids.shape:
+                    raise ValueError(f"{name} has shape {mask.shape}, needs {ids.shape}")
+                mask.flags.writeable = False
+                object.__setattr__(self, name, mask)
+
+    def within(self, area: Array) -> MatchingFrame:
+        """The frame with what is outside of `area` (2, 2) m, lowest and highest x, y, ignored: truth, and estimates that match no evaluated truth."""
+        truth, estimate = (((p[:, :2] >= area[0]) & (p[:, :2] <= area[1])).all(axis=1) for p in (self.truth, self.estimate))
+        return replace(
+            self,
+            counts=truth if self.counts is None else self.counts & truth,
+            estimate_counts=estimate if self.estimate_counts is None else self.estimate_counts & estimate,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,12 +166,12 @@ def match_frames(comparison: Comparison, threshold: float) -> Matches:
 
 
 def without_ignored(frames: Sequence[MatchingFrame], comparison: Comparison, matches: Matches) -> Comparison:
-    """Remove the people that are not evaluated, together with the estimates that `matches` assigns to them."""
+    """Remove the people that are not evaluated, with the estimates that `matches` assigns to them or that are not evaluated and match nobody."""
     kept = []
     for frame, pairing, (rows, columns) in zip(frames, comparison.frames, matches, strict=True):
         counts = np.ones(len(pairing.truth), dtype=bool) if frame.counts is None else frame.counts
-        kept_estimates = np.ones(len(pairing.estimate), dtype=bool)
-        kept_estimates[columns[~counts[rows]]] = False
+        kept_estimates = np.ones(len(pairing.estimate), dtype=bool) if frame.estimate_counts is None else frame.estimate_counts.copy()
+        kept_estimates[columns] = counts[rows]
         kept.append(pairing.restricted(counts, kept_estimates))
     return Comparison(tuple(kept), comparison.truths, comparison.estimates)
 

@@ -267,6 +267,19 @@ def test_published_score_by_command(data: Callable[..., Path]) -> None:
     assert [round(targets["mota"], 3), targets["false_positives"], targets["misses"], targets["switches"]] == [0.850, 247, 420, 31]
 
 
+def test_people_on_a_part_of_the_ground_are_scored(tmp_path: Path) -> None:
+    """Person 2 and track 9 are outside; track 9 matches nobody."""
+    (tmp_path / "gt.txt").write_text("1,1,0,0,1,1,1,1,1,0\n1,2,0,0,1,1,1,8,1,0\n")
+    (tmp_path / "out.txt").write_text("1,5,0,0,1,1,1,1.1,1,0\n1,9,0,0,1,1,1,6,1,0\n")
+    command = ("score", "--truth", "gt.txt", "--result", "out.txt")
+    found = json.loads(pilsim(*command, "--area", "0,0,5,5", "--json", cwd=tmp_path).stdout)
+    assert (found["targets"]["mota"], found["targets"]["truths"], found["area"]) == (1, 1, [[0, 0], [5, 5]])
+    assert "for x from 0 to 5 m" in pilsim(*command, "--area", "0,0,5,5", cwd=tmp_path).stdout
+    for area in ("0,0,5", "5,0,0,5", "0,0,nan,5", "a"):
+        assert f"--area is '{area}', needs lowest x, lowest y, highest x, highest y in m" in refused(*command, "--area", area, cwd=tmp_path)
+    assert "--iou compares boxes" in refused(*command, "--area", "0,0,5,5", "--iou", "0.5", cwd=tmp_path)
+
+
 def test_no_gl_is_one_line(tmp_path: Path) -> None:
     environment = {"MUJOCO_GL": "osmesa", "PATH": "/usr/bin:/bin", "PYOPENGL_PLATFORM": "nonsense"}
     command = [str(PILSIM), "demo", "--frames", "1", "--out", "out"]

@@ -184,6 +184,27 @@ def test_an_ignored_person_far_from_all_changes_nothing() -> None:
         same(score(crowded), score(frames))
 
 
+def test_what_is_outside_of_an_area_is_ignored() -> None:
+    """Outside are a person with a track, a person without, and two tracks of nobody; a track outside of a person inside is a match."""
+    area = np.array([[0.0, 0.0], [10.0, 5.0]])
+    truth = np.array([[0.2, 1.0], [5.0, 2.0], [-3.0, 1.0], [5.0, 7.0]])
+    estimate = np.array([[-0.1, 1.0], [5.1, 2.0], [-3.0, 1.2], [-8.0, 1.0], [12.0, 2.0], [9.0, 4.0]])
+    frame = MatchingFrame([1, 2, 3, 4], truth, [1, 2, 3, 4, 5, 6], estimate)
+    found = score([frame.within(area)])
+    assert (found.truths, found.matches, found.misses, found.false_positives) == (2, 2, 0, 1)
+    assert score([frame]).false_positives == 3
+    unseen = MatchingFrame(frame.truth_id, truth, frame.estimate_id, estimate, counts=[True, False, True, True])
+    found = score([unseen.within(area)])
+    assert (found.truths, found.matches, found.false_positives) == (1, 1, 1)
+
+
+def test_an_area_with_everything_changes_nothing() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        frames = random_frames(rng)
+        assert score([frame.within(np.array([[-1e6, -1e6], [1e6, 1e6]])) for frame in frames]) == score(frames)
+
+
 def test_matching_without_memory_against_brute_force() -> None:
     rng = np.random.default_rng(4)
     for _ in range(200):
