@@ -1,8 +1,9 @@
 """Accuracy of the tracker of people on PETS 2009, real rooms, a synthetic room and crowds among moving robots, one line a row.
 
 A line has MOTA / IDF1 (id switches) of the whole recording, its misses and false positives, MOTP and processor time of tracking. Brackets have MOTA /
-IDF1 of the part on which parameters may be tuned, and of the other; on CMC then of the area with complete truth. Rows of several runs have means. ROWS are regular expressions of whole names, or
-groups: pets, cmc, wildtrack, room, campus, ruins. Without ROWS, all rows run but crowds, which take an hour.
+IDF1 of the part on which parameters may be tuned, and of the other; on CMC then of the area with complete truth. Rows of several runs have means.
+ROWS are regular expressions of whole names, or groups: pets, cmc, wildtrack, room, campus, ruins. Without ROWS, all rows run but crowds, which take
+an hour.
 
 `python -m tests.benchmarks.one_tracker pets-157 cmc --delay 10 --set max_gain=5 --set motion.foot_spread=0.3 --tuning`
 """
