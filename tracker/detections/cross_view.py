@@ -51,7 +51,8 @@ def may_initiate(feet: GroundDetections, parameters: FusionParameters) -> Mask:
     """Which boxes (n,) may initiate a track: where the place is uncertain, a box that ends above the feet misplaces them by metres."""
     variance = np.trace(feet.spread, axis1=1, axis2=2)
     usual = np.where(variance <= parameters.occludable_sigma**2, feet.feet_hidden <= parameters.max_feet_hidden, ~feet.occludable)
-    return feet.grounded & np.where(feet.ambiguous, variance <= parameters.ambiguous_sigma**2, usual)
+    sigma = parameters.ambiguous_sigma_known if feet.known else parameters.ambiguous_sigma
+    return feet.grounded & np.where(feet.ambiguous, variance <= sigma**2, usual)
 
 
 @njit(cache=True)

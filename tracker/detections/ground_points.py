@@ -34,7 +34,8 @@ class FusionParameters:
     occludable_sigma: float = 0.5  # m, standard deviation of a place above which no box with anything before it initiates a track
     ranges: RangeLikelihoodParameters = field(default_factory=RangeLikelihoodParameters)
     ambiguous: tuple[float, float] = (0.01, 1.5)  # probability of hidden feet, or ratio of range errors, from which a box is ambiguous
-    ambiguous_sigma: float = 10.0  # m, standard deviation of a place up to which ambiguous boxes initiate tracks
+    ambiguous_sigma: float = 4.0  # m, standard deviation of a place up to which ambiguous boxes initiate tracks
+    ambiguous_sigma_known: float = 10.0  # the same in a known world, where far boxes with feet in sight are ambiguous, too
     gate: float = 3.5  # standard deviations between two ground points of one person
 
 
