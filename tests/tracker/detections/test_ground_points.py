@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -96,3 +98,14 @@ def test_people_stand_behind_the_soles_at_which_their_boxes_end() -> None:
     behind = seen([(0.5, 6.0)], ground=ground, parameters=FusionParameters(ahead=0.06))
     np.testing.assert_allclose(behind.point[0], np.array([x, y, z]) * 6.06 / 6.0, atol=1e-9)
     np.testing.assert_allclose(EYE / -behind.direction[0, 2] * behind.direction[0, :2], behind.point[0, :2], atol=1e-9)
+
+
+def test_uncertain_boxes_initiate_tracks_where_the_world_is_known() -> None:
+    """A far box over another one: its place is uncertain by more than 4 m. In an unknown world its feet are hidden, and it starts nobody."""
+    far = seen([(0.0, 30.0), (0.0, 4.0)])
+    sigma = np.sqrt(np.trace(far.spread[0]))
+    assert far.ambiguous[0]
+    assert PARAMETERS.ambiguous_sigma < sigma < PARAMETERS.ambiguous_sigma_known
+    assert initiating(far) == {1}
+    assert initiating(replace(far, known=True)) == {0, 1}
+    assert initiating(replace(far, known=True, spread=5 * far.spread)) == {1}
