@@ -33,6 +33,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--skip-log", type=Path, metavar="FILE", help="append the reason of every skipped test to FILE, one a line")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests with the fixture `data` read real recordings."""
+    for item in items:
+        if isinstance(item, pytest.Function) and "data" in item.fixturenames:
+            item.add_marker(pytest.mark.data)
+
+
 def skip_reasons(config: pytest.Config) -> list[str]:
     """The reason of every skipped test, in alphabetical order. A worker of pytest-xdist has none: its tests count in the process that started it."""
     if hasattr(config, "workerinput"):
