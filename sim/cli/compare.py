@@ -51,6 +51,6 @@ class Compare:
             found = compare_paired(self.folders)
             print(json_text(to_json(found), indent=1) if self.json else comparison_text(found))
             if self.out is not None:
-                from sim.report.comparison_plot import draw
+                from sim.report.plots import draw_comparison
 
-                draw(found, self.out)
+                draw_comparison(found, self.out)

@@ -34,8 +34,8 @@ class Report:
     """Other folders of `pilsim stress`, shown on the same page under their names: other trackers or other detectors."""
 
     def run(self) -> None:
+        from sim.report.page import write_report
         from sim.report.prediction_page import plots_folder, write_prediction_page
-        from sim.report.report import write_report
         from tracker.io.file_lock import folder_lock, output_file_lock
 
         if self.out is not None and self.out.suffix.lower() != ".html":

@@ -1,6 +1,6 @@
 """`pilsim report` and `pilsim compare`: results of trials as a page with plots, findings and paired differences.
 
-Read `report.py` first."""
+Read `page.py` first."""
 
 from sim.report.rows import read_rows
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sim.confidence_intervals import Interval, difference_bounds_of, student_interval
-from sim.report.rows import Row, Rows, read_rows
+from sim.report.rows import Row, read_beside
 
 Key = tuple[str, int]
 EVERY = "all settings"
@@ -96,25 +96,12 @@ def compare_paired(folders: Sequence[Path]) -> PairedComparison:
 
     Raises ValueError where there is only one tracker, where no runs can be paired, and where one id and seed names two scenarios.
     """
-    trackers = _compared([read_rows(folder) for folder in folders])
+    rows = read_beside(folders)
+    trackers = [ComparedTracker(name, {(row.id, row.seed): row for row in rows.rows if row.tracker == name}) for name in rows.trackers]
     if len(trackers) < 2:
-        raise ValueError(f"{folders[0] if folders else 'nothing'}: holds one tracker ({trackers[0].name}), needs another folder or tracker beside it")
+        raise ValueError(f"{folders[0]}: holds one tracker ({trackers[0].name}), needs another folder or tracker beside it")
     reference, *others = trackers
     return PairedComparison(reference, tuple(_compare(reference, other) for other in others))
-
-
-def _compared(read: list[Rows]) -> list[ComparedTracker]:
-    names = [rows.folder.resolve().name for rows in read]
-    if len(set(names)) < len(names):
-        names = [str(rows.folder) for rows in read]
-    if len(set(names)) < len(names):
-        raise ValueError(f"{names[0]}: the same folder is given twice")
-    out = []
-    for name, rows in zip(names, read, strict=True):
-        for tracker in rows.trackers:
-            own = {(row.id, row.seed): row for row in rows.rows if row.tracker == tracker}
-            out.append(ComparedTracker(tracker if len(read) == 1 else f"{name}:{tracker}" if len(rows.trackers) > 1 else name, own))
-    return out
 
 
 def _compare(reference: ComparedTracker, other: ComparedTracker) -> ComparedPair:

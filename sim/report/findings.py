@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.confidence_intervals import Interval, bounds_of, mean_interval, paired, student_interval
-from sim.report.glossary import BROKEN, CAUSES
+from sim.confidence_intervals import Interval, paired, student_interval
 from sim.report.rows import KINDS, STAGES, Row, Rows, Setting, SweepRows
 from sim.stress.sweeps import KNOWN_SWEEPS
 
@@ -21,6 +20,46 @@ REAL = "pets"
 """The sweep that compares a real sequence, PETS 2009 S2.L1, with its simulated twin."""
 CAREFUL = 5
 """The page warns of wide intervals where there are fewer seeds than this."""
+BROKEN = 0.5
+"""A setting is called broken where the mean MOTA is below this number: errors are then more than half as many as true positions."""
+GLOSSARY = (
+    ("MOTA", "tracking accuracy: 1 is perfect. Missed people, false people and switched identities lower it; it can be below 0."),
+    ("IDF1", "the F1 score of identities, from 0 to 1: how consistently each person keeps one identity."),
+    ("ATE", "absolute trajectory error of the robots, in metres: the root mean square distance from their true positions, without alignment."),
+    ("Ghost", "a mapped landmark that is half a metre or more from every true one, or a duplicate of another."),
+    ("MOTP", "the mean distance of tracks from the people whom they follow, in metres."),
+    ("Broken", f"the mean MOTA is below {BROKEN:g}."),
+    (
+        "0.61 (0.55 to 0.67)",
+        "a mean over seeds with its 95 % confidence interval, cut at the bounds of the figure. It is a bootstrap interval (BCa) from 6 seeds on,"
+        " and Student's t for fewer.",
+    ),
+    ("Falls, no difference", "paired differences of the best and the worst setting over seeds, by Student's t with a Bonferroni correction."),
+    ("Seed", "the start of the random numbers. Another seed gives other people on other paths; all settings use the same seeds."),
+    ("Switch", "an identity switch: a person is tracked under one identity and then under another."),
+    ("Limit", "no tracker can follow people whom no robot sees, and no filter is more precise than the Cramér-Rao bound."),
+    ("Perfect input", "the run repeated with the truth given to one or more stages. Shapley values divide the loss among the stages."),
+)  # fmt: skip
+"""Words of a report with their meanings, for readers who have never scored a tracker."""
+
+CAUSES = {
+    "nobody saw it": "no part of the person was visible in any camera.",
+    "occluded": "less than a fifth of the person was visible, even in the best view.",
+    "detector missed": "the person was visible, but no box was reported.",
+    "not yet believed": "boxes were reported, but the tracker had not yet confirmed the new track.",
+    "gated out": "boxes of a tracked person were reported, but the tracker did not assign them to the track.",
+    "pose error": "pose errors of the robots that saw the person shifted it by more than half a metre on the ground.",
+    "merged": "two people stood near each other, and one track covered both.",
+    "clutter": "a track of no person, started by false boxes.",
+    "duplicate": "a second track of a person who was tracked already.",
+    "coasting": "a track that was predicted onwards without boxes, away from its person.",
+    "misplaced": "a track more than a metre from its person, who therefore counts as missed.",
+    "wrong association": "the track of one person continued on another.",
+    "after occlusion": "the person was occluded for a while and came back under a new identity.",
+    "after detector misses": "no box was reported for a while, and the person came back under a new identity.",
+    "new track": "the person got a new identity without having been lost.",
+}
+"""Causes of errors, by the names in the rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +87,23 @@ class Finding:
 
 def finding(sweep: SweepRows, tracker: str) -> Finding | None:
     """The finding of a sweep for one tracker. None where no setting has a score."""
-    scored = [(s, mean_interval(list(known.values()), bounds=bounds_of("mota"))) for s in sweep.ordered() if (known := s.scores(tracker, "mota"))]
+    scored = _means(sweep, tracker, "mota")
     if not scored:
         return None
     (best, high), (worst, low) = max(scored, key=lambda pair: pair[1].mean), min(scored, key=lambda pair: pair[1].mean)
-    pairs = max(len(scored) * (len(scored) - 1) // 2, 1)
-    difference = paired(best.scores(tracker, "mota"), worst.scores(tracker, "mota"), 1 - 0.05 / pairs) if best is not worst else None
     broken = tuple(s for s, interval in scored if interval.mean < BROKEN)
-    return Finding(sweep, tracker, best, worst, high, low, difference, broken)
+    return Finding(sweep, tracker, best, worst, high, low, _difference(best, worst, tracker, "mota", len(scored)), broken)
+
+
+def _means(sweep: SweepRows, tracker: str, name: str) -> list[tuple[Setting, Interval]]:
+    """The settings that have a score, with its means."""
+    return [(s, mean) for s in sweep.ordered() if (mean := s.mean(tracker, name))]
+
+
+def _difference(first: Setting, second: Setting, tracker: str, name: str, count: int) -> Interval | None:
+    """The paired difference of a score between the extremes of `count` settings; None for the same setting."""
+    confidence = 1 - 0.05 / max(count * (count - 1) // 2, 1)
+    return paired(first.scores(tracker, name), second.scores(tracker, name), confidence) if first is not second else None
 
 
 def findings(rows: Rows, tracker: str) -> list[Finding]:
@@ -186,13 +234,11 @@ def owner(rows: Sequence[Row], where: str) -> str:
 
 def robots(found: Finding) -> str:
     """Sentences on the robots' ATE at the best and the worst setting, with dead reckoning and the bound. Empty where no ATE is known."""
-    scored = [(s, list(s.scores(found.tracker, "ate_m").values())) for s in found.sweep.ordered()]
-    known = [(s, mean_interval(values, bounds=bounds_of("ate_m"))) for s, values in scored if values]
+    known = _means(found.sweep, found.tracker, "ate_m")
     if not known:
         return ""
     (least, low), (most, high) = min(known, key=lambda pair: pair[1].mean), max(known, key=lambda pair: pair[1].mean)
-    pairs = max(len(known) * (len(known) - 1) // 2, 1)
-    difference = paired(least.scores(found.tracker, "ate_m"), most.scores(found.tracker, "ate_m"), 1 - 0.05 / pairs) if least is not most else None
+    difference = _difference(least, most, found.tracker, "ate_m", len(known))
     if difference and difference.verdict == "higher":
         text = f"The ATE of the robots is {low.text(3)} m at {at(least)} and {high.text(3)} m at {at(most)}"
     else:

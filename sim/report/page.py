@@ -1,6 +1,7 @@
-"""The report page: its texts, tables and figures, put into the template that lies beside this file.
+"""The report of a stress test: one page with findings, plots and pictures, from the rows that `stress` wrote.
 
-The page is HTML that is well-formed XML as well. It is one file, runs no scripts and loads nothing from a network.
+Texts, tables and figures are put into the template that lies beside this file. The page is HTML that is well-formed XML as well.
+It is one file, runs no scripts and loads nothing from a network.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup, escape
 
-from sim.confidence_intervals import bounds_of, mean_interval
 from sim.report.findings import (
+    CAUSES,
+    GLOSSARY,
     REAL,
     at,
     at_row,
@@ -32,14 +34,14 @@ from sim.report.findings import (
     spread,
     stages,
 )
-from sim.report.glossary import CAUSES, GLOSSARY
 from sim.report.pictures import Album, Entry, Picture
-from sim.report.plots import Plot, shortened
-from sim.report.rows import STAGES, Row, Rows, Setting, SweepRows
-from sim.report.series import name_of
-from sim.report.style import STYLE
-from sim.report.summary import headline, summary
+from sim.report.plots import Plot, save, shortened
+from sim.report.rows import STAGES, Row, Rows, Setting, SweepRows, read_beside
+from sim.report.series import name_of, overview, plots_of
+from sim.report.summary import headline, moments, summary
 from sim.stress.sweeps import KNOWN_SWEEPS
+from tracker.io.atomic import write_text
+from tracker.io.progress import progress_bar
 
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
 MOST_FAILED = 30
@@ -51,9 +53,7 @@ ABOUT_MOMENTS = (
     " Coloured dots are the tracks. The red ring is the error. Arrows are robots: grey at the true pose, red at the estimated pose."
     " Lines lead from robots to people whom they see: blue where the detector reported a box, grey where it did not."
 )
-ABOUT_COMMANDS = (
-    "In another folder, the same command makes the same rows. In the same folder, it continues after the last whole row."
-)
+ABOUT_COMMANDS = "In another folder, the same command makes the same rows. In the same folder, it continues after the last whole row."
 COLUMNS = (
     ("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3), ("misses", "misses", 0), ("false_positives", "false", 0),
     ("switches", "switches", 0), ("ate_m", "ATE [m]", 3),
@@ -124,9 +124,24 @@ class PageSweep:
     figures: list[PageFigure]
 
 
-def page(content: PageContent) -> str:
-    """Render the whole document of a stress test."""
-    return render(_names(content))
+def write_report(folder: Path, out: Path | None = None, others: Sequence[Path] = ()) -> Path:
+    """Write the page to `out` (default: FOLDER/report.html), and each plot as PNG and CSV into FOLDER/report. Returns the path of the page.
+
+    others: other folders, whose runs are shown beside those of the first.
+    Raises ValueError as `read_beside` does, and where a picture lies outside the folder.
+    """
+    rows = read_beside([folder, *others])
+    target = out or folder / "report.html"
+    if target.is_dir():
+        raise ValueError(f"{target}: is a folder, needs a file name")
+    album = Album.of(folder, moments(rows))
+    plots = [*overview(rows), *(plot for sweep in rows.sweeps() for plot in plots_of(sweep, rows.trackers))]
+    beside = folder / "report"
+    beside.mkdir(exist_ok=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    drawn = {plot.name: (plot, save(plot, beside)) for plot in progress_bar(plots, desc="plots", unit="plot", disable=len(plots) < 8)}
+    write_text(target, render(_names(PageContent(rows, drawn, album))))
+    return target
 
 
 def render(names: dict[str, Any]) -> str:
@@ -144,7 +159,6 @@ def _names(content: PageContent) -> dict[str, Any]:
     occurring = {cause for counts in causes_of(rows.rows).values() for cause in counts}
     return {
         "title": f"Stress test: {rows.folder.resolve().name}",
-        "style": Markup(STYLE),
         "kicker": "pilsim stress test",
         "heading": "Where the tracker breaks, and why",
         "headline": headline(rows),
@@ -245,8 +259,7 @@ def _figures_of(setting: Setting, tracker: str) -> tuple[str, ...]:
     failed = sum(row.tracker == tracker and row.error is not None for row in setting.rows)
     cells = [shortened(setting.value), str(len(setting.of(tracker))) + (f" (+ {failed} failed)" if failed else "")]
     for name, _, digits in COLUMNS:
-        values = list(setting.scores(tracker, name).values())
-        interval = mean_interval(values, bounds=bounds_of(name)) if values else None
+        interval = setting.mean(tracker, name)
         cells.append("–" if interval is None else interval.text(digits) if digits else f"{interval.mean:.1f}")
     return tuple(cells)
 

@@ -7,16 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from sim.confidence_intervals import Interval
 from sim.prediction.predict import Predicted
 from sim.prediction.record import KINDS, PredictionRecord, read_prediction
-from sim.report.findings import listed, plural
-from sim.report.glossary import CAUSES, GLOSSARY
+from sim.report.findings import CAUSES, GLOSSARY, listed, plural
 from sim.report.page import PageFigure, PageSweep, PageTable, render
 from sim.report.plots import Bars, Line, Plot, save
-from sim.report.style import STYLE
 from tracker.io.atomic import write_text
 
 SCORES = (("mota", "MOTA", 3), ("idf1", "IDF1", 3), ("hota", "HOTA", 3))
@@ -109,7 +105,6 @@ def _names(record: PredictionRecord, figures: dict[str, PageFigure]) -> dict[str
     occurring = {cause for kind in KINDS for cause in _causes(record, kind) if any(_counts(record, kind, cause))}
     return {
         "title": f"Prediction: {Path(record.source).name}",
-        "style": Markup(STYLE),
         "kicker": "pilsim prediction",
         "heading": "What the tracker would score on these cameras",
         "headline": headline(record),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from sim.confidence_intervals import Interval, bounds_of, mean_interval
 from tracker.io.json_files import parse_json
 from tracker.io.text_files import read_text, shown
 
@@ -74,6 +75,11 @@ class Setting:
     def scores(self, tracker: str, name: str) -> dict[int, float]:
         """Seed → the score or bound of that name, where it is known."""
         return {row.seed: value for row in self.of(tracker) if (value := row.scores.get(name, row.limits.get(name))) is not None}
+
+    def mean(self, tracker: str, name: str) -> Interval | None:
+        """The mean of a score or bound over seeds with its interval, or None where no seed has it."""
+        values = list(self.scores(tracker, name).values())
+        return mean_interval(values, bounds=bounds_of(name)) if values else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +175,7 @@ def read_beside(folders: Sequence[Path]) -> Rows:
     names = [rows.folder.resolve().name for rows in read]
     names = names if len(set(names)) == len(names) else [str(rows.folder) for rows in read]
     if len(set(names)) < len(names):
-        raise ValueError(f"{folders[0]}: the same folder is given twice")
+        raise ValueError(f"{names[0]}: the same folder is given twice")
     out = list[Row]()
     for name, rows in zip(names, read, strict=True):
         for row in rows.rows:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.confidence_intervals import Interval, bounds_of, mean_interval
 from sim.report.findings import causes_of, findings, stages
 from sim.report.plots import Bars, Line, Plot, Spans
 from sim.report.rows import KINDS, STAGES, Rows, Setting, SweepRows
@@ -79,27 +78,18 @@ def name_of(*parts: str) -> str:
 
 def _curve(sweep: SweepRows, measure: PlottedMeasure, trackers: list[str]) -> Plot | None:
     settings = sweep.ordered()
-    lines = [Line(t, tuple(_mean(s, t, measure.name) for s in settings)) for t in trackers]
+    lines = [Line(t, tuple(s.mean(t, measure.name) for s in settings)) for t in trackers]
     lines = [line for line in lines if any(line.points)]
     if not lines:
         return None
     # Bounds depend on the setting and not on the tracker: the first tracker that has them gives them.
     for name, label in measure.limits:
-        points = tuple(_limit(s, trackers, name) for s in settings)
+        points = tuple(next((mean for t in trackers if (mean := s.mean(t, name))), None) for s in settings)
         lines += [Line(label, points, limit=True)] if any(points) else []
     seeds = max(point.count for line in lines for point in line.points if point)
     note = f"Means over {seeds} seeds with 95 % intervals." if seeds > 1 else "One seed: no intervals."
     name, x = name_of(sweep.name, measure.name), tuple(s.value for s in settings)
     return Plot(name, measure.title, x, axis_of(sweep), measure.label, tuple(lines), sweep.numeric, measure.within, note)
-
-
-def _mean(setting: Setting, tracker: str, name: str) -> Interval | None:
-    values = list(setting.scores(tracker, name).values())
-    return mean_interval(values, bounds=bounds_of(name)) if values else None
-
-
-def _limit(setting: Setting, trackers: list[str], name: str) -> Interval | None:
-    return next((mean for t in trackers if (mean := _mean(setting, t, name))), None)
 
 
 def _ablations(sweep: SweepRows, tracker: str, several: bool) -> list[Plot]:

@@ -7,8 +7,7 @@ from collections import Counter
 import numpy as np
 
 from sim.confidence_intervals import bounds_of, mean_interval
-from sim.report.findings import CAREFUL, REAL, Finding, at, change, chief, findings, listed, owner, plural, reasons, robots, spread
-from sim.report.glossary import BROKEN
+from sim.report.findings import BROKEN, CAREFUL, REAL, Finding, at, change, chief, findings, listed, owner, plural, reasons, robots, spread
 from sim.report.rows import Row, Rows
 
 SCORE = (

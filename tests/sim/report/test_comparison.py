@@ -10,7 +10,7 @@ import pytest
 
 from sim.cli.compare import Compare
 from sim.report.comparison import EVERY, compare_paired, comparison_text, to_json
-from sim.report.comparison_plot import draw
+from sim.report.plots import draw_comparison
 from tests.sim import stress_rows
 
 
@@ -49,7 +49,7 @@ def test_three_trackers_of_one_folder(tmp_path: Path) -> None:
     found = compare_paired([stress_rows.write(tmp_path, rows + better(rows, "mine") + [row | {"tracker": {"name": "same"}} for row in rows])])
     assert [pair.tracker.name for pair in found.pairs] == ["mine", "same"]
     assert {one.verdict for one in found.pairs[1].differences} == {"identical"}
-    draw(found, tmp_path / "new" / "out.png")
+    draw_comparison(found, tmp_path / "new" / "out.png")
     image = cv2.imread(str(tmp_path / "new" / "out.png"))
     assert image is not None
     assert image.std() > 10

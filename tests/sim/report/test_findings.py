@@ -155,7 +155,7 @@ def test_settings_and_lists_in_words(tmp_path: Path) -> None:
 
 
 def test_every_cause_has_a_meaning() -> None:
-    from sim.report.glossary import CAUSES
+    from sim.report.findings import CAUSES
     from sim.stress.error_causes import CAUSES as COUNTED
 
     assert {cause for causes in COUNTED.values() for cause in causes} == set(CAUSES)

@@ -11,9 +11,8 @@ import cv2
 import pytest
 
 from sim.confidence_intervals import bounds_of, mean_interval
-from sim.report.page import TEMPLATE
+from sim.report.page import TEMPLATE, write_report
 from sim.report.plots import Bars, Line, Plot, inline
-from sim.report.report import write_report
 from sim.report.rows import read_rows
 from tests.sim import stress_rows
 from tests.sim.browser import CHROMIUM, Browser

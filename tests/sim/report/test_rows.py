@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from sim.report.report import write_report
+from sim.report.page import write_report
 from sim.report.rows import read_beside, read_rows
 from tests.sim import stress_rows
 
