@@ -66,7 +66,7 @@ class ScoreDetections:
             if self.out is not None:
                 write_text(self.out, json_text(scores, indent=1) + "\n")
             if self.plot is not None:
-                from sim.visualization.reliability_picture import draw_reliability
+                from sim.visualization.detector_picture import draw_reliability
                 from tracker.metrics.box_detection import judge
 
                 draw_reliability(judge(images, self._wanted())[0], self.plot)

@@ -17,7 +17,7 @@ import numpy as np
 
 from sim.stress.error_causes import Mistake, TrialEvidence
 from sim.stress.trial_data import TrialData
-from sim.visualization.overlays import BODY, colour_of, save_png
+from sim.visualization.overlays import body_box, colour_of, draw_text, save_png
 from sim.visualization.plan_and_video import TerrainImage
 from tracker.geometry import Array, Image, Pose, angles_from_bearing
 from tracker.geometry.cameras import PanoramicCamera
@@ -273,21 +273,12 @@ def _draw_crops(moment: WorstMoment, number: int, data: TrialData, results: Resu
         if pose is not None:
             ids, places = results.tracks.get(data.truth[number].index, (np.zeros(0, dtype=np.int64), np.zeros((0, 3))))
             for track, at in zip(ids.tolist(), places, strict=True):
-                part.draw(panel, _body_box(mount.camera, pose @ mount.T_body_camera, at), colour_of(track), str(track))
-        _write(panel, view.camera.replace("_", " "), (9, 21), 0.55, (0, 0, 0))
-        _write(panel, view.camera.replace("_", " "), (8, 20), 0.55, (255, 255, 255))
+                box = body_box(mount.camera, pose @ mount.T_body_camera, at)
+                if box is not None:
+                    part.draw(panel, box, colour_of(track), str(track))
+        draw_text(panel, view.camera.replace("_", " "), (8, 20), 0.55, (255, 255, 255))
         out.append(panel)
     return out
-
-
-def _body_box(camera: PanoramicCamera, T_world_camera: Pose, place: Array) -> Array:
-    """Left, top, right, bottom px of a person who stands at a position (3,) m."""
-    ray = place - T_world_camera.translation
-    side = np.cross([0.0, 0.0, 1.0], ray / max(float(np.linalg.norm(ray)), 1e-6)) * BODY[0] / 2
-    corners = T_world_camera.inverse().apply(np.array([place + s * side + [0.0, 0.0, h] for s in (-1, 1) for h in (0.0, BODY[1])]))
-    pixels, _ = camera.pixels_from_bearings(corners / np.linalg.norm(corners, axis=1, keepdims=True))
-    u = pixels[0, 0] + np.mod(pixels[:, 0] - pixels[0, 0] + camera.width / 2, camera.width) - camera.width / 2
-    return np.array([u.min(), pixels[:, 1].min(), u.max(), pixels[:, 1].max()])
 
 
 @dataclass(frozen=True)
@@ -327,5 +318,4 @@ class _Crop:
         a, b = (round(float(left)), round(float(top))), (round(float(right)), round(float(bottom)))
         cv2.rectangle(panel, a, b, colour, 2 if name or colour == WRONG else 1, cv2.LINE_AA)
         if name:
-            _write(panel, name, (a[0] + 3, a[1] - 4), 0.45, (0, 0, 0))
-            _write(panel, name, (a[0] + 2, a[1] - 5), 0.45, colour)
+            draw_text(panel, name, (a[0] + 2, a[1] - 5), 0.45, colour)

@@ -16,17 +16,13 @@ import matplotlib.patches
 import matplotlib.patheffects
 import numpy as np
 
+from sim.visualization.overlays import BODY, COLOURS, INK, body_corners, save_figure
 from tracker.geometry import Array, Image, Ints, Mask
-from tracker.io.atomic import new_file
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.calibration_check import CalibrationReport, CameraCheck
-from tracker.recordings.calibration_feet import CalibrationCase, Feet
+from tracker.recordings.calibration_feet import CalibrationCase
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#6a3d9a", "#8c510a")
-"""Of cameras, in turn: those of Okabe and Ito (2008) that are dark enough on white, and three more."""
-TRUTH, INK, SKY, FLOOR = "#1a1a1a", "#30343a", "#eef2f6", "#d9d7d0"
-BODY = (0.5, 1.75)
-"""m: width and height of the body that stands for a true person."""
+TRUTH, SKY, FLOOR = "#1a1a1a", "#eef2f6", "#d9d7d0"
 MOST_VIEWS = 12
 """Cameras whose images are drawn."""
 COLUMNS, ROWS = 72, 48
@@ -39,7 +35,6 @@ FARTHEST = 1.6
 """Cameras farther from the middle of the bounds than so many diagonals are left out of the plan."""
 MOST_FEET = 3000
 """Feet of a camera that are drawn."""
-DPI = 110
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,28 +50,23 @@ class Scene:
 
 def draw_calibration(recording: Recording, report: CalibrationReport, path: Path) -> None:
     """Write the picture as PNG. Raises ValueError where images cannot be read, OSError where the file cannot be written."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     scene = _scene(recording)
     shown = report.cameras[:MOST_VIEWS]
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 8 else 3
     rows = max(1, -(-len(shown) // columns))
     layout = matplotlib.layout_engine.ConstrainedLayoutEngine(rect=(0, 0.03, 1, 0.97))
     figure: Any = matplotlib.figure.Figure(figsize=(7.5 + 4.3 * columns, max(5.5, 2.75 * rows) + 0.9), layout=layout)
-    canvas = FigureCanvasAgg(figure)
     figure.suptitle(_title(report), fontsize=13, x=0.01, ha="left", color="#a01010" if report.findings else INK)
     figure.text(0.99, 0.005, _key(scene), ha="right", va="bottom", fontsize=9, color=INK)
     plan, views = figure.subfigures(1, 2, width_ratios=(7.5, 4.3 * columns))
     _plan(plan.add_subplot(), scene)
     for k, check in enumerate(shown):
         _view(views.add_subplot(rows, columns, k + 1), scene, check)
-    canvas.draw()
-    with new_file(path) as part:
-        figure.savefig(part, format="png", dpi=DPI, facecolor="white")
+    save_figure(path, figure)
 
 
 def _key(scene: Scene) -> str:
-    bodies = "; dashed: bodies of 1.75 m at true places" if scene.recording.truth else ""
+    bodies = f"; dashed: bodies of {BODY[1]} m at true places" if scene.recording.truth else ""
     return f"Views of frame {scene.frame + 1}: boxes and their feet{bodies}; ground grid of {_cell(scene.bounds):g} m; blue: horizon"
 
 
@@ -135,8 +125,8 @@ def _plan(axes: Any, scene: Scene) -> None:
         if len(outline):
             axes.add_patch(matplotlib.patches.Polygon(outline, facecolor=scene.colours[name], alpha=0.07, zorder=1))
             axes.add_patch(matplotlib.patches.Polygon(outline, fill=False, edgecolor=scene.colours[name], linewidth=0.9, alpha=0.8, zorder=2))
-        point = _some(case.sampled_feet(name)).point
-        axes.scatter(*point.T, s=5, color=scene.colours[name], alpha=0.45, linewidths=0, zorder=4)
+        point = case.sampled_feet(name).point
+        axes.scatter(*point[:: 1 + len(point) // MOST_FEET].T, s=5, color=scene.colours[name], alpha=0.45, linewidths=0, zorder=4)
     if case.truth is not None:
         paths = [case.truth.point[rows] for rows in _paths(case.truth.id, case.truth.frame)]
         axes.add_collection(matplotlib.collections.LineCollection(paths, colors=TRUTH, linewidths=0.6, alpha=0.5, zorder=3))
@@ -168,11 +158,6 @@ def _near_cameras(scene: Scene) -> tuple[dict[str, RecordingCamera], list[str]]:
     most = FARTHEST * float(np.linalg.norm(high - low))
     near = {name: camera for name, camera in scene.recording.fixed.items() if np.linalg.norm(camera.pose.translation[:2] - (low + high) / 2) < most}
     return near, [name for name in scene.recording.fixed if name not in near]
-
-
-def _some(feet: Feet) -> Feet:
-    rows = slice(None, None, 1 + len(feet.frame) // MOST_FEET)
-    return Feet(feet.frame[rows], feet.point[rows], feet.height[rows])
 
 
 def _paths(ids: Ints, frame: Ints) -> Iterable[Ints]:
@@ -231,8 +216,7 @@ def _view(axes: Any, scene: Scene, check: CameraCheck) -> None:
     light = image is None
     lines = _grid_lines(scene, camera)
     axes.add_collection(matplotlib.collections.LineCollection(lines, colors="#8f948c" if light else "#ffe14d", linewidths=0.5, alpha=0.8, zorder=2))
-    _, horizon = _horizon(camera)
-    axes.add_collection(matplotlib.collections.LineCollection(horizon, colors="#3b7dd8", linewidths=1.2, zorder=2))
+    axes.add_collection(matplotlib.collections.LineCollection(_horizon(camera), colors="#3b7dd8", linewidths=1.2, zorder=2))
     _bodies(axes, scene, camera, TRUTH if light else "#ffffff")
     boxes, _ = scene.recording.detections.get(name, {}).get(scene.frame, (np.zeros((0, 4)), None))
     for left, top, width, height in boxes.tolist():
@@ -296,12 +280,11 @@ def _grid_lines(scene: Scene, camera: RecordingCamera) -> list[Array]:
     return out
 
 
-def _horizon(camera: RecordingCamera) -> tuple[Array, list[Array]]:
-    """Pixels (n, 2) of the horizon in the image, and its parts as curves."""
+def _horizon(camera: RecordingCamera) -> list[Array]:
+    """The parts of the horizon in the image, as curves of pixels (n, 2)."""
     azimuth = np.linspace(-np.pi, np.pi, 1441)
     level = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)]) * 1e6 + camera.pose.translation
-    pixels, inside = _projected(camera, level)
-    return pixels[inside], _runs(pixels, inside, camera.camera.width)
+    return _runs(*_projected(camera, level), camera.camera.width)
 
 
 def _sky(axes: Any, camera: RecordingCamera) -> None:
@@ -317,9 +300,7 @@ def _bodies(axes: Any, scene: Scene, camera: RecordingCamera, colour: str) -> No
     if not scene.recording.truth or scene.frame not in scene.recording.truth:
         return
     for place in scene.recording.truth[scene.frame][1]:
-        sight = place - camera.pose.translation
-        side = np.cross([0.0, 0.0, 1.0], sight / max(float(np.linalg.norm(sight)), 1e-6)) * BODY[0] / 2
-        around = [place + sign * side + [0.0, 0.0, height] for sign, height in ((-1, 0.0), (1, 0.0), (1, BODY[1]), (-1, BODY[1]))]
+        around = body_corners(camera.pose, place)[[0, 2, 3, 1]]
         pixels, inside = _projected(camera, np.array([*around, place]))
         if inside[4] and np.isfinite(pixels).all() and np.ptp(pixels[:, 0]) < camera.camera.width / 2:
             axes.add_patch(matplotlib.patches.Polygon(pixels[:4], fill=False, edgecolor=colour, linewidth=1.0, linestyle=(0, (3, 2)), zorder=4))

@@ -1,4 +1,4 @@
-"""A page of a detector's error model: misses, edges, confidences, and boxes that belong to nobody, each with its interval."""
+"""Pictures of detectors: a page of an error model, with intervals, and the reliability and precision of scores."""
 
 from __future__ import annotations
 
@@ -11,30 +11,28 @@ import matplotlib.figure
 import matplotlib.layout_engine
 import numpy as np
 
+from sim.visualization.overlays import COLOURS, INK, save_figure
 from tracker.detector_models.comparison import miss_runs
 from tracker.detector_models.fit import edge_errors
 from tracker.detector_models.fitting import Fit, places_note
 from tracker.detector_models.model import EDGES, OVERLAPS
 from tracker.detector_models.samples import Samples
 from tracker.geometry import Array
-from tracker.io.atomic import new_file
+from tracker.metrics.box_detection import BINS, JudgedBoxes, reliability
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-"""Of Okabe and Ito (2008)."""
-REAL, MODEL, INK = "#1a1a1a", "#d55e00", "#30343a"
+REAL, MODEL, OTHER = "#1a1a1a", "#d55e00", "#999999"
 LONGEST = 8.0
 """s: the longest lag of an autocorrelation."""
-DPI = 110
 
 
 def draw_detector(found: Fit, path: Path) -> None:
-    """Write the page as PNG. Raises OSError where the file cannot be written."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    """Write the page of a model as PNG: misses, edges, confidences, and boxes that belong to nobody, each with its interval.
 
+    Raises OSError where the file cannot be written.
+    """
     model = found.model
     layout = matplotlib.layout_engine.ConstrainedLayoutEngine(rect=(0, 0.04, 1, 0.96))
     figure: Any = matplotlib.figure.Figure(figsize=(17, 12.5), layout=layout)
-    canvas = FigureCanvasAgg(figure)
     c, (share, low, high) = model.counts, model.figures["misses.share"]
     figure.suptitle(
         f"{model.name}: {c['found']} of {c['bodies']} bodies of {c['people']} people found, misses {share:.3f} [{low:.3f}, {high:.3f}]",
@@ -57,9 +55,7 @@ def draw_detector(found: Fit, path: Path) -> None:
     for axis in axes.flat:
         axis.title.set_size(10)
         axis.tick_params(labelsize=8)
-    canvas.draw()
-    with new_file(path) as part:
-        figure.savefig(part, format="png", dpi=DPI, facecolor="white")
+    save_figure(path, figure)
 
 
 def _note(found: Fit) -> str:
@@ -131,13 +127,18 @@ def _edge_curves(axis: Any, found: Fit) -> None:
     for samples, style in ((found.real, "-"), (found.simulated, ":")):
         error = edge_errors(samples.people, *filled)
         for k, edge in enumerate(EDGES):
-            value = np.sort(error[np.isfinite(error[:, k]), k])
-            if len(value):
-                axis.plot(value, np.linspace(0, 1, len(value)), style, color=COLOURS[k], lw=1.2, label=edge if style == "-" else None)
+            _distribution(axis, error[:, k], style, COLOURS[k], edge)
     axis.set_xlim(-0.4, 0.4)
     axis.set(title="Errors of edges; dotted: model", xlabel="heights of the body", ylabel="share of boxes below")
     axis.legend(fontsize=8)
     axis.grid(alpha=0.3)
+
+
+def _distribution(axis: Any, value: Array, style: str, colour: str, label: str) -> None:
+    """The cumulative distribution of the finite values. Dotted curves have no label."""
+    value = np.sort(value[np.isfinite(value)])
+    if len(value):
+        axis.plot(value, np.linspace(0, 1, len(value)), style, color=colour, lw=1.2, label=label if style == "-" else None)
 
 
 def _autocorrelations(axis: Any, found: Fit) -> None:
@@ -174,9 +175,7 @@ def _confidences(axis: Any, found: Fit) -> None:
             ("standing false", false.confidence[false.site >= 0], COLOURS[3]),
         )
         for label, value, colour in kinds:
-            value = np.sort(value[np.isfinite(value)])
-            if len(value):
-                axis.plot(value, np.linspace(0, 1, len(value)), style, color=colour, lw=1.2, label=f"{label}, {len(value)}" if style == "-" else None)
+            _distribution(axis, value, style, colour, f"{label}, {np.isfinite(value).sum()}")
     axis.set(title="Confidences; dotted: model", xlabel="confidence", ylabel="share of boxes below")
     axis.legend(fontsize=8)
     axis.grid(alpha=0.3)
@@ -212,7 +211,7 @@ def _standing(axis: Any, found: Fit) -> None:
         drawn += 1
     new = false.site < 0
     middle = (false.edges[new, :2] + false.edges[new, 2:]) / 2
-    axis.plot(*middle.T, ".", color="#999999", ms=2, zorder=0)
+    axis.plot(*middle.T, ".", color=OTHER, ms=2, zorder=0)
     if not axis.yaxis_inverted():
         axis.invert_yaxis()
     sites = found.model.figures["standing.sites"]
@@ -222,10 +221,35 @@ def _standing(axis: Any, found: Fit) -> None:
 
 def _distances(axis: Any, found: Fit) -> None:
     names = list(found.distances["this model"])
-    for (label, column), colour, shift in zip(found.distances.items(), (MODEL, "#999999"), (0.2, -0.2), strict=True):
+    for (label, column), colour, shift in zip(found.distances.items(), (MODEL, OTHER), (0.2, -0.2), strict=True):
         axis.barh(np.arange(len(names)) - shift, [column[name] for name in names], 0.38, color=colour, label=label)
     axis.set_yticks(range(len(names)), names)
     axis.invert_yaxis()
     axis.set_xlim(0, 1)
     axis.set(title="Distance of simulated boxes from real ones")
     axis.legend(fontsize=8)
+
+
+def draw_reliability(judged: JudgedBoxes, path: Path) -> None:
+    """Write the picture as PNG. judged: boxes at an IoU of 0.5. Raises OSError where the file cannot be written."""
+    figure: Any = matplotlib.figure.Figure(figsize=(10, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    found = reliability(judged)
+    if found is None:
+        left.text(0.5, 0.5, "scores are no probabilities", ha="center", va="center", transform=left.transAxes)
+    else:
+        middles = (np.arange(BINS) + 0.5) / BINS
+        left.plot([0, 1], [0, 1], color="0.6", linewidth=1)
+        left.bar(middles, found.boxes / max(found.boxes.max(), 1), 0.9 / BINS, color=OTHER, alpha=0.35, label="boxes, most common = 1")
+        left.plot(found.score, found.share, "o-", color=COLOURS[0], label="share of boxes that are bodies")
+        left.legend(loc="upper left")
+        left.set(title=f"reliability, expected calibration error {found.expected_error:.3f}")
+    left.set(xlabel="score", ylabel="share", xlim=(0, 1), ylim=(0, 1.02))
+    order = np.argsort(-judged.score, kind="stable")
+    hits = np.cumsum(judged.hit[order])
+    right.plot(hits / max(judged.bodies.sum(), 1), hits / np.arange(1, len(order) + 1), color=COLOURS[0])
+    title = f"average precision {judged.average_precision():.3f} at IoU 0.5"
+    right.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02), title=title)
+    for axis in (left, right):
+        axis.grid(alpha=0.25)
+    save_figure(path, figure)

@@ -1,4 +1,4 @@
-"""Overlays of boxes and ids on images, contact sheets, and PNG files."""
+"""What pictures share: colours, the box of a person in an image, text on images, contact sheets, and PNG files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ from tracker.sequence.results import Results
 from tracker.types import Mount, Sequence, Tick
 
 BODY = (0.55, 1.75)
-"""m: width and height of the box that stands for a person."""
+"""m: width and height of the body that stands for a person."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#6a3d9a", "#8c510a")
+"""Of cameras or other lists, in turn: those of Okabe and Ito (2008) that are dark enough on white, and three more."""
+INK = "#30343a"
+"""Of text in figures."""
+DPI = 110
+"""Pixels per inch of figures."""
 STANDING = 0.25
 """m: height above the terrain from which something is drawn as an object."""
 
@@ -29,6 +35,29 @@ def colour_of(identity: int) -> tuple[int, int, int]:
     return int(255 * rgb[0]), int(255 * rgb[1]), int(255 * rgb[2])
 
 
+def body_corners(T_world_camera: Pose, place: Array) -> Array:
+    """Corners (4, 3) m, world, of an upright body at a place (3,) m that faces the camera: left low, left high, right low, right high."""
+    sight = place - T_world_camera.translation
+    side = np.cross([0.0, 0.0, 1.0], sight / max(float(np.linalg.norm(sight)), 1e-6)) * BODY[0] / 2
+    return np.array([place + s * side + [0.0, 0.0, h] for s in (-1, 1) for h in (0.0, BODY[1])])
+
+
+def body_box(camera: Camera, T_world_camera: Pose, place: Array) -> Array | None:
+    """Left, top, right, bottom px of a person who stands at a place (3,) m, world. It may reach beyond the seam of an image that wraps.
+
+    None for people who are out of view of the camera, or partly behind it.
+    """
+    bearings = T_world_camera.inverse().apply(body_corners(T_world_camera, place))
+    pixels, inside = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
+    if not (inside.any() and np.isfinite(pixels).all()):
+        return None
+    # OpenCV draws with 32-bit numbers; a corner beside the camera may lie farther out.
+    u, v = np.clip(pixels, -16 * camera.width, 16 * camera.width).T
+    if camera.wraps:
+        u = u[0] + np.mod(u - u[0] + camera.width / 2, camera.width) - camera.width / 2
+    return np.array([u.min(), v.min(), u.max(), v.max()])
+
+
 def draw_boxes(image: Image, camera: Camera, T_world_camera: Pose, ids: Iterable[int], places: Array) -> Image:
     """Draw the id of every estimate and the box of a person at its place (n, 3) m, world. Boxes may cross the seam of an image that wraps.
 
@@ -37,21 +66,11 @@ def draw_boxes(image: Image, camera: Camera, T_world_camera: Pose, ids: Iterable
     out = np.ascontiguousarray(image)
     width, thick = camera.width, max(1, camera.width // 512)
     for identity, place in zip(ids, places, strict=True):
-        sight = place - T_world_camera.translation
-        side = np.cross([0.0, 0.0, 1.0], sight / max(float(np.linalg.norm(sight)), 1e-6)) * BODY[0] / 2
-        corners = np.array([place + s * side + [0.0, 0.0, h] for s in (-1, 1) for h in (0.0, BODY[1])])
-        bearings = T_world_camera.inverse().apply(corners)
-        pixels, inside = camera.pixels_from_bearings(bearings / np.linalg.norm(bearings, axis=1, keepdims=True))
-        if not (inside.any() and np.isfinite(pixels).all()):
+        box = body_box(camera, T_world_camera, place)
+        if box is None:
             continue
-        # OpenCV draws with 32-bit numbers; a corner beside the camera may lie farther out.
-        pixels = np.clip(pixels, -16 * width, 16 * width)
-        u = pixels[:, 0]
-        if camera.wraps:
-            u = u[0] + np.mod(u - u[0] + width / 2, width) - width / 2
-        low, high = np.array([u.min(), pixels[:, 1].min()]), np.array([u.max(), pixels[:, 1].max()])
         for shift in (-width, 0, width) if camera.wraps else (0,):
-            a, b = ((corner + np.array([shift, 0.0])).round().astype(int).tolist() for corner in (low, high))
+            a, b = (box + np.array([shift, 0.0, shift, 0.0])).round().astype(int).reshape(2, 2).tolist()
             if b[0] >= 0 and a[0] < width:
                 cv2.rectangle(out, a, b, colour_of(identity), thick, cv2.LINE_AA)
                 draw_text(out, str(identity), (a[0], a[1] - 4), 0.5 * camera.width / 1024, colour_of(identity))
@@ -99,3 +118,11 @@ def save_png(path: Path, image: Image) -> None:
         raise ValueError(f"{path}: this image cannot be written as PNG")
     with new_file(path) as part:
         part.write_bytes(data.tobytes())
+
+
+def save_figure(path: Path, figure: Any) -> None:
+    """Write a figure of matplotlib as PNG on white, atomically. Raises OSError where the file cannot be written."""
+    # The layout settles in the second of two passes.
+    figure.draw_without_rendering()
+    with new_file(path) as part:
+        figure.savefig(part, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})

@@ -12,10 +12,11 @@ from typing import Any
 
 import cv2
 import matplotlib
+import matplotlib.figure
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.visualization.overlays import STANDING, annotated, colour_of, draw_text
+from sim.visualization.overlays import STANDING, annotated, colour_of, draw_text, save_figure
 from tracker.geometry import Array, Image, Pose
 from tracker.geometry.ground import Grid
 from tracker.io.atomic import new_file
@@ -23,8 +24,6 @@ from tracker.io.video_files import check_frames
 from tracker.metrics.evaluation import dead_reckoning
 from tracker.sequence.results import Results
 from tracker.types import Sequence, Tick
-
-matplotlib.use("Agg")
 
 BAND = (28.0, -51.0)
 """Highest and lowest elevation of panoramas in the video, degrees."""
@@ -82,12 +81,11 @@ def _paths(results: Results, first: int, last: int) -> dict[int, Array]:
 
 def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
     """Write the plan view as a PNG: terrain, true paths of people in black, estimates in the colours of their ids, paths of robots."""
-    import matplotlib.pyplot as plt
-
     terrain_image = TerrainImage.of(sequence, (1600, 1600))
     h, w = terrain_image.image.shape[:2]
     x0, y0 = terrain_image.origin
-    figure, axes = plt.subplots(figsize=(11, 9), layout="constrained")
+    figure: Any = matplotlib.figure.Figure(figsize=(11, 9), layout="constrained")
+    axes = figure.subplots()
     axes.imshow(terrain_image.image, extent=(x0, x0 + w / terrain_image.scale, y0, y0 + h / terrain_image.scale))
     truth = sequence.truth or ()
     people: dict[int, list[Array]] = {}
@@ -111,9 +109,7 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
     axes.plot([], [], color="tab:blue", linewidth=2.2, label="people, estimated (a colour an id)")
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title, aspect="equal")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=4, frameon=False)
-    with new_file(path) as part:
-        figure.savefig(part, dpi=110)
-    plt.close(figure)
+    save_figure(path, figure)
 
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import matplotlib
 import numpy as np
+import trimesh
 
 from sim.visualization.overlays import STANDING, colour_of, draw_boxes
 from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation
@@ -141,9 +142,9 @@ class RerunScene:
         length, radius = BODY
         # Truth is drawn as wires, so that the estimate of the same person is visible inside.
         fill = self.rerun.components.FillMode.MajorWireframe if colour else self.rerun.components.FillMode.Solid
-        size = {"lengths": [length] * len(ids), "radii": [radius] * len(ids)}
         bodies = self.rerun.Capsules3D(
-            **size,
+            lengths=[length] * len(ids),
+            radii=[radius] * len(ids),
             fill_mode=fill,
             translations=feet + np.array([0.0, 0.0, radius]),
             colors=colours,
@@ -192,7 +193,7 @@ class RerunScene:
         self._log(path, self.rerun.LineStrips3D(strips, colors=[ROYAL] * len(strips), radii=0.01, labels=labels), static=name is not None)
 
     def _mesh(self, path: str, points: Array, triangles: Ints, colours: Any) -> None:
-        facing = normals(points, triangles)
+        facing = trimesh.Trimesh(points, triangles, process=False).vertex_normals
         # Shading is part of the colours, because the viewer's own light may leave slopes flat.
         shaded = (colours * (0.6 + 0.4 * np.clip(facing @ LIGHT_DIRECTION, 0, 1))[:, None]).astype(np.uint8)
         body = self.rerun.Mesh3D(vertex_positions=points, triangle_indices=triangles, vertex_normals=facing, vertex_colors=shaded)
@@ -236,17 +237,6 @@ def mesh(grid: Grid) -> tuple[Array, Ints, Array]:
     lower = np.column_stack([corner, corner + 1, corner + columns + 1])
     upper = np.column_stack([corner, corner + columns + 1, corner + columns])
     return points, np.vstack([lower, upper]), z.ravel()
-
-
-def normals(points: Array, triangles: Ints) -> Array:
-    """Unit normals (n, 3) at the points (n, 3) of a mesh: area-weighted means over adjacent triangles; upwards if there are none."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
-    total = np.zeros_like(points)
-    for k in range(3):
-        np.add.at(total, triangles[:, k], across)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(length > 0, total / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
 
 
 def ellipsoid(covariance: Array) -> tuple[Array, Array]:

@@ -10,9 +10,9 @@ import importlib
 import os
 import shutil
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from itertools import tee
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from tracker.io.file_lock import output_file_lock
 from tracker.io.progress import progress_bar
 from tracker.pipeline import track
 from tracker.sequence.results import Results, read_results
-from tracker.types import Estimate, Sequence, Tick
+from tracker.types import Estimate, Sequence
 
 RESERVE = 16 << 20
 """Bytes that must be free on the disk before a frame is written."""
@@ -61,15 +61,16 @@ def show(folder: Path, results: Path | None = None, tracked: bool = False, save:
         raise ValueError(f"{given}: these tracks were made from another source than {source}")
     stream = module.RecordingStream("pilsim")
     scene = RerunScene(module, stream, sequence)
+    frames = _tracked_now(sequence) if tracked else _with_results(sequence, read)
     if save is None:
         stream.spawn(default_blueprint=scene.blueprint())
-        _play(scene, sequence, read, tracked)
+        _play(scene, frames)
         return
     with output_file_lock(save):
-        _write(scene, sequence, save, (read, tracked))
+        _write(scene, frames, save)
 
 
-def _write(scene: RerunScene, sequence: Sequence, save: Path, what: tuple[Results | None, bool]) -> None:
+def _write(scene: RerunScene, frames: Iterator[SceneFrame], save: Path) -> None:
     def check_space() -> None:
         if shutil.disk_usage(Path(os.path.realpath(save)).parent).free < RESERVE:
             raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)} (less than {RESERVE >> 20} MiB are free)", str(save))
@@ -78,10 +79,10 @@ def _write(scene: RerunScene, sequence: Sequence, save: Path, what: tuple[Result
         # Rerun waits without end where the disk is full.
         check_space()
         scene.stream.save(part, default_blueprint=scene.blueprint())
-        _play(scene, sequence, *what, check_space)
+        _play(scene, frames, check_space)
         scene.stream.flush()
         scene.stream.disconnect()
-    print(f"{save}: {len(sequence.ticks)} frames, {save.stat().st_size / 1e6:.1f} MB; `rerun {save}` opens it")
+    print(f"{save}: {len(scene.sequence.ticks)} frames, {save.stat().st_size / 1e6:.1f} MB; `rerun {save}` opens it")
 
 
 def _with_images(source: Path, options: SourceOptions) -> SourceOptions:
@@ -98,11 +99,10 @@ def _sequence_and_tracks(folder: Path, results: Path | None) -> tuple[Path, Path
     return folder, results
 
 
-def _play(scene: RerunScene, sequence: Sequence, read: Results | None, tracked: bool, check: Callable[[], None] = lambda: None) -> None:
+def _play(scene: RerunScene, frames: Iterator[SceneFrame], check: Callable[[], None] = lambda: None) -> None:
     """Show all frames. check: is called before each."""
     scene.log_static()
-    frames = (SceneFrame(tick, None if read is None else read_frame(read, tick.index)) for tick in sequence.ticks)
-    for one in progress_bar(_estimated(sequence) if tracked else frames, total=len(sequence.ticks), desc="frames", unit="frame"):
+    for one in progress_bar(frames, total=len(scene.sequence.ticks), desc="frames", unit="frame"):
         check()
         scene.log_frame(one)
 
@@ -115,20 +115,15 @@ def read_frame(results: Results, k: int) -> Estimate:
     return replace(Estimate.of_robots(k, poses, spread, {}), target_id=ids, position=places, covariance=np.zeros((len(ids), 3, 3)))
 
 
-@dataclass
-class _TickBuffer:
-    """Ticks that the tracker has read but not yet estimated."""
-
-    ticks: deque[Tick] = field(default_factory=deque)
-
-    def recording_ticks(self, ticks: Iterator[Tick]) -> Iterator[Tick]:
-        for tick in ticks:
-            self.ticks.append(tick)
-            yield tick
+def _with_results(sequence: Sequence, read: Results | None) -> Iterator[SceneFrame]:
+    """Each tick with the estimate in the files of a run, where there are some."""
+    for tick in sequence.ticks:
+        yield SceneFrame(tick, None if read is None else read_frame(read, tick.index))
 
 
-def _estimated(sequence: Sequence) -> Iterator[SceneFrame]:
+def _tracked_now(sequence: Sequence) -> Iterator[SceneFrame]:
     """Run the tracker, and yield each tick with its estimate."""
-    buffer = _TickBuffer()
-    for estimate in track(sequence.setup, buffer.recording_ticks(iter(sequence.ticks))):
-        yield SceneFrame(buffer.ticks.popleft(), estimate)
+    # Estimates come later than their ticks, which are kept meanwhile.
+    read, shown = tee(sequence.ticks)
+    for estimate in track(sequence.setup, read):
+        yield SceneFrame(next(shown), estimate)
