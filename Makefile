@@ -11,24 +11,31 @@ GL_CHECK := $(BIN)/python -c 'import sys, sim.rendering.gl_context; sys.tracebac
 # Where Python may not keep bytecode, every start compiles all modules again: a fifth of a short command.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all bench lint gl system rl clean help
+# Tests by what they need, as pyproject.toml names them: none of these markers are the unit tests.
+NEEDS := command or render or data
+
+.PHONY: demo test integration soak bench lint gl system rl clean help
 
 help:
-	@echo "make demo      simulate, track, score and draw; pictures in runs/demo"
-	@echo "make test      the tests, under 10 minutes on 2 cores"
-	@echo "make test-all  what is too long for make test"
-	@echo "make rl        torch, stable-baselines3, onnx: without them tests of learning are skipped"
-	@echo "make bench     speed, beside other programs that do the same"
-	@echo "make lint      ruff and mypy"
+	@echo "make demo         simulate, track, score and draw; pictures in runs/demo"
+	@echo "make test         unit tests: no process, renderer or real data; under 5 minutes on 2 cores"
+	@echo "make integration  tests of commands, rendering and real data"
+	@echo "make soak         kills, mounts, clusters, long fuzz, statistics; SHARD=0/6 runs a sixth"
+	@echo "make rl           torch, stable-baselines3, onnx: without them tests of learning are skipped"
+	@echo "make bench        speed, beside other programs that do the same"
+	@echo "make lint         ruff and mypy"
 
 demo: .venv/installed gl
 	$(BIN)/pilsim demo
 
-test: .venv/installed-test system gl
-	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m "not slow"
+test: .venv/installed-test
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m "not ($(NEEDS) or soak)"
 
-test-all: .venv/installed-test system gl
-	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m slow
+integration: .venv/installed-test system gl
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m "($(NEEDS)) and not soak"
+
+soak: .venv/installed-test system gl
+	$(PYTEST) $(PYTEST_FLAGS) -n $(JOBS) -m soak $(if $(SHARD),--shard $(SHARD))
 
 # Peers of the benchmarks, without what they would drag in (jupedsim: PySide6 and VTK).
 bench: .venv/installed-test gl

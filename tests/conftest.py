@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 
@@ -28,16 +29,26 @@ def data() -> Callable[..., Path]:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    group = parser.getgroup("skips")
+    group = parser.getgroup("pilsim")
     group.addoption("--most-skips", type=int, metavar="N", help="fail where more than N tests are skipped")
+    group.addoption("--shard", metavar="K/N", help="run the K-th of N parts of the chosen tests, K from 0")
     group.addoption("--skip-log", type=Path, metavar="FILE", help="append the reason of every skipped test to FILE, one a line")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep the tests of one shard. It runs after the choice by markers."""
+    if shard := config.getoption("shard"):
+        number, count = (int(part) for part in shard.split("/"))
+        kept = [item for item in items if crc32(item.nodeid.encode()) % count == number]
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+        items[:] = kept
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
     """Tests with the fixture `data` read real recordings."""
-    for item in items:
-        if isinstance(item, pytest.Function) and "data" in item.fixturenames:
-            item.add_marker(pytest.mark.data)
+    if isinstance(item, pytest.Function) and "data" in item.fixturenames:
+        item.add_marker(pytest.mark.data)
 
 
 def skip_reasons(config: pytest.Config) -> list[str]:
