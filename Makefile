@@ -6,6 +6,9 @@ PYTEST_FLAGS ?=
 JOBS ?= 2
 # For tests that train policies and the person detector. PyPI has a build for x86-64 Linux with CUDA alone, of several GB: pip's settings or TORCH can name a smaller one.
 TORCH ?= torch==2.13.0
+# The versions with which the tests ran; CONSTRAINTS= installs the newest.
+CONSTRAINTS ?= -c .ci/constraints.txt
+PIP := $(BIN)/pip install -q --disable-pip-version-check
 GL_CHECK := $(BIN)/python -c 'import sys, sim.rendering.gl_context; sys.tracebacklimit = 0; sim.rendering.gl_context.choose_gl()'
 
 # Where Python may not keep bytecode, every start compiles all modules again: a fifth of a short command.
@@ -14,7 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Tests by what they need, as pyproject.toml names them: none of these markers are the unit tests.
 NEEDS := command or render or data
 
-.PHONY: demo test integration soak bench lint gl system rl clean help
+.PHONY: demo test integration soak bench lint gl system rl constraints clean help
 
 help:
 	@echo "make demo         simulate, track, score and draw; pictures in runs/demo"
@@ -39,8 +42,8 @@ soak: .venv/installed-test system gl
 
 # Peers of the benchmarks, without what they would drag in (jupedsim: PySide6 and VTK).
 bench: .venv/installed-test gl
-	$(BIN)/pip install -q --disable-pip-version-check --no-deps jupedsim pysocialforce py360convert shapely deprecated wrapt toml
-	$(BIN)/pip install -q --disable-pip-version-check networkx ortools imageio gtsam
+	$(PIP) --no-deps jupedsim pysocialforce py360convert shapely deprecated wrapt toml
+	$(PIP) networkx ortools imageio gtsam
 	$(BIN)/python -m tests.benchmarks
 
 lint: .venv/installed-test
@@ -56,21 +59,21 @@ lint: .venv/installed-test
 		else echo "this Python has no venv: install python3-venv (sudo apt-get install python3-venv)"; exit 1; fi; }
 
 .venv/installed: pyproject.toml | .venv/bin/python
-	$(BIN)/pip install -q --disable-pip-version-check -e .
+	$(PIP) $(CONSTRAINTS) -e .
 	@touch $@
 
 # motmetrics and trackeval are oracles for our scores (they need pandas and xmltodict); without --no-deps they drag a second OpenCV in.
 .venv/installed-test: .venv/installed pyproject.toml
-	$(BIN)/pip install -q --disable-pip-version-check -e '.[test]'
-	$(BIN)/pip install -q --disable-pip-version-check --no-deps motmetrics trackeval
+	$(PIP) $(CONSTRAINTS) -e '.[test]'
+	$(PIP) $(CONSTRAINTS) --no-deps motmetrics trackeval
 	@touch $@
 
 rl: .venv/installed-rl
 
 # torch first: else stable-baselines3 would take the newest.
 .venv/installed-rl: .venv/installed-test
-	$(BIN)/pip install -q --disable-pip-version-check $(TORCH)
-	$(BIN)/pip install -q --disable-pip-version-check -e '.[rl,train]'
+	$(PIP) $(TORCH)
+	$(PIP) $(CONSTRAINTS) -e '.[rl,train]'
 	@touch $@
 
 # EGL, OSMesa and Chromium: installed by root, named to others.
@@ -83,6 +86,11 @@ gl: .venv/installed
 			apt-get update -q && { apt-get install -q -y libegl1 libgl1-mesa-dri || apt-get install -q -y libosmesa6; }; \
 		fi; }
 	@$(GL_CHECK)
+
+# After a run of all tests with the newest versions (make CONSTRAINTS= …): keep those.
+constraints: .venv/installed-rl
+	{ head -1 .ci/constraints.txt; $(BIN)/pip freeze --exclude-editable | grep -v -i '^torch'; } > .ci/constraints.new
+	mv .ci/constraints.new .ci/constraints.txt
 
 clean:
 	rm -rf .venv build runs *.egg-info .mypy_cache .ruff_cache .pytest_cache
