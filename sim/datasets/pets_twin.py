@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from sim.crowd.replay import Paths
+from sim.datasets.presets import within
 from sim.pedestrian.skeleton import ADULTS
-from sim.recording.record import Recording, check_absent, write_recording
+from sim.recording.record import Recording
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import INDEPENDENT, Scenario
 from sim.simulation.simulation import Simulation
@@ -32,7 +32,6 @@ from tracker.io.resume import checksum
 from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes
 from worlds import catalogue
-from worlds.terrain.free_space import FreeSpace
 from worlds.world import World
 
 WORLD = "campus"
@@ -72,18 +71,23 @@ class AnnotatedWalkers:
     stature: Array
 
 
-def generate(twin: Twin, folder: Path, world: World | None = None, progress: Any = None) -> None:
-    """Write the twin as a Sequence into the new folder `folder`. The cameras are robots that never move.
+def annotations_of(folder: Path) -> Path:
+    """The annotation file of a PETS 2009 folder. Raises ValueError where there is none.
 
-    world: replaces `campus` at difficulty 0. progress: wraps the iteration over frames. Raises ValueError, in one line, for missing or invalid
-    files, for an unknown view, and for paths outside the free space of the world.
+    The complete annotations, whose people also walk outside the evaluated area, are preferred.
     """
-    check_absent(folder)
-    write_recording(recording_of(twin, world), folder, progress)
+    files = sorted((folder / "annotations").glob("*.xml"))
+    whole = [file for file in files if "cropped" not in file.name] or files
+    if not whole:
+        raise ValueError(f"{folder / 'annotations'}: no *.xml, the truth which a twin needs")
+    return whole[0]
 
 
 def recording_of(twin: Twin, world: World | None = None) -> Recording:
-    """The twin at its first frame. Raises ValueError as `generate` does."""
+    """The twin at its first frame. The cameras are robots that never move. world: replaces `campus` at difficulty 0.
+
+    Raises ValueError, in one line, for missing or invalid files, for an unknown view, and for paths outside the free space of the world.
+    """
     fixed = {f"View_{number:03d}": _fixed(twin.calibration, number) for number in twin.views}
     annotated = _fixed(twin.calibration, ANNOTATED)
     annotations = annotated_frames(twin)
@@ -159,16 +163,9 @@ def box_top_heights(boxes: Array, feet: Array, camera: Camera, T_world_camera: P
 
 def confine_rovers(world: World, position: Array) -> World:
     """The world with the free space of rovers restricted to the area around the paths position (m, frames, 2) m."""
-    wheels, there = world.wheels, position[np.isfinite(position).all(axis=-1)]
-    rows, columns = wheels.free.shape
-    x, y = (wheels.origin[k] + wheels.spacing * np.arange(n) for k, n in ((0, columns), (1, rows)))
+    there = position[np.isfinite(position).all(axis=-1)]
     low, high = there.min(axis=0) - ROVER_MARGIN, there.max(axis=0) + ROVER_MARGIN
-    free = wheels.free & ((y >= low[1]) & (y <= high[1]))[:, None] & ((x >= low[0]) & (x <= high[0]))
-    regions, count = ndimage.label(free)
-    if not count:
-        raise ValueError(f"no ground within {ROVER_MARGIN} m of the paths is free for wheels in {world.name}")
-    largest = regions == 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
-    return dataclasses.replace(world, wheels=FreeSpace(largest, wheels.origin, wheels.spacing))
+    return dataclasses.replace(world, wheels=within(world.wheels, low, high, world.name))
 
 
 def _provenance(twin: Twin, scenario: Scenario) -> dict[str, Any]:

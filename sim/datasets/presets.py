@@ -143,14 +143,14 @@ def confine(world: World, ground: tuple[float, float] | None, rng: np.random.Gen
     i, j = np.nonzero(world.feet.free)
     centre = np.array(PETS_CENTRE) if world.name == "campus" else world.feet.origin + world.feet.spacing * np.array([j.mean(), i.mean()])
     low, high = centre - np.array(ground) / 2, centre + np.array(ground) / 2
-    feet, wheels = (_within(space, low, high, world.name) for space in (world.feet, world.wheels))
+    feet, wheels = (within(space, low, high, world.name) for space in (world.feet, world.wheels))
     if feet.area == world.feet.area:
         return dataclasses.replace(world, wheels=wheels)
     return dataclasses.replace(world, feet=feet, wheels=wheels, spawn=spawn_areas(feet, rng, len(world.spawn)))
 
 
-def _within(space: FreeSpace, low: Array, high: Array, name: str) -> FreeSpace:
-    """The largest connected part of free space in a box."""
+def within(space: FreeSpace, low: Array, high: Array, name: str) -> FreeSpace:
+    """The largest connected part of the free space of the world `name` from low (2,) to high (2,) m. Raises ValueError where nothing is free."""
     rows, columns = space.free.shape
     x, y = (space.origin[k] + space.spacing * np.arange(n) for k, n in ((0, columns), (1, rows)))
     free: Mask = space.free & ((y >= low[1]) & (y <= high[1]))[:, None] & ((x >= low[0]) & (x <= high[0]))

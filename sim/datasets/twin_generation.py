@@ -12,21 +12,34 @@ from typing import Any
 import numpy as np
 
 from sim.datasets import pets_twin
-from sim.datasets.pets_twin import Twin, box_overlaps
-from sim.datasets.pets_twin_picture import side_by_side as pets_side_by_side
+from sim.datasets.pets_twin import Twin, annotations_of, box_overlaps
 from sim.datasets.recorded_twin import RecordedTwin, TrueMotion, recording_of, true_motion
-from sim.datasets.recorded_twin_picture import side_by_side
-from sim.datasets.twin_without_images import write_without_images
+from sim.datasets.twin_picture import draw_pets_twin, draw_recorded_twin
 from sim.parallel.pool import Pool, usable_cores
 from sim.recording.drawing_workers import drawing_workers
-from sim.recording.record import Recording, check_absent, drawing_processes, write_recording
+from sim.recording.raycast_run import run_raycast
+from sim.recording.record import Recording as RecordingToWrite
+from sim.recording.record import check_absent, drawing_processes, write_recording
+from sim.recording.tracker_setup import make_setup
 from tracker.datasets.opening import format_of
 from tracker.datasets.pets2009 import PETS_AREA, calibration_of
-from tracker.geometry import Array
+from tracker.detections.boxes import boxes_of_detections
+from tracker.geometry import Array, Ints
+from tracker.io.atomic import new_folder, write_text
 from tracker.io.file_lock import folder_lock
+from tracker.io.json_files import json_text
 from tracker.io.progress import progress_bar
+from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings.folder import write_recording as write_folder
 
 PETS = "pets2009"
+README = """# A twin without images, by pilsim
+
+    recording.json          rate [1/s], area [m], ground [terrain.npz], height [m], frames, and the cameras (OpenCV, x_camera = R x_world + t [m])
+    detections/CAMERA.txt   MOT15, frames from 1: frame, -1, left, top, width, height [px], confidence, -1, -1, -1
+    truth.txt               MOT15, frames from 1: frame, id, -1, -1, -1, -1, visible share, x, y, z [m, the ground under the body]
+    scenario.json           how it was made: the scenario, and the source under `twin`
+"""
 
 
 @dataclass(frozen=True)
@@ -68,7 +81,7 @@ def _generate(order: TwinOrder, workers: int, out: Path) -> Iterator[str]:
     motion = true_motion(twin)
     _write(recording_of(twin, motion), order.render, motion.area, workers, out)
     yield from _described(out, order.render)
-    if order.render and side_by_side(motion, out) is not None:
+    if order.render and draw_recorded_twin(motion, out) is not None:
         yield f"{out / 'twin.png'} shows a frame beside the source's"
     yield _extent(motion)
 
@@ -77,12 +90,7 @@ def _pets(order: TwinOrder) -> Twin:
     """The twin of PETS 2009 that is wanted. Raises ValueError for numbers of views that are none, and for a source without annotations."""
     annotations, calibration, source = order.annotations, order.calibration, order.source
     if source is not None:
-        files = sorted((source / "annotations").glob("*.xml"))
-        # The complete annotations, whose people also walk outside the evaluated area, are preferred, as in `pilsim stress --pets`.
-        whole = [file for file in files if "cropped" not in file.name] or files
-        if not whole:
-            raise ValueError(f"{source / 'annotations'}: no *.xml, the truth which a twin needs")
-        annotations, calibration = whole[0], calibration_of(source)
+        annotations, calibration = annotations_of(source), calibration_of(source)
     assert annotations is not None
     assert calibration is not None
     numbers = [text.strip().lower().removeprefix("view_") for text in (order.views or "1").split(",") if text.strip()]
@@ -100,19 +108,57 @@ def _generate_pets(order: TwinOrder, twin: Twin, workers: int, out: Path) -> Ite
     _write(pets_twin.recording_of(twin), order.render, np.array(PETS_AREA), workers, out)
     yield from _described(out, order.render)
     if order.render and pets_twin.ANNOTATED in twin.views:
-        pets_side_by_side(twin, out)
+        draw_pets_twin(twin, out)
         alike = sorted(box_overlaps(twin, out).tolist())
         median = alike[len(alike) // 2]
         yield f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {median:.3f} (twin.png shows a frame)"
 
 
-def _write(made: Recording, render: bool, area: Array | None, workers: int, out: Path) -> None:
-    progress = partial(progress_bar, desc="frames", unit="frame")
-    if render:
-        with drawing_workers(drawing_processes(made.scenario, made.form, workers)) as drawing:
-            write_recording(dataclasses.replace(made, workers=drawing), out, progress)
-    else:
-        write_without_images(made, out, area, progress)
+def _write(made: RecordingToWrite, render: bool, area: Array | None, workers: int, out: Path) -> None:
+    if not render:
+        _write_without_images(made, out, area)
+        return
+    with drawing_workers(drawing_processes(made.scenario, made.form, workers)) as drawing:
+        write_recording(dataclasses.replace(made, workers=drawing), out, partial(progress_bar, desc="frames", unit="frame"))
+
+
+def _write_without_images(made: RecordingToWrite, folder: Path, area: Array | None) -> None:
+    """Write the twin as a recording: its boxes, by ray casting, and its truth. It has fixed cameras only, since the SLAM of rovers needs images.
+
+    area (2, 2): lowest and highest x, y, m, in which people are reported, or None.
+    """
+    setup = make_setup(made.scenario, made.simulation, made.fixed)
+    frames = run_raycast(made.scenario, made.simulation, setup)
+    detections: dict[str, dict[int, tuple[Array, Array]]] = {name: {} for name in setup.mounts}
+    truth: dict[int, tuple[Ints, Array]] = {}
+    visible: dict[int, Array] = {}
+    for frame in progress_bar(frames, total=made.scenario.frames, desc="frames", unit="frame"):
+        index = frame.tick.index
+        truth[index], visible[index] = (frame.truth.person_id, frame.truth.feet), frame.truth.visible.max(axis=1, initial=0.0)
+        for view in frame.tick.views:
+            camera = setup.mounts[view.camera].camera
+            if len(view.detections):
+                corner = np.array([camera.pixel_centre - 0.5] * 2 + [0.0, 0.0])
+                boxes = boxes_of_detections(camera, view.detections) + corner
+                detections[view.camera][index] = boxes, view.detections.confidence
+    cameras = {name: RecordingCamera(one.camera, one.T_world_camera) for name, one in made.fixed.items()}
+    found: dict[str, FrameBoxes] = dict(detections)
+    recording = Recording(
+        made.scenario.rate,
+        cameras,
+        found,
+        truth,
+        frames=made.scenario.frames,
+        area=area,
+        ground=setup.ground,
+        height=setup.height,
+        occluders=setup.occluders,
+        visible=visible,
+    )
+    with new_folder(folder) as unfinished:
+        write_folder(unfinished, recording)
+        write_text(unfinished / "scenario.json", json_text(made.provenance, indent=1) + "\n")
+        write_text(unfinished / "README.md", README)
 
 
 def _described(out: Path, render: bool) -> Iterator[str]:

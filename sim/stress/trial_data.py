@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from sim.datasets.fixed_cameras import corner_cameras
-from sim.datasets.pets_twin import Twin, recording_of
+from sim.datasets.pets_twin import Twin, annotations_of, recording_of
 from sim.datasets.presets import PRESETS
 from sim.policies.driven_simulation import PolicySimulation
 from sim.recording.calibration_error import is_off, told_setup
@@ -21,7 +21,7 @@ from sim.recording.tracker_setup import make_setup
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
 from tracker.datasets.opening import open_recording, open_sequence
-from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS
+from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS, calibration_of
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import Array, Ints, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
@@ -155,15 +155,18 @@ def _read_recording(case: Case) -> TrialData:
 
 def _twin_recording(case: Case) -> Recording:
     """The twin of the sequence, as the same cameras see it."""
-    folder = Path(case.folder)
-    calibration = next((p for p in (folder / "calibration", folder.parent / "calibration") if p.is_dir()), folder / "calibration")
-    files = sorted((folder / "annotations").glob("*.xml"))
-    whole = [file for file in files if "cropped" not in file.name] or files
-    if not whole:
-        raise ValueError(f"{folder / 'annotations'}: no *.xml")
-    scenario = case.scenario
-    twin = Twin(whole[0], calibration, PETS_VIEWS, robots=1, width=scenario.width, seed=scenario.seed, detector_model=scenario.detector_model)
-    return recording_of(twin)
+    folder, scenario = Path(case.folder), case.scenario
+    return recording_of(
+        Twin(
+            annotations_of(folder),
+            calibration_of(folder) or folder / "calibration",
+            PETS_VIEWS,
+            robots=1,
+            width=scenario.width,
+            seed=scenario.seed,
+            detector_model=scenario.detector_model,
+        )
+    )
 
 
 def match_persons(detections: Detections, camera: Camera, boxes: Boxes) -> Ints:

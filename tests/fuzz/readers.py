@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from sim.datasets.pets_twin_picture import _frame_of
 from sim.datasets.presets import preset_of, read_settings
 from sim.policies.training import Curve
 from sim.report.pictures import Album
@@ -140,7 +139,7 @@ def _image(file: Path) -> object:
 
 def _video(folder: Path) -> object:
     file = folder / "video" / "View_001.mp4"
-    return list(VideoFile(file).images(3, (4 * samples.SIZE[0], 4 * samples.SIZE[1]))), _frame_of(file, 1)
+    return list(VideoFile(file).images(3, (4 * samples.SIZE[0], 4 * samples.SIZE[1])))
 
 
 TABLES = (

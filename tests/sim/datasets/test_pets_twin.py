@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.datasets import pets_twin
-from sim.datasets.pets_twin import Twin, box_overlaps, confine_rovers, generate, walkers_of
-from sim.datasets.pets_twin_picture import side_by_side
+from sim.datasets.pets_twin import Twin, box_overlaps, confine_rovers, recording_of, walkers_of
+from sim.datasets.twin_picture import draw_pets_twin
+from sim.recording.record import write_recording
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
 from tracker.formats.pets2009 import read_annotations, read_camera
@@ -73,7 +73,7 @@ def test_rovers_are_confined_to_the_area_of_the_paths() -> None:
 
 
 def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> None:
-    generate(replace(pets, frames=6), tmp_path / "twin", world=plaza())
+    write_recording(recording_of(replace(pets, frames=6), plaza()), tmp_path / "twin")
     sequence = read_sequence(tmp_path / "twin")
     assert list(sequence.setup.mounts) == ["robot_0_camera", "View_001"]
     assert isinstance(sequence.setup.mounts["robot_0_camera"].camera, Panorama)
@@ -98,11 +98,11 @@ def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> N
 
 def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path], tmp_path: Path) -> None:
     pets = Twin(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1.xml"), data("pets2009", "calibration"), frames=10, robots=1, width=128)
-    generate(pets, tmp_path / "twin", world=plaza())
+    write_recording(recording_of(pets, plaza()), tmp_path / "twin")
     overlaps = box_overlaps(pets, tmp_path / "twin")
     assert len(overlaps) == 30
     assert np.median(overlaps) >= 0.6
-    path = side_by_side(pets, tmp_path / "twin")
+    path = draw_pets_twin(pets, tmp_path / "twin")
     assert path == tmp_path / "twin" / "twin.png"
     picture = cv2.imread(str(path))
     # The picture has the real frame, too, where the video is installed.
@@ -115,7 +115,7 @@ def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path]
 @pytest.mark.parametrize(("name", "frames"), [("S2.L1/annotations/PETS2009-S2L1.xml", 40), ("S1.L1/annotations/PETS2009-S1L1-1.xml", 20)])
 def test_boxes_overlap_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
     pets = Twin(data("pets2009", *name.split("/")), data("pets2009", "calibration"), (1, 5, 7), frames, robots=1, width=256)
-    generate(pets, tmp_path / "twin")
+    write_recording(recording_of(pets), tmp_path / "twin")
     assert np.median(box_overlaps(pets, tmp_path / "twin")) >= 0.6
 
 
@@ -135,15 +135,12 @@ def test_invalid_twins_are_refused(pets: Twin, tmp_path: Path, change: dict[str,
     text = pets.annotations.read_text().replace("</object>", "</thing>" if new == "thing id" else "</object>")
     pets.annotations.write_text(text.replace(old, new) if old else text)
     with pytest.raises(ValueError, match=message):
-        generate(replace(pets, **change), tmp_path / "twin", world=plaza())
-    assert not (tmp_path / "twin").exists()
+        recording_of(replace(pets, **change), plaza())
 
 
 def test_the_annotated_view_is_needed_for_the_comparison(pets: Twin, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="need 1: the annotations are of View_001"):
         box_overlaps(replace(pets, views=(5,)), tmp_path)
-    assert side_by_side(replace(pets, views=(5,)), tmp_path) is None
-    assert pets_twin.WORLD == "campus"
 
 
 @pytest.mark.parametrize(
