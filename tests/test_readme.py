@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from sim.cli.main import COMMANDS, Command
+from sim.cli.main import COMMANDS, OLD_NAMES, command_of, today
 from tests.benchmarks.__main__ import NAMES
 
 ROOT = Path(__file__).parent.parent
@@ -168,7 +168,7 @@ def _parsed(words: list[str]) -> None:
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(errors):
-            tyro.cli(Command, prog="pilsim", args=words)
+            tyro.cli(command_of(words[0]), prog="pilsim", args=today(words)[1:])
     except SystemExit:
         pytest.fail(f"pilsim {' '.join(words)}: {errors.getvalue()}")
 
@@ -178,8 +178,8 @@ def _flags(command: str) -> set[str]:
     """All options that the help of a command names."""
     shown = io.StringIO()
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(shown):
-        tyro.cli(COMMANDS[command], prog="pilsim", args=["--help"])
-    return set(re.findall(r"--[a-z][a-z-]*", shown.getvalue()))
+        tyro.cli(command_of(command), prog="pilsim", args=["--help"])
+    return set(re.findall(r"--[a-z][a-z-]*", shown.getvalue())) | set(OLD_NAMES.get(command, ()))
 
 
 def _check_other(words: list[str]) -> None:

@@ -72,8 +72,8 @@ class Generate:
               pilsim generate s2l2 --frames 100 --range --video --out D
               pilsim generate pilsun --config mine.toml --cluster tcp://10.0.0.1:8786 --count 500 --out /shared/D
               pilsim generate pilsun --rate 10 --imu bmi088@200 --wheels 50 --clock offset=±0.02,jitter=0.001 --out D
-              pilsim generate twin my-cameras --views C1,C3 --frames 100 --out runs/twin
-              pilsim generate twin --annotations S2.L1/annotations/PETS2009-S2L1.xml --calibration calibration --views 1,5,7 --out runs/twin
+              pilsim generate twin my-cameras --cameras C1,C3 --frames 100 --out runs/twin
+              pilsim generate twin --annotations S2.L1/annotations/PETS2009-S2L1.xml --calibration calibration --cameras 1,5,7 --out runs/twin
     """
 
     preset: Positional[Literal["pilsun", "s2l1", "s2l2", "s2l3", "room", "room-rovers", "square", "twin"]]
@@ -98,8 +98,10 @@ class Generate:
     """Number of people, in all."""
     width: Whole = None
     """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
-    views: Annotated[str | None, unset("N|NAME,...", "the preset's; all of a twin; 1 of a PETS twin")] = None
-    """Number of fixed cameras; for a twin the names or numbers of its cameras, as in 1,5,7."""
+    fixed_cameras: Whole = None
+    """Number of fixed cameras."""
+    cameras: Annotated[str | None, unset("NAME,...", "all; 1 of a twin by --annotations")] = None
+    """Names or numbers of the cameras of a twin, as in 1,5,7."""
     render: bool = True
     """Render images. A twin with --no-render has boxes by ray casting and no rovers; it is written as a recording."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
@@ -108,7 +110,7 @@ class Generate:
     """These options choose what is written beside JPEG images and tables."""
     twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
     """The two sources of a twin of PETS 2009, in place of SOURCE."""
-    cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
+    models: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
     """These options change the cameras."""
     sensors: Annotated[OmitArgPrefixes[SensorSettings], arg(name="robot sensors")] = SensorSettings()
     """These options add tables of the robots' own sensors: imu.csv, wheels.csv, stamps.csv."""
@@ -145,17 +147,17 @@ class Generate:
 
     def _given(self) -> dict[str, Any]:
         """Name → value of the options of a scenario on the command line."""
-        return given(self, _COMMON) | camera_given(self.cameras) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
+        return given(self, _COMMON) | camera_given(self.models) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
 
     def _preset(self) -> Preset:
         """The preset with the settings of the file, overridden by those of the command line."""
         from sim.datasets.presets import preset_of, read_settings
 
         changes = self._given()
-        if self.views is not None:
-            if not self.views.isdecimal():
-                raise ValueError(f"--views is {self.views!r}, needs a number of cameras")
-            changes["views"] = int(self.views)
+        if self.cameras is not None:
+            raise ValueError(f"--cameras names cameras of a twin, and {self.preset} is none; --fixed-cameras is a number")
+        if self.fixed_cameras is not None:
+            changes["views"] = self.fixed_cameras
         if self.config is None:
             return preset_of(self.preset, changes)
         settings = read_settings(self.config)
@@ -175,9 +177,9 @@ class Generate:
         own = {"frames", "robots", "width", "seed", "detector_model", "difficulty"}
         changes = self._given()
         plain = self.count == 1 and not (self.cluster or self.config) and self.files == ImageFiles()
-        if set(changes) - own or not plain:
+        if set(changes) - own or self.fixed_cameras is not None or not plain:
             named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(own | {"workers", "render"}))
-            raise ValueError(f"a twin takes --views and {named}; the source sets the rest")
-        order = TwinOrder(self.source, self.twin.annotations, self.twin.calibration, self.views, changes, self.render, self.workers)
+            raise ValueError(f"a twin takes --cameras and {named}; the source sets the rest")
+        order = TwinOrder(self.source, self.twin.annotations, self.twin.calibration, self.cameras, changes, self.render, self.workers)
         for line in generate_twin(order, self.out):
             print(line)

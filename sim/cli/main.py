@@ -2,95 +2,94 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
+import ctypes
 import difflib
+import importlib
 import importlib.metadata
 import io
 import os
 import re
 import shutil
+import signal
 import sys
 import textwrap
+import threading
 from collections.abc import Iterator
-from typing import Annotated, Any, get_type_hints
+from typing import Any, NoReturn, get_type_hints
 
 import tyro
-from tyro.conf import Positional, subcommand
+from tyro.conf import Positional
 
-from pilsim import leave
-from sim.cli.check import Check
-from sim.cli.clique import Clique
-from sim.cli.compare import Compare
-from sim.cli.demo import Demo
-from sim.cli.detect import Detect
-from sim.cli.doctor import Doctor
-from sim.cli.export import Export
-from sim.cli.fit_detector import FitDetector
-from sim.cli.generate import Generate
-from sim.cli.info import Info
-from sim.cli.place import Place
-from sim.cli.predict import Predict
-from sim.cli.report import Report
-from sim.cli.score import Score
-from sim.cli.score_detections import ScoreDetections
-from sim.cli.streams import guard_streams
-from sim.cli.stress import Stress
-from sim.cli.study import Study
-from sim.cli.track import Track
-from sim.cli.train_detector import TrainDetector
-from sim.cli.view import View
-from sim.cli.worlds import Worlds
+from pilsim import CODE
 from sim.rendering.gl_context import GLUnavailable
 
-Command = (
-    Annotated[Demo, subcommand("demo")]
-    | Annotated[Doctor, subcommand("doctor")]
-    | Annotated[Generate, subcommand("generate")]
-    | Annotated[Worlds, subcommand("worlds")]
-    | Annotated[Check, subcommand("check")]
-    | Annotated[Info, subcommand("info")]
-    | Annotated[Export, subcommand("export")]
-    | Annotated[View, subcommand("view")]
-    | Annotated[Detect, subcommand("detect")]
-    | Annotated[Track, subcommand("track")]
-    | Annotated[Score, subcommand("score")]
-    | Annotated[ScoreDetections, subcommand("score-detections")]
-    | Annotated[Clique, subcommand("clique")]
-    | Annotated[FitDetector, subcommand("fit-detector")]
-    | Annotated[TrainDetector, subcommand("train-detector")]
-    | Annotated[Predict, subcommand("predict")]
-    | Annotated[Stress, subcommand("stress")]
-    | Annotated[Report, subcommand("report")]
-    | Annotated[Compare, subcommand("compare")]
-    | Annotated[Place, subcommand("place")]
-    | Annotated[Study, subcommand("study")]
-)
-
-
-def name_of(command: type) -> str:
-    """The name of a command on the command line: FitDetector is fit-detector."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "-", command.__name__).lower()
-
-
-GROUPS: dict[str, tuple[type, ...]] = {
-    "Start": (Demo, Doctor),
-    "Data": (Generate, Worlds, Check, Info, Export, View),
-    "Tracking": (Detect, Track, Score, ScoreDetections, Clique),
-    "Experiments": (FitDetector, TrainDetector, Predict, Stress, Report, Compare, Place, Study),
+GROUPS: dict[str, tuple[str, ...]] = {
+    "Start": ("demo", "doctor"),
+    "Data": ("generate", "worlds", "check", "info", "export", "view"),
+    "Tracking": ("detect", "track", "score", "score-detections", "clique"),
+    "Experiments": ("fit-detector", "train-detector", "predict", "stress", "report", "compare", "place", "study"),
 }
 """The commands as the overview shows them."""
-COMMANDS = {name_of(command): command for group in GROUPS.values() for command in group}
+COMMANDS = tuple(name for names in GROUPS.values() for name in names)
+OLD_NAMES: dict[str, dict[str, str]] = {
+    "generate": {"--views": "--fixed-cameras"},
+    **dict.fromkeys(("check", "track", "fit-detector", "predict"), {"--views": "--cameras"}),
+    "stress": {"--ladder": "--ablation", "--no-ladder": "--no-ablation"},
+}
+"""Command → old name of an option → its name of today. Old names go on working; the help does not show them."""
 WIDEST = 120
 """Largest width of the help of a command, columns."""
 WRONG_TYPE = re.compile(r"Error parsing (\S+): no type matching \{None\}\|(\S+) could be instantiated from \[(.*?)\]\. .*")
 """What tyro says of a word that is not of the type of its option."""
 NEAR = 0.7
 """Least similarity, from 0 to 1 (difflib), of a word to the name that an error message suggests for it."""
+MOMENT = 0.02
+"""Time after which Ctrl-C comes again where it was lost, s."""
+
+
+class _Stream(io.FileIO):
+    """A standard stream whose failure does not end the work: further output is dropped, and the first error of the system is kept.
+
+    A broken pipe of standard output is raised, since nobody reads what the command prints.
+    """
+
+    failure: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write bytes, as FileIO does."""
+        try:
+            return len(memoryview(data)) if self.failure else super().write(data)
+        except OSError as error:
+            if isinstance(error, BrokenPipeError) and self.fileno() == 1:
+                raise
+            self.failure = error
+            return len(memoryview(data))
+
+
+def _guard_streams() -> None:
+    """Make the standard streams safe, but for those that a test captures.
+
+    A closed stream becomes the null device, so that no file of ours takes its number. Characters that a stream lacks are replaced.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        stream = getattr(sys, name)
+        if stream is getattr(sys, f"__{name}__"):
+            raw = _Stream(number, "w", closefd=False)
+            encoding = "utf-8" if stream is None else stream.encoding
+            setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(raw), encoding, "replace", line_buffering=number == 2 or raw.isatty()))
 
 
 def main() -> None:
     """Run the command line. The exit code is 0, 2 with one line for bad input, or 130 when interrupted."""
-    output = guard_streams()
+    _guard_streams()
+    sys.unraisablehook = _unraisable
     try:
         words = sys.argv[1:]
         if words == ["--version"]:
@@ -99,27 +98,54 @@ def main() -> None:
             print(overview())
         elif command := _parse(words):
             command.run()
-        output.flush()
-        if output.failure is not None:
-            raise OSError(output.failure.errno, output.failure.strerror, "standard output")
+        sys.stdout.flush()
+        failure = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+        if isinstance(failure, _Stream) and failure.failure is not None:
+            raise OSError(failure.failure.errno, failure.failure.strerror, "standard output")
     except BrokenPipeError:
         # The reader of the pipe has ended (`pilsim … | head`), so that a message would reach nobody.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except KeyboardInterrupt:
-        leave("interrupted: complete results are kept, the same command continues from there")
+        _interrupted()
+    except ImportError as error:
+        # Some packages turn Ctrl-C during their import into an ImportError.
+        if not isinstance(error.__context__, KeyboardInterrupt):
+            raise
+        _interrupted()
     except (ValueError, OSError, GLUnavailable) as error:
         print(f"error: {_message(error)}", file=sys.stderr)
         sys.exit(2)
 
 
+def _interrupted() -> NoReturn:
+    """End the process after Ctrl-C. Another Ctrl-C is ignored from here on."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Where a compiled module saw the signal first, CPython would end by the signal, and not with this code, unless something else is run by it.
+    ctypes.pythonapi.PyRun_SimpleString(b"")
+    print("interrupted: complete results are kept, the same command continues from there", file=sys.stderr)
+    sys.exit(CODE)
+
+
+def _unraisable(found: sys.UnraisableHookArgs) -> None:
+    """Ctrl-C in a place that cannot raise, as a callback of a compiler, comes again a moment later."""
+    if found.exc_type is KeyboardInterrupt:
+        threading.Timer(MOMENT, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(found)
+
+
+def command_of(name: str) -> type:
+    """The class of a command: FitDetector in fit_detector.py for fit-detector."""
+    found: type = getattr(importlib.import_module(f"sim.cli.{name.replace('-', '_')}"), name.title().replace("-", ""))
+    return found
+
+
 def overview() -> str:
     """The help of `pilsim` itself: a line for each command, in groups, at most 80 columns wide."""
     lines = ["usage: pilsim COMMAND [OPTIONS]", "", "Simulate people and panoramic robots in irregular worlds, track them, score.", ""]
-    for title, commands in GROUPS.items():
-        lines.append(f"{title}:")
-        lines += [f"  {name_of(command):9} {(command.__doc__ or '').splitlines()[0]}" for command in commands]
-        lines.append("")
+    for title, names in GROUPS.items():
+        lines += [f"{title}:", *(f"  {name:9} {(command_of(name).__doc__ or '').splitlines()[0]}" for name in names), ""]
     return "\n".join([*lines, "`pilsim COMMAND --help` shows options and examples; see also `pilsim --version`."])
 
 
@@ -130,32 +156,20 @@ def _message(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _parse(words: list[str]) -> Command | None:
+def _parse(words: list[str]) -> Any:
     """The command of the command line; None where its help was asked for and is printed. Raises ValueError, in one line, for a wrong word."""
     _check_names(words)
     errors, output = io.StringIO(), _Output()
+    # In a wide terminal, tyro would put expert options beside the common ones.
+    os.environ["COLUMNS"] = str(width := min(WIDEST, shutil.get_terminal_size().columns))
     try:
-        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output), _at_most(WIDEST):
-            return tyro.cli(Command, prog="pilsim", args=words)
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output):
+            return tyro.cli(command_of(words[0]), prog=f"pilsim {words[0]}", args=today(words)[1:])
     except SystemExit as exit_:
         if exit_.code == 2:
             raise ValueError(f"{_first_part(errors.getvalue())}; see pilsim {words[0]} --help") from None
-        print("\n".join(_wrapped(output.getvalue())))
+        print("\n".join(_wrapped(output.getvalue(), max(40, width))))
         return None
-
-
-@contextlib.contextmanager
-def _at_most(columns: int) -> Iterator[None]:
-    """Limit the apparent width of the terminal. In a wide one, tyro puts expert options beside the common ones."""
-    before = os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = str(min(columns, shutil.get_terminal_size().columns))
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["COLUMNS"]
-        else:
-            os.environ["COLUMNS"] = before
 
 
 class _Output(io.StringIO):
@@ -169,13 +183,18 @@ class _Output(io.StringIO):
         return sys.__stdout__ is not None and sys.__stdout__.isatty()
 
 
-def _wrapped(text: str) -> Iterator[str]:
-    """The lines of the help of a command. Paragraphs, which tyro joins to one line each, are wrapped to the terminal."""
-    width = max(40, min(WIDEST, shutil.get_terminal_size().columns))
+def _wrapped(text: str, width: int) -> Iterator[str]:
+    """The lines of the help of a command. Paragraphs, which tyro joins to one line each, are wrapped to the width, columns."""
     for line in text.rstrip("\n").split("\n"):
         # Boxes fit the terminal already. Examples are indented, and stay on one line for copying.
         prose = line and not line.startswith((" ", "│", "╭", "╰", "Example"))
         yield from textwrap.wrap(line, width, break_long_words=False, break_on_hyphens=False) if prose else [line]
+
+
+def today(words: list[str]) -> list[str]:
+    """A command line with today's names of options. `generate --views` was a number, and names for a twin."""
+    old = OLD_NAMES.get(words[0], {}) | ({"--views": "--cameras"} if words[:2] == ["generate", "twin"] else {})
+    return ["".join((old.get(name, name), *value)) for name, *value in (word.partition("=") for word in words)]
 
 
 def _check_names(words: list[str]) -> None:
@@ -185,29 +204,26 @@ def _check_names(words: list[str]) -> None:
     if words[0].startswith("-"):
         raise ValueError(f"{words[0]} stands before the command; see pilsim --help")
     if words[0] not in COMMANDS:
-        near = _near(words[0], list(COMMANDS))
+        near = _near(words[0], COMMANDS)
         raise ValueError(f'pilsim has no command "{words[0]}"{f"; did you mean {near}?" if near else ";"} see pilsim --help')
-    if {"-h", "--help"} & set(words):
-        return
-    known = [*_flags(COMMANDS[words[0]]), "--help"]
-    given = [word.partition("=")[0] for word in words[1:] if word.startswith("--") and len(word) > 2]
+    known = [*_flags(command_of(words[0])), "--help"]
+    given = [word.partition("=")[0] for word in today(words)[1:] if word.startswith("--") and len(word) > 2]
     unknown = list(dict.fromkeys(flag for flag in given if flag.replace("_", "-") not in known))
-    if unknown:
+    if unknown and not {"-h", "--help"} & set(words):
         faults = ", ".join(_unknown(flag, known) for flag in unknown)
         raise ValueError(f"{words[0]} has no option {faults}; see pilsim {words[0]} --help")
 
 
 def _unknown(flag: str, known: list[str]) -> str:
     """An unknown option of a command, with the nearest known one, or with the commands that have it."""
-    owners = ", ".join(name for name, other in COMMANDS.items() if flag in _flags(other))
     # Without the dashes, which every option has in common.
-    near = _near(flag.lstrip("-").replace("_", "-"), [name.lstrip("-") for name in known])
-    if near:
+    if near := _near(flag.lstrip("-").replace("_", "-"), [name.lstrip("-") for name in known]):
         return f'"{flag}" (did you mean --{near}?)'
+    owners = ", ".join(name for name in COMMANDS if flag in _flags(command_of(name)))
     return f'"{flag}" (which is an option of {owners})' if owners else f'"{flag}"'
 
 
-def _near(word: str, names: list[str]) -> str:
+def _near(word: str, names: tuple[str, ...] | list[str]) -> str:
     """The name nearest to a word, or "" where none is near."""
     return next(iter(difflib.get_close_matches(word.lower(), names, 1, NEAR)), "")
 

@@ -76,7 +76,7 @@ class Stress:
 
     Examples: pilsim stress --sweep density --seeds 5 --no-render --workers 2 --out runs/density
               pilsim stress --sweep placement --seeds 5 --no-render --out runs/placement
-              pilsim stress --sweep density filter --ladder --workers 2 --out runs/two
+              pilsim stress --sweep density filter --ablation --workers 2 --out runs/two
               pilsim stress --sweep robots/2 --slam ekf --correction off --seeds 20 --no-render --out runs/ekf
               pilsim stress --pets data/pets2009/S2.L1 --out runs/pets
               pilsim stress --recording my-cameras --seeds 3 --out runs/mine
@@ -109,8 +109,8 @@ class Stress:
     """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     render: bool = True
     """Render panoramas and detect features in them. --no-render makes boxes and landmarks by ray casting, many times faster."""
-    ladder: bool = False
-    """Ablation: run each case with stages replaced by the truth, in all 16 combinations, and attribute the loss to the stages."""
+    ablation: bool = False
+    """Run each case with stages replaced by the truth, in all 16 combinations, and attribute the loss to the stages."""
     pets: Annotated[Path | None, unset("DIR", "none")] = None
     """A PETS 2009 sequence (as for `pilsim track`) to run with its twin, or alone where no sweep is named."""
     recording: Annotated[Path | None, unset("DIR", "none")] = None
@@ -229,7 +229,7 @@ class Stress:
                     command = self._command(replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1))
                     model = "" if self.model is None else str(self.model.resolve())
                     pixels = self.detector == "pixels"
-                    made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ladder, command, pixels, model))
+                    made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ablation, command, pixels, model))
         return made
 
     def _show(self) -> None:

@@ -21,8 +21,6 @@ class SourceChoice:
 
     cameras: Annotated[str, unset("NAME,...", "all")] = ""
     """Cameras to use, as C1,C3. The number at the end of a name is enough: 1,5 are View_001 and View_005."""
-    views: Annotated[str, unset("N,...", "all")] = ""
-    """The older name of --cameras."""
     frames: Annotated[str, unset("A:B", "all")] = ""
     """Frames to use, counted from 0, without B: 0:100 are the first hundred."""
     detections: tyro.conf.UseAppendAction[
@@ -37,12 +35,10 @@ class SourceChoice:
     """Seed of --degrade and --project."""
 
     def options(self, images: bool, pixels: bool = False) -> SourceOptions:
-        """How the source is read. images: whether images are read, too. Raises ValueError as SourceOptions.parse, and for both names of cameras."""
+        """How the source is read. images: whether images are read, too. Raises ValueError as SourceOptions.parse."""
         from tracker.datasets.source_options import SourceOptions
 
-        if self.cameras and self.views:
-            raise ValueError("--cameras and --views are two names of one option, needs one of them")
-        return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras or self.views, self.frames, images, self.project, pixels)
+        return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras, self.frames, images, self.project, pixels)
 
 
 @dataclass(frozen=True)

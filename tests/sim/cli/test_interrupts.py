@@ -84,7 +84,7 @@ def test_clique(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_generate_by_two_workers(tmp_path: Path) -> None:
-    words = ("generate", "pilsun", "--frames", "40", "--count", "2", "--workers", "2", *BUSY, "--views", "0", "--out", str(tmp_path / "d"))
+    words = ("generate", "pilsun", "--frames", "40", "--count", "2", "--workers", "2", *BUSY, "--fixed-cameras", "0", "--out", str(tmp_path / "d"))
     check(Interrupted(exists(tmp_path, "d/.*/images/robot_0_camera/*", 8), *words))
 
 

@@ -47,7 +47,7 @@ def test_clique_of_a_graph_without_edges(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_sequence_without_people(tmp_path: Path) -> None:
     folder = tmp_path / "d"
-    command = ["generate", "pilsun", "--frames", "2", "--people", "0", "--robots", "1", "--width", "64", "--views", "0", "--out", str(folder)]
+    command = ["generate", "pilsun", "--frames", "2", "--people", "0", "--robots", "1", "--width", "64", "--fixed-cameras", "0", "--out", str(folder)]
     done = subprocess.run([sys.executable, "-m", "pilsim", *command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     printed("info", str(folder))

@@ -24,7 +24,7 @@ from tracker.io.file_lock import file_lock
 from tracker.sequence.dataset import sequences
 
 PILSIM = Path(sys.executable).parent / "pilsim"
-SMALL = ["--frames", "3", "--width", "128", "--robots", "1", "--people", "2", "--views", "4", "--count", "2"]
+SMALL = ["--frames", "3", "--width", "128", "--robots", "1", "--people", "2", "--fixed-cameras", "4", "--count", "2"]
 
 
 def pilsim(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
@@ -120,29 +120,29 @@ def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
     [
         (["pilsun", "--frames", "0"], "frames is 0, needs a whole number in [1, "),
         (["pilsun", "--count", "0"], "count is 0, needs 1 to 100000"),
-        (["pilsun", "--robots", "0", "--views", "0"], "robots and views are 0, needs one of them above 0"),
+        (["pilsun", "--robots", "0", "--fixed-cameras", "0"], "robots and views are 0, needs one of them above 0"),
         (["pilsun", "--workers", "0"], "workers is 0, needs 1 to 1024"),
-        (["pilsun", "--views", "a"], "--views is 'a', needs a number of cameras"),
-        (["pilsun", "--views", "99"], "views is 99, needs a whole number in [0, 32]"),
+        (["pilsun", "--cameras", "C1"], "--cameras names cameras of a twin, and pilsun is none"),
+        (["pilsun", "--fixed-cameras", "99"], "views is 99, needs a whole number in [0, 32]"),
         (["pilsun", "--config", "none.toml"], "none.toml: no such file"),
         (["pilsun", "--config", "/"], "/: is a folder, needs a file"),
         (["pilsun", "--world", "mars"], "world is 'mars', needs one of campus, forest, "),
-        (["twin", "--annotations", "a", "--calibration", "b", "--no-mesh"], "a twin takes --views and --detector-model, --difficulty, --frames"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--no-mesh"], "a twin takes --cameras and --detector-model, --difficulty, --frames"),
         (["pilsun", "--imu", "mpu"], "imu is 'mpu', needs NAME or NAME@HZ with a name of adis16448, bmi088, icm20948, ideal"),
         (["pilsun", "--imu", "bmi088@50"], "imu is 50 Hz, needs 100 to 400 Hz"),
         (["pilsun", "--imu", "bmi088@200"], "imu is 200 Hz, needs a whole number of physics steps: 198 Hz"),
         (["pilsun", "--wheels", "50"], "wheels is 50 Hz, needs a whole number of physics steps: 198, 99, 66, 49.5, "),
         (["pilsun", "--clock", "jitter=-0.001"], "clock has jitter '-0.001', needs a number in [0, 1] s"),
         (["pilsun", "--clock", "robot_9:offset=1"], "clock names 'robot_9', needs a robot or a camera"),
-        (["pilsun", "--views", "2", "--clock", "View_003:offset=1"], "clock names 'View_003', but the fixed cameras are View_001, View_002"),
-        (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --views and --detector-model, --difficulty, --frames"),
+        (["pilsun", "--fixed-cameras", "2", "--clock", "View_003:offset=1"], "clock names 'View_003', but the fixed cameras are View_001, View_002"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--imu", "ideal"], "a twin takes --cameras and --detector-model, --difficulty, --frames"),
         (["pilsun", "--annotations", "a.xml"], "--annotations and --calibration are for a twin"),
         (["pilsun", "a"], "a: the preset pilsun has no source; pilsim generate twin a makes its twin"),
         (["pilsun", "--no-render"], "--no-render is for a twin, and pilsun is none"),
         (["twin", "nowhere"], "nowhere: no such folder"),
         (["twin", "nowhere", "--annotations", "a", "--calibration", "b"], "a twin needs SOURCE, or --annotations"),
         (["twin"], "a twin needs SOURCE, or --annotations FILE and --calibration DIR"),
-        (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --views and --detector-model, --difficulty, --frames"),
+        (["twin", "--annotations", "a", "--calibration", "b", "--people", "3"], "a twin takes --cameras and --detector-model, --difficulty, --frames"),
     ],
 )
 def test_invalid_arguments_are_refused(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_killed_at_random_moments_and_resumed(tmp_path: Path) -> None:
     """In a run of two workers; afterwards the bytes are those of an undisturbed run. The benchmark `interruption` has more moments."""
-    arguments = ["generate", "pilsun", *SMALL, "--views", "1", "--count", "3", "--workers", "2", "--out"]
+    arguments = ["generate", "pilsun", *SMALL, "--fixed-cameras", "1", "--count", "3", "--workers", "2", "--out"]
     begun = time.monotonic()
     assert pilsim(*arguments, tmp_path / "undisturbed").returncode == 0
     length, expected = time.monotonic() - begun, sums(tmp_path / "undisturbed")

@@ -124,7 +124,7 @@ def children(parent: int) -> list[int]:
 @pytest.mark.slow
 def test_killed_at_random_moments(tmp_path: Path) -> None:
     """The command is killed some times in one sequence, then completes it with the same bytes; no process is left."""
-    words = ["generate", "pilsun", "--frames", "20", "--width", "256", "--robots", "1", "--people", "3", "--views", "0", "--workers"]
+    words = ["generate", "pilsun", "--frames", "20", "--width", "256", "--robots", "1", "--people", "3", "--fixed-cameras", "0", "--workers"]
     command = [sys.executable, "-m", "pilsim", *words]
     assert subprocess.run([*command, "1", "--out", tmp_path / "whole"], capture_output=True, check=False).returncode == 0
     chance, folder = random.Random(38), tmp_path / "killed"
