@@ -35,7 +35,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 OLD_NAMES: dict[str, dict[str, str]] = {
     "generate": {"--views": "--fixed-cameras"},
-    **dict.fromkeys(("check", "track", "fit-detector", "predict"), {"--views": "--cameras"}),
+    **{name: {"--views": "--cameras"} for name in ("check", "track", "fit-detector", "predict")},
     "stress": {"--ladder": "--ablation", "--no-ladder": "--no-ablation"},
 }
 """Command → old name of an option → its name of today. Old names go on working; the help does not show them."""
