@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from sim.cli.main import _parse
+from tests.commands import pilsim
 from tests.sim.cli.test_surroundings import BOXES, CAMERA
 from tests.tracker.formats.mrclam import write_set
 from tracker.planar_slam.utias_run import track_utias
@@ -88,7 +89,7 @@ def test_every_case_has_its_tests(case: str) -> None:
         assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, name
 
 
-def pilsim(*words: object, options: tuple[str, ...] = (), memory: int = 0) -> subprocess.CompletedProcess[str]:
+def limited(*words: object, options: tuple[str, ...] = (), memory: int = 0) -> subprocess.CompletedProcess[str]:
     """Run a command. options: of the interpreter. memory: limit of the address space, KiB."""
     limit = f"ulimit -v {memory}; " if memory else ""
     command = [sys.executable, *options, "-m", "pilsim", *map(str, words)]
@@ -101,7 +102,7 @@ def append(path: Path, text: str) -> None:
     path.write_text(path.read_text() + text)
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_one_late_row_takes_no_memory(tmp_path: Path) -> None:
     """The last row of each odometry is 23 years late, on a grid of 0.02 s. The gap is left out with a line."""
     source = write_set(tmp_path / "set", 10.0)
@@ -109,14 +110,14 @@ def test_one_late_row_takes_no_memory(tmp_path: Path) -> None:
         append(source / f"Robot{n}_Odometry.dat", "726724000.0 0.0 0.0\n")
     append(source / "Robot1_Measurement.dat", "726724000.0 72 1.0 0.0\n")
     append(source / "Robot2_Groundtruth.dat", "726724000.0 1 1 0\n")
-    done = pilsim("track", source, "--map", "known", "--out", tmp_path / "out", memory=4_000_000)
+    done = limited("track", source, "--map", "known", "--out", tmp_path / "out", memory=4_000_000)
     assert done.returncode == 0, done.stderr
     assert "no robot has odometry from 1059.900 to 726724000.000 s: this gap of 726722940 s is left out" in done.stdout
     assert "2 robots at 2996 times" in done.stdout
     assert (tmp_path / "out" / "robots.csv").stat().st_size < 2_000_000
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_rows_a_little_out_of_order_are_sorted(tmp_path: Path) -> None:
     """Two rows are exchanged, which are 0.1 s apart, and one stands twice. The results are those of the set in order."""
     clean, mixed = write_set(tmp_path / "clean", 10.0), write_set(tmp_path / "mixed", 10.0)
@@ -133,7 +134,7 @@ def test_rows_a_little_out_of_order_are_sorted(tmp_path: Path) -> None:
     assert (tmp_path / "clean-out" / "robots.csv").read_bytes() == (tmp_path / "mixed-out" / "robots.csv").read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_a_bad_number_in_results_is_named(tmp_path: Path) -> None:
     source = write_set(tmp_path / "set", 10.0)
     track_utias(source, tmp_path / "out", False)
@@ -174,11 +175,12 @@ def test_few_people_are_explained(tmp_path: Path, boxes: str, why: str, capsys: 
     assert [line.startswith(why) for line in more] == [True] * bool(why)
 
 
+@pytest.mark.command
 def test_no_warning_of_a_library(tmp_path: Path) -> None:
     """A robot that measured nothing. All warnings are errors."""
     source = write_set(tmp_path / "set", 10.0)
     (source / "Robot1_Measurement.dat").write_text("")
-    done = pilsim("track", source, "--out", tmp_path / "out", options=("-W", "error"))
+    done = limited("track", source, "--out", tmp_path / "out", options=("-W", "error"))
     assert (done.returncode, done.stderr) == (0, "")
-    done = pilsim("score", source, tmp_path / "out", options=("-W", "error"))
+    done = limited("score", source, tmp_path / "out", options=("-W", "error"))
     assert (done.returncode, done.stderr) == (0, "")

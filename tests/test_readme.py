@@ -121,7 +121,8 @@ def test_there_is_something_to_test() -> None:
     assert len(READ) >= 10
 
 
-@pytest.mark.slow
+@pytest.mark.command
+@pytest.mark.render
 @pytest.mark.parametrize("block", RUN, ids=str)
 def test_commands_run(block: Block, tmp_path: Path, data: Callable[..., Path]) -> None:
     environment = dict(os.environ, PATH=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
@@ -131,6 +132,8 @@ def test_commands_run(block: Block, tmp_path: Path, data: Callable[..., Path]) -
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.command
+@pytest.mark.render
 @pytest.mark.parametrize("block", _blocks("python"), ids=str)
 def test_python_runs(block: Block, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
