@@ -128,7 +128,7 @@ class Stress:
         from functools import partial
 
         from sim.stress.runner import Workers, run_trials
-        from sim.stress.saturation import SATURATED, saturated
+        from sim.stress.sweeps import SATURATED, saturated
         from tracker.io.progress import progress_bar
         from worlds.catalogue import check_name
 

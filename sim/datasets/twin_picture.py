@@ -26,8 +26,8 @@ def draw_pets_twin(twin: Twin, folder: Path) -> Path:
     """Write `twin.png` into the folder of a twin with View_001, and return its path.
 
     The left image is the twin's. True boxes of whole bodies are thick and annotated boxes thin, in the colour of each person.
-    The right image is the same frame of the real View_001 with the annotated boxes; it is left out where the video is missing, which is
-    S2.L1/video/View_001.mp4 for S2.L1/annotations/*.xml. The frame is the one with the most people.
+    The right image is the same frame of the real View_001 with the annotated boxes; it is left out where the video is missing.
+    For S2.L1/annotations/*.xml the video is S2.L1/video/View_001.mp4. The frame is the one with the most people.
     """
     annotations = annotated_frames(twin)
     frame = max(annotations, key=lambda k: (len(annotations[k][0]), -k))

@@ -25,8 +25,8 @@ class Outcome:
     causes: dict[str, dict[str, int]]
 
 
-def outcome(recording: Recording, tracker: TrackerUnderTest, run: tuple[str, int]) -> Outcome:
-    """Track a recording with truth and score it as `pilsim score` does. run: name and seed, by which tracks made elsewhere are found."""
+def outcome(recording: Recording, tracker: TrackerUnderTest, run: str) -> Outcome:
+    """Track a recording with truth and score it as `pilsim score` does. run: NAME/SEED, by which tracks made elsewhere are found."""
     sequence = recording.sequence()
     assert sequence.truth is not None
     ticks = list(sequence.ticks)[: len(sequence.truth)]

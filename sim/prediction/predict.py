@@ -151,5 +151,5 @@ def _models(choice: str, halves: Halves, path: Path) -> Models:
 def _outcome(source: Source, models: Models | str, tracker: TrackerUnderTest, seed: int) -> Outcome:
     """One run, perhaps in another process."""
     if isinstance(models, str):
-        return outcome(source.recording, tracker, (models, seed))
-    return outcome(twin(source, models, seed), tracker, (INDEPENDENT if models is None else "twin", seed))
+        return outcome(source.recording, tracker, f"{models}/{seed}")
+    return outcome(twin(source, models, seed), tracker, f"{INDEPENDENT if models is None else 'twin'}/{seed}")

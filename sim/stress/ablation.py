@@ -24,8 +24,6 @@ from tracker.detections.ground_points import GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
 from tracker.geometry import Array, Ints, Pose
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import evaluated_people
-from tracker.metrics.matching import MatchingFrame
 from tracker.mht.tracker import MhtTracker
 from tracker.options import parameters_from
 from tracker.pipeline import Parameters, track
@@ -79,10 +77,7 @@ def shapley(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _scores(data: TrialData, results: Results) -> dict[str, float]:
-    nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    counts = evaluated_people(data.truth, data.setup.period)
-    frames = [MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=c) for t, c in zip(data.truth, counts, strict=True)]
-    value = score(frames)
+    value = score(data.matching_frames(results))
     # Without a match there is no distance; the largest distance of a match stands for it.
     return {"mota": float(np.nan_to_num(value.mota, nan=1.0)), "metres": float(np.nan_to_num(value.motp_m, nan=1.0))}
 

@@ -5,7 +5,8 @@ Matches are those of the score itself (tracker/metrics/matching.py), so that the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from sim.stress.trial_data import TrialData
 from tracker.detections.ground_points import FusionParameters, project_to_ground
 from tracker.geometry import Array, Ints, Pose
-from tracker.metrics.evaluation import VISIBLE_FRACTION, evaluated_people
+from tracker.metrics.evaluation import VISIBLE_FRACTION
 from tracker.metrics.matching import Comparison, Matches, MatchingFrame, compare, match_frames, planar_distance, without_ignored
 from tracker.sequence.results import Results
 from tracker.types import Tick, View
@@ -81,9 +82,7 @@ class TrialEvidence:
 
 def gather_evidence(data: TrialData, results: Results) -> TrialEvidence:
     """Collect truth, detections and tracks of each frame."""
-    nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    counts = evaluated_people(data.truth, data.setup.period)
-    frames = [MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=c) for t, c in zip(data.truth, counts, strict=True)]
+    frames = data.matching_frames(results)
     scored, matches = match_tracks(frames)
     truths, tracks = _ids([f.truth_id for f in frames]), _ids([f.estimate_id for f in frames])
     out = []
@@ -193,7 +192,7 @@ def find_mistakes(evidence: TrialEvidence) -> list[Mistake]:
             out.append(_mistake(now, "false positive", cause, (None, track), places[track]))
         for person, track in sorted(now.match.items()):
             if person in last and last[person][0] != track:
-                cause = _why_switched(evidence.frames[last[person][1] : k + 1], person, (last[person][0], owner.get(track)))
+                cause = _why_switched(evidence.frames[last[person][1] : k + 1], person, last[person][0], owner.get(track))
                 out.append(_mistake(now, "switch", cause, (person, track), feet[person]))
         for person, track in now.match.items():
             owner[track], last[person] = (person, k), (track, k)
@@ -234,12 +233,12 @@ def _why_false(now: FrameEvidence, place: Array, owner: tuple[int, int] | None, 
     return "clutter"
 
 
-def _why_switched(since: tuple[FrameEvidence, ...], person: int, before: tuple[int, tuple[int, int] | None]) -> str:
-    """since: the frames from the last match of the person until now.
+def _why_switched(since: tuple[FrameEvidence, ...], person: int, old: int, owner: tuple[int, int] | None) -> str:
+    """since: the frames from the last match of the person until now. old: the track of that match.
 
-    before: the track of that match, and person and frame of the last match of the new track.
+    owner: person and frame of the last match of the new track.
     """
-    now, (old, owner) = since[-1], before
+    now = since[-1]
     if (owner is not None and owner[0] != person) or old in now.match.values():
         return "wrong association"
     if now.shift.get(person, 0.0) > POSE_ERROR:
@@ -255,6 +254,6 @@ def _why_switched(since: tuple[FrameEvidence, ...], person: int, before: tuple[i
 
 def count_causes(found: Sequence[Mistake]) -> dict[str, dict[str, int]]:
     """Kind → cause → count; causes that do not occur count 0."""
+    counts = Counter((m.kind, m.cause) for m in found)
     kinds = {"misses": "miss", "false positives": "false positive", "switches": "switch"}
-    is_of: Callable[[str, str], int] = lambda kind, cause: sum(m.kind == kind and m.cause == cause for m in found)  # noqa: E731
-    return {name: {cause: is_of(kinds[name], cause) for cause in causes} for name, causes in CAUSES.items()}
+    return {name: {cause: counts[kinds[name], cause] for cause in causes} for name, causes in CAUSES.items()}

@@ -6,8 +6,9 @@ A case is a Scenario, faults, and options of the tracker. A case and a seed give
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -128,6 +129,8 @@ DETECTOR_SWEEPS = ("misses", "clutter", "box_noise", "detectors", "lasting")
 """Sweeps of the independent detector, and of detector models; another detector model has errors of its own."""
 FAULT_SWEEPS = ("dropout", "slip", "skew", "terrain", "kidnapped")
 TRACKER_SWEEPS = ("filter", "hypotheses", "moves")
+SATURATED = 0.98
+"""A sweep whose MOTA and IDF1 are all above this tells nothing of where a tracker breaks."""
 
 
 @dataclass(frozen=True)
@@ -185,12 +188,17 @@ def cases(names: Iterable[str], start: Scenario) -> list[Case]:
             raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(simulated)}")
         if modelled and sweep in DETECTOR_SWEEPS:
             raise ValueError(f"--sweep {sweep} varies the independent detector, and --detector-model has errors of its own")
-        count = len(simulated[sweep].values)
-        if number and not (number.isdecimal() and int(number) < count):
-            raise ValueError(f"--sweep is {name!r}, needs {sweep}/0 to {sweep}/{count - 1}")
-        for k in [int(number)] if number else range(count):
+        for k in _numbers(simulated[sweep], number):
             out[f"{sweep}/{k}"] = _case(simulated[sweep], k, start)
     return list(out.values())
+
+
+def _numbers(sweep: Sweep, number: str) -> range:
+    """The numbers of the values that are meant: one, or all where there is no number. Raises ValueError for one that there is not."""
+    count = len(sweep.values)
+    if number and not (number.isdecimal() and int(number) < count):
+        raise ValueError(f"--sweep is '{sweep.name}/{number}', needs {sweep.name}/0 to {sweep.name}/{count - 1}")
+    return range(int(number), int(number) + 1) if number else range(count)
 
 
 def _case(sweep: Sweep, number: int, start: Scenario) -> Case:
@@ -260,11 +268,10 @@ def recording_cases(names: Iterable[str], folder: str, cameras: int, start: Scen
     out: dict[str, Case] = {}
     for name in list(names) or list(RECORDING_SWEEPS):
         sweep, _, number = name.partition("/")
-        values = RECORDING_SWEEPS[sweep].values if sweep in RECORDING_SWEEPS else ()
-        if not values or (number and not (number.isdecimal() and int(number) < len(values))):
+        if sweep not in RECORDING_SWEEPS:
             raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(RECORDING_SWEEPS)} with --recording")
-        for k in [int(number)] if number else range(len(values)):
-            value, parameter = values[k], RECORDING_SWEEPS[sweep].parameter
+        for k in _numbers(RECORDING_SWEEPS[sweep], number):
+            value, parameter = RECORDING_SWEEPS[sweep].values[k], RECORDING_SWEEPS[sweep].parameter
             if parameter != "fewer" or int(value) < cameras:
                 faults = Faults(dropout=float(value)) if parameter == "dropout" else Faults()
                 out[f"{sweep}/{k}"] = Case(f"{sweep}/{k}", sweep, parameter, value, start, faults, source=RECORDED, folder=folder)
@@ -275,3 +282,19 @@ def pets_cases(folder: str, start: Scenario) -> list[Case]:
     """A PETS 2009 sequence and its twin."""
     sources = {"real": "pets", "twin": "twin"}
     return [Case(f"pets/{name}", "pets", "source", name, start, source=source, folder=folder) for name, source in sources.items()]
+
+
+def saturated(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Names of sweeps of at least two values whose scores are all above SATURATED, in the order of the rows.
+
+    rows: of results.jsonl. Rows with an error or without scores say nothing of a sweep that has others.
+    """
+    scores: dict[str, list[float]] = {}
+    values: dict[str, set[str]] = {}
+    for row in rows:
+        found = [row["scores"].get(name) for name in ("mota", "idf1")] if row.get("scores") else []
+        known = [score for score in found if score is not None]
+        if known:
+            scores.setdefault(row["sweep"], []).extend(known)
+            values.setdefault(row["sweep"], set()).add(row["id"])
+    return [name for name, known in scores.items() if len(values[name]) > 1 and min(known) > SATURATED]

@@ -55,13 +55,13 @@ class TrackerUnderTest:
         """Whether it selects tracks by maximum weight cliques."""
         return not self.function and not self.results
 
-    def results_of(self, setup: Setup, ticks: list[Tick], run: tuple[str, int], graphs: Path | None = None) -> Results:
-        """Track the ticks. run: id of the case and seed. graphs: folder for the graphs that it solves.
+    def results_of(self, setup: Setup, ticks: list[Tick], run: str, graphs: Path | None = None) -> Results:
+        """Track the ticks. run: ID/SEED of the case. graphs: folder for the graphs that it solves.
 
         Raises the errors of the tracker, and ValueError where its estimates are not valid.
         """
         if self.results:
-            return _read_tracks(Path(self.results) / run[0] / f"{run[1]}.txt", len(ticks))
+            return _read_tracks(Path(self.results) / f"{run}.txt", len(ticks))
         return Results.of(self.estimates(setup, ticks, graphs), {})
 
     def estimates(self, setup: Setup, ticks: list[Tick], graphs: Path | None = None) -> list[Estimate]:
@@ -102,8 +102,6 @@ def check_estimates(name: str, estimates: Iterable[Estimate], setup: Setup, tick
             raise ValueError(f"tracker {name} gave a {type(estimate).__name__} for frame {index}, needs an Estimate")
         if estimate.index != index:
             raise ValueError(f"tracker {name} gave frame {estimate.index}, needs frame {index} next")
-        if not np.isfinite(estimate.position).all():
-            raise ValueError(f"tracker {name} gave a position that is not finite in frame {index}")
         if len(np.unique(estimate.target_id)) != len(estimate.target_id):
             raise ValueError(f"tracker {name} gave a target twice in frame {index}")
         for robot in setup.starts:

@@ -9,18 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sim.recording.record import versions
 from sim.stress import ablation, bounds, error_causes, worst_moments
-from sim.stress.map_truth import map_score
 from sim.stress.sweeps import RECORDED, Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial_data import TrialData, simulate_case
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import evaluate, evaluated_people
+from tracker.metrics.evaluation import evaluate
 from tracker.metrics.landmark_map import MapScore
-from tracker.metrics.matching import MatchingFrame
 from tracker.person_detector.detector import PersonDetector
 from tracker.person_detector.network import PersonNetwork
 from tracker.sequence.results import Results
@@ -131,7 +127,7 @@ def run(trial: Trial) -> dict[str, Any]:
     data = simulate_case(case, trial.rendered, PersonDetector(Path(trial.model) if trial.model else None) if trial.pixels else None)
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as solved:
         graphs = Path(solved) if tracker.solves_graphs else None
-        results = tracker.results_of(data.tracker_setup, data.ticks, (case.id, case.scenario.seed), graphs)
+        results = tracker.results_of(data.tracker_setup, data.ticks, f"{case.id}/{case.scenario.seed}", graphs)
         limits = bounds.all_bounds(data, graphs, results.landmark_history)
     scores = trial_scores(data, results)
     known = scores["ate_m"] is not None and limits.get("ate_bound_m")
@@ -145,7 +141,7 @@ def run(trial: Trial) -> dict[str, Any]:
         "limits": limits,
         "causes": error_causes.count_causes(mistakes),
         "ladder": shares,
-        "moments": worst_moments.draw_pictures(kept, evidence, (data, results), trial.folder / "moments", worst_moments.file_stem(trial.key)),
+        "moments": worst_moments.draw_pictures(kept, evidence, data, results, trial.folder / "moments" / worst_moments.file_stem(trial.key)),
     }
 
 
@@ -158,18 +154,8 @@ def trial_scores(data: TrialData, results: Results) -> dict[str, Any]:
         targets, everybody = everything["targets"], everything["everybody"]
         robots, reckoned = everything["robots"] or {}, everything["dead_reckoning"] or {}
     else:
-        targets, everybody, robots, reckoned = _person_scores(data, results, True), _person_scores(data, results, False), {}, {}
+        targets, everybody = (score(data.matching_frames(results, every)).to_dict() for every in (False, True))
+        robots, reckoned = {}, {}
     out = {name: targets[name] for name in TARGETS}
     out |= {"mota_all": everybody["mota"], "ate_m": robots.get("ate_m"), "dead_reckoning_m": reckoned.get("ate_m")}
-    return out | {name: robots.get(name) for name in ROBOTS} | (map_score(data, results) or MapScore()).to_dict()
-
-
-def _person_scores(data: TrialData, results: Results, by_count: bool) -> dict[str, Any]:
-    """CLEAR MOT scores; by_count: of people whom some view showed lately only."""
-    nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    counts = evaluated_people(data.truth, data.setup.period)
-    frames = [
-        MatchingFrame(t.person_id, t.feet, *results.tracks.get(t.index, nobody), counts=counts[k] if by_count else None)
-        for k, t in enumerate(data.truth)
-    ]
-    return score(frames).to_dict()
+    return out | {name: robots.get(name) for name in ROBOTS} | (bounds.map_score(data, results) or MapScore()).to_dict()

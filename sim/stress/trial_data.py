@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,11 +24,14 @@ from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
 from tracker.datasets.opening import open_recording, open_sequence
 from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS, calibration_of
 from tracker.datasets.source_options import SourceOptions
-from tracker.geometry import Array, Ints, angles_from_bearing, wrap
+from tracker.geometry import Array, Ints, Mask, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
+from tracker.metrics.evaluation import evaluated_people
+from tracker.metrics.matching import MatchingFrame
 from tracker.person_detector.detected_ticks import sites_of, with_found_people
 from tracker.person_detector.detector import PersonDetector
 from tracker.recordings.degradation import Degradation
+from tracker.sequence.results import Results
 from tracker.types import Boxes, Detections, Setup, Tick, TicksInMemory, Truth, ViewTruth
 
 EDGE_TOLERANCE = np.radians(1.5)
@@ -55,6 +59,13 @@ class TrialData:
     def true_persons(self, detections: Detections) -> Ints:
         """(n,) the true person of each detection, 0 for false ones. The detections must be objects of this trial."""
         return self.person.get(id(detections), np.zeros(len(detections), dtype=np.int64))
+
+    def matching_frames(self, results: Results, everybody: bool = False) -> list[MatchingFrame]:
+        """People and tracks of each frame; those of whom no view showed anything lately do not count, unless everybody does."""
+        nobody = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+        counts: Iterable[Mask | None] = itertools.repeat(None) if everybody else evaluated_people(self.truth, self.setup.period)
+        tracks = (results.tracks.get(t.index, nobody) for t in self.truth)
+        return [MatchingFrame(t.person_id, t.feet, *found, counts=c) for t, found, c in zip(self.truth, tracks, counts, strict=False)]
 
     def in_memory(self) -> TicksInMemory:
         """The ticks that the tracker gets."""

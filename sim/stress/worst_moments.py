@@ -23,7 +23,6 @@ from tracker.geometry import Array, Image, Pose, angles_from_bearing
 from tracker.geometry.cameras import PanoramicCamera
 from tracker.geometry.ground import Grid
 from tracker.sequence.results import Results
-from tracker.types import Sequence as Recorded
 
 MAX_MOMENTS = 10
 """Largest number of moments of a run."""
@@ -102,25 +101,22 @@ def file_stem(key: tuple[str, int, str]) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "-", "-".join(map(str, key))).strip("-")
 
 
-def draw_pictures(
-    moments: Sequence[WorstMoment], evidence: TrialEvidence, scene: tuple[TrialData, Results], folder: Path, name: str
-) -> list[dict[str, Any]]:
-    """The moments as JSON values. The first MAX_PICTURES get pictures, `name`-1.png and so on in `folder`, whose paths are relative to its parent."""
+def draw_pictures(moments: Sequence[WorstMoment], evidence: TrialEvidence, data: TrialData, results: Results, stem: Path) -> list[dict[str, Any]]:
+    """The moments as JSON values. The first MAX_PICTURES get pictures, `stem`-1.png and so on, whose paths are relative to the folder of folders."""
     out = []
     for k, moment in enumerate(moments):
         pictures = []
         if k < MAX_PICTURES:
-            folder.mkdir(parents=True, exist_ok=True)
-            path = folder / f"{name}-{k + 1}.png"
-            save_png(path, draw(moment, evidence, scene))
-            pictures.append(f"{folder.name}/{path.name}")
+            stem.parent.mkdir(parents=True, exist_ok=True)
+            path = stem.with_name(f"{stem.name}-{k + 1}.png")
+            save_png(path, draw(moment, evidence, data, results))
+            pictures.append(f"{stem.parent.name}/{path.name}")
         out.append(moment.to_row(pictures))
     return out
 
 
-def draw(moment: WorstMoment, evidence: TrialEvidence, scene: tuple[TrialData, Results]) -> Image:
+def draw(moment: WorstMoment, evidence: TrialEvidence, data: TrialData, results: Results) -> Image:
     """The map, and beside it crops of panoramas, where there are some."""
-    data, results = scene
     number = next(k for k, known in enumerate(evidence.frames) if known.index == moment.middle.frame)
     parts = [_draw_map(moment, number, evidence, data, results)]
     panels = _draw_crops(moment, number, data, results)
@@ -147,63 +143,40 @@ def _write(image: Image, text: str, at: tuple[int, int], size: float, colour: tu
     cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
 
 
-@dataclass(frozen=True, eq=False)
-class _Map:
-    """A square map: its image, and its middle (2,) m in the world."""
-
-    image: Image
-    middle: Array
-
-    def pixels(self, places: Array) -> list[tuple[int, int]]:
-        p = (np.atleast_2d(places)[:, :2] - self.middle) / (2 * MAP_RADIUS) * MAP_SIZE
-        return [(round(MAP_SIZE / 2 + x), round(MAP_SIZE / 2 - y)) for x, y in p.tolist()]
-
-
-def _map_middle(data: TrialData, place: Array) -> Array:
-    """The middle of the map: the position, moved so that the map stays within the world."""
-    ground = data.setup.ground
+def _ground(data: TrialData, place: Array) -> TerrainImage:
+    """A square map of the terrain around a place (2,) m, within the world where that is large enough. It is blank where the ground is a plane."""
+    ground, scale = data.setup.ground, MAP_SIZE / (2 * MAP_RADIUS)
     if not isinstance(ground, Grid):
-        return place
-    high = ground.origin + (np.array(ground.heights.shape[::-1]) - 1) * ground.spacing
-    low, high = ground.origin + MAP_RADIUS, high - MAP_RADIUS
-    return np.where(low < high, np.clip(place, low, high), (low + high) / 2)
-
-
-def _draw_ground(data: TrialData, middle: Array) -> _Map:
-    """A map of the terrain; it is blank where the ground is a plane."""
-    image = np.full((MAP_SIZE, MAP_SIZE, 3), PAPER, np.uint8)
-    if isinstance(data.setup.ground, Grid):
-        grid = data.setup.ground
-        wide = (np.array(grid.heights.shape[::-1]) - 1) * grid.spacing
-        size = (int(wide[0] / (2 * MAP_RADIUS) * MAP_SIZE / 2), int(wide[1] / (2 * MAP_RADIUS) * MAP_SIZE / 2))
-        relief = TerrainImage.of(Recorded(data.setup, data.in_memory(), None, {}), size)
-        # From pixels of the relief to those of the map: the same axes, another scale and origin.
-        scale = MAP_SIZE / (2 * MAP_RADIUS) / relief.scale
-        corner = relief.origin + np.array([0.0, relief.image.shape[0] / relief.scale])
-        shift = MAP_SIZE / 2 + (corner - middle) * np.array([1.0, -1.0]) * MAP_SIZE / (2 * MAP_RADIUS)
-        affine = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
-        image = np.asarray(cv2.warpAffine(relief.image, affine, (MAP_SIZE, MAP_SIZE), borderValue=PAPER), dtype=np.uint8)
-    return _Map(image, middle)
+        return TerrainImage(np.full((MAP_SIZE, MAP_SIZE, 3), PAPER, np.uint8), place - MAP_RADIUS, scale)
+    extent = (np.array(ground.heights.shape[::-1]) - 1) * ground.spacing
+    low, high = ground.origin + MAP_RADIUS, ground.origin + extent - MAP_RADIUS
+    corner = np.where(low < high, np.clip(place, low, high), (low + high) / 2) - MAP_RADIUS
+    relief = TerrainImage.of(data.setup, (int(extent[0] * scale / 2), int(extent[1] * scale / 2)))
+    # From pixels of the relief to those of the map: the same axes, another scale and origin.
+    zoom, (x, y) = scale / relief.scale, (relief.origin - corner) * scale
+    shift = MAP_SIZE - y - zoom * relief.image.shape[0]
+    image = cv2.warpAffine(relief.image, np.array([[zoom, 0.0, x], [0.0, zoom, shift]]), (MAP_SIZE, MAP_SIZE), borderValue=PAPER)
+    return TerrainImage(np.asarray(image, dtype=np.uint8), corner, scale)
 
 
 def _draw_map(moment: WorstMoment, number: int, evidence: TrialEvidence, data: TrialData, results: Results) -> Image:
     m = moment.middle
-    plan = _draw_ground(data, _map_middle(data, np.array(m.position[:2])))
+    plan = _ground(data, np.array(m.position[:2]))
     image = plan.image
     _draw_views(plan, moment, number, data)
     for k in range(max(0, number - TRAIL), number + 1):
         known = evidence.frames[k]
         last = k == number
-        for person, at in zip(known.person.tolist(), plan.pixels(known.feet) if len(known.feet) else [], strict=True):
+        for person, at in zip(known.person.tolist(), plan.pixels(known.feet).tolist(), strict=True):
             cv2.circle(image, at, 11 if last else 2, TRUE, 2 if last else -1, cv2.LINE_AA)
             if last:
                 _write(image, f"person {person}", (at[0] + 14, at[1] - 8), 0.4, TRUE)
-        for track, at in zip(known.track.tolist(), plan.pixels(known.place) if len(known.place) else [], strict=True):
+        for track, at in zip(known.track.tolist(), plan.pixels(known.place).tolist(), strict=True):
             cv2.circle(image, at, 7 if last else 3, tuple(int(0.8 * c) for c in colour_of(track)), -1, cv2.LINE_AA)
             if last:
                 _write(image, f"track {track}", (at[0] + 12, at[1] + 16), 0.4, INK)
     _draw_robots(plan, number, data, results)
-    cv2.circle(image, plan.pixels(np.array(m.position))[0], 26, WRONG, 3, cv2.LINE_AA)
+    cv2.circle(image, plan.pixels(np.array(m.position))[0].tolist(), 26, WRONG, 3, cv2.LINE_AA)
     _draw_scale(image)
     return image
 
@@ -214,7 +187,7 @@ def _draw_scale(image: Image) -> None:
     _write(image, "1 m", (20 + metre, MAP_SIZE - 12), 0.4, INK)
 
 
-def _draw_views(plan: _Map, moment: WorstMoment, number: int, data: TrialData) -> None:
+def _draw_views(plan: TerrainImage, moment: WorstMoment, number: int, data: TrialData) -> None:
     """A line from each camera that sees the person: thick where the view has a box of the person, otherwise thin."""
     person, tick, truth = moment.middle.person, data.ticks[number], data.truth[number]
     if person is None or not data.views[number] or person not in truth.person_id:
@@ -225,15 +198,15 @@ def _draw_views(plan: _Map, moment: WorstMoment, number: int, data: TrialData) -
         shown = true.boxes.visible[true.boxes.person == person].max(initial=0.0)
         if shown > 0:
             found = bool((data.true_persons(view.detections) == person).any())
-            a, b = plan.pixels(np.stack([true.T_world_camera.translation, truth.feet[row]]))
+            a, b = plan.pixels(np.stack([true.T_world_camera.translation, truth.feet[row]])).tolist()
             cv2.line(plan.image, a, b, (31, 119, 180) if found else (150, 150, 150), 2 if found else 1, cv2.LINE_AA)
 
 
-def _draw_robots(plan: _Map, number: int, data: TrialData, results: Results) -> None:
+def _draw_robots(plan: TerrainImage, number: int, data: TrialData, results: Results) -> None:
     nose = np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]])
 
-    def arrow(pose: Pose, colour: tuple[int, int, int], thick: int) -> tuple[int, int]:
-        a, b = plan.pixels(pose.apply(nose))
+    def arrow(pose: Pose, colour: tuple[int, int, int], thick: int) -> list[int]:
+        a, b = plan.pixels(pose.apply(nose)).tolist()
         cv2.arrowedLine(plan.image, a, b, colour, thick, cv2.LINE_AA, tipLength=0.4)
         return a
 

@@ -23,7 +23,7 @@ from tracker.io.atomic import new_file
 from tracker.io.video_files import check_frames
 from tracker.metrics.evaluation import dead_reckoning
 from tracker.sequence.results import Results
-from tracker.types import Sequence, Tick
+from tracker.types import Sequence, Setup, Tick
 
 BAND = (28.0, -51.0)
 """Highest and lowest elevation of panoramas in the video, degrees."""
@@ -44,9 +44,9 @@ class TerrainImage:
     scale: float
 
     @staticmethod
-    def of(sequence: Sequence, size: tuple[int, int]) -> TerrainImage:
+    def of(setup: Setup, size: tuple[int, int]) -> TerrainImage:
         """The image that fits into size (width, height) px: heights as colour, slopes as shade, objects dark."""
-        ground, tops = sequence.setup.ground, sequence.setup.occluders
+        ground, tops = setup.ground, setup.occluders
         assert isinstance(ground, Grid)
         extent = (np.array(ground.heights.shape[::-1]) - 1) * ground.spacing
         scale = float(min(size / extent))
@@ -81,7 +81,7 @@ def _paths(results: Results, first: int, last: int) -> dict[int, Array]:
 
 def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
     """Write the plan view as a PNG: terrain, true paths of people in black, estimates in the colours of their ids, paths of robots."""
-    terrain_image = TerrainImage.of(sequence, (1600, 1600))
+    terrain_image = TerrainImage.of(sequence.setup, (1600, 1600))
     h, w = terrain_image.image.shape[:2]
     x0, y0 = terrain_image.origin
     figure: Any = matplotlib.figure.Figure(figsize=(11, 9), layout="constrained")
@@ -114,7 +114,7 @@ def plan(sequence: Sequence, results: Results, title: str, path: Path) -> None:
 
 def video_frames(sequence: Sequence, results: Results, ticks: Iterable[Tick]) -> Iterator[Image]:
     """Video frames (720, 1280, 3) RGB: up to four panoramas with boxes, the plan so far, and a chart of the robots' errors."""
-    terrain_image = TerrainImage.of(sequence, (SIDE[0] - 20, SIDE[1] - 370))
+    terrain_image = TerrainImage.of(sequence.setup, (SIDE[0] - 20, SIDE[1] - 370))
     errors = {"by SLAM": _robot_errors(sequence, results.poses), "dead reckoning": _robot_errors(sequence, dead_reckoning(sequence))}
     for tick in ticks:
         strips = [_cropped_panorama(image) for image in list(annotated(sequence, results, tick).values())[:4]]

@@ -16,7 +16,7 @@ from tests.benchmarks.room import room
 
 def test_the_nearest_neighbour_follows_most_people_of_a_room() -> None:
     recording = room(0, frames=30)
-    found = outcome(recording, TrackerUnderTest(prediction.NEAREST), ("room", 0)).figures
+    found = outcome(recording, TrackerUnderTest(prediction.NEAREST), "room/0").figures
     # Each person is found after 3 frames at the earliest; the bound is far below what the default tracker has.
     assert found["mota"] > 0.4
     assert found["truths"] == 30 * 15

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sim.scenario import Scenario
-from sim.stress.bounds import ate_bound
-from sim.stress.map_truth import map_score
+from sim.stress.bounds import ate_bound, map_score
 from sim.stress.sweeps import Case
 from sim.stress.trial_data import TrialData
 from tests.tracker.slam.test_inter_robot import with_robot_detections

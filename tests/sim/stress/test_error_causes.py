@@ -100,7 +100,7 @@ def test_causes_add_up_to_the_score() -> None:
     """A hard run with many errors of all kinds."""
     scenario = Scenario(seed=1002, robots=1, people=12, frames=14, width=256, misses=0.4, clutter=2.0, bearing_noise=0.015)
     data = simulate_case(Case("x/0", "x", "people", 14, scenario), rendered=False)
-    results = TrackerUnderTest().results_of(data.tracker_setup, data.ticks, ("x/0", 1002))
+    results = TrackerUnderTest().results_of(data.tracker_setup, data.ticks, "x/0/1002")
     scores, counts = trial_scores(data, results), count_causes(find_mistakes(gather_evidence(data, results)))
     for kind, name in (("misses", "misses"), ("false positives", "false_positives"), ("switches", "switches")):
         assert sum(counts[kind].values()) == scores[name]

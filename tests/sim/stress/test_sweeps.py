@@ -9,7 +9,6 @@ import pytest
 from sim.cameras import parse_camera
 from sim.policies.rollouts import BUILT_IN_POLICIES
 from sim.scenario import Scenario
-from sim.stress.saturation import saturated
 from sim.stress.sweeps import (
     CAMERA_SWEEPS,
     OWN_GOALS,
@@ -21,6 +20,7 @@ from sim.stress.sweeps import (
     cases,
     default_scenario,
     recording_cases,
+    saturated,
 )
 from sim.stress.trial_data import simulate_case
 from tests.tracker.recordings.test_folder import small

@@ -21,7 +21,7 @@ def sample(name: str) -> TrackerUnderTest:
 
 
 def test_a_function_by_name_gives_the_results_of_the_same_function(data: TrialData) -> None:
-    ours, theirs = (c.results_of(data.tracker_setup, data.ticks, ("x/0", 1)) for c in (TrackerUnderTest(), sample("good")))
+    ours, theirs = (c.results_of(data.tracker_setup, data.ticks, "x/0/1") for c in (TrackerUnderTest(), sample("good")))
     assert ours.frames == theirs.frames == 3
     for k in range(3):
         assert (ours.tracks[k][0] == theirs.tracks[k][0]).all()
@@ -42,7 +42,7 @@ def test_a_function_by_name_gives_the_results_of_the_same_function(data: TrialDa
 )
 def test_faulty_estimates_are_refused(data: TrialData, name: str, message: str) -> None:
     with pytest.raises(ValueError, match=message if "\\" in message else re.escape(message)):
-        sample(name).results_of(data.tracker_setup, data.ticks, ("x/0", 1))
+        sample(name).results_of(data.tracker_setup, data.ticks, "x/0/1")
 
 
 def test_unknown_functions_are_refused(data: TrialData) -> None:
