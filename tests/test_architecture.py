@@ -58,8 +58,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "options": {"pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},
         "run": {"pipeline", "types", "io", "sequence"},
         "detection_pictures": {"geometry", "types", "io", "person_detector"},
-        "detection_journal": {"geometry"},
-        "detection_run": {"geometry", "io", "formats", "person_detector", "detection_pictures", "detection_journal"},
+        "detection_run": {"geometry", "io", "formats", "person_detector", "detection_pictures"},
         "detection_scoring": {
             "geometry", "types", "io", "formats", "sequence", "metrics", "recordings", "datasets", "detector_models", "detection_run",
         },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -11,19 +12,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.detection_journal import DetectionJournal
 from tracker.detection_pictures import PictureFrame
 from tracker.formats.motchallenge import rows_from_boxes, write_mot15
 from tracker.geometry import Array, Image
 from tracker.io.atomic import Kept, begin_folder, discard_folder, finish_folder, unfinished_path, write_text
-from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import json_text, read_json
 from tracker.io.progress import progress_bar
-from tracker.io.resume import check_same, holds_run, json_value, program_version
+from tracker.io.resume import Journal, check_same, holds_run, json_value, program_version, same_or_new
 from tracker.io.video_files import VideoWriters
 from tracker.person_detector.detector import PersonDetector
 
-RUN = "run.json"
+RUN, JOURNAL = "run.json", ".found.jsonl"
 LINE = (255, 64, 0)
 """RGB of a drawn box."""
 
@@ -49,41 +48,48 @@ def write_detections(frames: Iterable[PictureFrame], total: int | None, folder: 
     Raises ValueError where the folder holds another run, or no frame has an image; the errors of `frames` leave no folder.
     """
     wanted = json_value({**run, "model": how.detector.network.checksum, "wraps": how.wraps, "pictures": how.pictures, "video": how.video})
-    if (there := _same(folder, wanted)) is not None:
-        return there
-    with folder_lock(folder):
-        if (there := _same(folder, wanted)) is not None:
-            return there
-        partial = unfinished_path(folder)
-        journal = DetectionJournal(partial, {"version": program_version(), **wanted})
-        if not journal.found:
-            begin_folder(folder)
-        try:
-            statement = _written(progress_bar(frames, total=total, desc="detecting", unit="image"), partial, wanted, how, journal)
-        except OSError as error:
-            raise Kept.of(error, partial) from error
-        except Exception:
-            discard_folder(partial)
-            raise
-        finish_folder(folder, partial)
+    return same_or_new(
+        folder,
+        lambda: _same(folder, wanted),
+        lambda: _new(progress_bar(frames, total=total, desc="detecting", unit="image"), folder, wanted, how),
+    )
+
+
+def _new(frames: Iterable[PictureFrame], folder: Path, wanted: dict[str, Any], how: DetectionRun) -> dict[str, Any]:
+    """Find people in all frames, write the boxes into a folder without content, and return the statement."""
+    partial = unfinished_path(folder)
+    journal = Journal(partial / JOURNAL, {"version": program_version(), **wanted})
+    if not journal.found:
+        begin_folder(folder)
+    try:
+        statement = _written(frames, partial, wanted, how, journal)
+    except OSError as error:
+        raise Kept.of(error, partial) from error
+    except Exception:
+        discard_folder(partial)
+        raise
+    finish_folder(folder, partial)
     return statement
 
 
-def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, Any], how: DetectionRun, journal: DetectionJournal) -> dict[str, Any]:
-    """Write all files into the temporary folder and return the statement."""
+def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, Any], how: DetectionRun, journal: Journal) -> dict[str, Any]:
+    """Write all files into the temporary folder and return the statement. The journal has the boxes of each image that was searched."""
+    known = {(entry.get("camera"), entry.get("frame"), entry.get("image")): entry for entry in journal.entries}
     boxes: dict[str, dict[int, tuple[Array, Array]]] = {}
     with journal, ExitStack() as stack:
         videos = _Videos(partial)
         stack.callback(videos.close)
         for one in frames:
-            known = journal.boxes(one.camera, one.frame, one.image)
-            if known is None:
+            key = one.camera, one.frame, zlib.crc32(one.image.tobytes())
+            if (entry := known.get(key)) is None:
                 found = how.detector.find(one.image, one.site, how.wraps)
-                known = np.round(found.box, 2), np.round(found.probability, 4)
-                journal.add(one.camera, one.frame, one.image, *known)
-            boxes.setdefault(one.camera, {})[one.frame + 1] = known
+                entry = dict(zip(("camera", "frame", "image"), key, strict=True))
+                entry |= {"box": np.round(found.box, 2).tolist(), "probability": np.round(found.probability, 4).tolist()}
+                journal.add(entry)
+            box, probability = np.array(entry["box"], dtype=float).reshape(-1, 4), np.array(entry["probability"], dtype=float)
+            boxes.setdefault(one.camera, {})[one.frame + 1] = box, probability
             if how.pictures or how.video:
-                drawn = _drawn(one.image, known[0])
+                drawn = _drawn(one.image, box)
             if how.pictures:
                 _write_picture(partial / "pictures" / one.camera / f"{one.frame + 1:06d}.jpg", drawn)
             if how.video:

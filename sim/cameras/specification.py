@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from sim.cameras.published import PUBLISHED
-from tracker.io.named_values import named_values
+from tracker.io.text_files import named_values
 
 EQUIRECTANGULAR = "equirectangular"
 OUTPUTS = ("both", "stitched", "raw")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tracker.io.named_values import named_values
+from tracker.io.text_files import named_values
 
 BOUNDS: dict[str, tuple[float, float, str]] = {
     "readout": (1e-4, 1.0, "s"),

@@ -1,12 +1,8 @@
-"""The journal of a sequence that is being written: which frames are drawn and on disk, and what was seen in them.
-
-It is a file of lines of JSON in the temporary folder: first what is written, then a line a frame. A line that was cut by a kill does not count.
-"""
+"""The journal of a sequence that is being written: which frames are drawn and on disk, and what was seen in them."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import fields
@@ -15,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tracker.io.resume import Journal
 from tracker.types import Boxes, Keypoints
 
 NAME = ".drawn.jsonl"
@@ -23,61 +20,35 @@ People = dict[str, tuple[Boxes, Keypoints]]
 
 
 class FrameJournal:
-    """The journal in `folder`. about: what is written, as JSON values; the frames of another sequence or version are not resumed.
+    """The journal in `folder`, with the frames whose images are whole. about: as of Journal.
 
     found: whether there is one to resume. drawn: frame → camera → boxes and key points. checksums: path → SHA-256 and bytes of its images.
     As a context manager it closes the file.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
-        self._path, self._about = folder / NAME, json.dumps(about, sort_keys=True)
+        self._journal = Journal(folder / NAME, about)
         self.drawn: dict[int, People] = {}
         self.checksums: dict[str, tuple[str, int]] = {}
         self._pending: deque[tuple[int, People, list[str]]] = deque()
-        self._kept: list[bytes] = []
-        self.found = self._read()
-
-    def _read(self) -> bool:
-        try:
-            lines = self._path.read_bytes().split(b"\n")[:-1]
-        except OSError:
-            return False
-        if not lines or lines[0] != self._about.encode():
-            return False
-        for line in lines[1:]:
-            try:
-                entry = json.loads(line)
-                files = {name: (sha256, size) for name, (sha256, size) in entry["files"].items()}
-                people = {camera: _people(values) for camera, values in entry["people"].items()}
-                frame = int(entry["frame"])
-            except (ValueError, KeyError, TypeError, AttributeError):
-                break
-            if all(self._is_whole(name, *claimed) for name, claimed in files.items()):
-                self.drawn[frame] = people
+        self.found = self._journal.found
+        entries, self._journal.entries = self._journal.entries, []
+        for entry in entries:
+            files = {name: (sha256, size) for name, (sha256, size) in entry["files"].items()}
+            if all(_is_whole(folder / name, *claimed) for name, claimed in files.items()):
+                self.drawn[entry["frame"]] = {camera: _people(*values) for camera, values in entry["people"].items()}
                 self.checksums |= files
-                self._kept.append(line)
-        return True
-
-    def _is_whole(self, name: str, sha256: str, size: int) -> bool:
-        try:
-            content = (self._path.parent / name).read_bytes()
-        except OSError:
-            return False
-        return len(content) == size and hashlib.sha256(content).hexdigest() == sha256
+                self._journal.entries.append(entry)
 
     def open(self) -> None:
         """Begin to write: the lines that count, then new ones."""
-        temporary = self._path.with_suffix(".new")
-        temporary.write_bytes(b"".join(line + b"\n" for line in [self._about.encode(), *self._kept]))
-        temporary.replace(self._path)
-        self._kept.clear()
-        self._file = self._path.open("ab")
+        self._journal.__enter__()
 
     def __enter__(self) -> FrameJournal:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        self._file.close()
+        self._journal.__exit__(*raised)
 
     def add(self, frame: int, people: People, names: list[str], written: Mapping[str, tuple[str, int]]) -> None:
         """Note a frame with its images. Its line follows once all of them are in `written`: path → SHA-256 and bytes."""
@@ -85,26 +56,30 @@ class FrameJournal:
         while self._pending and all(name in written for name in self._pending[0][2]):
             frame, people, names = self._pending.popleft()
             seen = {camera: [_values(boxes), _values(keypoints)] for camera, (boxes, keypoints) in people.items()}
-            entry = {"frame": frame, "files": {name: written[name] for name in names}, "people": seen}
-            self._file.write(json.dumps(entry).encode() + b"\n")
-            self._file.flush()
+            self._journal.add({"frame": frame, "files": {name: written[name] for name in names}, "people": seen})
 
     def remove(self) -> None:
         """Remove the file, since the sequence is whole."""
-        self._path.unlink()
+        self._journal.remove()
+
+
+def _is_whole(file: Path, sha256: str, size: int) -> bool:
+    try:
+        content = file.read_bytes()
+    except OSError:
+        return False
+    return len(content) == size and hashlib.sha256(content).hexdigest() == sha256
 
 
 def _values(of: Boxes | Keypoints) -> dict[str, Any]:
-    """Field → values. JSON keeps every bit of a float, NaN and infinity, too."""
+    """Field → values."""
     return {field.name: np.asarray(getattr(of, field.name)).tolist() for field in fields(of)}
 
 
-def _people(values: list[dict[str, Any]]) -> tuple[Boxes, Keypoints]:
-    boxes, keypoints = values
-    if not boxes["person"]:
-        return Boxes.none(), Keypoints.none() if not keypoints["person"] else _made(Keypoints, keypoints)
-    return _made(Boxes, boxes), _made(Keypoints, keypoints) if keypoints["person"] else Keypoints.none()
+def _people(boxes: dict[str, Any], keypoints: dict[str, Any]) -> tuple[Boxes, Keypoints]:
+    return _made(Boxes, boxes), _made(Keypoints, keypoints)
 
 
 def _made(kind: Any, values: dict[str, Any]) -> Any:
-    return kind(**{name: np.array(value) for name, value in values.items()})
+    """A value of fields; that without rows where there are none, since JSON knows no shape of an empty array."""
+    return kind(**{name: np.array(value) for name, value in values.items()}) if values["person"] else kind.none()

@@ -22,8 +22,8 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array, set_ints
 from tracker.io.atomic import write_text
-from tracker.io.mended import say_repeated
 from tracker.io.text_files import LONGEST_SHOWN, parse_integer, parse_number, read_lines, read_text
+from tracker.io.time_order import say_repeated
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
 

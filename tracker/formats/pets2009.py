@@ -26,9 +26,9 @@ from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Tsai
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
-from tracker.io.mended import say_repeated
 from tracker.io.terrain_file import read_terrain
 from tracker.io.text_files import shown
+from tracker.io.time_order import say_repeated
 from tracker.io.xml_files import Element, parse
 
 MM = 1e-3

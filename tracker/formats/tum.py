@@ -10,9 +10,8 @@ import numpy as np
 
 from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.io.atomic import write_text
-from tracker.io.mended import say
 from tracker.io.text_files import parse_number, read_lines
-from tracker.io.time_order import LARGEST_STEP_BACK, first_large_step_back, time_order
+from tracker.io.time_order import LARGEST_STEP_BACK, first_large_step_back, say, time_order
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 

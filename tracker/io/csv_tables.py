@@ -107,31 +107,29 @@ def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any
 
 
 def read_numbered_table(path: Path, columns: Mapping[str, type]) -> tuple[list[int], dict[str, NDArray[Any]]]:
-    """As read_table, with the line of each row before the table."""
-    return _sound_table(path, columns) or _checked_table(path, columns)
-
-
-def _sound_table(path: Path, columns: Mapping[str, type]) -> tuple[list[int], dict[str, NDArray[Any]]] | None:
-    """As read_numbered_table, a column of BLOCK rows at a time. None for a table with a fault, with quotes, or without rows."""
+    """As read_table, with the line of each row before the table. A column of BLOCK rows is parsed at once, and a faulty block cell by cell."""
+    lines = _lines(path)
+    number, header = next(lines, (0, ""))
+    if not number:
+        raise ValueError(f"{path}: empty, needs a header")
+    if (cells := _cells(header)) != list(columns):
+        raise ValueError(f"{path}:{number}: columns are {_listed(cells)}, need {_listed(columns)}")
     numbers: list[int] = []
-    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in columns}
-    try:
-        lines = read_lines(path)
-        if _cells(next(lines)[1]) != list(columns):
-            return None
-        while block := list(islice(lines, BLOCK)):
-            rows = [line.split(",") for _, line in block if '"' not in line]
-            if len(rows) < len(block):
-                return None
-            numbers += [number for number, _ in block]
-            for (name, kind), cells in zip(columns.items(), zip(*rows, strict=True), strict=True):
-                parts[name].append(_sound_column(kind, cells))
-    except (ValueError, OSError, OverflowError, StopIteration):
-        return None
-    return (numbers, {name: np.concatenate(arrays) for name, arrays in parts.items()}) if numbers else None
+    parts: list[list[NDArray[Any]]] = [[np.array([], dtype=str if kind is str else None)] for kind in columns.values()]
+    while block := list(islice(lines, BLOCK)):
+        rows = [line.split(",") if '"' not in line else _cells(line) for _, line in block]
+        try:
+            arrays = [_column(kind, cells) for kind, cells in zip(columns.values(), zip(*rows, strict=True), strict=True)]
+        except (ValueError, OverflowError):
+            raise _first_fault(path, columns, [n for n, _ in block], rows) from None
+        numbers += [n for n, _ in block]
+        for part, array in zip(parts, arrays, strict=True):
+            part.append(array)
+    # The empty array is left out where there are others, whose type counts.
+    return numbers, {name: np.concatenate(part[1:] or part) for name, part in zip(columns, parts, strict=True)}
 
 
-def _sound_column(kind: type, cells: Sequence[str]) -> NDArray[Any]:
+def _column(kind: type, cells: Sequence[str]) -> NDArray[Any]:
     """The values of cells. Raises ValueError or OverflowError where parse_number or parse_integer would raise."""
     if kind is str:
         return np.array([cell.strip() for cell in cells])
@@ -145,26 +143,18 @@ def _sound_column(kind: type, cells: Sequence[str]) -> NDArray[Any]:
     return array
 
 
-def _checked_table(path: Path, columns: Mapping[str, type]) -> tuple[list[int], dict[str, NDArray[Any]]]:
-    """As read_numbered_table, a cell at a time, with the place of the first fault."""
-    lists: dict[str, list[Any]] = {name: [] for name in columns}
-    numbers: list[int] = []
-    header = False
-    for number, line in _lines(path):
-        cells = _cells(line)
-        if not header:
-            header = True
-            if cells != list(columns):
-                raise ValueError(f"{path}:{number}: columns are {_listed(cells)}, need {_listed(columns)}")
-            continue
+def _first_fault(path: Path, columns: Mapping[str, type], numbers: list[int], rows: list[list[str]]) -> ValueError:
+    """The error of the first row of another length or with a cell that is no finite number."""
+    for number, cells in zip(numbers, rows, strict=True):
         if len(cells) != len(columns):
-            raise ValueError(f"{path}:{number}: {len(cells)} values, needs {len(columns)}")
+            return ValueError(f"{path}:{number}: {len(cells)} values, needs {len(columns)}")
         for (name, kind), cell in zip(columns.items(), cells, strict=True):
-            lists[name].append(_parse(kind, cell, f"{path}:{number}: {name}"))
-        numbers.append(number)
-    if not header:
-        raise ValueError(f"{path}: empty, needs a header")
-    return numbers, {name: np.array(values, dtype=str if columns[name] is str and not values else None) for name, values in lists.items()}
+            try:
+                if kind is not str:
+                    (parse_integer if kind is int else parse_number)(cell, f"{path}:{number}: {name}")
+            except ValueError as error:
+                return error
+    raise AssertionError(f"{path}: a block of rows is no table, and each row is sound")
 
 
 def read_header(path: Path) -> list[str]:
@@ -212,9 +202,3 @@ def rows_by_frame(
             seen.add(identity)
         frames.setdefault(int(row["frame"]), []).append(row)
     return frames
-
-
-def _parse(kind: type, cell: str, where: str) -> Any:
-    if kind is str:
-        return cell
-    return parse_integer(cell, where) if kind is int else parse_number(cell, where)

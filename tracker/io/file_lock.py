@@ -11,8 +11,8 @@ import socket
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -46,12 +46,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     if key in _held:
         yield
         return
-    made: list[Path] = []
-    try:
-        with _cannot_be_written(folder):
-            check_writable(real)
-            _make(real, made)
-            lock = _hold(real / LOCK, False, folder)
+    with _output_lock(folder, real, LOCK):
         _held.add(key)
         try:
             yield
@@ -59,11 +54,6 @@ def folder_lock(folder: Path) -> Iterator[None]:
             raise _kept(error, folder) from error
         finally:
             _held.discard(key)
-            lock()
-    finally:
-        for each in reversed(made):
-            with suppress(OSError):
-                each.rmdir()
 
 
 @contextmanager
@@ -79,75 +69,65 @@ def output_file_lock(file: Path) -> Iterator[None]:
         # A device, or a file in a folder that cannot be written: it has no place for a lock.
         yield
         return
-    made: list[Path] = []
+    with _output_lock(file, real.parent, f".{real.name}{LOCK}"):
+        yield
+
+
+@contextmanager
+def _output_lock(output: Path, folder: Path, name: str) -> Iterator[None]:
+    """Hold the lock `name` in a folder, which is made first, for an output. Errors of the system before that name the output."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
-        with _cannot_be_written(file):
-            check_writable(real.parent)
-            _make(real.parent, made)
-            lock = _hold(real.with_name(f".{real.name}{LOCK}"), False, file)
-        try:
+        with ExitStack() as stack:
+            try:
+                check_writable(folder)
+                folder.mkdir(parents=True, exist_ok=True)
+                stack.enter_context(file_lock(folder / name, subject=output))
+            except OSError as error:
+                number = error.errno or errno.EACCES
+                raise OSError(number, f"cannot be written ({os.strerror(number)}); choose another place", str(output)) from None
             yield
-        finally:
-            lock()
     finally:
-        for each in reversed(made):
+        for each in missing:
             with suppress(OSError):
                 each.rmdir()
 
 
 @contextmanager
-def file_lock(path: Path, wait: bool = False) -> Iterator[None]:
+def file_lock(path: Path, wait: bool = False, subject: Path | None = None) -> Iterator[None]:
     """Hold the lock on the file `path` during this context. The file is removed at the end.
 
     The holder's process, host and time stand in a second file, `path` with `.pid` appended. It serves messages alone: the operating system
     keeps the lock. Where a file system has no locks, a file that names the holder replaces them.
 
-    wait: wait until the lock is free. Without it, raises Locked (one line) where another process holds the lock.
-    Raises FileNotFoundError where the folder does not exist.
+    wait: wait until the lock is free. Without it, raises Locked (one line) where another process holds the lock. subject: what is locked, for
+    messages; the folder where None. Raises FileNotFoundError where the folder does not exist.
     """
-    release = _hold(path, wait, path.parent)
+    subject, holder = subject or path.parent, holder_file(path)
+    path.parent.stat()  # FileLock would make the folder.
     try:
+        lock = _acquired(path, wait)
+    except Timeout:
+        message = f"{subject}: is being written by another pilsim ({_holder(holder)}); wait for it, or choose another place"
+        raise Locked(message) from None
+    try:
+        _warn_of_another_host(holder, subject)
+        holder.write_text(f"{os.getpid()} {socket.gethostname()} {datetime.now():%Y-%m-%d %H:%M:%S}\n", encoding="utf-8")
         yield
     finally:
-        release()
+        # Both files are removed while the lock is held: after the release they may belong to the next process.
+        # On POSIX a waiting process finds, once it has locked this file, that the file has no name, and opens a new one.
+        # Windows cannot remove a file that is open: filelock removes it there.
+        for file in (holder, path) if os.name == "posix" else (holder,):
+            with suppress(OSError):
+                file.unlink()
+        with suppress(OSError):
+            lock.release()
 
 
 def holder_file(path: Path) -> Path:
     """The file that names the process that holds the lock on `path`."""
     return path.with_name(f"{path.name}.pid")
-
-
-def _hold(path: Path, wait: bool, subject: Path) -> Callable[[], None]:
-    """Acquire the lock on `path` and return the function that releases it. subject: what is locked, for messages."""
-    holder, place = holder_file(path), _Place(path.parent)
-    try:
-        lock = _acquired(path, wait)
-    except Timeout:
-        place.close()
-        message = f"{subject}: is being written by another pilsim ({_holder(holder)}); wait for it, or choose another place"
-        raise Locked(message) from None
-    except BaseException:
-        place.close()
-        raise
-
-    def release() -> None:
-        # Both files are removed while the lock is held: after the release they may belong to the next process.
-        place.remove(holder.name)
-        # On POSIX a waiting process finds, once it has locked this file, that the file has no name, and opens a new one.
-        # Windows cannot remove a file that is open: filelock removes it there.
-        if os.name == "posix":
-            place.remove(path.name)
-        place.close()
-        with suppress(OSError):
-            lock.release()
-
-    try:
-        _warn_of_another_host(holder, subject)
-        holder.write_text(f"{os.getpid()} {socket.gethostname()} {datetime.now():%Y-%m-%d %H:%M:%S}\n", encoding="utf-8")
-    except BaseException:
-        release()
-        raise
-    return release
 
 
 def _acquired(path: Path, wait: bool) -> BaseFileLock:
@@ -165,69 +145,26 @@ def _acquired(path: Path, wait: bool) -> BaseFileLock:
     return lock
 
 
-class _Place:
-    """The folder of a lock. Files are removed from it even where it was renamed meanwhile."""
-
-    def __init__(self, folder: Path) -> None:
-        folder.stat()  # FileLock would make the folder.
-        self.folder = folder
-        self._descriptor = os.open(folder, getattr(os, "O_PATH", os.O_RDONLY)) if os.unlink in os.supports_dir_fd else None
-
-    def remove(self, name: str) -> None:
-        with suppress(OSError):
-            if self._descriptor is None:
-                os.unlink(self.folder / name)
-            else:
-                os.unlink(name, dir_fd=self._descriptor)
-
-    def close(self) -> None:
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-
-
-def _holder(path: Path) -> str:
-    """The process in this file, as `process 7 on host, since 2026-01-31 12:00:00`; unknown where it is not written yet or is being removed."""
-    words = _words(path)
-    if len(words) < 3:
-        return "process unknown"
-    return f"process {words[0]} on {words[1]}, since {' '.join(words[2:])}"
-
-
-def _words(path: Path) -> list[str]:
+def _words(holder: Path) -> list[str]:
+    """Process, host, date and time in the file of a holder; none where it is not written yet or is being removed."""
     try:
-        return path.read_text(encoding="utf-8", errors="replace")[:LONGEST].split()
+        words = holder.read_text(encoding="utf-8", errors="replace")[:LONGEST].split()
     except OSError:
         return []
+    return words if len(words) >= 3 else []
+
+
+def _holder(holder: Path) -> str:
+    """The process in this file, as `process 7 on host, since 2026-01-31 12:00:00`."""
+    words = _words(holder)
+    return f"process {words[0]} on {words[1]}, since {' '.join(words[2:])}" if words else "process unknown"
 
 
 def _warn_of_another_host(holder: Path, subject: Path) -> None:
     """Say on standard error that another host began to write and did not end: some shared file systems have locks of each host alone."""
     words = _words(holder)
-    if len(words) >= 3 and words[1] != socket.gethostname() and sys.stderr is not None:
+    if words and words[1] != socket.gethostname() and sys.stderr is not None:
         print(f"note: {subject}: {_holder(holder)}, did not end its work here; if it still runs, stop one of the two", file=sys.stderr)
-
-
-@contextmanager
-def _cannot_be_written(output: Path) -> Iterator[None]:
-    """Errors of the system during this context name the output and say what to do."""
-    try:
-        yield
-    except OSError as error:
-        number = error.errno or errno.EACCES
-        raise OSError(number, f"cannot be written ({os.strerror(number)}); choose another place", str(output)) from None
-
-
-def _make(folder: Path, made: list[Path]) -> None:
-    """Make a folder and its missing parents, and append those that were made."""
-    missing = [folder] if not folder.exists() else []
-    while missing and not missing[-1].parent.exists():
-        missing.append(missing[-1].parent)
-    for each in reversed(missing):
-        with suppress(FileExistsError):
-            each.mkdir()
-            made.append(each)
-    if not folder.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
 
 
 def _kept(error: OSError, folder: Path) -> OSError:

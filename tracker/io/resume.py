@@ -1,7 +1,7 @@
 """Resumption of runs: a folder that holds the same run is used again, and any other folder is refused.
 
 A mapping of names to JSON values describes a run. It is written to a file in the folder of the run, the statement.
-`holds_run` tells whether a folder has a statement. `check_same` compares it with the requested run.
+`holds_run` tells whether a folder has a statement. `check_same` compares it with the requested run. A Journal has the parts of an unfinished run.
 """
 
 from __future__ import annotations
@@ -11,15 +11,17 @@ import hashlib
 import importlib.metadata
 import json
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tracker.io.atomic import is_temporary
+from tracker.io.file_lock import folder_lock
 
+T = TypeVar("T")
 OTHERWISE = "choose another --out or remove it"
 LONGEST = 80
 """Most characters of a value in an error message."""
@@ -64,6 +66,56 @@ def check_same(folder: Path, there: Mapping[str, Any], wanted: Mapping[str, Any]
     difference = _difference({name: there[name] for name in wanted if name in there}, wanted)
     if difference:
         raise ValueError(f"{folder}: holds {what} ({difference}); {OTHERWISE}")
+
+
+def same_or_new(folder: Path, same: Callable[[], T | None], new: Callable[[], T]) -> T:
+    """What `same` finds of the same run in a folder, else what `new` makes there under its lock. Raises as both, and as folder_lock."""
+    if (there := same()) is not None:
+        return there
+    with folder_lock(folder):
+        # Another process may have made it before the lock was free.
+        return new() if (there := same()) is None else there
+
+
+class Journal:
+    """The parts of an unfinished run: a file of lines of JSON in its temporary folder, first what is made, then an entry a line.
+
+    about: what is made, as JSON values; entries of another run or version are not used. A line that was cut by a kill does not count.
+    found: whether there is a journal of the same run, with its `entries`. As a context manager it is written anew, and closed at the end.
+    """
+
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        self._path, self._about = path, json.dumps(about, sort_keys=True)
+        self.entries: list[dict[str, Any]] = []
+        try:
+            first, *lines = path.read_bytes().split(b"\n")[:-1]
+        except (OSError, ValueError):
+            first, lines = b"", []
+        self.found = first == self._about.encode()
+        for line in lines if self.found else ():
+            try:
+                self.entries.append(dict(json.loads(line)))
+            except (ValueError, TypeError):
+                break
+
+    def __enter__(self) -> Journal:
+        temporary = self._path.with_suffix(".new")
+        temporary.write_text("".join(f"{line}\n" for line in [self._about, *map(json.dumps, self.entries)]), encoding="utf-8")
+        temporary.replace(self._path)
+        self._file = self._path.open("a", encoding="utf-8")
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._file.close()
+
+    def add(self, entry: Mapping[str, Any]) -> None:
+        """Note a part. JSON keeps every bit of a float, NaN and infinity, too."""
+        self._file.write(json.dumps(entry) + "\n")
+        self._file.flush()
+
+    def remove(self) -> None:
+        """Remove the file, since the run is whole."""
+        self._path.unlink()
 
 
 def json_value(value: Any) -> Any:

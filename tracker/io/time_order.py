@@ -1,13 +1,20 @@
-"""Rows with times out of order: rows that step back a little are sorted, repeated rows are merged, and both are counted."""
+"""Rows with times out of order: rows that step back a little are sorted, repeated rows are merged, and both are counted.
+
+What a reader mends is a warning of the logger `tracker.mended`, one line a file. A program without a log of its own writes it to standard error.
+"""
 
 from __future__ import annotations
 
+import logging
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from tracker.geometry import Array, Ints
 
+LOG = logging.getLogger("tracker.mended")
 LARGEST_STEP_BACK = 0.5
 """s: rows that step back by less are sorted. Logs that several threads of a robot write step back by 0.1 s; a clock that was set jumps by seconds."""
 
@@ -63,3 +70,15 @@ def first_large_step_back(times: Array) -> tuple[int, int] | None:
 def counted(number: int, noun: str) -> str:
     """A number with its noun, in the plural where it is not 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def say_repeated(path: str | os.PathLike[str], count: int, noun: str = "row") -> None:
+    """Log that `count` repeated rows of a file were merged; nothing where it is 0."""
+    if count:
+        LOG.warning("%s: %s merged", Path(path), counted(count, f"repeated {noun}"))
+
+
+def say(note: str) -> None:
+    """Log a line on a file; nothing where it is empty."""
+    if note:
+        LOG.warning("%s", note)

@@ -10,8 +10,7 @@ import numpy as np
 from tracker.formats.utias import UtiasDataset, read_utias
 from tracker.geometry import Array
 from tracker.io.atomic import write_or_rescue
-from tracker.io.file_lock import folder_lock
-from tracker.io.resume import check_same, checksums, holds_run, json_value
+from tracker.io.resume import check_same, checksums, holds_run, json_value, same_or_new
 from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, filter_input, run_filter
 from tracker.planar_slam.filter import INFLATED, MATCHED, OUTLIER, ROBOT, SCAN, STARTED
 from tracker.planar_slam.motion_model import Sensors
@@ -28,10 +27,7 @@ def track_utias(source: Path, folder: Path, known_map: bool, parameters: PlanarP
     parameters, sensors = parameters or PlanarParameters(), Sensors()
     described = {"map": "known" if known_map else "unknown", "parameters": parameters, "sensors": sensors, "provenance": _checksums(source)}
     run = json_value(described)
-    if (there := _same_run(folder, run)) is not None:
-        return there
-    with folder_lock(folder):
-        return _same_run(folder, run) or _new_run(source, folder, run, parameters)
+    return same_or_new(folder, lambda: _same_run(folder, run), lambda: _new_run(source, folder, run, parameters))
 
 
 def _same_run(folder: Path, run: dict[str, Any]) -> PlanarTrajectories | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracker.io.csv_tables import BLOCK, _checked_table, _sound_table, read_arrays, read_table, write_arrays, write_table
+from tracker.io.csv_tables import BLOCK, read_arrays, read_numbered_table, read_table, write_arrays, write_table
 
 COLUMNS: dict[str, type] = {"frame": int, "name": str, "x": float}
 ROWS: list[list[object]] = [[0, "a", 0.1], [1, "b", -2.5e-9], [2, "c", 1 / 3]]
@@ -62,16 +62,21 @@ def test_object_arrays_are_refused(tmp_path: Path) -> None:
         read_arrays(tmp_path / "a.npz", ("heights",))
 
 
-def test_columns_are_read_at_once_as_cells_are_one_by_one(tmp_path: Path) -> None:
-    """Blanks, blank lines and more rows than a block change no value, line number or type; a fault is left to the reading by cells."""
-    lines = [f"{k - 7}, n_{k % 3} ,{k / 7 - 3:.9g}" + "\n" * (1 + (k % 50 == 0)) for k in range(BLOCK + 500)]
-    (tmp_path / "t.csv").write_text("frame,name,x\n" + "".join(lines))
-    found, one_by_one = _sound_table(tmp_path / "t.csv", COLUMNS), _checked_table(tmp_path / "t.csv", COLUMNS)
-    assert found is not None
-    assert found[0] == one_by_one[0]
-    for name in COLUMNS:
-        assert found[1][name].dtype == one_by_one[1][name].dtype
-        np.testing.assert_array_equal(found[1][name], one_by_one[1][name])
-    for faulty in ("1_0,a,1", "1,a,nan", "1,a,1e61", f"{1 << 62},a,1", "1,a", "1.5,a,1", '1,"a",1', f"{1 << 70},a,1"):
-        (tmp_path / "t.csv").write_text(f"frame,name,x\n0,b,0\n{faulty}\n")
-        assert _sound_table(tmp_path / "t.csv", COLUMNS) is None
+def test_blocks_and_blanks_change_no_value_line_number_or_type(tmp_path: Path) -> None:
+    """The rows have blanks, blank lines, a cell in quotes, and more rows than a block."""
+    count = BLOCK + 500
+    lines = [f"{k - 7}, n_{k % 3} ,{k / 7 - 3:.9g}" + "\n" * (1 + (k % 50 == 0)) for k in range(count)]
+    (tmp_path / "t.csv").write_text("frame,name,x\n" + "".join(lines).replace(" n_0 ", '"n_0"', 1))
+    numbers, table = read_numbered_table(tmp_path / "t.csv", COLUMNS)
+    assert numbers == [2 + k + (k + 49) // 50 for k in range(count)]
+    np.testing.assert_array_equal(table["frame"], np.arange(count) - 7)
+    assert table["name"].tolist() == [f"n_{k % 3}" for k in range(count)]
+    np.testing.assert_allclose(table["x"], np.arange(count) / 7 - 3, rtol=1e-8, atol=1e-9)
+    assert (table["frame"].dtype, table["x"].dtype) == (np.int64, np.float64)
+
+
+@pytest.mark.parametrize("faulty", ["1_0,a,1", "1,a,nan", "1,a,1e61", f"{1 << 62},a,1", "1,a", "1.5,a,1", f"{1 << 70},a,1"])
+def test_the_first_fault_is_named(tmp_path: Path, faulty: str) -> None:
+    (tmp_path / "t.csv").write_text(f"frame,name,x\n0,b,0\n\n{faulty}\n1,b,oops\n")
+    with pytest.raises(ValueError, match=r"t\.csv:4: (frame is|x is|2 values, needs 3)"):
+        read_table(tmp_path / "t.csv", COLUMNS)

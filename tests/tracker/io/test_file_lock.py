@@ -114,7 +114,7 @@ def test_a_link_and_its_folder_have_one_lock(tmp_path: Path) -> None:
     assert list((tmp_path / "real").iterdir()) == []
 
 
-def test_a_folder_that_is_renamed_meanwhile_is_named_and_has_no_lock_then(tmp_path: Path) -> None:
+def test_a_folder_that_is_renamed_meanwhile_is_named(tmp_path: Path) -> None:
     def work() -> None:
         with folder_lock(tmp_path / "out"):
             (tmp_path / "out").rename(tmp_path / "moved")
@@ -123,7 +123,8 @@ def test_a_folder_that_is_renamed_meanwhile_is_named_and_has_no_lock_then(tmp_pa
     with pytest.raises(FileNotFoundError, match="was removed or renamed while pilsim wrote into it"):
         work()
     assert [path.name for path in tmp_path.iterdir()] == ["moved"]
-    assert list((tmp_path / "moved").iterdir()) == []
+    with folder_lock(tmp_path / "moved"):
+        pass
 
 
 def test_another_host_that_did_not_end_its_work_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
