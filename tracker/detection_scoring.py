@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from tracker.datasets.opening import PILSIM, UTIAS, format_of, open_recording
-from tracker.datasets.projected_boxes import clipped, pose_at
 from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.detection_run import RUN
 from tracker.detector_models.bodies import bodies_in_view
 from tracker.detector_models.observations import judged, true_people
 from tracker.formats.motchallenge import Mot15Rows, read_mot15
 from tracker.geometry import Array, Mask, Pose
+from tracker.geometry.body_outlines import clipped
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
 from tracker.io.json_files import read_json
@@ -183,7 +183,7 @@ def _of_camera(path: Path, recording: Recording, name: str, found: tuple[range, 
         raise ValueError(f"{path}: has no truth, which scores need")
     camera, people = recording.cameras[name], true_people(path, recording, [name])
     for frame in frames:
-        pose = pose_at(recording, camera, frame)
+        pose = recording.pose_at(camera, frame)
         if pose is None or frame not in people.places:
             continue
         box, score = boxes.get(frame, NONE)

@@ -12,12 +12,12 @@ import numpy as np
 
 from sim.scenario import Scenario
 from sim.sensors.person_detector import Detector
-from tracker.datasets.projected_boxes import body_outlines
 from tracker.detections.boxes import detections_from_boxes
 from tracker.detector_models.bodies import BODY, LEAST_IN_IMAGE, TrueBodies, outlined
 from tracker.detector_models.model import DetectorModel, model_of
 from tracker.detector_models.sampler import Place, ViewSampler
 from tracker.geometry import Array, Ints
+from tracker.geometry.body_outlines import body_outlines
 from tracker.geometry.cameras import Camera
 from tracker.types import Detections, Mount, ViewTruth
 

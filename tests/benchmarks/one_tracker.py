@@ -31,7 +31,6 @@ from sim.stress.trial_data import TrialData, simulate_case
 from tests.benchmarks.room import room
 from tests.conftest import DATA
 from tracker.datasets.opening import open_sequence
-from tracker.datasets.projected_boxes import BoxNoise
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.io.json_files import json_text
@@ -39,7 +38,7 @@ from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import evaluated_people, matching_frames
 from tracker.options import CHOICES, OPTIONS, REAL, WHOLE, parameters_from
 from tracker.pipeline import Parameters, track
-from tracker.recordings.degradation import Degradation
+from tracker.recordings.degradation import BoxNoise, Degradation
 from tracker.sequence.results import Results
 from tracker.types import Sequence, Tick, TicksInMemory
 

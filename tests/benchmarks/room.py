@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tracker.datasets.projected_boxes import BoxNoise, body_boxes, noisy_boxes
 from tracker.geometry import Array
+from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Pinhole
 from tracker.recordings import Recording, RecordingCamera
+from tracker.recordings.degradation import BoxNoise, noisy_boxes
 
 SIZE = (7.7, 3.4)
 """m: the floor from (0, 0)."""

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from tracker.datasets.aicity import is_aicity, read_aicity
 from tracker.datasets.jrdb import is_jrdb, read_jrdb
 from tracker.datasets.pets2009 import is_pets, read_pets
-from tracker.datasets.projected_boxes import noisy_boxes, projected_boxes
 from tracker.datasets.selection import selected
 from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.datasets.wildtrack import is_wildtrack, read_wildtrack
 from tracker.formats.utias import is_utias
 from tracker.io.resume import checksum
 from tracker.recordings import Recording
-from tracker.recordings.degradation import Degradation
+from tracker.recordings.degradation import Degradation, degraded_boxes, noisy_boxes, projected_boxes
 from tracker.recordings.folder import is_recording, read_boxes, read_recording
 from tracker.recordings.images import VideoFile
 from tracker.sequence.dataset import FILE as DATASET
@@ -173,20 +168,9 @@ def _with_options(path: Path, recording: Recording, options: SourceOptions) -> R
         recording = recording.cut(first, recording.frames if end is None else min(end, recording.frames))
         source["frames"] = [first, first + recording.frames]
     if options.degradation != Degradation():
-        recording = _degraded(path, recording, options)
+        try:
+            recording = degraded_boxes(recording, options.degradation, options.seed)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
         source |= {"degradation": asdict(options.degradation), "seed": options.seed}
     return replace(recording, source=source)
-
-
-def _degraded(path: Path, recording: Recording, options: SourceOptions) -> Recording:
-    """The recording with degraded detections: each camera that has some has a random stream of its own, by its name."""
-    area: Any = recording.area
-    if options.degradation.clutter and (area is None or recording.robots):
-        raise ValueError(f"{path}: --degrade clutter needs fixed cameras and an area for the false people")
-    detections = {}
-    for name, given in recording.detections.items():
-        camera = recording.cameras[name]
-        rng = np.random.default_rng([options.seed, zlib.crc32(name.encode())])
-        view, place = (camera.camera, camera.pose), (area, recording.ground)
-        detections[name] = options.degradation.apply(given, recording.frames, view, place, rng)
-    return recording.with_detections(detections)

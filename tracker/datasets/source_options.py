@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tracker.datasets.projected_boxes import BoxNoise
-from tracker.recordings.degradation import Degradation
+from tracker.recordings.degradation import BoxNoise, Degradation
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.datasets.projected_boxes import body_outlines, clipped
 from tracker.geometry import Array, Ints, Pose, set_array, set_ints
+from tracker.geometry.body_outlines import body_outlines, clipped
 from tracker.geometry.cameras import Camera
 
 BODY = (1.75, 0.5)

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tracker.datasets.opening import format_of
-from tracker.datasets.projected_boxes import body_outlines, clipped, pose_at
 from tracker.detector_models.bodies import TrueBodies, bodies_in_view
 from tracker.detector_models.overlaps import MATCH, nearest_overlap
 from tracker.formats.pets2009 import ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.geometry.body_outlines import body_outlines, clipped
 from tracker.geometry.box_overlaps import box_overlaps
 from tracker.geometry.cameras import Camera
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
@@ -110,7 +110,7 @@ def observed(
     for name, boxes in given.items():
         camera = recording.cameras[name]
         for frame, (person, feet) in sorted(truth.places.items()):
-            pose = pose_at(recording, camera, frame)
+            pose = recording.pose_at(camera, frame)
             if pose is None or not 0 <= frame < recording.frames:
                 continue
             known = truth.boxes.get(name, {}).get(frame)

@@ -9,13 +9,13 @@ from typing import NamedTuple, final
 import numpy as np
 from scipy.special import expit, ndtr
 
-from tracker.datasets.projected_boxes import body_outlines, clipped
 from tracker.detector_models.bodies import TrueBodies
 from tracker.detector_models.model import CLEAR, KNOTS, OVERLAPS, DetectorModel, persistence
 from tracker.detector_models.overlaps import MATCH, nearest_overlap
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, next_example, second_rates
 from tracker.detector_models.trends import trend_features
 from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.geometry.body_outlines import body_outlines, clipped
 from tracker.geometry.box_overlaps import paired_overlaps
 from tracker.geometry.camera_protocol import Camera
 

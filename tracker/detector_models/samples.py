@@ -9,12 +9,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tracker.datasets.projected_boxes import clipped, pose_at
 from tracker.detector_models.bodies import TrueBodies
 from tracker.detector_models.observations import ViewFrame, ground_place, judged
 from tracker.detector_models.overlaps import nearest_overlap
 from tracker.detector_models.processes import Pairs, pairs_of
 from tracker.geometry import Array, Ints, Mask
+from tracker.geometry.body_outlines import clipped
 from tracker.geometry.box_overlaps import box_overlaps
 from tracker.recordings import Recording
 
@@ -198,7 +198,7 @@ def _false(recording: Recording, boxes: dict[str, list[tuple[int, Array, float]]
         frame, edges, confidence = np.array([f for f, *_ in found]), np.array([e for _, e, _ in found]), np.array([c for *_, c in found])
         feet, size, distance = np.zeros((len(frame), 3)), np.zeros((len(frame), 2)), np.zeros(len(frame))
         for each in np.unique(frame).tolist():
-            pose, mine = pose_at(recording, camera, each), frame == each
+            pose, mine = recording.pose_at(camera, each), frame == each
             assert pose is not None
             feet[mine], size[mine] = ground_place(recording, camera, pose, edges[mine])
             distance[mine] = np.linalg.norm(feet[mine, :2] - pose.translation[:2], axis=1)

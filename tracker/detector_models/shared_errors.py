@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from tracker.datasets.projected_boxes import pose_at
 from tracker.detector_models.bodies import BODY
 from tracker.detector_models.model import CLEAR
 from tracker.detector_models.observations import TruePeople, ViewFrame, matched
@@ -112,7 +111,7 @@ def box_errors(recording: Recording, truth: TruePeople, views: Iterable[Iterable
     for number, frames in enumerate(views):
         mine, heights = [_no_errors()], [np.zeros(0)]
         for one in frames:
-            camera, pose, bodies = recording.cameras[one.camera].camera, pose_at(recording, recording.cameras[one.camera], one.frame), one.bodies
+            camera, pose, bodies = recording.cameras[one.camera].camera, recording.pose_at(recording.cameras[one.camera], one.frame), one.bodies
             rows = np.flatnonzero((one.match >= 0) & (bodies.visible >= CLEAR) & (bodies.cut <= CUT))
             if pose is None or not len(rows):
                 continue

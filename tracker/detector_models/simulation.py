@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tracker.datasets.projected_boxes import pose_at
 from tracker.detector_models.bodies import bodies_in_view
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import TruePeople
@@ -42,7 +41,7 @@ def _view(recording: Recording, truth: TruePeople, model: DetectorModel, name: s
     sampler = ViewSampler(model, camera.camera, 1 / recording.rate, persons, rng)
     out = {}
     for frame, (person, feet) in sorted(truth.places.items()):
-        pose = pose_at(recording, camera, frame)
+        pose = recording.pose_at(camera, frame)
         if pose is None or not 0 <= frame < recording.frames:
             continue
         ground = float(recording.ground.height_at(pose.translation[None])[0])
@@ -59,7 +58,7 @@ def independent_detections(recording: Recording, truth: TruePeople, seed: int, c
         camera, known = recording.cameras[name], truth.boxes.get(name, {})
         rng, boxes = np.random.default_rng([seed, zlib.crc32(name.encode())]), {}
         for frame, (person, feet) in sorted(truth.places.items()):
-            pose = pose_at(recording, camera, frame)
+            pose = recording.pose_at(camera, frame)
             if pose is None or not 0 <= frame < recording.frames:
                 continue
             bodies = bodies_in_view((camera.camera, pose), person, feet, recording.pillars, known.get(frame), truth.heights)

@@ -1,15 +1,19 @@
-"""Degradation of detections for tests of robustness: boxes are dropped, false boxes are added, positions get noise."""
+"""Boxes of bodies at true places, and errors that are added to given boxes: some are dropped, false ones are added, and places or edges get noise."""
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tracker.geometry import Array, Pose
+from tracker.geometry.body_outlines import body_boxes, boxes_from_edges, clipped
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
+from tracker.recordings.recording import FrameBoxes, Recording
 
 HEIGHTS = (1.5, 2.0)
 """m: lowest and highest stature for false boxes."""
@@ -17,9 +21,97 @@ WIDTH = 0.4
 """Width of a false box over its height."""
 MAX_TRIES = 20
 """Most positions that are drawn for a false box until one lies in the image."""
+CONFIDENCE = 1.0
+"""Of projected boxes: the projection knows nothing of how sure a detector would be."""
 
-Boxes = Mapping[int, tuple[Array, Array]]
-"""Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,)."""
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """The random stream of a camera or another thing, by its name."""
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
+def _parsed(text: str, kinds: Mapping[str, type], option: str) -> dict[str, Any]:
+    """Parse NAME=NUMBER,... in any order, each at most once. kinds: name → int or float. Raises ValueError that names the invalid part."""
+    given: dict[str, Any] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        name, _, value = part.partition("=")
+        if name not in kinds or name in given:
+            raise ValueError(f"{option} has {part!r}, needs {', '.join(n + '=…' for n in kinds)}, each once")
+        try:
+            given[name] = kinds[name](value)
+        except ValueError:
+            raise ValueError(f"{option} has {part!r}, needs a {'whole ' if kinds[name] is int else ''}number") from None
+    return given
+
+
+@dataclass(frozen=True)
+class BoxNoise:
+    """Errors of boxes. misses: probability that a box is missing. edges: standard deviation of each edge, as a share of the box's width or height.
+
+    The errors of all boxes and edges are independent. Raises ValueError for a value out of bounds.
+    """
+
+    misses: float = 0.0
+    edges: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("misses", "edges"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, needs 0 to 1")
+
+    @staticmethod
+    def parse(text: str) -> BoxNoise:
+        """Parse misses=P,edges=S in any order, each at most once. Raises ValueError that names the invalid part."""
+        return BoxNoise(**_parsed(text, {"misses": float, "edges": float}, "--project"))
+
+    def __str__(self) -> str:
+        return f"misses={self.misses},edges={self.edges}"
+
+    def apply(self, boxes: FrameBoxes, camera: Camera, rng: np.random.Generator) -> dict[int, tuple[Array, Array]]:
+        """The boxes with misses and noise, within the image."""
+        out = {}
+        for frame, (box, confidence) in sorted(boxes.items()):
+            kept = rng.random(len(box)) >= self.misses
+            box, confidence = box[kept], confidence[kept]
+            noise = self.edges * rng.normal(size=(len(box), 4)) * box[:, [2, 3, 2, 3]]
+            low, high = box[:, :2] + noise[:, :2], box[:, :2] + box[:, 2:] + noise[:, 2:]
+            out[frame] = boxes_from_edges(camera, clipped(np.minimum(low, high), np.maximum(low, high), camera)), confidence
+        return out
+
+
+def projected_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int = 0, body: tuple[float, float] = (1.75, 0.5)) -> Recording:
+    """The recording with the boxes of upright bodies at its true positions in place of its detections, in all cameras.
+
+    body: height and width, m, of the cylinder that stands for a body. Bodies hide nobody. A box is the part of a body's box in the image.
+    Each camera has a random stream of its own, by its name and `seed`. Cameras on robots need the robots' true poses.
+    Raises ValueError for a recording without truth, and for a camera on a robot without true poses.
+    """
+    if recording.truth is None:
+        raise ValueError("the recording has no truth, which projected boxes need")
+    detections = {}
+    for name, camera in recording.cameras.items():
+        if camera.robot is not None and recording.robots[camera.robot].truth is None:
+            raise ValueError(f"camera {name} is on robot {camera.robot}, which has no true poses (robot_truth.csv), which projected boxes need")
+        boxes: dict[int, tuple[Array, Array]] = {}
+        for frame, (_, feet) in sorted(recording.truth.items()):
+            pose = recording.pose_at(camera, frame)
+            box = np.zeros((0, 4)) if pose is None else body_boxes(camera.camera, pose, feet, body)
+            boxes[frame] = box, np.full(len(box), CONFIDENCE)
+        detections[name] = boxes
+    noisy = noisy_boxes(replace(recording, detections=detections), noise, seed)
+    made = {"height": body[0], "width": body[1], **noisy.source["noisy_boxes"]}
+    return replace(noisy, source={**recording.source, "projected_boxes": made})
+
+
+def noisy_boxes(recording: Recording, noise: BoxNoise | None = None, seed: int = 0) -> Recording:
+    """The recording with errors of its detections, for instance of labelled boxes.
+
+    Each camera has a random stream of its own, by its name and `seed`.
+    """
+    noise = noise or BoxNoise()
+    detections = {name: noise.apply(boxes, recording.cameras[name].camera, stream(seed, name)) for name, boxes in recording.detections.items()}
+    source = {**recording.source, "noisy_boxes": {"misses": noise.misses, "edges": noise.edges, "seed": seed}}
+    return replace(recording, detections=detections, source=source)
 
 
 @dataclass(frozen=True)
@@ -44,26 +136,16 @@ class Degradation:
     @staticmethod
     def parse(text: str) -> Degradation:
         """Parse drop=P,clutter=N,noise=PX in any order, each at most once. Raises ValueError that names the invalid part."""
-        given: dict[str, float] = {}
-        names = [f.name for f in fields(Degradation)]
-        for part in filter(None, (p.strip() for p in text.split(","))):
-            name, _, value = part.partition("=")
-            if name not in names or name in given:
-                raise ValueError(f"--degrade has {part!r}, needs {', '.join(n + '=…' for n in names)}, each once")
-            try:
-                given[name] = int(value) if name == "clutter" else float(value)
-            except ValueError:
-                raise ValueError(f"--degrade has {part!r}, needs a {'whole ' if name == 'clutter' else ''}number") from None
-        return Degradation(given.get("drop", 0.0), int(given.get("clutter", 0)), given.get("noise", 0.0))
+        return Degradation(**_parsed(text, {"drop": float, "clutter": int, "noise": float}, "--degrade"))
 
     def apply(
         self,
-        boxes: Boxes,
+        boxes: FrameBoxes,
         frames: int,
         view: tuple[Camera, Pose],
         place: tuple[Array | None, Ground],
         rng: np.random.Generator,
-    ) -> Boxes:
+    ) -> FrameBoxes:
         """The degraded boxes of the first `frames` frames of a view (camera model, T_world_camera).
 
         place: area (2, 2) m and ground. False boxes have feet uniform in the area on the ground, and statures uniform in HEIGHTS.
@@ -84,6 +166,22 @@ class Degradation:
                 np.concatenate([confidence[kept], rng.choice(likely, len(false))]),
             )
         return degraded
+
+
+def degraded_boxes(recording: Recording, degradation: Degradation, seed: int) -> Recording:
+    """The recording with degraded detections: each camera that has some has a random stream of its own, by its name.
+
+    Raises ValueError for false boxes without an area, or before cameras on robots.
+    """
+    area: Any = recording.area
+    if degradation.clutter and (area is None or recording.robots):
+        raise ValueError("--degrade clutter needs fixed cameras and an area for the false people")
+    detections = {}
+    for name, given in recording.detections.items():
+        camera = recording.cameras[name]
+        view, place = (camera.camera, camera.pose), (area, recording.ground)
+        detections[name] = degradation.apply(given, recording.frames, view, place, stream(seed, name))
+    return recording.with_detections(detections)
 
 
 def _false_box(view: tuple[Camera, Pose], place: tuple[Array | None, Ground], rng: np.random.Generator) -> Array | None:

@@ -171,6 +171,13 @@ class Recording:
         changed = replace(self, frames=0, detections={**self.detections, **detections}, appearances=kept)
         return replace(changed, frames=max(self.frames, changed.frames))
 
+    def pose_at(self, camera: RecordingCamera, frame: int) -> Pose | None:
+        """T_world_camera of a camera in a frame, None where the true pose of its robot is not known."""
+        if camera.robot is None:
+            return camera.pose
+        truth = self.robots[camera.robot].truth or {}
+        return truth[frame] @ camera.pose if frame in truth else None
+
     def choose(self, cameras: Iterable[str]) -> Recording:
         """The recording with these cameras alone. Raises ValueError for a camera that is not there or is named twice."""
         names = list(cameras)

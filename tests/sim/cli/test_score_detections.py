@@ -7,9 +7,9 @@ import pytest
 
 from sim.cli.main import main
 from tests.tracker.recordings.walked_room import walked_room
-from tracker.datasets.projected_boxes import projected_boxes
 from tracker.export.recording import write_recording
 from tracker.formats.motchallenge import rows_from_boxes, write_mot15
+from tracker.recordings.degradation import projected_boxes
 
 
 def command(monkeypatch, *words):

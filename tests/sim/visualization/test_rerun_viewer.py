@@ -13,12 +13,12 @@ from sim.visualization.rerun_scene import FRUSTUM, SIGMAS, ellipsoid, lines_of_s
 from sim.visualization.rerun_viewer import show
 from tests.tracker import sequences
 from tests.tracker.datasets import small_sources
-from tracker.datasets.projected_boxes import projected_boxes
 from tracker.geometry import Pose, rotation_from_quaternion, rotation_z
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama
 from tracker.geometry.ground import Grid
 from tracker.pipeline import track
 from tracker.recordings import RecordingCamera
+from tracker.recordings.degradation import projected_boxes
 from tracker.recordings.folder import write_recording
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results, write_results

@@ -10,7 +10,6 @@ import numpy as np
 from tests.tracker import sequences
 from tests.tracker.formats import mrclam
 from tracker.datasets.jrdb import ABOVE_FLOOR
-from tracker.datasets.projected_boxes import body_boxes, projected_boxes
 from tracker.formats.aicity import AiCityCamera, AiCityObject, write_ground_truth
 from tracker.formats.aicity import write_calibration as write_aicity_calibration
 from tracker.formats.jrdb import DETECTIONS, LABELS_2D, LABELS_3D, Label2d, Label3d, write_detections_2d, write_labels_2d, write_labels_3d
@@ -18,9 +17,11 @@ from tracker.formats.motchallenge import Mot15Rows, write_mot15
 from tracker.formats.pets2009 import Site, write_annotations, write_camera, write_site
 from tracker.formats.wildtrack import OpenCvCamera, WildtrackPosition, write_calibration, write_positions
 from tracker.geometry import Array
+from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Cylinder, Pinhole, Tsai
 from tracker.geometry.ground import Flat
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings.degradation import projected_boxes
 from tracker.recordings.folder import write_recording
 
 FRAMES = 12

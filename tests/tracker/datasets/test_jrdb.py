@@ -15,12 +15,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tests.tracker.datasets.cafe import SEQUENCE, write_cafe
 from tracker.datasets.jrdb import CAMERA, CYLINDER, is_jrdb, read_jrdb
 from tracker.datasets.opening import open_recording
-from tracker.datasets.projected_boxes import BoxNoise
 from tracker.datasets.source_options import SourceOptions
 from tracker.formats.jrdb import DETECTIONS, LABELS_2D, LABELS_3D, read_detections_2d, write_detections_2d
 from tracker.metrics.evaluation import evaluate
 from tracker.options import parameters_from
 from tracker.pipeline import track
+from tracker.recordings.degradation import BoxNoise
 from tracker.sequence.results import Results
 
 Data = Callable[..., Path]

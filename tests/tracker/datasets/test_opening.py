@@ -117,7 +117,7 @@ def test_parts_that_are_not_there(tmp_path: Path, kind: str, options: dict[str, 
         ({"detections": ["C1=/nowhere.txt"]}, "/nowhere.txt: no such file"),
         ({"degrade": "drop=nan"}, "drop is nan, needs 0 to 1"),
         ({"degrade": "clutter=1.5"}, "--degrade has 'clutter=1.5', needs a whole number"),
-        ({"project": "misses=nan"}, "--project has 'misses=nan'"),
+        ({"project": "misses=x"}, "--project has 'misses=x', needs a number"),
         ({"seed": -1}, "--seed is -1, needs 0 or more"),
     ],
 )

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.datasets.projected_boxes import BoxNoise, projected_boxes
 from tracker.datasets.wildtrack import WILDTRACK_CAMERAS, is_wildtrack, read_wildtrack
 from tracker.formats.motchallenge import Mot15Rows, write_mot15
 from tracker.formats.wildtrack import GroundGrid, OpenCvCamera, WildtrackPosition, write_calibration, write_config, write_positions
@@ -21,6 +20,7 @@ from tracker.geometry.cameras import pinhole
 from tracker.metrics.evaluation import evaluate
 from tracker.options import parameters_from
 from tracker.pipeline import track
+from tracker.recordings.degradation import BoxNoise, projected_boxes
 from tracker.sequence.results import Results
 
 Data = Callable[..., Path]

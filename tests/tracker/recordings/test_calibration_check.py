@@ -12,11 +12,11 @@ import pytest
 
 from tests.tracker.recordings.walked_room import CORNERS, planted, walked_room, with_extrinsics, with_frames
 from tracker.datasets.opening import open_recording
-from tracker.datasets.projected_boxes import BoxNoise
 from tracker.datasets.source_options import SourceOptions
 from tracker.recordings import Recording
 from tracker.recordings.calibration_check import CalibrationReport, check_calibration
 from tracker.recordings.calibration_timing import STRETCHES
+from tracker.recordings.degradation import BoxNoise
 
 Data = Callable[..., Path]
 ERRORS = tuple(planted(walked_room(people=1, frames=2)))

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracker.datasets.projected_boxes import BoxNoise, projected_boxes
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Pinhole
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 from tracker.recordings.calibration_feet import Extrinsics
+from tracker.recordings.degradation import BoxNoise, projected_boxes
 
 SIZE = (12.0, 8.0)
 """m."""

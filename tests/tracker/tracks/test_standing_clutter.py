@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.tracker.detections.test_ground_points import seen
-from tracker.datasets.projected_boxes import body_boxes
 from tracker.geometry import Array
+from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Pinhole
 from tracker.metrics.evaluation import evaluate
 from tracker.mht.parameters import MhtParameters

@@ -1,0 +1,70 @@
+"""Boxes of upright bodies in an image: outlines of cylinders at given places, and the parts of boxes in the image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tracker.geometry.arrays import Array, Ints
+from tracker.geometry.camera_protocol import Camera
+from tracker.geometry.poses import Pose
+
+CORNERS = 16
+"""Points around each end of the cylinder that stands for a body."""
+LEAST_VISIBLE = 0.25
+"""Bodies of which a smaller share of the box lies in the image have no box."""
+
+
+def body_boxes(camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float, float] = (1.75, 0.5)) -> Array:
+    """Boxes (m, 4) left, top, width, height px of the bodies in the image, of bodies at feet (k, 3) m, world.
+
+    body: height and width, m, of an upright cylinder. Bodies with a point that the camera cannot project (behind it, or beyond the fold) have none.
+    Boxes of panoramas have left in [0, W), and left + width may exceed W.
+    """
+    _, low, high = body_outlines(camera, T_world_camera, feet, body)
+    seen = clipped(low, high, camera)
+    size, whole = seen[:, 2:] - seen[:, :2], high - low
+    shown = np.prod(size, axis=1) > LEAST_VISIBLE * np.prod(whole, axis=1)
+    return boxes_from_edges(camera, seen[shown])
+
+
+def body_outlines(
+    camera: Camera, T_world_camera: Pose, feet: Array, body: tuple[float | Array, float] = (1.75, 0.5)
+) -> tuple[Ints, Array, Array]:
+    """Outlines of bodies, also where they lie beyond the image: rows (m,) of `feet`, and lowest and highest corner (m, 2) px of each.
+
+    feet (k, 3) m, world. body: height, of all or (k,), and width, m, of upright cylinders.
+    Bodies with a point that the camera cannot project are left out.
+    Outlines in panoramas are not brought into [0, W).
+    """
+    height, width = body
+    around = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
+    ring = width / 2 * np.column_stack([np.cos(around), np.sin(around), np.zeros(CORNERS)])
+    # The last point, in the middle, tells on which side of the seam of a panorama the body is.
+    level = np.concatenate([ring, ring, np.zeros((1, 3))])
+    up = np.concatenate([np.zeros(CORNERS), np.ones(CORNERS), [0.5]])[:, None] * np.array([0.0, 0.0, 1.0])
+    cylinders = level + np.reshape(height, (-1, 1, 1)) * up
+    points = (np.asarray(feet, dtype=np.float64).reshape(-1, 1, 3) + cylinders).reshape(-1, 3)
+    rays = T_world_camera.inverse().apply(points)
+    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
+    pixels = camera.pixels_from_bearings(rays)[0].reshape(-1, len(level), 2)
+    rows = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))
+    pixels = pixels[rows]
+    if camera.wraps:
+        apart = pixels[:, :, 0] - pixels[:, -1:, 0]
+        pixels[:, :, 0] = pixels[:, -1:, 0] + np.mod(apart + camera.width / 2, camera.width) - camera.width / 2
+    return rows, pixels[:, :-1].min(axis=1), pixels[:, :-1].max(axis=1)
+
+
+def clipped(low: Array, high: Array, camera: Camera) -> Array:
+    """Corners low and high (n, 2) px → edges left, top, right, bottom (n, 4) px of the part in the image; panoramas have no left and right end."""
+    first = camera.pixel_centre - 0.5
+    least, most = np.array([first, first]), np.array([first + camera.width, first + camera.height])
+    if camera.wraps:
+        least[0], most[0] = -np.inf, np.inf
+    return np.concatenate([np.clip(low, least, most), np.clip(high, least, most)], axis=1)
+
+
+def boxes_from_edges(camera: Camera, edges: Array) -> Array:
+    """Edges left, top, right, bottom px (n, 4) → left, top, width, height px; in panoramas left is in [0, W)."""
+    left = np.mod(edges[:, 0], camera.width) if camera.wraps else edges[:, 0]
+    return np.column_stack([left, edges[:, 1], edges[:, 2:] - edges[:, :2]])
