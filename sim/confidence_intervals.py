@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,8 +29,6 @@ _BOUNDS: dict[str, Bounds] = (
 FEWEST_RESAMPLED = 6
 """Values from which the bootstrap is used. Five values have too few distinct resamples for a coverage near 95 %."""
 RESAMPLES = 4999
-BLOCK, IMAGE_RESAMPLES = 20, 500
-"""Most images of a block that is drawn whole, and resamples of images."""
 SEED = 20090
 """Each interval uses a generator of its own with this seed, so the same values always give the same interval."""
 
@@ -149,23 +147,3 @@ def _bootstrap(array: NDArray[np.float64], confidence: float) -> tuple[float, fl
         if np.isfinite(low) and np.isfinite(high):
             break
     return low, high
-
-
-def image_interval(statistic: Callable[[NDArray[np.float64]], float], count: int, confidence: float = 0.95) -> tuple[float, float] | None:
-    """The percentile bootstrap interval (Efron 1979) of a figure of `count` images in the order of their recording.
-
-    statistic: weights (count,), which are how often each image is drawn, → the figure. Images are drawn in blocks of up to BLOCK neighbours,
-    since neighbours are alike (Künsch 1989). None with fewer than FEWEST_RESAMPLED blocks, and where the figure is not defined.
-    """
-    length = max(1, min(BLOCK, count // FEWEST_RESAMPLED))
-    block = np.arange(count) // length
-    blocks = int(block[-1]) + 1 if count else 0
-    if blocks < FEWEST_RESAMPLED:
-        return None
-    rng = np.random.default_rng(SEED)
-    drawn = [np.bincount(rng.integers(0, blocks, blocks), minlength=blocks).astype(np.float64)[block] for _ in range(IMAGE_RESAMPLES)]
-    values = np.array([statistic(weight) for weight in drawn])
-    if not np.isfinite(values).all():
-        return None
-    low, high = np.quantile(values, [0.5 - confidence / 2, 0.5 + confidence / 2])
-    return float(low), float(high)

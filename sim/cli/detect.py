@@ -45,9 +45,9 @@ class Detect:
     def run(self) -> None:
         from tracker.datasets.opening import FORMATS, open_sequence
         from tracker.datasets.source_options import SourceOptions
-        from tracker.detection_pictures import frames_of_pictures, frames_of_sequence, is_pictures, number_of_pictures
-        from tracker.detection_run import DetectionRun, write_detections
+        from tracker.person_detector.detection_run import DetectionRun, write_detections
         from tracker.person_detector.detector import PersonDetector
+        from tracker.person_detector.pictures import frames_of_pictures, frames_of_sequence, is_pictures, number_of_pictures
         from tracker.run import check_output
 
         check_output(self.out)

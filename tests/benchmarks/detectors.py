@@ -31,10 +31,10 @@ from tests.benchmarks import seam
 from tests.conftest import DATA
 from tracker.datasets.opening import open_recording
 from tracker.datasets.source_options import SourceOptions
-from tracker.detection_scoring import images_of
 from tracker.formats.motchallenge import read_mot15, rows_from_boxes, write_mot15
 from tracker.geometry import Array, Image
 from tracker.metrics.box_detection import IOUS, ImageBoxes, best_moda, count_boxes, judge
+from tracker.metrics.scored_images import images_of
 from tracker.person_detector.detector import CameraPlace, PersonDetector
 
 PETS = DATA / "pets2009" / "S2.L1"

@@ -12,7 +12,6 @@ The metadata of the file has an entry `pilsim`, a JSON object: version 1, `calib
 from __future__ import annotations
 
 import hashlib
-import importlib.resources
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +36,7 @@ Maps = dict[str, NDArray[np.float32]]
 
 def shipped_model() -> Path:
     """The model that is shipped with the package."""
-    return Path(str(importlib.resources.files("tracker.detections"))) / "models" / "person_detector.onnx"
+    return Path(__file__).with_name("person_detector.onnx")
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.detection_pictures import PictureFrame
 from tracker.formats.motchallenge import rows_from_boxes, write_mot15
 from tracker.geometry import Array, Image
 from tracker.io.atomic import Kept, begin_folder, discard_folder, finish_folder, unfinished_path, write_text
@@ -21,6 +20,7 @@ from tracker.io.progress import progress_bar
 from tracker.io.resume import Journal, check_same, holds_run, json_value, program_version, same_or_new
 from tracker.io.video_files import VideoWriters
 from tracker.person_detector.detector import PersonDetector
+from tracker.person_detector.pictures import PictureFrame
 
 RUN, JOURNAL = "run.json", ".found.jsonl"
 LINE = (255, 64, 0)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from tests.tracker.person_detector.blob_network import HEIGHT, WIDTH, picture_with, write_blob_network
-from tracker.detection_pictures import PictureFrame, frames_of_pictures, is_pictures, number_of_pictures
-from tracker.detection_run import DetectionRun, write_detections
 from tracker.formats.motchallenge import read_mot15
 from tracker.io.video_files import VideoWriters
+from tracker.person_detector.detection_run import DetectionRun, write_detections
 from tracker.person_detector.detector import CameraPlace, PersonDetector
+from tracker.person_detector.pictures import PictureFrame, frames_of_pictures, is_pictures, number_of_pictures
 
 PLACES = [(30.0, 50.0), (46.0, 50.0), (62.0, 50.0)]
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from tracker.datasets.opening import PILSIM, UTIAS, format_of, open_recording
 from tracker.datasets.source_options import SourceOptions, camera_named
-from tracker.detection_run import RUN
 from tracker.detector_models.bodies import bodies_in_view
 from tracker.detector_models.observations import judged, true_people
 from tracker.formats.motchallenge import Mot15Rows, read_mot15
@@ -25,6 +24,7 @@ from tracker.io.json_files import read_json
 from tracker.metrics.box_detection import ImageBoxes
 from tracker.recordings import FrameBoxes, Recording
 from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import RUN
 from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes, Sequence
 
