@@ -116,8 +116,7 @@ class Place:
 
     def _compare(self) -> None:
         """Play the episodes, print the tables, and draw the picture."""
-        from sim.policies.comparison import differences, draw, text
-        from sim.policies.rollouts import table
+        from sim.policies.rollouts import differences, draw, table, text
 
         outcomes = self._outcomes()
         found, less = table(outcomes), differences(outcomes)
@@ -132,7 +131,7 @@ class Place:
 
     def _outcomes(self) -> list[EpisodeResult]:
         """The outcomes of all episodes, ordered by policy and seed."""
-        from sim.policies.comparison import compare
+        from sim.policies.rollouts import compare
         from tracker.io.progress import progress_bar
 
         seeds = range(self.seed, self.seed + self.episodes)

@@ -5,7 +5,7 @@
     observation, info = env.reset(seed=7)
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-An action is taken twice per second. Observations are those of observations.space_of. `info` holds every term of rewards.TERMS.
+An action is taken twice per second. Observations are those of observations.space_of. `info` holds every term of episode.TERMS.
 """
 
 from __future__ import annotations
@@ -18,15 +18,18 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from sim.placement import rewards
-from sim.placement.camera_views import CameraViews
+from sim.pedestrian import clothing, clothing_textures, gait, skeleton
 from sim.placement.config import DECISION_RATE, PlacementConfig
-from sim.placement.episode import Episode
-from sim.placement.map import map_of
+from sim.placement.episode import Episode, Reward, checked_reward, reward_of
+from sim.placement.map import PlacementMap, map_of
 from sim.placement.observations import Observation, observe, space_of
 from sim.placement.plan_view import draw_plan
-from sim.placement.rewards import Reward
-from tracker.geometry import Array
+from sim.rendering.panorama import PanoramaRenderer
+from sim.robots import rover
+from sim.scenario import Scenario
+from tracker.geometry import Array, Image, quaternion_from_rotation
+from tracker.geometry.cameras import Panorama
+from worlds.engine import mujoco
 
 
 class Placement(gymnasium.Env[Observation, Array]):
@@ -49,7 +52,7 @@ class Placement(gymnasium.Env[Observation, Array]):
     def __init__(self, density: str | None = None, reward: Reward | None = None, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode is {render_mode!r}, needs rgb_array or None")
-        self.config, self.reward, self.render_mode = PlacementConfig.of(options, density), rewards.checked_reward(reward), render_mode
+        self.config, self.reward, self.render_mode = PlacementConfig.of(options, density), checked_reward(reward), render_mode
         self.observation_space = space_of(self.config)  # type: ignore[assignment]
         self.action_space = spaces.Box(-1.0, 1.0, (self.config.robots, 2), np.float32)  # type: ignore[assignment]
         self.episode: Episode | None = None
@@ -79,7 +82,7 @@ class Placement(gymnasium.Env[Observation, Array]):
         if episode is None:
             raise ResetNeeded("step is called before reset, or after the end of the episode: call reset first")
         terms = episode.step(checked_action(action, self.config.robots))
-        reward = rewards.reward_of(self.reward, terms)
+        reward = reward_of(self.reward, terms)
         observation, terminated = self._observation(episode), episode.all_tipped
         if terminated:
             self.episode = None
@@ -105,6 +108,70 @@ class Placement(gymnasium.Env[Observation, Array]):
         if self.config.observation == "pixels":
             out["panoramas"] = np.concatenate(self._camera_views.render(episode, list(range(self.config.robots)), self.config.width))
         return out
+
+
+class CameraViews:
+    """Renders the panoramas of robots: they and people are bodies in the scene of the map. The scene of a map is compiled at its first panorama.
+
+    `close` frees the OpenGL resources. They are never copied or pickled.
+    """
+
+    def __init__(self, config: PlacementConfig) -> None:
+        self.config = config
+        self._place: PlacementMap | None = None
+        self._renderers: dict[int, PanoramaRenderer] = {}
+
+    def render(self, episode: Episode, robots: list[int], width: int) -> list[Image]:
+        """The panorama of each of these robots, (width / 2, width, 3) uint8 RGB. Raises GLUnavailable where there is no OpenGL."""
+        if self._place is not episode.place:
+            self.close()
+            self._compile(episode.place)
+        self._pose(episode)
+        if width not in self._renderers:
+            none = np.zeros(self._model.ngeom, dtype=np.uint16)
+            self._renderers[width] = PanoramaRenderer(self._model, Panorama(width, width // 2), none)
+        mount, poses = rover.camera_mount(self.config.camera_height), episode.mover.poses()
+        return [frame.colour for frame in self._renderers[width].render(self._data, [poses[k] @ mount for k in robots])]
+
+    def close(self) -> None:
+        """Free the OpenGL resources. A later panorama opens them again."""
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers, self._place = {}, None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"config": self.config}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["config"])  # type: ignore[misc]
+
+    def _compile(self, place: PlacementMap) -> None:
+        scenario, spec = Scenario(seed=place.key.seed), place.world.spec.copy()
+        for k in range(self.config.robots):
+            rover.add_rover(spec, f"robot_{k}", k, self.config.camera_height)
+        clothing_textures.add_clothing_textures(spec, scenario.stream("fabrics"))
+        for k, stature in enumerate(place.stature, start=1):
+            rng = scenario.stream(f"person_{k}")
+            skeleton.statures(rng, 1, 0.0)
+            clothing.add_person(spec, f"person_{k}", float(stature), rng)
+        self._model = clothing.compile_posed(spec)
+        self._data, self._place = mujoco.MjData(self._model), place
+        joints = [self._model.joint(f"robot_{k}").id for k in range(self.config.robots)]
+        self._rows: Array = self._model.jnt_qposadr[joints][:, None] + np.arange(7)
+        bodies = [[self._model.body(f"person_{k}/{limb}").mocapid[0] for limb in skeleton.LIMBS] for k in range(1, len(place.stature) + 1)]
+        self._limbs = np.array(bodies, dtype=np.int64).reshape(-1, len(skeleton.LIMBS))
+
+    def _pose(self, episode: Episode) -> None:
+        place, crowd = episode.place, episode.mover.crowd
+        for row, pose in zip(self._rows, episode.mover.poses(), strict=True):
+            self._data.qpos[row] = [*pose.translation, *quaternion_from_rotation(pose.rotation)]
+        if len(self._limbs):
+            # Each person takes one step from standing: the episode keeps no history of gait.
+            bodies = gait.Bodies(crowd.position, crowd.velocity, crowd.heading, place.stature)
+            footing = gait.walk(gait.stand(crowd.position, crowd.heading, place.stature), bodies, 0.25)
+            poses = skeleton.limb_poses(place.stature, footing, crowd.position, crowd.heading, place.world.terrain)
+            self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = poses.position, poses.quaternion
+        mujoco.mj_forward(self._model, self._data)
 
 
 def checked_action(action: Any, robots: int) -> Array:

@@ -11,7 +11,8 @@ import numpy as np
 
 from sim.crowd.social_force import BODY_RADIUS
 from sim.placement.config import SPEED, TRAVELLED, TURNED, YAW, YAW_RATE, X, Y
-from sim.placement.map import PlacementMap, height_on
+from sim.placement.map import PlacementMap, bilinear_at, height_on
+from sim.placement.roadmap import is_free
 from sim.robots.driving import ACCELERATION, YAW_ACCELERATION
 from sim.robots.rover import HALF_WIDTH, SPRUNG_MASS, WHEEL_RADIUS, wheel_positions
 from tracker.geometry import Array, Pose
@@ -40,15 +41,12 @@ def drive(team: Array, command: Array, people: Array, place: PlacementMap, dt: f
 
     command (r, 2): desired forward speed m/s and yaw rate rad/s. people (p, 2): positions m.
     """
-    free, origin, spacing = place.free_space.free, place.free_space.origin, place.free_space.spacing
-    limits = (ACCELERATION * dt, YAW_ACCELERATION * dt, dt)
-    return _drive(team, command, people, (free, origin, spacing), limits)
+    return _drive(team, command, people, place.roadmap.grid, (ACCELERATION * dt, YAW_ACCELERATION * dt, dt))
 
 
 @njit(cache=True)
 def _drive(team, command, people, space, limits):  # type: ignore[no-untyped-def]
     out, stopped = team.copy(), np.zeros(len(team), np.int64)
-    free, origin, spacing = space
     for r in range(len(team)):
         for column, limit in ((SPEED, limits[0]), (YAW_RATE, limits[1])):
             desired = command[r, column - SPEED]
@@ -59,11 +57,11 @@ def _drive(team, command, people, space, limits):  # type: ignore[no-untyped-def
         ahead = out[r, SPEED] * limits[2]
         yaw = out[r, YAW] + 0.5 * turn
         x, y = out[r, X] + ahead * math.cos(yaw), out[r, Y] + ahead * math.sin(yaw)
-        if not _is_free(free, origin, spacing, x, y):
+        if not is_free(space, x, y):
             # The rover slides along a wall, as one that steers slightly away would.
-            if _is_free(free, origin, spacing, x, out[r, Y]):
+            if is_free(space, x, out[r, Y]):
                 y = out[r, Y]
-            elif _is_free(free, origin, spacing, out[r, X], y):
+            elif is_free(space, out[r, X], y):
                 x = out[r, X]
             else:
                 stopped[r] = 3
@@ -81,12 +79,6 @@ def _drive(team, command, people, space, limits):  # type: ignore[no-untyped-def
             out[r, X], out[r, Y] = x, y
             out[r, TRAVELLED] += abs(ahead)
     return out, stopped
-
-
-@njit(cache=True)
-def _is_free(free, origin, spacing, x, y):  # type: ignore[no-untyped-def]
-    j, i = math.floor((x - origin[0]) / spacing + 0.5), math.floor((y - origin[1]) / spacing + 0.5)
-    return 0 <= i < free.shape[0] and 0 <= j < free.shape[1] and free[i, j]
 
 
 @njit(cache=True)
@@ -119,25 +111,18 @@ def poses(team: Array, place: PlacementMap) -> list[Pose]:
 
 def camera_positions(team: Array, place: PlacementMap, height: float) -> Array:
     """Camera positions (r, 3) m of rovers (r, 7), `height` m above the ground along the normal of the slope."""
-    return _camera_positions(team, place.floor.heights, place.elevation.frame, height)
+    return _camera_positions(team, place.floor.heights, place.floor.origin, place.floor.spacing, height)
 
 
 @njit(cache=True)
-def _height_at(heights, frame, x, y):  # type: ignore[no-untyped-def]
-    rows, columns = heights.shape
-    u, v = min(max((x - frame[0]) / frame[2], 0.0), columns - 1.0), min(max((y - frame[1]) / frame[2], 0.0), rows - 1.0)
-    j, i = min(int(u), columns - 2), min(int(v), rows - 2)
-    u, v = u - j, v - i
-    return (1 - v) * ((1 - u) * heights[i, j] + u * heights[i, j + 1]) + v * ((1 - u) * heights[i + 1, j] + u * heights[i + 1, j + 1])
-
-
-@njit(cache=True)
-def _camera_positions(team, heights, frame, mast):  # type: ignore[no-untyped-def]
+def _camera_positions(team, heights, origin, spacing, mast):  # type: ignore[no-untyped-def]
     out = np.empty((len(team), 3))
     for r in range(len(team)):
         x, y, c, s = team[r, X], team[r, Y], math.cos(team[r, YAW]), math.sin(team[r, YAW])
-        front, rear = _height_at(heights, frame, x + 0.25 * c, y + 0.25 * s), _height_at(heights, frame, x - 0.25 * c, y - 0.25 * s)
-        left, right = _height_at(heights, frame, x - 0.28 * s, y + 0.28 * c), _height_at(heights, frame, x + 0.28 * s, y - 0.28 * c)
+        front = bilinear_at(heights, origin, spacing, x + 0.25 * c, y + 0.25 * s)
+        rear = bilinear_at(heights, origin, spacing, x - 0.25 * c, y - 0.25 * s)
+        left = bilinear_at(heights, origin, spacing, x - 0.28 * s, y + 0.28 * c)
+        right = bilinear_at(heights, origin, spacing, x + 0.28 * s, y - 0.28 * c)
         ahead, aside = (front - rear) / 0.5, (left - right) / 0.56
         up = 1.0 / math.sqrt(1.0 + ahead * ahead + aside * aside)
         out[r, 0] = x - mast * up * (ahead * c - aside * s)

@@ -206,12 +206,17 @@ def height_on(field: Heightfield, points: Array) -> Array:
 
 @njit(cache=True)
 def _bilinear(z, origin, spacing, points):  # type: ignore[no-untyped-def]
-    rows, columns = z.shape
     out = np.empty(len(points))
     for n in range(len(points)):
-        u = min(max((points[n, 0] - origin[0]) / spacing, 0.0), columns - 1.0)
-        v = min(max((points[n, 1] - origin[1]) / spacing, 0.0), rows - 1.0)
-        j, i = min(int(u), columns - 2), min(int(v), rows - 2)
-        u, v = u - j, v - i
-        out[n] = (1 - v) * ((1 - u) * z[i, j] + u * z[i, j + 1]) + v * ((1 - u) * z[i + 1, j] + u * z[i + 1, j + 1])
+        out[n] = bilinear_at(z, origin, spacing, points[n, 0], points[n, 1])
     return out
+
+
+@njit(cache=True)
+def bilinear_at(z, origin, spacing, x, y):  # type: ignore[no-untyped-def]
+    """The height at one point (x, y) m, as `height_on` gives it."""
+    rows, columns = z.shape
+    u, v = min(max((x - origin[0]) / spacing, 0.0), columns - 1.0), min(max((y - origin[1]) / spacing, 0.0), rows - 1.0)
+    j, i = min(int(u), columns - 2), min(int(v), rows - 2)
+    u, v = u - j, v - i
+    return (1 - v) * ((1 - u) * z[i, j] + u * z[i, j + 1]) + v * ((1 - u) * z[i + 1, j] + u * z[i + 1, j + 1])

@@ -108,24 +108,22 @@ class VelocityDriver:
 class PhysicsMover:
     """Rovers on simulated wheels in a Simulation. A pickle holds the configuration and a snapshot."""
 
-    def __init__(self, config: PlacementConfig, place: PlacementMap, initial: tuple[Array, CrowdState]) -> None:
-        self.config, self.place, self._initial = config, place, initial
+    def __init__(self, config: PlacementConfig, place: PlacementMap, starts: Array, crowd: CrowdState) -> None:
+        self.config, self.place, self._initial = config, place, (starts, crowd)
         self._simulate()
         self.team = np.column_stack([self.simulation.motions(), np.zeros((config.robots, 2))])
 
-    @staticmethod
-    def begin(config: PlacementConfig, place: PlacementMap, starts: Array, crowd: CrowdState) -> PhysicsMover:
-        return PhysicsMover(config, place, (starts, crowd))
-
     def _simulate(self) -> None:
         config, key = self.config, self.place.key
-        options: dict[str, Any] = {
-            "robots": config.robots,
-            "people": config.people,
-            "rate": 1.0 / config.frame_period,
-            "camera_height": config.camera_height,
-        }
-        scenario = Scenario(world=key.world, difficulty=key.difficulty, seed=key.seed, **options)
+        scenario = Scenario(
+            world=key.world,
+            difficulty=key.difficulty,
+            seed=key.seed,
+            robots=config.robots,
+            people=config.people,
+            rate=1.0 / config.frame_period,
+            camera_height=config.camera_height,
+        )
         robots, people = self._initial
         self._velocity_drivers = tuple(VelocityDriver() for _ in robots)
         self.simulation = Simulation(scenario, self.place.world, start=InitialStates(robots, self._velocity_drivers, people, self.place.crowd))

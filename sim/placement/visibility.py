@@ -44,14 +44,11 @@ class VisibilityLimits:
     share: float = 0.25
 
 
-def visible_share(elevation: ElevationMap, cameras: Array, people: Array) -> Array:
-    """Share (r, p) of body points that each of cameras (r, 3) m sees of each of people (p, 4): feet x, y, z m and stature m."""
-    cameras, people = np.ascontiguousarray(cameras, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64)
-    return _visible_share(elevation.top, elevation.frame, cameras, people)
-
-
 def seen_share(elevation: ElevationMap, cameras: Array, people: Array, limits: VisibilityLimits) -> Array:
-    """As `visible_share`, with 0 for people beyond the limits."""
+    """Share (r, p) of body points that each of cameras (r, 3) m sees of each of people (p, 4): feet x, y, z m and stature m.
+
+    It is 0 for people beyond the limits.
+    """
     cameras, people = np.ascontiguousarray(cameras, dtype=np.float64), np.ascontiguousarray(people, dtype=np.float64)
     return _seen_share(elevation.top, elevation.frame, cameras, people, (limits.reach, limits.size, limits.share))
 
@@ -159,15 +156,6 @@ def _visible_points(top: Array, frame: Array, camera: Array, people: Array) -> N
     for p in range(len(people)):
         for k in range(len(BODY_POINTS)):
             out[p, k] = _point_visible(top, frame, camera, people, (p, k))
-    return out
-
-
-@njit(cache=True)
-def _visible_share(top: Array, frame: Array, cameras: Array, people: Array) -> Array:
-    out = np.zeros((len(cameras), len(people)))
-    for r in range(len(cameras)):
-        for p in range(len(people)):
-            out[r, p] = _body_share(top, frame, cameras[r], people, p)
     return out
 
 

@@ -15,6 +15,9 @@ from tracker.geometry import Array
 MAX_GOAL_TIME = 40
 """Decisions after which a random goal that was not reached is replaced."""
 
+ORDER = 2
+"""Number of nearest robots to which a point belongs in Lloyd's descent; two suit a reward for two views."""
+
 RADII, ROTATIONS = np.linspace(0.2, 1.3, 12), 12
 """Candidate rings: radii over the root mean square distance of the walkable area from its centre, and the number of rotations."""
 
@@ -87,13 +90,12 @@ def assign_goals(knowledge: TeamKnowledge, goals: NDArray[np.int64]) -> NDArray[
 class Lloyd:
     """Coverage control by Lloyd's descent (Cortés, Martínez, Karataş and Bullo 2004, Coverage control for mobile sensing networks).
 
-    The walkable area is divided into Voronoi cells of order `order`: each point belongs to its nearest robots, by path length. Order 2 suits a
-    reward for two views. Each robot goes to the node that sees most of its cell, weighted by PlacementMap.traffic. Visibility replaces the
+    The walkable area is divided into Voronoi cells of order ORDER: each point belongs to its nearest robots, by path length.
+    Each robot goes to the node that sees most of its cell, weighted by PlacementMap.traffic. Visibility replaces the
     centroid, because walls occlude (Ganguli, Cortés and Bullo 2006, Distributed deployment of asynchronous guards in art galleries).
     Among equal nodes, the nearest to the whole cell is chosen.
     """
 
-    order: int = 2
     action: str = "waypoint"
 
     def begin(self, knowledge: TeamKnowledge, rng: np.random.Generator) -> None:
@@ -108,7 +110,7 @@ class Lloyd:
         distance = roadmap.distance[self._goals][:, self._walkable]
         rank = np.argsort(np.argsort(distance, axis=0, kind="stable"), axis=0, kind="stable")
         for k in range(len(self._goals)):
-            cell = rank[k] < self.order
+            cell = rank[k] < ORDER
             if cell.any():
                 mean_square = (roadmap.distance[:, self._walkable[cell]] ** 2).mean(axis=1)
                 self._goals[k] = int(np.argmax(self._visible[:, cell] @ self._weight[cell] - 1e-4 * mean_square))

@@ -11,10 +11,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from sim.placement import rewards
 from sim.placement.env import Placement
-from sim.placement.episode import Episode
-from sim.placement.rewards import Reward
+from sim.placement.episode import Episode, Reward, reward_of
 from sim.policies.policy import TeamKnowledge, waypoint_action
 from sim.policies.waypoints import CHOICES, FEATURES, HOLD, WaypointFeatures
 from tracker.geometry import Array
@@ -80,7 +78,7 @@ def difference_rewards(episode: Episode, reward: Reward, terms: Mapping[str, flo
     """
     seen, people = episode.now.seen > 0, max(episode.config.people, 1)
     views, robots = seen.sum(axis=0), len(seen)
-    whole = rewards.reward_of(reward, terms)
+    whole = reward_of(reward, terms)
     out = np.zeros(robots)
     for k in range(robots):
         others = views - seen[k]
@@ -91,7 +89,7 @@ def difference_rewards(episode: Episode, reward: Reward, terms: Mapping[str, flo
             "near_misses": terms["near_misses"] * (1 - 1 / robots),
             "energy": terms["energy"] * (1 - 1 / robots),
         }
-        out[k] = whole - rewards.reward_of(reward, dict(terms) | without)
+        out[k] = whole - reward_of(reward, dict(terms) | without)
     return out
 
 

@@ -13,7 +13,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import sim  # noqa: F401
-from sim.placement.rewards import TERMS, WEIGHTS
+from sim.placement.episode import TERMS, WEIGHTS
 from worlds import catalogue
 
 NAME = "pilsim/Placement-v0"

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from sim.placement.beliefs import Beliefs, measure
+from sim.placement.episode import gospa
 from sim.placement.map import MapKey, map_of
-from sim.placement.rewards import gospa
-from sim.placement.visibility import ElevationMap, VisibilityLimits, line_of_sight, seen_share, visible_share
+from sim.placement.visibility import ElevationMap, VisibilityLimits, line_of_sight, seen_share
 
 FLAT = ElevationMap(np.zeros((41, 41)), np.array([-10.0, -10.0, 0.5]))
 CAMERA = np.array([[0.0, 0.0, 1.5]])
+UNLIMITED = VisibilityLimits(99.0, 0.0, 0.0)
 
 
 def person(x: float, y: float, stature: float = 1.75) -> list[float]:
@@ -21,7 +22,7 @@ def person(x: float, y: float, stature: float = 1.75) -> list[float]:
 
 def test_on_a_plane_everybody_within_the_limits_is_seen():
     people = np.array([person(3.0, 0.0), person(0.0, -8.0), person(7.0, 7.0)])
-    np.testing.assert_array_equal(visible_share(FLAT, CAMERA, people), [[1.0, 1.0, 1.0]])
+    np.testing.assert_array_equal(seen_share(FLAT, CAMERA, people, UNLIMITED), [[1.0, 1.0, 1.0]])
     np.testing.assert_array_equal(seen_share(FLAT, CAMERA, people, VisibilityLimits(9.0, 0.01, 0.25)), [[1.0, 1.0, 0.0]])
     # atan(1.75 / 8) is 0.215 rad.
     np.testing.assert_array_equal(seen_share(FLAT, CAMERA, people, VisibilityLimits(99.0, 0.22, 0.25)), [[1.0, 0.0, 0.0]])
@@ -32,8 +33,8 @@ def test_walls_occlude_people():
     top[:, 26] = 3.0
     high, low = ElevationMap(top, FLAT.frame), ElevationMap(np.where(top > 0, 1.0, 0.0), FLAT.frame)
     people = np.array([person(5.0, 0.0), person(2.0, 3.0), person(-5.0, 0.0)])
-    np.testing.assert_array_equal(visible_share(high, CAMERA, people), [[0.0, 1.0, 1.0]])
-    share = visible_share(low, CAMERA, people)[0]
+    np.testing.assert_array_equal(seen_share(high, CAMERA, people, UNLIMITED), [[0.0, 1.0, 1.0]])
+    share = seen_share(low, CAMERA, people, UNLIMITED)[0]
     # The wall is 3 m away and 1 m high: the line over its top is at 1.5 − 0.5 · 5 / 3 = 0.67 m at the person, above the knees.
     assert share[0] == 6 / 8
     assert (share[1:] == 1.0).all()
@@ -41,7 +42,7 @@ def test_walls_occlude_people():
 
 def test_people_occlude_people():
     behind = np.array([person(3.0, 0.0), person(6.0, 0.0), person(6.0, 3.0)])
-    share = visible_share(FLAT, CAMERA, behind)[0]
+    share = seen_share(FLAT, CAMERA, behind, UNLIMITED)[0]
     assert share[0] == share[2] == 1.0
     assert share[1] <= 2 / 8
 

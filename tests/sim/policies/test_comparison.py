@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 import sim  # noqa: F401
-from sim.policies.comparison import compare, differences, draw, text
-from sim.policies.rollouts import EpisodeResult, table
+from sim.policies.rollouts import EpisodeResult, compare, differences, draw, table, text
 
 OPTIONS = {"world": "pilsun", "people": 4, "robots": 2}
 

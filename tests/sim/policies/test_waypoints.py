@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sim  # noqa: F401
-from sim.placement.rewards import reward_of
+from sim.placement.episode import reward_of
 from sim.policies.policy import TeamKnowledge
 from sim.policies.waypoints import CHOICES, DISTANCES, FEATURES, WaypointFeatures, choices_of
 
