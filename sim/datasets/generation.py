@@ -17,7 +17,6 @@ from pathlib import Path
 from sim.datasets.generation_worker import SequenceTask, run_task
 from sim.datasets.presets import Preset
 from sim.parallel.pool import Pool, WorkerLost, cluster_client, usable_cores
-from sim.recording.record import in_any_order
 from sim.scenario import OPTIONAL
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
@@ -132,7 +131,7 @@ def _run(plan: Plan, tasks: list[SequenceTask]) -> None:
     pool = plan.pool
     if plan.cluster is None:
         tasks = [dataclasses.replace(task, workers=max(1, plan.workers // len(tasks))) for task in tasks]
-    elif in_any_order(plan.preset.scenario, plan.form):
+    else:
         with cluster_client(plan.cluster) as client:
             threads = sum(client.nthreads().values())
         if len(tasks) < threads:

@@ -15,7 +15,7 @@ from sim.datasets.presets import Preset, confine, provenance
 from sim.parallel.pool import drawing_alone
 from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
-from sim.recording.record import Recording, drawing_processes, write_recording
+from sim.recording.record import Recording, write_recording
 from sim.simulation.furnished_world import furnished
 from sim.simulation.simulation import Simulation
 from tracker.io.atomic import partial_path
@@ -85,7 +85,7 @@ class SequenceTask:
         """
         with drawing_alone(), file_lock(self._lock, wait=True):
             if not self.complete:
-                count = drawing_processes(self.preset.scenario, self.form, self.workers) if self.cluster is None else 1
+                count = min(self.workers, self.preset.scenario.frames) if self.cluster is None else 1
                 with drawing_workers(count) as drawing:
                     write_recording(self._recording(drawing), self.folder)
 

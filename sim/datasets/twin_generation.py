@@ -17,9 +17,9 @@ from sim.datasets.recorded_twin import RecordedTwin, TrueMotion, recording_of, t
 from sim.datasets.twin_picture import draw_pets_twin, draw_recorded_twin
 from sim.parallel.pool import Pool, usable_cores
 from sim.recording.drawing_workers import drawing_workers
-from sim.recording.raycast_run import run_raycast
+from sim.recording.frames import raycast_frames
 from sim.recording.record import Recording as RecordingToWrite
-from sim.recording.record import check_absent, drawing_processes, write_recording
+from sim.recording.record import check_absent, write_recording
 from sim.recording.tracker_setup import make_setup
 from tracker.datasets.opening import format_of
 from tracker.datasets.pets2009 import PETS_AREA, calibration_of
@@ -118,7 +118,7 @@ def _write(made: RecordingToWrite, render: bool, area: Array | None, workers: in
     if not render:
         _write_without_images(made, out, area)
         return
-    with drawing_workers(drawing_processes(made.scenario, made.form, workers)) as drawing:
+    with drawing_workers(min(workers, made.scenario.frames)) as drawing:
         write_recording(dataclasses.replace(made, workers=drawing), out, partial(progress_bar, desc="frames", unit="frame"))
 
 
@@ -128,7 +128,7 @@ def _write_without_images(made: RecordingToWrite, folder: Path, area: Array | No
     area (2, 2): lowest and highest x, y, m, in which people are reported, or None.
     """
     setup = make_setup(made.scenario, made.simulation, made.fixed)
-    frames = run_raycast(made.scenario, made.simulation, setup)
+    frames = raycast_frames(made.scenario, made.simulation, setup)
     detections: dict[str, dict[int, tuple[Array, Array]]] = {name: {} for name in setup.mounts}
     truth: dict[int, tuple[Ints, Array]] = {}
     visible: dict[int, Array] = {}

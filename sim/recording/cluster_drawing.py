@@ -15,7 +15,8 @@ from itertools import islice
 from typing import Any
 
 from sim.parallel.pool import CLUSTER_LOST, WorkerLost, cluster_client, cluster_losses, drawing_alone
-from sim.recording.drawing import Drawn, DrawnScene, Moment, MomentRenderer
+from sim.recording.drawing import Drawn, DrawnScene, MomentRenderer
+from sim.recording.shots import Moment
 
 SHORTEST, LONGEST = 8, 64
 """Frames of a part. A part opens a renderer, which takes as long as 4 frames of four panoramas; a longer one holds more images in memory."""

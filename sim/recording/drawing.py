@@ -1,78 +1,73 @@
-"""Drawing of one moment: the images of all cameras, coded, and the people in them. It needs no simulation, so any process can do it."""
+"""Drawing of one moment: the pictures of all lenses and cameras, and the people in them. It needs no simulation, so any process can do it."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
-from types import SimpleNamespace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.recording.frame_loop import FrameState
-from sim.rendering.panorama import PanoramaRenderer
-from sim.rendering.semantic_labels import classes
+from sim.cameras.partial import PartialCamera
+from sim.effects.image_effects import averaged
+from sim.recording.shots import Moment, MountedRig, Shot, ShotPlan, ShutterPart
+from sim.rendering.coverage import UnoccludedExtent
+from sim.rendering.draw_list import classes
+from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from sim.sensors.keypoints import InstanceImage
-from sim.sensors.person_detector import People, seen_people
+from sim.sensors.person_detector import seen_people
 from sim.simulation.simulation import Simulation
-from tracker.geometry import Array, Ints, Pose
+from tracker.geometry import Array, Image
 from tracker.geometry.cameras import Camera
 from tracker.io.image_files import encoded
 from tracker.sequence.writer import ImageForm, Layers, view_name
-from tracker.types import Boxes, Keypoints, Setup
+from tracker.types import Boxes, Keypoints
 from worlds.engine import mujoco
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnScene:
-    """What stays the same in a sequence: the model, the cameras by name, the person (ngeom,) of each geom, and the form of the images.
+    """What stays the same in a sequence: the model, the person (ngeom,) of each geom, rigs and shots, and the form of the images.
 
-    raw: whether colours are handed back as pixels, since something is still to be done to them in the order of the frames.
+    raw: whether pictures of lenses are handed back as pixels, since something is still to be done to them in the order of the frames.
     """
 
     model: mujoco.MjModel
-    cameras: dict[str, Camera]
     person_of_geom: NDArray[np.uint16]
+    rigs: list[MountedRig]
+    shots: list[list[Shot]]
     form: ImageForm
     raw: bool
 
     @staticmethod
-    def of(simulation: Simulation, setup: Setup, form: ImageForm, raw: bool) -> DrawnScene:
-        cameras = {name: mount.camera for name, mount in setup.mounts.items()}
-        return DrawnScene(simulation.model, cameras, simulation.person_of_geom.astype(np.uint16), form, raw)
+    def of(simulation: Simulation, plan: ShotPlan, form: ImageForm, raw: bool) -> DrawnScene:
+        return DrawnScene(simulation.model, simulation.person_of_geom.astype(np.uint16), plan.rigs, list(plan.shots.values()), form, raw)
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """The state that is drawn in one frame. geoms: positions (ngeom, 3) m, rotations (ngeom, 9), groups (ngeom,). lights: positions, directions.
+class Rendered:
+    """One frame in memory. lenses: name → picture (H, W, 3) of a lens. images: camera → its image, with the colour that was rendered.
 
-    poses: T_world_camera of every camera. people: who are present.
+    people: camera → boxes and key points.
     """
 
-    frame: int
-    geoms: tuple[Array, Array, Ints]
-    lights: tuple[Array, Array]
-    poses: list[Pose]
-    people: People
-
-    @staticmethod
-    def of(state: FrameState, simulation: Simulation, setup: Setup) -> Moment:
-        data, model = simulation.data, simulation.model
-        poses = [state.robots[mount.robot] @ mount.T_body_camera for mount in setup.mounts.values()]
-        geoms = data.geom_xpos.copy(), data.geom_xmat.copy(), model.geom_group.copy()
-        return Moment(state.index, geoms, (data.light_xpos.copy(), data.light_xdir.copy()), poses, state.people)
+    lenses: dict[str, Image]
+    images: dict[str, RenderedImage]
+    people: dict[str, tuple[Boxes, Keypoints]]
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Images and people of one frame. files: path in the sequence → bytes of an image file. colours: camera → pixels, where they are raw.
+    """Images and people of one frame. files: path in the sequence → bytes of an image file. colours: lens → pixels, where they are raw.
 
     people: camera → boxes and key points.
     """
 
     frame: int
     files: dict[str, bytes]
-    colours: dict[str, NDArray[np.uint8]]
+    colours: dict[str, Image]
     people: dict[str, tuple[Boxes, Keypoints]]
 
 
@@ -82,8 +77,9 @@ class MomentRenderer:
     def __init__(self, scene: DrawnScene) -> None:
         self.scene = scene
         # A renderer of several cameras shares one buffer: their number and order change no pixel.
-        self._renderer = PanoramaRenderer(scene.model, list(dict.fromkeys(scene.cameras.values())), scene.person_of_geom, classes(scene.model))
-        self._which = [self._renderer.cameras.index(camera) for camera in scene.cameras.values()]
+        cameras = list(dict.fromkeys(shot.part.camera for shots in scene.shots for shot in shots))
+        self._renderer = PanoramaRenderer(scene.model, cameras, scene.person_of_geom, classes(scene.model))
+        self._index = {camera: k for k, camera in enumerate(cameras)}
 
     def __enter__(self) -> MomentRenderer:
         return self
@@ -92,24 +88,106 @@ class MomentRenderer:
         self._renderer.close()
 
     def draw(self, moment: Moment) -> Drawn:
-        """Images and people of a moment."""
-        names, people = list(self.scene.cameras), moment.people
-        self.scene.model.geom_group[:] = moment.geoms[2]
-        # The renderer reads these arrays of an MjData, and no others.
-        data: Any = SimpleNamespace(geom_xpos=moment.geoms[0], geom_xmat=moment.geoms[1], light_xpos=moment.lights[0], light_xdir=moment.lights[1])
-        images = self._renderer.render(data, moment.poses, self._which)
-        unoccluded = self._renderer.unoccluded(data, moment.poses, people.person.tolist(), self._which)
-        seen = {}
-        for name, pose, image, extents in zip(names, moment.poses, images, unoccluded, strict=True):
-            seen[name] = seen_people(InstanceImage(self.scene.cameras[name], pose, image.instances, image.range), people, extents)
-        by_name = dict(zip(names, images, strict=True))
-        kinds = {name: image.classes for name, image in by_name.items() if image.classes is not None}
-        layers = Layers({k: image.instances for k, image in by_name.items()}, {k: image.range for k, image in by_name.items()}, kinds)
-        files = {}
-        for name, image in by_name.items():
+        """Coded images and people of a moment."""
+        rendered, form, files = self.render(moment), self.scene.form, {}
+        kinds = {name: image.classes for name, image in rendered.images.items() if image.classes is not None}
+        layers = Layers({k: image.instances for k, image in rendered.images.items()}, {k: image.range for k, image in rendered.images.items()}, kinds)
+        for name, image in rendered.images.items():
             if not self.scene.raw:
-                path, options = self.scene.form.colour_file(view_name(name, moment.frame))
+                path, options = form.colour_file(view_name(name, moment.frame))
                 files[path] = encoded(path, image.colour[:, :, ::-1], options)
-            for path, pixels, options in self.scene.form.layer_files(name, moment.frame, layers):
+            for path, pixels, options in form.layer_files(name, moment.frame, layers):
                 files[path] = encoded(path, pixels, options)
-        return Drawn(moment.frame, files, {k: image.colour for k, image in by_name.items()} if self.scene.raw else {}, seen)
+        return Drawn(moment.frame, files, rendered.lenses if self.scene.raw else {}, rendered.people)
+
+    def render(self, moment: Moment) -> Rendered:
+        """Pictures and people of a moment."""
+        pictures, images, people = self._pictures(moment), {}, {}
+        for mounted in self.scene.rigs:
+            for view in mounted.rig.views:
+                name = mounted.name + view.suffix
+                image = images[name] = pictures[name].image()
+                instance_image = InstanceImage(view.camera, moment.views[name], image.instances, image.range)
+                people[name] = seen_people(instance_image, moment.people, pictures[name].extents(len(moment.people.person)))
+        lenses = [mounted.name + lens.suffix for mounted in self.scene.rigs for lens in mounted.rig.lenses]
+        return Rendered({name: pictures[name].colour for name in lenses}, images, people)
+
+    def _pictures(self, moment: Moment) -> dict[str, _Picture]:
+        """Everything that is planned, rendered: name of a lens or a stitched view → its picture."""
+        out: dict[str, _Picture] = {}
+        self.scene.model.geom_group[:] = moment.groups
+        persons = moment.people.person.tolist()
+        for shots, state, poses in zip(self.scene.shots, moment.states, moment.poses, strict=True):
+            data: Any = state
+            which = [self._index[shot.part.camera] for shot in shots]
+            images = self._renderer.render(data, poses, which)
+            truth = [n for n, shot in enumerate(shots) if shot.truth]
+            extents = self._renderer.unoccluded(data, [poses[n] for n in truth], persons, [which[n] for n in truth]) if truth else []
+            found = dict(zip(truth, extents, strict=True))
+            for n, (shot, image) in enumerate(zip(shots, images, strict=True)):
+                out.setdefault(shot.name, _Picture(shot.whole)).add(shot.part, image, found.get(n))
+        return out
+
+
+class _Picture:
+    """A picture that is put together from its parts and exposures."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self._colours: dict[int, list[tuple[ShutterPart, Image]]] = defaultdict(list)
+        self._truth: list[tuple[ShutterPart, RenderedImage, list[UnoccludedExtent]]] = []
+
+    def add(self, part: ShutterPart, image: RenderedImage, extents: list[UnoccludedExtent] | None) -> None:
+        """Add a rendered part. extents: of all people, for the exposure that gives the truth."""
+        self._colours[id(part)].append((part, image.colour))
+        if extents is not None:
+            self._truth.append((part, image, extents))
+
+    @cached_property
+    def colour(self) -> Image:
+        """The picture (H, W, 3) as the lens sees it, averaged over the exposures."""
+        parts = [(of[0][0], of[0][1] if len(of) == 1 else averaged([image for _, image in of])) for of in self._colours.values()]
+        return self._pasted(parts, 0)
+
+    def image(self) -> RenderedImage:
+        """The picture with its truth."""
+        shots = [(part, image) for part, image, _ in self._truth]
+        instances = self._pasted([(part, image.instances) for part, image in shots], 0)
+        distance = self._pasted([(part, image.range) for part, image in shots], np.inf)
+        kinds = [(part, image.classes) for part, image in shots if image.classes is not None]
+        return RenderedImage(self.colour, instances, distance, self._pasted(kinds, 0) if kinds else None)
+
+    def extents(self, people: int) -> list[UnoccludedExtent]:
+        """Extents of all people without occlusion."""
+        return [_joined([(part.camera, of[k]) for part, _, of in self._truth], self.camera) for k in range(people)]
+
+    def _pasted(self, parts: list[tuple[ShutterPart, np.ndarray]], empty: float) -> np.ndarray:
+        first_part, first = parts[0]
+        if not isinstance(first_part.camera, PartialCamera):
+            return first
+        whole = np.full((self.camera.height, self.camera.width, *first.shape[2:]), empty, first.dtype)
+        for part, image in parts:
+            assert isinstance(part.camera, PartialCamera)
+            part.camera.paste(image, whole)
+        return whole
+
+
+def _joined(extents: list[tuple[PartialCamera | Camera, UnoccludedExtent]], whole: Camera) -> UnoccludedExtent:
+    """The extent of one body in a whole image, from those in its parts."""
+    seen = [(camera, extent) for camera, extent in extents if extent.pixels]
+    if not seen:
+        return UnoccludedExtent(0, np.full(4, np.nan))
+    corners = [(camera.left, camera.top) if isinstance(camera, PartialCamera) else (0, 0) for camera, _ in seen]
+    boxes = np.array([extent.box + np.array([*corner, *corner]) for corner, (_, extent) in zip(corners, seen, strict=True)])
+    return UnoccludedExtent(sum(extent.pixels for _, extent in seen), around(boxes, whole.width, whole.wraps))
+
+
+def around(boxes: Array, width: int, wraps: bool) -> Array:
+    """The smallest box (4,) around boxes (n, 4). wraps: whether the image is a full panorama of `width` px, so that it may lie across the seam."""
+    low, high = boxes[:, 1].min(), boxes[:, 3].max()
+    if not wraps:
+        return np.array([boxes[:, 0].min(), low, boxes[:, 2].max(), high])
+    starts = np.unique(np.mod(boxes[:, 0], width))
+    ends = [(np.mod(boxes[:, 0] - start, width) + boxes[:, 2] - boxes[:, 0]).max() for start in starts]
+    best = int(np.argmin(ends))
+    return np.array([starts[best], low, starts[best] + min(ends[best], width), high])

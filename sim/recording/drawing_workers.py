@@ -17,7 +17,8 @@ from multiprocessing.connection import Connection, Pipe
 from queue import SimpleQueue
 
 from sim.parallel.pool import ONE_THREAD, WorkerLost
-from sim.recording.drawing import Drawn, DrawnScene, Moment, MomentRenderer
+from sim.recording.drawing import Drawn, DrawnScene, MomentRenderer
+from sim.recording.shots import Moment
 from sim.rendering.gl_context import choose_gl
 
 AHEAD = 3

@@ -22,17 +22,18 @@ People = dict[str, tuple[Boxes, Keypoints]]
 class FrameJournal:
     """The journal in `folder`, with the frames whose images are whole. about: as of Journal.
 
-    found: whether there is one to resume. drawn: frame → camera → boxes and key points. checksums: path → SHA-256 and bytes of its images.
+    resumes: whether an earlier one counts. found: whether there is one to resume.
+    drawn: frame → camera → boxes and key points. checksums: path → SHA-256 and bytes of its images.
     As a context manager it closes the file.
     """
 
-    def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, about: Mapping[str, Any], resumes: bool = True) -> None:
         self._journal = Journal(folder / NAME, about)
         self.drawn: dict[int, People] = {}
         self.checksums: dict[str, tuple[str, int]] = {}
         self._pending: deque[tuple[int, People, list[str]]] = deque()
-        self.found = self._journal.found
-        entries, self._journal.entries = self._journal.entries, []
+        self.found = resumes and self._journal.found
+        entries, self._journal.entries = self._journal.entries if resumes else [], []
         for entry in entries:
             files = {name: (sha256, size) for name, (sha256, size) in entry["files"].items()}
             if all(_is_whole(folder / name, *claimed) for name, claimed in files.items()):

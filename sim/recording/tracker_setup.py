@@ -1,15 +1,16 @@
-"""The setup that the tracker gets before the first frame of a simulation."""
+"""The setup that the tracker gets before the first frame of a simulation, with mounts of cameras that are true or off."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.cameras import Rig, RigView
 from sim.pedestrian import skeleton
-from sim.recording.rig_rendering import rig_of
+from sim.recording.shots import MountedRig, mounted_rigs, rig_of
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
@@ -64,3 +65,27 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
     terrain, occluders = (Grid(field.heights, field.origin, field.spacing) for field in (floor, simulation.world.tops()))
     band = Setup.height if not scenario.children else (Setup.height[0] - (skeleton.ADULTS[0] - skeleton.CHILDREN[0]), Setup.height[1])
     return Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)
+
+
+def told_setup(scenario: Scenario, simulation: Simulation, true: Setup) -> Setup:
+    """The setup that the tracker is told: every rig is turned by mount_angle about a random axis, and moved by mount_shift in a random direction.
+
+    The lenses of a rig move together. Axis and direction are of the stream "calibration/NAME". Without these effects it is the true one.
+    """
+    effects = scenario.camera_effects
+    if effects.mount_angle is None and effects.mount_shift is None:
+        return true
+    mounts = dict(true.mounts)
+    for mounted in mounted_rigs(scenario, simulation, true):
+        error = _mount_error(scenario, mounted)
+        for view in mounted.rig.views:
+            name = mounted.name + view.suffix
+            mounts[name] = replace(mounts[name], T_body_camera=mounted.T_body_rig @ error @ view.T_rig_view)
+    return replace(true, mounts=mounts)
+
+
+def _mount_error(scenario: Scenario, mounted: MountedRig) -> Pose:
+    effects, rng = scenario.camera_effects, scenario.stream(f"calibration/{mounted.name}")
+    axis, direction = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
+    shift, turn = (effects.mount_shift or 0.0) * direction, math.radians(effects.mount_angle or 0.0) * axis
+    return Pose(Pose.exp(np.concatenate([np.zeros(3), turn])).rotation, shift)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sim.rendering.geometry import DRAWN, G, ShapeBuffers
 from tracker.geometry import Array, Pose
 from worlds.engine import mujoco
+from worlds.semantics import CLASSES, class_of
 
 Indices = NDArray[np.int64]
 
@@ -203,3 +204,20 @@ def _materials(model: mujoco.MjModel, geom: Indices, records: NDArray[np.void]) 
     faceted = field & (surface != CUBE_MAPPED)
     surface[faceted] = np.where(texture[faceted] < 0, FACETS, TEXTURED_FACETS)
     return surface, texture
+
+
+def classes(model: mujoco.MjModel) -> NDArray[np.uint8]:
+    """Class (ngeom,) of every geom, from its name or its body's name; 0 for geoms that are not drawn.
+
+    Raises ValueError for a drawn geom whose name worlds.semantics does not know.
+    """
+    out = np.zeros(model.ngeom, np.uint8)
+    for k in np.flatnonzero(np.isin(model.geom_group, (*GROUPS, ABSENT)) & (model.geom_rgba[:, 3] > 0)):
+        name, body = model.geom(int(k)).name, model.body(int(model.geom_bodyid[k])).name
+        if body.startswith("person_"):
+            out[k] = CLASSES.index("person")
+        elif body.startswith("robot_"):
+            out[k] = CLASSES.index("robot")
+        else:
+            out[k] = class_of(name)
+    return out

@@ -14,11 +14,9 @@ from sim.datasets.fixed_cameras import corner_cameras
 from sim.datasets.pets_twin import Twin, annotations_of, recording_of
 from sim.datasets.presets import PRESETS
 from sim.policies.driven_simulation import PolicySimulation
-from sim.recording.calibration_error import is_off, told_setup
-from sim.recording.raycast_run import RaycastFrame, run_raycast
-from sim.recording.record import Recording, open_renderer
-from sim.recording.record import run as run_rendered
-from sim.recording.tracker_setup import make_setup
+from sim.recording.frames import Frame, raycast_frames
+from sim.recording.record import Recording, rendered_frames
+from sim.recording.tracker_setup import make_setup, told_setup
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
 from tracker.datasets.opening import open_recording, open_sequence
@@ -90,13 +88,12 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
         setup = _with_fixed_cameras_only(setup)
     landmarks = None
     if rendered and not case.source:
-        with open_renderer(recording.scenario, recording.simulation) as renderer:
-            # Instances and ranges are large and not needed any more.
-            frames = [RaycastFrame(m.tick, m.truth, m.views) for m in run_rendered(recording.scenario, recording.simulation, setup, renderer)]
+        # Instances and ranges are large and not needed any more.
+        frames = [replace(frame, images={}) for frame in rendered_frames(recording.scenario, recording.simulation, setup)]
     else:
         camera = RaycastCamera(recording.simulation)
         landmarks = camera.landmarks
-        frames = list(run_raycast(recording.scenario, recording.simulation, setup, camera))
+        frames = list(raycast_frames(recording.scenario, recording.simulation, setup, camera))
         frames = [_crop_truth(frame, setup) for frame in frames] if setup.area is not None else frames
     if detector is not None:
         sites = sites_of(setup)
@@ -109,7 +106,7 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
     }
     ticks = case.faults.degraded_ticks(setup, recorded, case.scenario.seed)
     truth, views = tuple(frame.truth for frame in frames), [frame.views for frame in frames]
-    told = told_setup(recording.scenario, recording.simulation, setup) if is_off(recording.scenario) else setup
+    told = told_setup(recording.scenario, recording.simulation, setup)
     return TrialData(case, setup, recorded, truth, views, case.faults.degraded_setup(told), ticks, person, landmarks)
 
 
@@ -132,7 +129,7 @@ def _with_fixed_cameras_only(setup: Setup) -> Setup:
     return replace(setup, mounts=mounts, starts=starts, area=np.array(PETS_AREA))
 
 
-def _crop_truth(frame: RaycastFrame, setup: Setup) -> RaycastFrame:
+def _crop_truth(frame: Frame, setup: Setup) -> Frame:
     """The frame with the truth of people within the area only, and without robots."""
     t = frame.truth
     inside = setup.contains(t.feet)

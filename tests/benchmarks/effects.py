@@ -16,7 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from sim.recording.record import RenderedFrame, open_renderer, run
+from sim.recording.frames import Frame
+from sim.recording.record import rendered_frames
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
@@ -37,12 +38,10 @@ STITCHED = "dual-fisheye:output=stitched"
 """The camera of `seam`, which needs two lenses."""
 
 
-def simulated(scenario: Scenario) -> Iterator[RenderedFrame]:
+def simulated(scenario: Scenario) -> Iterator[Frame]:
     """The frames of the scenario, rendered with its cameras and effects."""
     simulation = Simulation(scenario)
-    setup = make_setup(scenario, simulation)
-    with open_renderer(scenario, simulation) as renderer:
-        yield from run(scenario, simulation, setup, renderer)
+    yield from rendered_frames(scenario, simulation, make_setup(scenario, simulation))
 
 
 def milliseconds(effects: str, camera: str = "", frames: int = FRAMES, width: int = 1024) -> float:

@@ -29,7 +29,7 @@ from sim.datasets.generation import FILE, Plan, generate
 from sim.datasets.presets import PRESETS
 from sim.parallel.pool import ONE_THREAD
 from sim.recording.drawing_workers import DrawingWorkers
-from sim.recording.frame_loop import simulated_frames, truth_of
+from sim.recording.frames import simulated_frames
 from sim.recording.tracker_setup import make_setup
 from sim.rendering.gl_context import GLUnavailable, choose_gl
 from sim.rendering.panorama import PanoramaRenderer
@@ -107,7 +107,6 @@ def simulated(frames: int) -> dict[str, float]:
     setup = make_setup(scenario, simulation)
     started, after, found = time.process_time(), frames // 10, np.zeros(0)
     for state in simulated_frames(scenario, simulation, setup):
-        truth_of(state, simulation, {})
         if state.index >= after and state.index % (frames // 100) == 0:
             found = np.append(found, resident())
     return {"ms a frame": 1e3 * (time.process_time() - started) / frames, "MiB more": float(found.max() - found[0])}

@@ -11,7 +11,7 @@ from pathlib import Path
 from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.generation import Plan, generate
 from sim.datasets.presets import PRESETS
-from sim.recording.record import Recording, open_renderer, run, versions
+from sim.recording.record import Recording, rendered_frames, versions
 from sim.recording.tracker_setup import make_setup
 from sim.simulation.simulation import Simulation
 from tracker.geometry.ground import Grid
@@ -31,20 +31,20 @@ def writing(folder: Path) -> None:
             recording = Recording(scenario, simulation, fixed, {}, form)
             setup = make_setup(scenario, simulation, fixed)
             assert isinstance(setup.occluders, Grid)
-            with open_renderer(scenario, simulation, {one.camera: None for one in fixed.values()}) as renderer:
-                frames = run(scenario, simulation, setup, renderer)
-                next(frames)
-                begun = time.perf_counter(), time.process_time()
-                if written:
-                    with SequenceWriter(folder / "s", setup, setup.occluders, recording.form) as writer:
-                        for m in frames:
-                            writer.add(m.tick, m.truth, Layers(m.instances, m.range, m.classes), m.views)
-                        writer.finish({}, versions())
-                    shutil.rmtree(folder / "s")
-                else:
-                    for _ in frames:
-                        pass
-                clock[written], cpu[written] = time.perf_counter() - begun[0], time.process_time() - begun[1]
+            frames = rendered_frames(scenario, simulation, setup)
+            next(frames)
+            begun = time.perf_counter(), time.process_time()
+            if written:
+                with SequenceWriter(folder / "s", setup, setup.occluders, recording.form) as writer:
+                    for m in frames:
+                        layers = [{name: getattr(image, kind) for name, image in m.images.items()} for kind in ("instances", "range", "classes")]
+                        writer.add(m.tick, m.truth, Layers(*layers), m.views)
+                    writer.finish({}, versions())
+                shutil.rmtree(folder / "s")
+            else:
+                for _ in frames:
+                    pass
+            clock[written], cpu[written] = time.perf_counter() - begun[0], time.process_time() - begun[1]
         drawn, both = (1e3 * cpu[written] / FRAMES for written in (False, True))
         more = [f"{100 * (seconds[True] / seconds[False] - 1):+.0f} %" for seconds in (cpu, clock)]
         print(f"{form}\n  a frame of 8 views: rendered {drawn:.0f} ms of CPU, also written {both:.0f}: {more[0]}, by the clock {more[1]}", flush=True)

@@ -181,7 +181,7 @@ class SequenceWriter:
     def add(self, tick: Tick, truth: Truth, layers: Layers | None, views: Mapping[str, ViewTruth]) -> None:
         """Append one tick with its truth and layers. views: camera → ground truth of the view.
 
-        layers: None where the caller puts the images into `images` itself; the views need no images then.
+        layers: None where the caller adds the images itself; the views need no images then.
         Raises ValueError for a view without an image, an image that cannot be written, or a truth without joints.
         """
         k, rows = tick.index, self._rows
@@ -190,7 +190,9 @@ class SequenceWriter:
             if layers is not None:
                 if view.image is None:
                     raise ValueError(f"frame {k} of {view.camera} has no image, needs one")
-                self._add_images(k, view.camera, view.image, layers)
+                self.add_image(k, view.camera, view.image)
+                for name, pixels, how in self.form.layer_files(view.camera, k, layers):
+                    self.images.put(name, pixels, how)
             self._add_measurements(k, view)
             true = views[view.camera]
             rows["cameras"].append(camera_row(k, view.camera, true))
@@ -221,14 +223,13 @@ class SequenceWriter:
             for robot, b, s in zip(seen.robot, seen.bearing, seen.covariance, strict=True):
                 self._rows["companions"].append([k, view.camera, robot, *map(float, [*b, s[0, 0], s[0, 1], s[1, 1]])])
 
-    def _add_images(self, k: int, camera: str, image: Image, layers: Layers) -> None:
-        """Queue all images of a view. Raises ValueError where the form needs a layer that is missing."""
-        path, options = self.form.colour_file(view_name(camera, k))
+    def add_image(self, frame: int, camera: str, image: Image) -> str:
+        """Queue the RGB image of a view, for its file and for the video, and return the path of the file."""
+        path, options = self.form.colour_file(view_name(camera, frame))
         self.images.put(path, image[:, :, ::-1], options)
-        for name, pixels, how in self.form.layer_files(camera, k, layers):
-            self.images.put(name, pixels, how)
         if self._videos:
             self._videos.put(camera, image)
+        return path
 
     def finish(self, provenance: dict[str, Any], versions: dict[str, str]) -> None:
         """Write tables, calibration and manifest, and rename the folder.

@@ -27,7 +27,7 @@ def test_parts_are_even_and_within_bounds() -> None:
     assert AHEAD > 1
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_cluster_draws_one_sequence_though_a_worker_and_the_command_are_killed(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     words = ["generate", "pilsun", "--frames", str(FRAMES), "--width", "128", "--robots", "1", "--people", "3", "--fixed-cameras", "0", "--no-mesh"]

@@ -11,21 +11,24 @@ import time
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from sim.parallel.pool import WorkerLost
-from sim.recording.drawing import DrawnScene, Moment
+from sim.recording.drawing import DrawnScene
 from sim.recording.drawing_workers import DrawingWorkers
 from sim.recording.frame_journal import NAME
-from sim.recording.frame_loop import simulated_frames
-from sim.recording.record import record
+from sim.recording.frames import simulated_frames
+from sim.recording.record import Recording, record, write_recording
+from sim.recording.shots import ShotPlan
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.io.atomic import partial_path
 from tracker.sequence.writer import ImageForm
 
+pytestmark = pytest.mark.render
 SCENARIO = Scenario(seed=7, robots=1, people=3, frames=4, width=128)
 
 
@@ -70,7 +73,6 @@ def test_an_interrupted_sequence_is_resumed(alone: Path, tmp_path: Path) -> None
     assert not partial.exists()
 
 
-@pytest.mark.slow
 def test_damaged_images_and_other_scenarios_are_not_resumed(alone: Path, tmp_path: Path) -> None:
     partial = cut(tmp_path / "s", 3, b"")
     (partial / "instances" / "robot_0_camera" / "000001.png").write_bytes(b"")
@@ -82,32 +84,54 @@ def test_damaged_images_and_other_scenarios_are_not_resumed(alone: Path, tmp_pat
     assert checksum(tmp_path / "t") == checksum(alone)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", [2, 3])
-def test_bytes_do_not_depend_on_workers(workers: int, alone: Path, tmp_path: Path) -> None:
-    record(SCENARIO, tmp_path / "s", workers=workers)
+@pytest.mark.command
+def test_bytes_do_not_depend_on_workers(alone: Path, tmp_path: Path) -> None:
+    record(SCENARIO, tmp_path / "s", workers=3)
     assert checksum(tmp_path / "s") == checksum(alone)
 
 
-@pytest.mark.slow
-def test_noise_of_exposure_is_resumed(tmp_path: Path) -> None:
-    """Its random numbers are drawn in the order of the frames, by any number of workers."""
-    scenario = replace(SCENARIO, exposure=0.3, image_noise=2.0)
+@pytest.mark.command
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"exposure": 0.3, "image_noise": 2.0},
+        {"camera": "dual-fisheye:baseline=0.05", "effects": "readout=0.02,shutter=0.01,gain=12,dust=3,jpeg=60,mount_angle=2", "image_noise": 0.0},
+    ],
+)
+def test_what_is_random_in_images_is_resumed(changes: dict[str, Any], tmp_path: Path) -> None:
+    """Random numbers are drawn in the order of the frames, by any number of workers."""
+    scenario = replace(SCENARIO, **changes)
     record(scenario, tmp_path / "a", workers=2)
     with pytest.raises(KeyboardInterrupt):
         record(scenario, tmp_path / "b", interrupted)
+    assert partial_path(tmp_path / "b").exists()
     record(scenario, tmp_path / "b")
     assert checksum(tmp_path / "b") == checksum(tmp_path / "a")
 
 
-@pytest.mark.slow
+def test_a_sequence_with_videos_starts_anew(tmp_path: Path) -> None:
+    scenario = replace(SCENARIO, frames=2)
+
+    def write(progress: Any = None) -> None:
+        write_recording(replace(Recording.of(scenario), form=ImageForm(video=True)), tmp_path / "s", progress)
+
+    with pytest.raises(KeyboardInterrupt):
+        write(interrupted)
+    assert not partial_path(tmp_path / "s").exists()
+    write()
+    assert len(list((tmp_path / "s" / "videos").iterdir())) == 1
+    assert len(list((tmp_path / "s" / "images" / "robot_0_camera").iterdir())) == 2
+
+
+@pytest.mark.command
 def test_a_killed_worker_is_one_line(tmp_path: Path) -> None:
     simulation = Simulation(SCENARIO)
     setup = make_setup(SCENARIO, simulation)
-    moments = [Moment.of(state, simulation, setup) for state in simulated_frames(SCENARIO, simulation, setup)]
+    plan = ShotPlan(SCENARIO, simulation, setup)
+    moments = [plan.moment(state) for state in simulated_frames(SCENARIO, simulation, setup)]
     with ExitStack() as stack:
         workers = stack.enter_context(DrawingWorkers(1))
-        drawn = workers.draw(DrawnScene.of(simulation, setup, ImageForm(), False), moments * 50)
+        drawn = workers.draw(DrawnScene.of(simulation, plan, ImageForm(), raw=False), moments * 50)
         assert next(drawn) is not None
         (child,) = [pid for pid in children(os.getpid()) if b"drawing_workers" in Path(f"/proc/{pid}/cmdline").read_bytes()]
         os.kill(child, signal.SIGKILL)
@@ -121,7 +145,7 @@ def children(parent: int) -> list[int]:
     return [int(word) for path in tasks for word in path.read_text().split()]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_killed_at_random_moments(tmp_path: Path) -> None:
     """The command is killed some times in one sequence, then completes it with the same bytes; no process is left."""
     words = ["generate", "pilsun", "--frames", "20", "--width", "256", "--robots", "1", "--people", "3", "--fixed-cameras", "0", "--workers"]

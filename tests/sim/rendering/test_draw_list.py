@@ -5,10 +5,13 @@ import numpy as np
 import pytest
 
 from sim.rendering.cubemap import FaceTable
-from sim.rendering.draw_list import TRIANGLES_PER_PIXEL, DrawCommands, DrawList
+from sim.rendering.draw_list import TRIANGLES_PER_PIXEL, DrawCommands, DrawList, classes
+from sim.scenario import Scenario
+from sim.simulation.simulation import Simulation
 from tests.sim.scenes import G, court
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
+from worlds.semantics import CLASSES
 
 CAMERA = Panorama(256, 128)
 PLANES = np.stack([face.planes for face in FaceTable.make(CAMERA).faces])
@@ -105,3 +108,18 @@ def test_what_cannot_be_drawn_is_refused() -> None:
     flexible = """<mujoco><worldbody><flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2"/></worldbody></mujoco>"""
     with pytest.raises(ValueError, match="1 flexes and 0 skins"):
         DrawList(mujoco.MjModel.from_xml_string(flexible))
+
+
+def test_geoms_have_the_classes_of_people_robots_and_worlds() -> None:
+    simulation = Simulation(Scenario(people=2, robots=1))
+    found = classes(simulation.model)
+    drawn = np.isin(simulation.model.geom_group, (0, 1, 2, 3)) & (simulation.model.geom_rgba[:, 3] > 0)
+    assert (found[drawn & (simulation.person_of_geom > 0)] == CLASSES.index("person")).all()
+    assert (found[drawn & (simulation.robot_of_geom > 0)] == CLASSES.index("robot")).all()
+    rest = drawn & (simulation.person_of_geom == 0) & (simulation.robot_of_geom == 0)
+    assert CLASSES[found[simulation.model.geom("ground").id]] == "ground"
+    assert set(found[rest].tolist()).isdisjoint({0, CLASSES.index("person"), CLASSES.index("robot")})
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(name="unicorn1", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0])
+    with pytest.raises(ValueError, match="unicorn"):
+        classes(spec.compile())

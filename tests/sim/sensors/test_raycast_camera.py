@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.recording.raycast_run import RaycastFrame, run_raycast
-from sim.recording.record import RenderedFrame, open_renderer, run
+from sim.recording.frames import Frame, raycast_frames
+from sim.recording.record import rendered_frames
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.sensors.person_detector import People
@@ -23,12 +23,10 @@ WIDTH = SCENARIO.width
 
 
 @pytest.fixture(scope="module")
-def both() -> tuple[list[RenderedFrame], list[RaycastFrame]]:
+def both() -> tuple[list[Frame], list[Frame]]:
     rendered, unrendered = (Simulation(SCENARIO, world=yard()) for _ in range(2))
     setup = make_setup(SCENARIO, rendered)
-    with open_renderer(SCENARIO, rendered) as renderer:
-        moments = list(run(SCENARIO, rendered, setup, renderer))
-    return moments, list(run_raycast(SCENARIO, unrendered, setup))
+    return list(rendered_frames(SCENARIO, rendered, setup)), list(raycast_frames(SCENARIO, unrendered, setup))
 
 
 def apart(a: Array, b: Array) -> Array:
@@ -38,7 +36,8 @@ def apart(a: Array, b: Array) -> Array:
     return np.abs(out)
 
 
-def test_boxes_and_visible_fractions_match_rendered_ones(both: tuple[list[RenderedFrame], list[RaycastFrame]]) -> None:
+@pytest.mark.render
+def test_boxes_and_visible_fractions_match_rendered_ones(both: tuple[list[Frame], list[Frame]]) -> None:
     seen, full, visible = [], [], []
     for moment, glimpse in zip(*both, strict=True):
         np.testing.assert_array_equal(moment.truth.feet, glimpse.truth.feet)
@@ -61,14 +60,15 @@ def test_boxes_and_visible_fractions_match_rendered_ones(both: tuple[list[Render
     assert np.percentile(seen, 90) < 2.5
 
 
-def test_detections_are_of_the_same_kind(both: tuple[list[RenderedFrame], list[RaycastFrame]]) -> None:
+@pytest.mark.render
+def test_detections_are_of_the_same_kind(both: tuple[list[Frame], list[Frame]]) -> None:
     numbers = [[sum(len(view.detections) for view in m.tick.views) for m in run] for run in both]
     assert abs(sum(numbers[0]) - sum(numbers[1])) <= 0.15 * sum(numbers[0])
 
 
 def test_the_same_seed_gives_the_same_sightings() -> None:
     scenario = replace(SCENARIO, robots=1, people=2, frames=2)
-    a, b = (list(run_raycast(scenario, s := Simulation(scenario, world=yard()), make_setup(scenario, s))) for _ in range(2))
+    a, b = (list(raycast_frames(scenario, s := Simulation(scenario, world=yard()), make_setup(scenario, s))) for _ in range(2))
     for x, y in zip(a, b, strict=True):
         first, second = x.tick.views[0].sightings, y.tick.views[0].sightings
         assert first is not None

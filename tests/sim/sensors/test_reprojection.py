@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.recording.record import Recording, RenderedFrame, open_renderer, run, write_recording
+from sim.recording.frames import Frame
+from sim.recording.record import Recording, rendered_frames, write_recording
 from sim.recording.tracker_setup import FixedCamera, make_setup
 from sim.scenario import Scenario
 from sim.sensors.keypoints import DEPTH_IN_BODY, image_points
@@ -33,6 +34,7 @@ FIXED = {
         Tsai(640, 480, 3.0, -0.012, 300.0, 250.0, 1.05, 5e-3, 5e-3), Pose.planar(5.6, 0.5, 3.1, 1.8) @ Pose.exp([0, 0, 0, 0, 0.1, 0])
     ),
 }
+pytestmark = pytest.mark.render
 LEGS = [k for k, name in enumerate(KEYPOINT_NAMES) if name.split("_")[-1] in ("hip", "knee", "ankle")]
 
 
@@ -133,18 +135,17 @@ def test_ranges_and_the_ground_below(written: Written) -> None:
 
 
 @pytest.fixture(scope="module")
-def moments() -> list[tuple[RenderedFrame, Setup, Array]]:
+def moments() -> list[tuple[Frame, Setup, Array]]:
     """Two frames in memory, and the first hit of the ray to every joint of every view that is not the limb of that joint."""
     one = stage()
     setup = make_setup(one.scenario, one.simulation, one.fixed)
     out = []
-    with open_renderer(one.scenario, one.simulation, [f.camera for f in FIXED.values()]) as renderer:
-        for moment, _ in zip(run(one.scenario, one.simulation, setup, renderer), range(2), strict=False):
-            out.append((moment, setup, rays_to_joints(one.simulation, moment, {name: mount.camera for name, mount in setup.mounts.items()})))
+    for moment, _ in zip(rendered_frames(one.scenario, one.simulation, setup), range(2), strict=False):
+        out.append((moment, setup, rays_to_joints(one.simulation, moment, {name: mount.camera for name, mount in setup.mounts.items()})))
     return out
 
 
-def rays_to_joints(simulation: Simulation, moment: RenderedFrame, cameras: dict[str, Camera]) -> Array:
+def rays_to_joints(simulation: Simulation, moment: Frame, cameras: dict[str, Camera]) -> Array:
     """Hits (cameras, m, 17, 3) of the rays to joints: owner, distance before the joint m, and whether a silhouette is within 1.5 px.
 
     Near a silhouette, a pixel does not tell what is beside it.
@@ -153,7 +154,7 @@ def rays_to_joints(simulation: Simulation, moment: RenderedFrame, cameras: dict[
     assert joints is not None
     out = np.zeros((len(moment.views), *joints.shape[:2], 3))
     for c, (name, view) in enumerate(moment.views.items()):
-        eye, edges = view.T_world_camera.translation, silhouettes(moment.instances[name].astype(np.int32), moment.range[name])
+        eye, edges = view.T_world_camera.translation, silhouettes(moment.images[name].instances.astype(np.int32), moment.images[name].range)
         for place in np.ndindex(*joints.shape[:2]):
             sight = joints[place] - eye
             length = float(np.linalg.norm(sight))
@@ -164,7 +165,7 @@ def rays_to_joints(simulation: Simulation, moment: RenderedFrame, cameras: dict[
     return out
 
 
-def test_visibility_agrees_with_exact_rays(moments: list[tuple[RenderedFrame, Setup, Array]]) -> None:
+def test_visibility_agrees_with_exact_rays(moments: list[tuple[Frame, Setup, Array]]) -> None:
     """Exceptions are joints exactly at the allowed depth and, more often, joints within two pixels of a silhouette."""
     depth = np.array([DEPTH_IN_BODY[name.split("_")[-1]] for name in KEYPOINT_NAMES])
     agreed, clear, hidden = [], [], []
@@ -185,7 +186,7 @@ def test_visibility_agrees_with_exact_rays(moments: list[tuple[RenderedFrame, Se
     assert right.mean() > 0.94
 
 
-def test_a_rectified_view_shows_the_person_where_its_file_says(moments: list[tuple[RenderedFrame, Setup, Array]]) -> None:
+def test_a_rectified_view_shows_the_person_where_its_file_says(moments: list[tuple[Frame, Setup, Array]]) -> None:
     checked = 0
     for moment, setup, _ in moments:
         for name, view in moment.views.items():
@@ -198,7 +199,7 @@ def test_a_rectified_view_shows_the_person_where_its_file_says(moments: list[tup
                 cut = rectify(panorama, view.T_world_camera, ViewDirection(float(np.arctan2(sight[1], sight[0])), 1.2, (400, 700)))
                 pixels, inside = image_points(cut.camera, cut.T_world_camera, joints[LEGS])
                 assert inside.all()
-                shown = cut.nearest(moment.instances[name])
+                shown = cut.nearest(moment.images[name].instances)
                 u, v = np.floor(pixels).astype(int).T
                 assert (shown[v, u] == person).mean() > 0.6
                 checked += 1

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.recording.raycast_run import RaycastFrame, run_raycast
+from sim.recording.frames import Frame, raycast_frames
 from sim.recording.record import record
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
@@ -24,9 +24,9 @@ SCENARIO = Scenario(seed=31, robots=4, people=8, frames=6, width=256)
 
 
 @pytest.fixture(scope="module")
-def glimpses() -> list[RaycastFrame]:
+def glimpses() -> list[Frame]:
     simulation = Simulation(SCENARIO, world=yard())
-    return list(run_raycast(SCENARIO, simulation, make_setup(SCENARIO, simulation)))
+    return list(raycast_frames(SCENARIO, simulation, make_setup(SCENARIO, simulation)))
 
 
 def test_a_rover_is_detected_if_nothing_occludes_it() -> None:
@@ -56,7 +56,7 @@ def test_a_rover_is_detected_if_nothing_occludes_it() -> None:
     assert hidden > 5
 
 
-def test_errors_are_as_the_covariance_says(glimpses: list[RaycastFrame]) -> None:
+def test_errors_are_as_the_covariance_says(glimpses: list[Frame]) -> None:
     setup = make_setup(SCENARIO, Simulation(SCENARIO, world=yard()))
     squares, there = [], 0
     for glimpse in glimpses:
@@ -71,12 +71,12 @@ def test_errors_are_as_the_covariance_says(glimpses: list[RaycastFrame]) -> None
     assert np.mean(squares) == pytest.approx(1.0, abs=0.4)
 
 
-def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
+def test_more_misses_change_nothing_else(glimpses: list[Frame]) -> None:
     """Misses do not move other detections. Detections of people and sightings are identical without detection of robots."""
     simulation = Simulation(SCENARIO, world=yard())
     setup = make_setup(SCENARIO, simulation)
     unoccluded = replace(setup, mounts=dict(list(setup.mounts.items())[:1]))
-    for a, b in zip(glimpses, run_raycast(SCENARIO, simulation, unoccluded), strict=True):
+    for a, b in zip(glimpses, raycast_frames(SCENARIO, simulation, unoccluded), strict=True):
         one, other = a.tick.views[0], b.tick.views[0]
         assert one.detections.bearing.tobytes() == other.detections.bearing.tobytes()
         assert one.sightings is not None
@@ -86,7 +86,7 @@ def test_more_misses_change_nothing_else(glimpses: list[RaycastFrame]) -> None:
         assert len(other.robot_detections) == 0
 
 
-def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
+def test_a_blinded_camera_sees_no_robots(glimpses: list[Frame]) -> None:
     setup = make_setup(SCENARIO, Simulation(SCENARIO, world=yard()))
     ticks = [glimpse.tick for glimpse in glimpses]
     sent = Faults(dropout=0.5).degraded_ticks(setup, ticks, 1)
@@ -98,12 +98,13 @@ def test_a_blinded_camera_sees_no_robots(glimpses: list[RaycastFrame]) -> None:
     assert all(view.robot_detections is not None for tick in carried for view in tick.views[1:]), "others see it where it is carried"
 
 
+@pytest.mark.render
 def test_rendered_runs_detect_the_same_rovers(tmp_path: Path) -> None:
     """A rendered recording has the detections of a ray-cast run, is read back, and is consistent."""
     scenario = Scenario(seed=31, robots=3, people=4, frames=3, width=256)
     record(scenario, tmp_path / "s")
     simulation = Simulation(scenario)
-    unrendered = run_raycast(scenario, simulation, make_setup(scenario, simulation))
+    unrendered = raycast_frames(scenario, simulation, make_setup(scenario, simulation))
     count = 0
     for tick, glimpse in zip(read_sequence(tmp_path / "s").ticks, unrendered, strict=True):
         for a, b in zip(tick.views, glimpse.tick.views, strict=True):

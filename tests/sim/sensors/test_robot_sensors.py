@@ -11,8 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from sim.recording.frame_loop import simulated_frames
-from sim.recording.raycast_run import run_raycast
+from sim.recording.frames import raycast_frames, simulated_frames
 from sim.recording.tracker_setup import make_setup
 from sim.robots.imu import PARTS
 from sim.robots.rover import WHEEL_RADIUS
@@ -38,7 +37,7 @@ class Drive:
     @staticmethod
     def of(scenario: Scenario, simulation: Simulation) -> Drive:
         states = list(simulated_frames(scenario, simulation, make_setup(scenario, simulation)))
-        return Drive([state.samples for state in states], [state.robots for state in states])
+        return Drive([state.samples for state in states], [state.truth.T_world_robot for state in states])
 
     def imu(self, robot: str) -> ImuSamples:
         found = [samples.imu[robot] for samples in self.samples if samples.imu]
@@ -163,7 +162,7 @@ FULL = Scenario(robots=2, people=1, frames=3, imu="bmi088", wheels=66, clock="of
 
 def test_sensors_change_nothing_else_and_the_same_seed_gives_the_same_samples() -> None:
     bare = dataclasses.replace(FULL, imu="", wheels=0.0, clock="")
-    runs = [list(run_raycast(each, s := Simulation(each, yard()), make_setup(each, s))) for each in (FULL, bare, FULL)]
+    runs = [list(raycast_frames(each, s := Simulation(each, yard()), make_setup(each, s))) for each in (FULL, bare, FULL)]
     for full, plain, again in zip(*runs, strict=True):
         for view, other in zip(full.tick.views, plain.tick.views, strict=True):
             np.testing.assert_array_equal(view.detections.bearing, other.detections.bearing)

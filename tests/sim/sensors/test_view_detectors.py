@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.recording.raycast_run import run_raycast
-from sim.recording.record import open_renderer, run
+from sim.recording.frames import raycast_frames
+from sim.recording.record import rendered_frames
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
@@ -18,14 +18,13 @@ SCENARIO = Scenario(seed=21, robots=1, people=8, frames=6, width=256, detector_m
 
 def raycast(scenario):
     simulation = Simulation(scenario, yard())
-    return list(run_raycast(scenario, simulation, make_setup(scenario, simulation)))
+    return list(raycast_frames(scenario, simulation, make_setup(scenario, simulation)))
 
 
+@pytest.mark.render
 def test_rendered_and_ray_cast_views_have_nearly_the_same_boxes():
     simulation = Simulation(SCENARIO, yard())
-    setup = make_setup(SCENARIO, simulation)
-    with open_renderer(SCENARIO, simulation) as renderer:
-        rendered = [frame.tick.views[0].detections for frame in run(SCENARIO, simulation, setup, renderer)]
+    rendered = [frame.tick.views[0].detections for frame in rendered_frames(SCENARIO, simulation, make_setup(SCENARIO, simulation))]
     cast = [frame.tick.views[0].detections for frame in raycast(SCENARIO)]
     assert sum(map(len, cast)) > 20
     pairs = [(a, b) for a, b in zip(rendered, cast, strict=True) if len(a) == len(b)]

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from sim.recording import record
-from sim.recording.frame_loop import simulated_frames
-from sim.recording.record import open_renderer
-from sim.recording.rig_rendering import ShutterTimes, _around, lens_parts
+from sim.recording.drawing import around
+from sim.recording.record import rendered_frames
+from sim.recording.shots import ShutterTimes, lens_parts, mounted_rigs
 from sim.recording.tracker_setup import make_setup
-from sim.recording.view_rendering import ViewRenderer
 from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
@@ -26,6 +25,7 @@ from tracker.geometry.cameras import Panorama
 from tracker.sequence.reader import read_sequence
 
 
+@pytest.mark.render
 def test_a_straight_wall_bends_as_the_poses_say() -> None:
     """The edge of a wall, as a camera that shakes at 8 Hz sees it, to 1 px in every row."""
     spec = spec_with_sky()
@@ -59,8 +59,8 @@ def test_a_straight_wall_bends_as_the_poses_say() -> None:
 
 def test_boxes_of_parts_join_over_the_seam() -> None:
     boxes = np.array([[95.0, 10, 103, 20], [2.0, 20, 6, 30], [99.0, 30, 100, 31]])
-    assert _around(boxes, 100, True).tolist() == [95, 10, 106, 31]
-    assert _around(boxes, 120, False).tolist() == [2, 10, 103, 31]
+    assert around(boxes, 100, True).tolist() == [95, 10, 106, 31]
+    assert around(boxes, 120, False).tolist() == [2, 10, 103, 31]
 
 
 MOVING = Scenario(
@@ -68,22 +68,19 @@ MOVING = Scenario(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.render
 def test_every_row_is_that_of_rays_from_its_own_pose_and_time() -> None:
     simulation = Simulation(MOVING)
     setup = make_setup(MOVING, simulation)
-    with open_renderer(MOVING, simulation) as renderer:
-        views = ViewRenderer(MOVING, simulation, setup, renderer)
-        *_, state = ((one, views.render(one)) for one in simulated_frames(MOVING, simulation, setup))
-        frame, (images, true) = state
-        name = "robot_0_camera_front"
-        image, lens = images[name], views.rigs[0].rig.lenses[0]
-        rows = [row for row in views.row_rows(frame) if row[1] == name]
+    *_, frame = rendered_frames(MOVING, simulation, setup)
+    name = "robot_0_camera_front"
+    image, true, lens = frame.images[name], frame.views, mounted_rigs(MOVING, simulation, setup)[0].rig.lenses[0]
+    rows = [row for row in frame.rows if row[1] == name]
     assert len(rows) > 5
     moved = 0.0
     for row in rows:
         first, end, time = int(row[2]), int(row[3]), float(row[4])
-        data = simulation.past(frame.index * MOVING.period - time)
+        data = simulation.past(frame.tick.index * MOVING.period - time)
         pose = simulation.T_world_robot("robot_0", data) @ simulation.T_body_camera @ lens.T_rig_view
         np.testing.assert_allclose(pose.translation, row[5:8], atol=1e-12)
         moved = max(moved, float(np.linalg.norm(pose.translation - true[name].T_world_camera.translation)))
@@ -104,7 +101,6 @@ def test_every_row_is_that_of_rays_from_its_own_pose_and_time() -> None:
         assert box.tolist() == [u.min(), v.min(), u.max() + 1, v.max() + 1]
 
 
-@pytest.mark.slow
 def test_the_past_of_a_frame_leads_from_one_frame_to_the_next() -> None:
     scenario = dataclasses.replace(MOVING, effects="", camera="", frames=2)
     simulation = Simulation(scenario)
@@ -123,7 +119,7 @@ def test_the_past_of_a_frame_leads_from_one_frame_to_the_next() -> None:
         simulation.past(2 * scenario.period)
 
 
-@pytest.mark.slow
+@pytest.mark.render
 def test_a_sequence_has_the_truth_of_its_effects(tmp_path: Path) -> None:
     scenario = dataclasses.replace(MOVING, frames=2, effects="readout=0.01,seam=1,dust=3,mount_angle=2,vignette=1", people=2)
     record(scenario, tmp_path / "a")

@@ -1,0 +1,140 @@
+"""The one place where a frame is assembled: the state of a simulation, the truth of its views, and what sensors and detectors make of them.
+
+The views are rendered (`record.py`, which can draw them later and elsewhere) or ray cast (`raycast_frames`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+
+from sim.rendering.panorama import RenderedImage
+from sim.scenario import Scenario
+from sim.sensors.person_detector import People
+from sim.sensors.raycast_camera import RaycastCamera
+from sim.sensors.robot_detector import RobotDetector, is_rover_panorama
+from sim.sensors.robot_sensors import RobotSensors
+from sim.sensors.view_detectors import ViewDetectors
+from sim.simulation.simulation import Simulation
+from tracker.geometry import Array, Ints, Pose
+from tracker.types import Odometry, RobotDetections, SensorSamples, Setup, Sightings, Tick, Truth, View, ViewTruth
+
+
+@dataclass(frozen=True, eq=False)
+class FrameState:
+    """What a simulation gives for one frame, before anything is seen.
+
+    truth: without the views. odometry: by robot, empty at frame 0. companions: camera → the robots detected by it, None beside rovers.
+    samples: of the robots' own sensors since the frame before.
+    """
+
+    truth: Truth
+    odometry: dict[str, Odometry]
+    companions: dict[str, RobotDetections | None]
+    samples: SensorSamples = field(default_factory=SensorSamples)
+
+    @property
+    def index(self) -> int:
+        return self.truth.index
+
+    @property
+    def people(self) -> People:
+        """Those who are present."""
+        assert self.truth.joints is not None
+        return People(self.truth.person_id, self.truth.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame: the tick for the tracker, the truth, and the truth of the view by camera.
+
+    images: by camera, empty without rendering. samples: as of FrameState. rows: of truth/rows.csv, empty where all rows show one time.
+    """
+
+    tick: Tick
+    truth: Truth
+    views: Mapping[str, ViewTruth]
+    samples: SensorSamples
+    images: Mapping[str, RenderedImage] = field(default_factory=dict)
+    rows: list[list[object]] = field(default_factory=list)
+
+
+def simulated_frames(scenario: Scenario, simulation: Simulation, setup: Setup, sensors: RobotSensors | None = None) -> Iterator[FrameState]:
+    """Advance a simulation frame by frame, from its current state as frame 0, and yield the state of every frame.
+
+    sensors: those of the scenario where they are made already.
+    """
+    sensors = sensors or RobotSensors.of(scenario, simulation, setup)
+    robot_detector = RobotDetector(scenario, setup, simulation)
+    for index in range(scenario.frames):
+        if index:
+            simulation.step()
+        samples = sensors.sample(index) if sensors else SensorSamples()
+        companions = {name: robot_detector.detect(name) for name in setup.mounts}
+        yield FrameState(_truth(index, simulation, setup), simulation.odometry() if index else {}, companions, samples)
+
+
+def _truth(index: int, simulation: Simulation, setup: Setup) -> Truth:
+    """Truth of the current frame of a simulation, without the views. Fixed cameras, which the simulation does not know, stay at their start."""
+    poses: dict[str, Pose] = {}
+    for robot, start in setup.starts.items():
+        if robot in simulation.robots:
+            poses[robot] = simulation.T_world_robot(robot)
+        else:
+            assert start is not None
+            poses[robot] = start.T_world_robot
+    persons = np.asarray(simulation.persons, dtype=np.int64)
+    tipped = frozenset(robot for robot, over in simulation.tipped().items() if over)
+    sitting = None if simulation.sitting is None else frozenset(simulation.sitting.tolist())
+    return Truth(index, poses, persons, simulation.feet(), np.zeros((len(persons), 0)), simulation.joints(), tipped, sitting)
+
+
+@final
+class FrameAssembler:
+    """Makes frames of states and the truth of their views. It draws the errors of the detectors: call it once a frame, in their order."""
+
+    def __init__(self, scenario: Scenario, simulation: Simulation, setup: Setup) -> None:
+        self._mounts, self._period = setup.mounts, scenario.period
+        self._detectors = ViewDetectors(scenario, setup.mounts, simulation.all_persons)
+
+    def frame(
+        self,
+        state: FrameState,
+        true: Mapping[str, ViewTruth],
+        images: Mapping[str, RenderedImage] | None = None,
+        sightings: Mapping[str, Sightings] | None = None,
+    ) -> Frame:
+        """true: camera → truth of its view. images: camera → image, None where it is not needed or not rendered. sightings: camera → sightings."""
+        views, odometry, images = [], dict(state.odometry), images or {}
+        for name, mount in self._mounts.items():
+            found = self._detectors.detect(name, true[name], state.truth.person_id, state.truth.feet)
+            seen, image = (sightings or {}).get(name), images[name].colour if name in images else None
+            # The first view of a robot brings its odometry.
+            own = odometry.pop(mount.robot, None)
+            views.append(View(name, found, seen, own, image=image, robot_detections=state.companions[name]))
+        truth = replace(state.truth, visible=_visible_fractions(state.truth.person_id, [true[name] for name in self._mounts]))
+        return Frame(Tick(state.index, state.index * self._period, tuple(views)), truth, true, state.samples, images)
+
+
+def _visible_fractions(persons: Ints, views: list[ViewTruth]) -> Array:
+    """Visible fraction (m, cameras) of every person; 0 for people outside of a camera's image."""
+    out = np.zeros((len(persons), len(views)))
+    row = {person: k for k, person in enumerate(persons.tolist())}
+    for c, view in enumerate(views):
+        for person, visible in zip(view.boxes.person.tolist(), view.boxes.visible, strict=True):
+            out[row[person], c] = visible
+    return out
+
+
+def raycast_frames(scenario: Scenario, simulation: Simulation, setup: Setup, raycast_camera: RaycastCamera | None = None) -> Iterator[Frame]:
+    """The frames of a scenario without rendering: views by ray casting, and sightings of landmarks for panoramas of rovers."""
+    raycast_camera, assembler = raycast_camera or RaycastCamera(simulation), FrameAssembler(scenario, simulation, setup)
+    landmark_streams = {name: scenario.stream(f"sightings/{name}") for name, mount in setup.mounts.items() if is_rover_panorama(simulation, mount)}
+    for state in simulated_frames(scenario, simulation, setup):
+        poses = {name: state.truth.T_world_robot[mount.robot] @ mount.T_body_camera for name, mount in setup.mounts.items()}
+        true = {name: raycast_camera.view(setup.mounts[name].camera, pose, state.people) for name, pose in poses.items()}
+        seen = {name: raycast_camera.sightings(poses[name], rng) for name, rng in landmark_streams.items()}
+        yield assembler.frame(state, true, sightings=seen)
