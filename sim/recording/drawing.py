@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim.cameras.partial import PartialCamera
 from sim.effects.image_effects import averaged
-from sim.recording.shots import Moment, MountedRig, Shot, ShotPlan, ShutterPart
+from sim.recording.shots import Moment, MountedRig, PartShot, ShotPlan, ShutterPart
 from sim.rendering.coverage import UnoccludedExtent
 from sim.rendering.draw_list import classes
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
@@ -37,7 +37,7 @@ class DrawnScene:
     model: mujoco.MjModel
     person_of_geom: NDArray[np.uint16]
     rigs: list[MountedRig]
-    shots: list[list[Shot]]
+    shots: list[list[PartShot]]
     form: ImageForm
     raw: bool
 

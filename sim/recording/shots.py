@@ -127,7 +127,7 @@ def half_parts(half: HalfPanorama, times: ShutterTimes) -> tuple[ShutterPart, ..
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class PartShot:
     """One rendering: a part of the picture `name`, whose camera is `whole`, from a place on a robot. truth: whether it gives the truth, too."""
 
     name: str
@@ -177,8 +177,8 @@ class ShotPlan:
         self.rigs = mounted_rigs(scenario, simulation, setup)
         self.shots = self._planned()
 
-    def _planned(self) -> dict[float, list[Shot]]:
-        shots: dict[float, list[Shot]] = defaultdict(list)
+    def _planned(self) -> dict[float, list[PartShot]]:
+        shots: dict[float, list[PartShot]] = defaultdict(list)
         for mounted in self.rigs:
             rig, robot = mounted.rig, mounted.robot
             for lens in rig.lenses:
@@ -187,12 +187,12 @@ class ShotPlan:
                 for part in lens_parts(lens.camera, self._times):
                     times = self._times.subframes(part.before)
                     for n, time in enumerate(times):
-                        shots[round(time, 9)].append(Shot(name, lens.camera, part, robot, T, recorded and n == len(times) // 2))
+                        shots[round(time, 9)].append(PartShot(name, lens.camera, part, robot, T, recorded and n == len(times) // 2))
             if rig.stitching and not rig.views[0].suffix:
                 for half, lens in zip(rig.stitching.halves, rig.lenses, strict=True):
                     for part in half_parts(half, self._times):
                         T = mounted.T_body_rig @ lens.T_rig_view
-                        shots[round(part.before, 9)].append(Shot(mounted.name, rig.stitching.panorama, part, robot, T, True))
+                        shots[round(part.before, 9)].append(PartShot(mounted.name, rig.stitching.panorama, part, robot, T, True))
         return dict(sorted(shots.items(), reverse=True))
 
     def moment(self, state: FrameState) -> Moment:
