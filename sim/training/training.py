@@ -16,8 +16,7 @@ import numpy as np
 
 from sim.parallel.pool import Pool, WorkerLost
 from sim.training.augmentation import CropSampler
-from sim.training.calibration import MIN_SCORE, Calibration, calibrate
-from sim.training.evaluation import FoundImage, feet_errors, figures, found_images
+from sim.training.evaluation import MIN_SCORE, Calibration, FoundImage, calibrate, feet_errors, figures, found_images
 from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ImageSet, SceneTask, run_scene, scene_tasks
 from tracker.io.atomic import write_text
 from tracker.io.file_lock import folder_lock

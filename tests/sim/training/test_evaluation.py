@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.training.calibration import corners
-from sim.training.evaluation import FoundImage, Range, judged
+from sim.training.evaluation import FoundImage, Range, corners, judged
 from sim.training.targets import targets_of
 from tracker.metrics.box_detection import average_precision, box_overlaps
 from tracker.person_detector.peaks import Peaks, peaks_of

@@ -18,7 +18,7 @@ onnxruntime = pytest.importorskip("onnxruntime", reason="needs onnxruntime (make
 
 
 def test_overlap_of_equal_and_of_shifted_boxes():
-    from sim.training.loss import generalized_iou
+    from sim.training.optimization import generalized_iou
 
     one = torch.tensor([2.0, 2.0, 2.0, 2.0]).view(1, 4, 1, 1)
     wide = torch.tensor([2.0, 2.0, 6.0, 2.0]).view(1, 4, 1, 1)
@@ -28,7 +28,7 @@ def test_overlap_of_equal_and_of_shifted_boxes():
 
 
 def test_the_right_answer_has_a_smaller_loss():
-    from sim.training.loss import detection_loss
+    from sim.training.optimization import detection_loss
     from sim.training.targets import targets_of
 
     made = targets_of(np.array([[40.0, 30.0, 72.0, 130.0]]), np.ones(1), np.zeros(1, bool), 256)
