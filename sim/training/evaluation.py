@@ -1,8 +1,8 @@
 """Scores of the detector on rendered images: average precision at an IoU of 0.5 by kind of image, by height, visible share and world.
 
 Bodies outside of the asked range are ignored, as are boxes on them (as in COCO's evaluation, Lin et al. 2014).
-The calibration is the overlap of the suppression, and a monotone map from logits to probabilities: an isotonic regression (Barlow et al. 1972) of bins
-with equal numbers of found bodies.
+The calibration is the overlap of the suppression, and a monotone map from logits to probabilities.
+The map is an isotonic regression (Barlow et al. 1972) of bins with equal numbers of found bodies.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Optimization of the network: its loss, batches made in other processes, AdamW with a cosine schedule, averaged weights, checkpoints. Needs torch.
 
-The loss is a focal loss of the centers (Law & Deng 2018, CornerNet, equation 1) and errors of the edges, with generalized IoU (Rezatofighi et al. 2019).
+The loss is a focal loss of the centers (Law & Deng 2018, CornerNet, equation 1) and errors of the edges.
+Overlap is the generalized IoU of Rezatofighi et al. 2019.
 """
 
 from __future__ import annotations
