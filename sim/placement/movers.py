@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -25,35 +25,12 @@ STOPPED_SPEED = 0.05
 """Speed below which a rover counts as stopped while it is commanded more than three times this speed, m/s."""
 
 
-class Mover(Protocol):
-    """The motion of robots and people. team (r, 7): rover states, in the columns of config.py. crowd: the state of the people."""
-
-    @property
-    def team(self) -> Array: ...
-
-    @property
-    def crowd(self) -> CrowdState: ...
-
-    def advance(self, command: Array) -> Array:
-        """Advance by one frame with command (r, 2) m/s, rad/s. Returns what stopped each robot (r,), as kinematics.drive does."""
-        ...
-
-    def poses(self) -> list[Pose]:
-        """T_world_robot of all robots."""
-        ...
-
-    def tipped(self) -> Mask:
-        """Whether each robot has tipped over (r,)."""
-        ...
-
-    def odometry(self) -> list[Odometry] | None:
-        """Odometry of the last frame from wheels and gyroscopes, or None where they are not simulated."""
-        ...
-
-
 @dataclass(eq=False)
 class KinematicMover:
-    """Rovers by unicycle kinematics, among people who walk around them. dt: time step, s."""
+    """Rovers by unicycle kinematics, among people who walk around them.
+
+    team (r, 7): rover states, in the columns of config.py. crowd: the state of the people. dt: time step, s.
+    """
 
     place: PlacementMap
     team: Array
@@ -67,6 +44,7 @@ class KinematicMover:
         return KinematicMover(place, team, crowd, config.frame_period / STEPS_PER_FRAME)
 
     def advance(self, command: Array) -> Array:
+        """Advance by one frame with command (r, 2) m/s, rad/s. Returns what stopped each robot (r,), as kinematics.drive does."""
         stopped, radius = np.zeros(len(self.team)), np.full(len(self.team), FOOTPRINT_RADIUS)
         for _ in range(STEPS_PER_FRAME):
             team = self.team
@@ -79,12 +57,15 @@ class KinematicMover:
         return stopped
 
     def poses(self) -> list[Pose]:
+        """T_world_robot of all robots."""
         return kinematics.poses(self.team, self.place)
 
     def tipped(self) -> Mask:
+        """Whether each robot has tipped over (r,)."""
         return np.zeros(len(self.team), dtype=bool)
 
-    def odometry(self) -> None:
+    def odometry(self) -> list[Odometry] | None:
+        """Odometry of the last frame from wheels and gyroscopes, or None where they are not simulated."""
         return None
 
 
@@ -106,7 +87,7 @@ class VelocityDriver:
 
 
 class PhysicsMover:
-    """Rovers on simulated wheels in a Simulation. A pickle holds the configuration and a snapshot."""
+    """Rovers on simulated wheels in a Simulation, with the methods of KinematicMover. A pickle holds the configuration and a snapshot."""
 
     def __init__(self, config: PlacementConfig, place: PlacementMap, starts: Array, crowd: CrowdState) -> None:
         self.config, self.place, self._initial = config, place, (starts, crowd)
@@ -170,3 +151,7 @@ class PhysicsMover:
         self._simulate()
         snapshot: Snapshot = state["snapshot"]
         self.simulation.restore(snapshot)
+
+
+Mover = KinematicMover | PhysicsMover
+"""The motion of robots and people."""

@@ -34,7 +34,7 @@ from sim.report.findings import (
     spread,
     stages,
 )
-from sim.report.pictures import Album, Entry, Picture
+from sim.report.pictures import Entry, Picture, album_of
 from sim.report.plots import Plot, save, shortened
 from sim.report.rows import STAGES, Row, Rows, Setting, SweepRows, read_beside
 from sim.report.series import name_of, overview, plots_of
@@ -73,7 +73,7 @@ class PageContent:
 
     rows: Rows
     plots: dict[str, tuple[Plot, str]]
-    album: Album
+    album: list[Entry]
 
     def figures(self, prefix: str) -> list[PageFigure]:
         """The plots whose names begin with `prefix`."""
@@ -134,7 +134,7 @@ def write_report(folder: Path, out: Path | None = None, others: Sequence[Path] =
     target = out or folder / "report.html"
     if target.is_dir():
         raise ValueError(f"{target}: is a folder, needs a file name")
-    album = Album.of(folder, moments(rows))
+    album = album_of(folder, moments(rows))
     plots = [*overview(rows), *(plot for sweep in rows.sweeps() for plot in plots_of(sweep, rows.trackers))]
     beside = folder / "report"
     beside.mkdir(exist_ok=True)
@@ -168,7 +168,7 @@ def _names(content: PageContent) -> dict[str, Any]:
         "overview_figures": content.figures("overview"),
         "sweeps": [_sweep(content, sweep) for sweep in rows.sweeps()],
         "about_moments": ABOUT_MOMENTS,
-        "moments": [_moment(k, entry) for k, entry in enumerate(content.album.entries, 1)],
+        "moments": [_moment(k, entry) for k, entry in enumerate(content.album, 1)],
         "failed": _failed(rows.failed),
         "failed_unlisted": max(len(rows.failed) - MOST_FAILED, 0),
         "tables": [found for sweep in rows.sweeps() for tracker in rows.trackers if (found := _tables(sweep, tracker))],
@@ -183,7 +183,7 @@ def _names(content: PageContent) -> dict[str, Any]:
 
 def _headings(content: PageContent) -> dict[str, str]:
     """Anchor → heading of each section, in the order of the page."""
-    left_out = {"moments"} if not content.album.entries else set()
+    left_out = {"moments"} if not content.album else set()
     left_out |= {"failed"} if not content.rows.failed else set()
     sweeps = {_anchor(sweep): _title(sweep) for sweep in content.rows.sweeps()}
     rest = {anchor: heading for anchor, heading in HEADINGS.items() if anchor not in left_out}

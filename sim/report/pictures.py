@@ -46,26 +46,19 @@ class Entry:
     missing: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Album:
-    """The worst moments with their pictures, the worst first."""
+def album_of(folder: Path, moments: Sequence[tuple[Row, dict[str, Any]]]) -> list[Entry]:
+    """Read the pictures of moments and shrink them, all at the best JPEG quality with which they fit into BUDGET.
 
-    entries: tuple[Entry, ...]
-
-    @staticmethod
-    def of(folder: Path, moments: Sequence[tuple[Row, dict[str, Any]]]) -> Album:
-        """Read the pictures and shrink them, all at the best JPEG quality with which they fit into BUDGET.
-
-        Raises ValueError for a picture outside the folder, and for a file that is no image.
-        """
-        read = [(row, moment, _images(folder, row, moment)) for row, moment in moments]
-        images = [image for _, _, (found, _) in read for image in found]
-        for quality in QUALITIES:
-            encoded = [_jpeg(image, quality) for image in images]
-            if sum(len(picture.data) for picture in encoded) <= BUDGET:
-                break
-        left = iter(encoded if images else ())
-        return Album(tuple(Entry(row, moment, tuple(next(left) for _ in found), tuple(missing)) for row, moment, (found, missing) in read))
+    Raises ValueError for a picture outside the folder, and for a file that is no image.
+    """
+    read = [(row, moment, _images(folder, row, moment)) for row, moment in moments]
+    images = [image for _, _, (found, _) in read for image in found]
+    for quality in QUALITIES:
+        encoded = [_jpeg(image, quality) for image in images]
+        if sum(len(picture.data) for picture in encoded) <= BUDGET:
+            break
+    left = iter(encoded)
+    return [Entry(row, moment, tuple(next(left) for _ in found), tuple(missing)) for row, moment, (found, missing) in read]
 
 
 def _images(folder: Path, row: Row, moment: dict[str, Any]) -> tuple[list[Any], list[str]]:

@@ -105,7 +105,7 @@ def _ablations(sweep: SweepRows, tracker: str, several: bool) -> list[Plot]:
         parts = {stage: tuple(share[stage].mean if stage in share else 0.0 for share in shares) for stage in STAGES}
         parts[REST] = tuple(_left(s, tracker, measure) for s in settings)
         x = tuple(s.value for s in settings)
-        name = name_of(sweep.name, "ladder", measure, tracker)
+        name = name_of(sweep.name, "ablation", measure, tracker)
         note = (
             "What perfect input to each stage would recover. Below zero it makes the result worse. The rest is lost even with perfect input to all."
         )

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from sim.datasets.presets import preset_of, read_settings
 from sim.policies.training import Curve
-from sim.report.pictures import Album
+from sim.report.pictures import album_of
 from sim.report.rows import read_rows
 from sim.report.series import overview, plots_of
 from sim.report.summary import headline, moments, summary
@@ -126,7 +126,7 @@ def _settings(file: Path) -> object:
 
 def _report(folder: Path) -> object:
     rows = read_rows(folder)
-    album = Album.of(folder, moments(rows))
+    album = album_of(folder, moments(rows))
     return headline(rows), summary(rows), overview(rows), [plots_of(sweep, rows.trackers) for sweep in rows.sweeps()], album
 
 

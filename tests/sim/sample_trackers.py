@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -34,20 +33,9 @@ def long(setup: Setup, ticks: Iterable[Tick]) -> list[Estimate]:
     return [*out, out[-1]]
 
 
-def flat(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Any]:
-    """Positions without z."""
-    for estimate in track(setup, ticks):
-        yield Estimate(estimate.index, {}, {}, np.zeros(2, dtype=np.int64), np.zeros((2, 2)), np.zeros((2, 3, 3)))
-
-
 def twice(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
     for estimate in track(setup, ticks):
         yield replace(estimate, target_id=np.array([7, 7]), position=np.zeros((2, 3)), covariance=np.zeros((2, 3, 3)))
-
-
-def nowhere(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
-    for estimate in track(setup, ticks):
-        yield replace(estimate, target_id=np.array([7]), position=np.full((1, 3), np.nan), covariance=np.zeros((1, 3, 3)))
 
 
 def robotless(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:

@@ -25,6 +25,7 @@ from tracker.sequence.dataset import sequences
 
 PILSIM = Path(sys.executable).parent / "pilsim"
 SMALL = ["--frames", "3", "--width", "128", "--robots", "1", "--people", "2", "--fixed-cameras", "4", "--count", "2"]
+SMALL += ["--detector-model", "faster-rcnn"]
 
 
 def pilsim(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:

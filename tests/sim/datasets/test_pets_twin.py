@@ -1,8 +1,6 @@
 """The twin of PETS 2009: paths and statures from boxes, and the overlap of its boxes with the annotated ones."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +12,7 @@ import pytest
 from sim.datasets.pets_twin import Twin, box_overlaps, confine_rovers, recording_of, walkers_of
 from sim.datasets.twin_picture import draw_pets_twin
 from sim.recording.record import write_recording
+from tests.commands import pilsim
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
 from tracker.formats.pets2009 import read_annotations, read_camera
@@ -25,7 +24,6 @@ from tracker.sequence.truth_tables import read_views
 
 FRAMES = 8
 STATURE = {4: 1.62, 9: 1.85, 17: 2.4}
-PILSIM = Path(sys.executable).parent / "pilsim"
 
 
 def feet(person: int, frame: int) -> Array:
@@ -72,6 +70,7 @@ def test_rovers_are_confined_to_the_area_of_the_paths() -> None:
     assert not wheels.free_at(outside).any()
 
 
+@pytest.mark.render
 def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> None:
     write_recording(recording_of(replace(pets, frames=6), plaza()), tmp_path / "twin")
     sequence = read_sequence(tmp_path / "twin")
@@ -96,6 +95,7 @@ def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> N
     assert max(len(view.boxes.person) for view in views.values()) == 3
 
 
+@pytest.mark.render
 def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path], tmp_path: Path) -> None:
     pets = Twin(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1.xml"), data("pets2009", "calibration"), frames=10, robots=1, width=128)
     write_recording(recording_of(pets, plaza()), tmp_path / "twin")
@@ -111,7 +111,7 @@ def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path]
     assert picture.shape[1] in (768 + 6, 2 * (768 + 6))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize(("name", "frames"), [("S2.L1/annotations/PETS2009-S2L1.xml", 40), ("S1.L1/annotations/PETS2009-S1L1-1.xml", 20)])
 def test_boxes_overlap_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
     pets = Twin(data("pets2009", *name.split("/")), data("pets2009", "calibration"), (1, 5, 7), frames, robots=1, width=256)
@@ -143,21 +143,10 @@ def test_the_annotated_view_is_needed_for_the_comparison(pets: Twin, tmp_path: P
         box_overlaps(replace(pets, views=(5,)), tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("a.xml", None, "a.xml: no such file"),
-        ("a.xml", "<dataset", "a.xml: is not XML"),
-        ("View_001.xml", "<Camera/>", "View_001.xml:line 1: field Geometry"),
-    ],
-)
-def test_invalid_files_give_one_line(pets: Twin, tmp_path: Path, name: str, content: str | None, message: str) -> None:
-    (tmp_path / name).unlink()
-    if content is not None:
-        (tmp_path / name).write_text(content)
-    command = [PILSIM, "generate", "twin", "--annotations", "a.xml", "--calibration", ".", "--out", "twin"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=100)
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    assert message in done.stderr
+@pytest.mark.command
+def test_an_invalid_file_gives_one_line(pets: Twin, tmp_path: Path) -> None:
+    (tmp_path / "View_001.xml").write_text("<Camera/>")
+    done = pilsim("generate", "twin", "--annotations", "a.xml", "--calibration", ".", "--out", "twin", cwd=tmp_path)
+    assert (done.returncode, len(done.stderr.strip().splitlines())) == (2, 1), done.stderr
+    assert "View_001.xml:line 1: field Geometry" in done.stderr
     assert not (tmp_path / "twin").exists()

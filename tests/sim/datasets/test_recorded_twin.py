@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +25,6 @@ from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Start
 from worlds import catalogue
 
-PILSIM = Path(sys.executable).parent / "pilsim"
 FRAMES, LEVEL = 5, 0.4
 LENS = Pinhole(160, 120, 90.0, 92.0, 80.0, 58.0, (-0.05, 0.01, 0.0, 0.0, 0.0))
 
@@ -109,7 +106,8 @@ def same_files(one: Path, two: Path) -> None:
         assert (one / name).read_bytes() == (two / name).read_bytes(), name
 
 
-@pytest.mark.slow
+@pytest.mark.command
+@pytest.mark.render
 def test_rendered_it_is_a_sequence_with_any_number_of_workers(source: Path, tmp_path: Path) -> None:
     for workers in (1, 2):
         lines = list(generate_twin(order(source, workers=workers, changes={"frames": 4}), tmp_path / f"{workers}"))
@@ -133,7 +131,6 @@ def test_rendered_it_is_a_sequence_with_any_number_of_workers(source: Path, tmp_
         np.testing.assert_allclose(again.truth[one.index][1], one.feet, atol=0.1)
 
 
-@pytest.mark.slow
 def test_paths_stay_free_in_a_furnished_hall(source: Path, tmp_path: Path) -> None:
     list(generate_twin(order(source, render=False, changes={"difficulty": 1.0}), tmp_path / "twin"))
     twin = open_recording(tmp_path / "twin")
@@ -151,7 +148,6 @@ def test_wildtrack_is_a_square(data: Callable[..., Path]) -> None:
     assert ((places > plan.extent[0] + 0.5) & (places < plan.extent[1] - 0.5)).all()
 
 
-@pytest.mark.slow
 def test_pets_by_its_folder_is_the_twin_by_its_files(data: Callable[..., Path], tmp_path: Path) -> None:
     folder = data("pets2009", "S2.L1")
     lines = list(generate_twin(order(folder, render=False, views="1,5", changes={"frames": 2}), tmp_path / "twin"))
@@ -192,12 +188,3 @@ def test_sources_that_cannot_have_a_twin_are_refused(source: Path, tmp_path: Pat
     with pytest.raises(ValueError, match=r"camera C2 is on a robot, needs cameras that stand still; --views chooses some"):
         list(generate_twin(order(tmp_path / "carried"), tmp_path / "out"))
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_the_command_says_what_is_wrong_in_one_line(source: Path, tmp_path: Path) -> None:
-    command = [PILSIM, "generate", "twin", source, "--frames", "9", "--out", tmp_path / "out"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 2, done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    assert "frames is 9, needs 1 to 5" in done.stderr

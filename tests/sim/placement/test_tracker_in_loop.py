@@ -1,9 +1,12 @@
-"""Prediction of people whose tracks have ended: velocity, growing covariance, and the end of the prediction."""
+"""The tracker in the loop: prediction of people whose tracks have ended, and the detections of a detector model."""
 
 import numpy as np
 import pytest
 
+from sim.placement.config import PlacementConfig
+from sim.placement.env import Placement
 from sim.placement.tracker_in_loop import MEMORY_DURATION, TrackMemory
+from tracker.detector_models.model import named_model
 
 DT = 0.25
 COVARIANCE = 0.04 * np.eye(2)[None]
@@ -46,3 +49,26 @@ def test_a_new_track_replaces_a_prediction_near_it() -> None:
     memory.update(np.array([9, 8]), np.array([[memory.position[0, 0] + 0.5, 0.3], [9.0, 9.0]]), np.repeat(COVARIANCE, 2, axis=0), DT)
     assert memory.track_id.tolist() == [9, 8]
     np.testing.assert_array_equal(memory.time_unseen, 0)
+
+
+def detected(model: str) -> list[np.ndarray]:
+    environment = Placement(world="pilsun", robots=1, people=4, observation="tracks", detector_model=model)
+    environment.reset(seed=3)
+    for _ in range(2):
+        environment.step(np.zeros((1, 2)))
+    episode = environment.episode
+    assert episode is not None
+    loop = episode.tracking
+    assert loop is not None
+    return [found.bearing for found in loop.detected]
+
+
+def test_the_model_gives_other_detections_and_the_same_again():
+    first, again, plain = detected("faster-rcnn"), detected(named_model("faster-rcnn").to_json()), detected("independent")
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not all(np.array_equal(a, b) for a, b in zip(first, plain, strict=True))
+
+
+def test_only_tracks_have_a_detector():
+    with pytest.raises(ValueError, match="detector_model is of the observation tracks"):
+        PlacementConfig(detector_model="fairmot")

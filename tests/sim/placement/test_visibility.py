@@ -47,7 +47,7 @@ def test_people_occlude_people():
     assert share[1] <= 2 / 8
 
 
-@pytest.mark.parametrize("world", ["pilsun", pytest.param("ruins", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("world", ["pilsun", pytest.param("ruins", marks=pytest.mark.soak)])
 def test_lines_of_sight_agree_with_mujoco_rays(world):
     place = map_of(MapKey(world, 0.5, 0, 6))
     model = place.world.spec.copy().compile()
@@ -67,6 +67,7 @@ def test_lines_of_sight_agree_with_mujoco_rays(world):
     assert np.mean(agree) > 0.9
 
 
+@pytest.mark.soak
 def test_the_filter_of_a_walking_person_is_consistent():
     rng = np.random.default_rng(0)
     cameras = np.array([[-5.0, 0.0, 1.5], [5.0, 4.0, 1.5]])

@@ -1,4 +1,4 @@
-"""Baseline policies, the roadmap on which they plan, and the command that compares them."""
+"""Baseline policies, the roadmap on which they plan, their comparison on the same episodes, and the command."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import sys
 import numpy as np
 import pytest
 
-import sim  # noqa: F401
+from sim.cli.place import Place
 from sim.placement.map import MapKey, map_of
 from sim.policies.baselines import best_ring
-from sim.policies.rollouts import policy_of, run_episodes, table
+from sim.policies.rollouts import EpisodeResult, compare, differences, draw, policy_of, run_episodes, table, text
 
 OPTIONS = {"world": "pilsun", "people": 6, "robots": 3}
 
@@ -57,8 +57,6 @@ def test_unknown_policies_are_refused(monkeypatch):
 
 
 def test_the_command_prints_json(capsys):
-    from sim.cli.place import Place
-
     Place(policy=("random",), episodes=2, world="pilsun", robots=2, people=3, steps=4, json=True).run()
     said = json.loads(capsys.readouterr().out)
     assert said["means"]["random"]["seen"]["count"] == 2
@@ -67,14 +65,14 @@ def test_the_command_prints_json(capsys):
         Place(episodes=0).run()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_greedy_and_lloyd_see_more_people_twice_than_random():
     found = table([outcome for name in ("random", "lloyd", "greedy") for outcome in run_episodes(name, range(200, 212), {"world": "ruins"}, 240)])
     for name in ("lloyd", "greedy"):
         assert found[name]["seen_twice"].mean > found["random"]["seen_twice"].mean
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_ppo_training_is_deterministic_and_its_policy_runs(tmp_path):
     torch = pytest.importorskip("torch", reason="needs stable-baselines3 (make rl)")
     pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (make rl)")
@@ -88,3 +86,39 @@ def test_ppo_training_is_deterministic_and_its_policy_runs(tmp_path):
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
     # The policy runs with other numbers of robots and people, too.
     assert len(run_episodes(f"ppo:{first}", [1], OPTIONS | {"robots": 2, "people": 9}, 5)) == 1
+
+
+def results(workers: int) -> list[EpisodeResult]:
+    options = {"world": "pilsun", "people": 4, "robots": 2}
+    return [result for some in compare(("random", "static"), range(9, 12), options, 6, workers) for result in some]
+
+
+@pytest.mark.command
+def test_results_do_not_depend_on_the_number_of_workers():
+    alone = results(1)
+    assert [(o.policy, o.seed) for o in alone] == [(name, seed) for name in ("random", "static") for seed in (9, 10, 11)]
+    assert results(2) == alone
+    with pytest.raises(ValueError, match="workers is 0, needs 1 to 1024"):
+        list(compare(("random",), range(1), OPTIONS, 1, 0))
+
+
+def test_differences_are_paired_by_seed():
+    # The second is better by 0.1 in every episode, though episodes differ by much more.
+    found = [
+        EpisodeResult("a", 0, {"seen": 0.1}),
+        EpisodeResult("a", 1, {"seen": 0.7}),
+        EpisodeResult("b", 0, {"seen": 0.2}),
+        EpisodeResult("b", 1, {"seen": 0.8}),
+    ]
+    paired = differences(found)
+    assert list(paired) == ["b"]
+    assert paired["b"]["seen"].mean == pytest.approx(0.1)
+    assert paired["b"]["seen"].low == pytest.approx(0.1)
+    assert "difference from a, paired by seed" in text(table(found), paired)
+    assert differences(found[:2]) == {}
+
+
+def test_the_plot_leaves_one_file(tmp_path):
+    found = table([EpisodeResult("a", seed, {"seen": 0.1 * seed, "seen_twice": 0.0, "gospa": 0.5}) for seed in range(3)])
+    draw(found, "three episodes", tmp_path / "means.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["means.png"]

@@ -3,11 +3,13 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from sim.report.findings import at, breaking, change, finding, findings, listed, owner, predicted, reasons, robots, spread
+from sim.report.findings import CAUSES, at, breaking, change, finding, findings, listed, owner, predicted, reasons, robots, spread
 from sim.report.rows import Rows, read_rows
 from sim.report.summary import headline, moments, summary
+from sim.stress.error_causes import CAUSES as COUNTED
 from tests.sim import stress_rows
 
 
@@ -60,10 +62,9 @@ def test_one_seed_and_few_seeds_are_uncertain(tmp_path: Path) -> None:
     assert "fewer" not in dict(summary(read(tmp_path / "five", stress_rows.density(5))))["Certainty"]
 
 
+@pytest.mark.soak
 def test_noise_alone_is_no_fall(tmp_path: Path) -> None:
     """Settings that differ by chance only are rarely called different, although the best and the worst of six are compared."""
-    import numpy as np
-
     rng, called = np.random.default_rng(0), 0
     for trial in range(60):
         rows = [stress_rows.row("terrain", k, f"v{k}", seed) for k in range(6) for seed in range(5)]
@@ -155,7 +156,4 @@ def test_settings_and_lists_in_words(tmp_path: Path) -> None:
 
 
 def test_every_cause_has_a_meaning() -> None:
-    from sim.report.findings import CAUSES
-    from sim.stress.error_causes import CAUSES as COUNTED
-
     assert {cause for causes in COUNTED.values() for cause in causes} == set(CAUSES)

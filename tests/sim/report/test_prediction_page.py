@@ -46,6 +46,9 @@ def written(folder: Path, plan: PredictionPlan, found: Prediction) -> Path:
     return path
 
 
+pytestmark = pytest.mark.render
+
+
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = written(tmp_path_factory.mktemp("prediction"), *made())
@@ -130,13 +133,12 @@ def test_the_page_does_not_replace_its_file(file: Path) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium to open the page")
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [390, 1280])
-def test_chromium_shows_the_page(width: int, file: Path) -> None:
-    with Browser(width) as browser:
+@pytest.mark.command
+def test_chromium_shows_the_page(file: Path) -> None:
+    with Browser(390) as browser:
         browser.open(file.with_suffix(".html"))
         assert browser.evaluate("document.querySelectorAll('figure svg').length") == 6
         assert browser.evaluate("[...document.querySelectorAll('figure svg')].every(s => s.getBoundingClientRect().height > 100)")
         assert browser.evaluate("[...document.links].every(a => document.getElementById(a.hash.slice(1)))")
-        assert browser.evaluate("document.documentElement.scrollWidth") <= width
+        assert browser.evaluate("document.documentElement.scrollWidth") <= 390
         assert browser.complaints == []

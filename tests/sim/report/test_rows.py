@@ -24,6 +24,13 @@ def test_rows_by_sweep_setting_and_seed(tmp_path: Path) -> None:
     assert density.settings[3].scores("default", "truths") == dict.fromkeys(range(3), 6000)
     assert density.settings[3].scores("default", "visible_recall") == dict.fromkeys(range(3), 0.8)
     assert density.settings[3].scores("default", "nonsense") == {}
+    rows = [stress_rows.row("robots", k, 11 - k, 0) for k in range(11)]
+    read = read_rows(stress_rows.write(tmp_path, list(reversed(rows)), tail='{"schema": 1, "id": "dens'))
+    (sweep,) = read.sweeps()
+    assert [s.id for s in sweep.settings] == [f"robots/{k}" for k in range(11)]
+    assert [s.value for s in sweep.ordered()] == list(range(1, 12))
+    # A last line that is cut off is left out.
+    assert (len(read.rows), read.torn) == (11, True)
 
 
 def test_folders_beside_each_other_are_on_one_page(tmp_path: Path) -> None:
@@ -34,18 +41,6 @@ def test_folders_beside_each_other_are_on_one_page(tmp_path: Path) -> None:
     assert [name in text for name in ("MOTA of independent", "MOTA of fairmot", "pilsim compare")] == [True, True, False]
     with pytest.raises(ValueError, match="given twice"):
         read_beside([folders[0], folders[0]])
-
-
-def test_settings_go_by_number_and_curves_by_value(tmp_path: Path) -> None:
-    rows = [stress_rows.row("robots", k, 11 - k, 0) for k in range(11)]
-    (sweep,) = read_rows(stress_rows.write(tmp_path, list(reversed(rows)))).sweeps()
-    assert [s.id for s in sweep.settings] == [f"robots/{k}" for k in range(11)]
-    assert [s.value for s in sweep.ordered()] == list(range(1, 12))
-
-
-def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
-    read = read_rows(stress_rows.write(tmp_path, stress_rows.density(1), tail='{"schema": 1, "id": "dens'))
-    assert (len(read.rows), read.torn) == (4, True)
 
 
 @pytest.mark.parametrize(

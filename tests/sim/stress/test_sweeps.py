@@ -1,5 +1,6 @@
 """Sweeps as data: ids, what each sweep changes, and cases as JSON."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,13 +30,16 @@ from tracker.options import parameters_from
 from tracker.recordings.folder import write_recording
 
 
-def test_ids_are_unique_and_name_a_value() -> None:
-    every = cases((), default_scenario())
-    assert len({case.id for case in every}) == len(every) == sum(len(sweep.values) for sweep in SWEEPS.values())
-    assert {case.sweep for case in every} == set(SWEEPS)
+@pytest.mark.parametrize("named", [(), CAMERA_SWEEPS, ROOM_SWEEPS], ids=["all", "cameras", "room"])
+def test_cases_have_unique_ids_that_name_a_value_and_travel_as_json(named: Iterable[str]) -> None:
+    start, known = default_scenario(7), SWEEPS | CAMERA_SWEEPS | ROOM_SWEEPS
+    every = cases(named, start)
+    assert {case.sweep for case in every} == set(named or SWEEPS)
+    assert len({case.id for case in every}) == len(every) == sum(len(known[name].values) for name in named or SWEEPS)
     for case in every:
-        assert case.value == SWEEPS[case.sweep].values[int(case.id.split("/")[1])]
+        assert case.value == known[case.sweep].values[int(case.id.split("/")[1])]
         parameters_from(case.options)
+        assert Case.from_json(case.with_seed(3).to_json()) == case.with_seed(3)
 
 
 def test_a_sweep_changes_its_parameter_only() -> None:
@@ -46,19 +50,8 @@ def test_a_sweep_changes_its_parameter_only() -> None:
         named = {case.parameter, "world"} | ({"frames"} if case.sweep == "rate" else set())
         assert changed <= named, case.id
         assert set(case.faults.to_dict()) <= {case.parameter}
-    people = [case.scenario.people for case in cases(["density"], start)]
-    assert people == [5, 10, 20, 40, 80, 150]
-    seconds = {round(case.scenario.frames / case.scenario.rate, 6) for case in cases(["rate"], start)}
-    assert seconds == {10.0}
-
-
-def test_policies_need_no_file() -> None:
+    assert {round(case.scenario.frames / case.scenario.rate, 6) for case in cases(["rate"], start)} == {10.0}
     assert set(POLICIES) - {OWN_GOALS} <= set(BUILT_IN_POLICIES)
-
-
-def test_cases_travel_as_json() -> None:
-    for case in cases((), default_scenario(frames=7)):
-        assert Case.from_json(case.with_seed(3).to_json()) == case.with_seed(3)
 
 
 def test_single_cases_and_unknown_names() -> None:
@@ -93,13 +86,9 @@ def test_a_recording_is_changed_as_its_case_says(tmp_path: Path) -> None:
     assert counts["recorded_clutter/3"][1] > 10
 
 
-def test_camera_sweeps_are_named_and_change_cameras_or_driving() -> None:
+def test_camera_sweeps_change_cameras_or_driving() -> None:
     start = default_scenario(4)
-    assert not {case.sweep for case in cases((), start)} & set(CAMERA_SWEEPS)
-    every = cases(CAMERA_SWEEPS, start)
-    assert len(every) == sum(len(sweep.values) for sweep in CAMERA_SWEEPS.values())
-    assert all(Case.from_json(case.to_json()) == case for case in every)
-    chosen = {case.id: case.scenario for case in every}
+    chosen = {case.id: case.scenario for case in cases(CAMERA_SWEEPS, start)}
     assert chosen["readout/0"] == chosen["mount_angle/0"] == chosen["blur/0"] == start
     assert chosen["readout/4"].camera_effects.readout == 0.033
     assert (chosen["roughness_fast/1"].difficulty, chosen["roughness_fast/1"].speed) == (0.25, 1.2)
@@ -118,11 +107,9 @@ def test_the_tracker_is_told_wrong_mounts_and_the_truth_is_not() -> None:
     assert np.degrees(np.linalg.norm(turned)) == pytest.approx(2.0)
 
 
-def test_sweeps_of_a_room_have_its_cameras_and_are_run_by_name_only() -> None:
+def test_sweeps_of_a_room_have_its_cameras() -> None:
     start = default_scenario(12, 256)
-    assert not {case.sweep for case in cases((), start)} & set(ROOM_SWEEPS)
     made = cases(ROOM_SWEEPS, start)
-    assert len(made) == sum(len(sweep.values) for sweep in ROOM_SWEEPS.values())
     for case in made:
         assert (case.scenario.world, case.scenario.robots, case.scenario.frames, case.source) == ("hall:room=7.7x3.4", 0, 12, "room")
     assert [case.scenario.people for case in made if case.sweep == "room"] == [3, 10, 15, 20]
@@ -132,7 +119,7 @@ def test_sweeps_of_a_room_have_its_cameras_and_are_run_by_name_only() -> None:
         cases(["detectors"], replace(start, detector_model="fairmot"))
 
 
-@pytest.mark.slow
+@pytest.mark.render
 def test_a_case_of_a_room_is_seen_by_four_corner_cameras() -> None:
     (case,) = cases(["room/0"], default_scenario(3, 256))
     data = simulate_case(case.with_seed(1), rendered=True)

@@ -23,9 +23,9 @@ def sample(name: str) -> TrackerUnderTest:
 def test_a_function_by_name_gives_the_results_of_the_same_function(data: TrialData) -> None:
     ours, theirs = (c.results_of(data.tracker_setup, data.ticks, "x/0/1") for c in (TrackerUnderTest(), sample("good")))
     assert ours.frames == theirs.frames == 3
-    for k in range(3):
-        assert (ours.tracks[k][0] == theirs.tracks[k][0]).all()
-        assert (ours.tracks[k][1] == theirs.tracks[k][1]).all()
+    for own, other in zip(ours.tracks.values(), theirs.tracks.values(), strict=True):
+        assert (own[0] == other[0]).all()
+        assert (own[1] == other[1]).all()
 
 
 @pytest.mark.parametrize(
@@ -33,15 +33,13 @@ def test_a_function_by_name_gives_the_results_of_the_same_function(data: TrialDa
     [
         ("short", "gave 2 estimates, needs 3"),
         ("long", "gave more than 3 estimates"),
-        ("flat", r"position has shape \(2, 2\)"),
         ("twice", "gave a target twice in frame 0"),
-        ("nowhere", "position holds NaN"),
         ("robotless", "no pose and covariance (6, 6) of robot_0 in frame 0"),
         ("numbers", "gave a int for frame 0, needs an Estimate"),
     ],
 )
 def test_faulty_estimates_are_refused(data: TrialData, name: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message if "\\" in message else re.escape(message)):
+    with pytest.raises(ValueError, match=re.escape(message)):
         sample(name).results_of(data.tracker_setup, data.ticks, "x/0/1")
 
 
@@ -56,9 +54,7 @@ def test_unknown_functions_are_refused(data: TrialData) -> None:
 
 
 def test_options_of_a_case_override_those_of_the_tracker() -> None:
-    assert TrackerUnderTest(options={"slam": "ekf", "correction": "on"}).with_options({"slam": "iekf"}).options == {
-        "slam": "iekf",
-        "correction": "on",
-    }
+    changed = TrackerUnderTest(options={"slam": "ekf", "correction": "on"}).with_options({"slam": "iekf"})
+    assert changed.options == {"slam": "iekf", "correction": "on"}
     with pytest.raises(ValueError, match="options slam are of the default tracker"):
         TrackerUnderTest("tests.sim.sample_trackers:good", {"slam": "ekf"})

@@ -18,11 +18,10 @@ def test_errors_of_consecutive_frames_are_one_moment() -> None:
     assert row == {
         "frame": 5, "kind": "miss", "cause": "occluded", "person": 1, "position": [1.0, 2.0, 0.5], "weight": 4, "pictures": ["moments/a.png"],
     }  # fmt: skip
-
-
-def test_the_cause_of_a_moment_is_its_most_frequent_one() -> None:
+    # The cause of a moment is its most frequent one.
     moments = find_worst([mistake(0), mistake(1, cause="merged"), mistake(2, cause="merged")])
     assert [(m.middle.cause, m.weight, m.middle.frame) for m in moments] == [("merged", 3, 2)]
+    assert file_stem(("density/3", 4, "my.module:track")) == "density-3-4-my-module-track"
 
 
 def test_moments_of_one_kind_and_cause_are_limited() -> None:
@@ -30,7 +29,3 @@ def test_moments_of_one_kind_and_cause_are_limited() -> None:
     moments = find_worst(found)
     assert len(moments) == MAX_ALIKE + 1 <= MAX_MOMENTS
     assert moments[-1].middle.kind == "switch"
-
-
-def test_file_names() -> None:
-    assert file_stem(("density/3", 4, "my.module:track")) == "density-3-4-my-module-track"

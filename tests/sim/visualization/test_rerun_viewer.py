@@ -24,6 +24,11 @@ from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results, write_results
 
 
+@pytest.fixture(autouse=True)
+def needs_rerun() -> None:
+    pytest.importorskip("rerun", reason="needs rerun-sdk")
+
+
 def chunks(path: Path) -> dict[str, list[Any]]:
     """Entity → its columns as Arrow batches, from the first recording of a file."""
     reader = pytest.importorskip("rerun.chunk", reason="needs rerun-sdk to read recordings").RrdReader(path)
@@ -38,13 +43,16 @@ def column(batches: list[Any], name: str) -> list[Any]:
     return [row for batch in batches for field in batch.schema.names if field.endswith(name) for row in batch.column(field).to_pylist()]
 
 
-def test_a_recording_of_a_sequence_with_its_tracks(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="needs rerun-sdk")
+def test_a_recording_of_a_sequence_with_its_tracks_or_the_truth_alone(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s" / "sequence")
+    show(tmp_path / "s", save=tmp_path / "truth.rrd")
+    alone = set(chunks(tmp_path / "truth.rrd"))
+    assert "/world/truth/robots/robot_0" in alone
+    assert not {"/world/tracks", "/world/robots/robot_0"} & alone
     sequence = read_sequence(tmp_path / "s" / "sequence")
     write_results(tmp_path / "s" / "track", Results.of(track(sequence.setup, sequence.ticks), {}))
     show(tmp_path / "s", save=tmp_path / "out.rrd")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.rrd", "s"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.rrd", "s", "truth.rrd"]
     there = chunks(tmp_path / "out.rrd")
     names = {"/world/terrain", "/world/standing", "/world/truth/people", "/world/robots/robot_1", "/world/robots/covariance", "/off/robot_0"}
     assert names | {"/panoramas/robot_0_camera", "/world/tracks"} <= set(there)
@@ -61,17 +69,7 @@ def test_a_recording_of_a_sequence_with_its_tracks(tmp_path: Path) -> None:
     assert bytes(np.array(image, dtype=np.uint8).ravel()[:2]) == b"\xff\xd8"
 
 
-def test_without_tracks_the_truth_alone(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="needs rerun-sdk")
-    sequences.write(tmp_path / "s")
-    show(tmp_path / "s", save=tmp_path / "out.rrd")
-    there = set(chunks(tmp_path / "out.rrd"))
-    assert "/world/truth/robots/robot_0" in there
-    assert not {"/world/tracks", "/world/robots/robot_0"} & there
-
-
 def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("rerun", reason="needs rerun-sdk")
     sequences.write(tmp_path / "s")
     with pytest.raises(ValueError, match=r"needs a name that ends in \.rrd"):
         show(tmp_path / "s", save=tmp_path / "out.mp4")
@@ -122,7 +120,6 @@ FISHEYE, CYLINDER = Fisheye(400, 400, 130.0, 130.0, 200.0, 200.0), Cylinder(600,
 
 
 def test_a_recording_of_ones_own_with_cameras_of_every_kind(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="needs rerun-sdk")
     scene = small_sources.recording()
     (tmp_path / "r").mkdir()
     more = {"F": RecordingCamera.looking_at(FISHEYE, [4, 8, 3], [4, 3, 0]), "Y": RecordingCamera.looking_at(CYLINDER, [4, 3, 2], [5, 3, 2])}
@@ -143,7 +140,6 @@ def test_a_recording_of_ones_own_with_cameras_of_every_kind(tmp_path: Path) -> N
 
 
 def test_frames_after_the_last_labelled_one_have_no_truth(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="needs rerun-sdk")
     folder = small_sources.write_multiviewx(tmp_path / "m")
     with (folder / "detections" / "C1.txt").open("a") as file:
         file.write("20,-1,600,200,50,150,0.9,-1,-1,-1\n")
