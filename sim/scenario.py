@@ -17,8 +17,7 @@ import numpy as np
 from sim.cameras import EQUIRECTANGULAR, Rig, parse_camera
 from sim.effects import Effects, parse_effects
 from sim.robots.clock import parse_clocks
-from sim.robots.imu import parse_imu
-from sim.robots.sensor_rates import IMU_RATES, WHEEL_RATES, steps_a_sample
+from sim.robots.imu import IMU_RATES, WHEEL_RATES, parse_imu, steps_a_sample
 
 CROWD_STEP = 0.05
 """s: step of the crowd and of commands; the nearest to this that divides a frame is used."""

@@ -16,8 +16,7 @@ from sim.parallel.pool import drawing_alone
 from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
 from sim.recording.record import Recording, write_recording
-from sim.simulation.furnished_world import furnished
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import Simulation, furnished
 from tracker.io.atomic import partial_path
 from tracker.io.file_lock import Locked, file_lock
 from tracker.sequence.dataset import MANIFEST

@@ -20,8 +20,7 @@ from sim.datasets.pets_twin import LARGEST_ID, confine_rovers
 from sim.recording.record import Recording as RecordingToWrite
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import BOUNDS, INDEPENDENT, Scenario
-from sim.simulation.furnished_world import furnished
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import Simulation, furnished
 from tracker.datasets.opening import PILSIM, format_of, open_recording
 from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.geometry import Array, Ints

@@ -14,21 +14,22 @@ from sim.placement.config import PlacementConfig
 from sim.placement.map import PlacementMap
 from sim.placement.movers import Mover
 from sim.placement.visibility import BODY_POINTS, line_of_sight
+from sim.recording.frames import Measurements, tick_of
 from sim.recording.tracker_setup import START_SIGMA
 from sim.robots import odometry, rover
 from sim.sensors.person_detector import Detector
-from sim.sensors.raycast_camera import LandmarkSensor
+from sim.sensors.raycast_camera import Landmarks, LandmarkSensor
 from sim.sensors.view_detectors import modelled
 from tracker.detector_models.model import DetectorModel, model_of
 from tracker.detector_models.sampler import ViewSampler
-from tracker.geometry import Array, Ints, Pose, angles_from_bearing, perturbed_bearings, wrap
+from tracker.geometry import Array, Ints, Pose, angles_from_bearing, wrap
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
 from tracker.pipeline import Parameters, Tracker
 from tracker.slam.parameters import SlamParameters
-from tracker.types import Boxes, Detections, Estimate, Keypoints, Mount, Odometry, Setup, Sightings, Start, Tick, View, ViewTruth
+from tracker.types import Boxes, Detections, Estimate, Keypoints, Mount, Odometry, Setup, Sightings, Start, ViewTruth
 
 CAMERA = Panorama(1024, 512)
 """The camera of a robot. Nothing is rendered: it defines the pixels of detections."""
@@ -102,7 +103,7 @@ class TrackMemory:
 class TrackerInLoop:
     """The tracker of a team, its simulated sensors, and the last estimate: position (k, 2) m and covariance (k, 2, 2) m² of people.
 
-    landmarks (n, 3) m and descriptors (n, d): of the scene. last_translation (r, 3) m: motion of each robot in the last frame.
+    landmarks: of the scene. last_translation (r, 3) m: motion of each robot in the last frame.
     wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame. model: of the detector, with a sampler for each robot; None
     for independent errors.
     """
@@ -111,8 +112,7 @@ class TrackerInLoop:
     place: PlacementMap
     rng: np.random.Generator
     tracker: Tracker
-    landmarks: Array
-    descriptors: Array
+    landmarks: Landmarks
     systematic_errors: list[odometry.SystematicErrors]
     position: Array = field(default_factory=lambda: np.zeros((0, 2)))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
@@ -137,10 +137,9 @@ class TrackerInLoop:
         mounts = {f"robot_{k}_camera": Mount(CAMERA, mount, f"robot_{k}") for k in range(count)}
         floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.elevation.top))
         tracker = Tracker(Setup(mounts, floor, starts, config.frame_period, occluders=tops), Parameters(slam=SLAM))
-        landmarks, descriptor = surface_points(place, LANDMARKS, rng), rng.normal(size=(LANDMARKS, LandmarkSensor.descriptor_size))
-        descriptors = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True))[: len(landmarks)]
+        landmarks = Landmarks.described(surface_points(place, LANDMARKS, rng), LANDMARKS, rng)
         systematic_errors = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
-        out = TrackerInLoop(config, place, rng, tracker, landmarks, descriptors, systematic_errors)
+        out = TrackerInLoop(config, place, rng, tracker, landmarks, systematic_errors)
         out.model = model_of(config.detector_model)
         if out.model is not None:
             everyone = range(1, config.people + 1)
@@ -151,14 +150,13 @@ class TrackerInLoop:
     def update(self, mover: Mover, people: Array) -> None:
         """Simulate the measurements of a frame among people (p, 4), and update the tracker."""
         poses = mover.poses()
-        measured = self._odometry(mover, poses) if self.index else [None] * len(poses)
+        odometry_of = {f"robot_{k}": one for k, one in enumerate(self._odometry(mover, poses) if self.index else ())}
         cameras = [pose @ rover.camera_mount(self.config.camera_height) for pose in poses]
         self.detected = [self._detect(k, camera, people, tipped) for k, (camera, tipped) in enumerate(zip(cameras, mover.tipped(), strict=True))]
-        views = [
-            View(f"robot_{k}_camera", found, self._sightings(camera), measured[k])
-            for k, (camera, found) in enumerate(zip(cameras, self.detected, strict=True))
-        ]
-        estimate = self.tracker.step(Tick(self.index, self.index * self.config.frame_period, tuple(views)))
+        mounts = self.tracker.setup.mounts
+        seen = dict(zip(mounts, map(self._sightings, cameras), strict=True))
+        measured = Measurements(dict(zip(mounts, self.detected, strict=True)), odometry_of, seen)
+        estimate = self.tracker.step(tick_of(self.index, self.config.frame_period, mounts, measured))
         assert estimate is not None
         self.estimate, self.position, self.covariance = estimate, estimate.position[:, :2], estimate.covariance[:, :2, :2]
         self.memory.update(estimate.target_id, self.position, self.covariance, self.config.frame_period)
@@ -202,22 +200,9 @@ class TrackerInLoop:
         return modelled(self.model, self.samplers[robot], (CAMERA, view), np.arange(1, len(people) + 1), people[:, :3])
 
     def _sightings(self, camera: Pose) -> Sightings:
-        """Sightings of landmarks by a camera, with errors as in raycast_camera.LandmarkSensor."""
-        sensor, n, rng = LandmarkSensor(), len(self.landmarks), self.rng
-        found, order = rng.random(n) >= sensor.miss_rate, rng.permutation(n)
-        sigma = np.where(rng.random(n) < sensor.outlier_rate, sensor.outlier_noise, sensor.noise)[:, None]
-        error = rng.normal(size=(n, 2)) * sigma
-        descriptor_error = rng.normal(size=self.descriptors.shape) * sensor.descriptor_noise / np.sqrt(sensor.descriptor_size)
-        away = self.landmarks - camera.translation
-        distance = np.linalg.norm(away, axis=1)
-        found &= (distance < sensor.reach) & (distance > 0.3)
-        found[found] = line_of_sight(self.place.elevation, camera.translation, self.landmarks[found], SURFACE_MARGIN) > 0
-        rows = order[found[order]]
-        direction = away[rows] @ camera.rotation / distance[rows, None]
-        bearing = perturbed_bearings(direction, error[rows])
-        descriptor = (self.descriptors[rows] + descriptor_error[rows]).astype(np.float32)
-        covariance = np.tile(np.eye(2) * sensor.noise**2, (len(rows), 1, 1))
-        return Sightings(bearing, np.full(len(rows), np.nan), np.full(len(rows), -1), descriptor, covariance)
+        """Sightings of landmarks by a camera, over the height map in place of exact rays."""
+        elevation, eye = self.place.elevation, camera.translation
+        return LandmarkSensor().sightings(self.landmarks, camera, lambda points: line_of_sight(elevation, eye, points, SURFACE_MARGIN) > 0, self.rng)
 
     def _odometry(self, mover: Mover, poses: list[Pose]) -> list[Odometry]:
         """Odometry of the last frame: from the simulation, or simulated for wheels without slip and for gyroscopes."""

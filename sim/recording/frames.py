@@ -20,7 +20,7 @@ from sim.sensors.robot_sensors import RobotSensors
 from sim.sensors.view_detectors import ViewDetectors
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Pose
-from tracker.types import Odometry, RobotDetections, SensorSamples, Setup, Sightings, Tick, Truth, View, ViewTruth
+from tracker.types import Detections, Mount, Odometry, RobotDetections, SensorSamples, Setup, Sightings, Tick, Truth, View, ViewTruth
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +92,27 @@ def _truth(index: int, simulation: Simulation, setup: Setup) -> Truth:
     return Truth(index, poses, persons, simulation.feet(), np.zeros((len(persons), 0)), simulation.joints(), tipped, sitting)
 
 
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """What is measured in one frame: by camera, but for odometry, by robot."""
+
+    detections: Mapping[str, Detections]
+    odometry: Mapping[str, Odometry]
+    sightings: Mapping[str, Sightings] = field(default_factory=dict)
+    companions: Mapping[str, RobotDetections | None] = field(default_factory=dict)
+    images: Mapping[str, RenderedImage] = field(default_factory=dict)
+
+
+def tick_of(index: int, period: float, mounts: Mapping[str, Mount], measured: Measurements) -> Tick:
+    """The tick of a frame. The first view of a robot brings its odometry. period: s between frames."""
+    views, odometry = [], dict(measured.odometry)
+    for name, mount in mounts.items():
+        image = measured.images[name].colour if name in measured.images else None
+        seen, found = measured.sightings.get(name), measured.companions.get(name)
+        views.append(View(name, measured.detections[name], seen, odometry.pop(mount.robot, None), image=image, robot_detections=found))
+    return Tick(index, index * period, tuple(views))
+
+
 @final
 class FrameAssembler:
     """Makes frames of states and the truth of their views. It draws the errors of the detectors: call it once a frame, in their order."""
@@ -108,15 +129,11 @@ class FrameAssembler:
         sightings: Mapping[str, Sightings] | None = None,
     ) -> Frame:
         """true: camera → truth of its view. images: camera → image, None where it is not needed or not rendered. sightings: camera → sightings."""
-        views, odometry, images = [], dict(state.odometry), images or {}
-        for name, mount in self._mounts.items():
-            found = self._detectors.detect(name, true[name], state.truth.person_id, state.truth.feet)
-            seen, image = (sightings or {}).get(name), images[name].colour if name in images else None
-            # The first view of a robot brings its odometry.
-            own = odometry.pop(mount.robot, None)
-            views.append(View(name, found, seen, own, image=image, robot_detections=state.companions[name]))
-        truth = replace(state.truth, visible=_visible_fractions(state.truth.person_id, [true[name] for name in self._mounts]))
-        return Frame(Tick(state.index, state.index * self._period, tuple(views)), truth, true, state.samples, images)
+        person, feet, images = state.truth.person_id, state.truth.feet, images or {}
+        found = {name: self._detectors.detect(name, true[name], person, feet) for name in self._mounts}
+        tick = tick_of(state.index, self._period, self._mounts, Measurements(found, state.odometry, sightings or {}, state.companions, images))
+        truth = replace(state.truth, visible=_visible_fractions(person, [true[name] for name in self._mounts]))
+        return Frame(tick, truth, true, state.samples, images)
 
 
 def _visible_fractions(persons: Ints, views: list[ViewTruth]) -> Array:

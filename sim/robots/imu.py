@@ -1,7 +1,8 @@
-"""Inertial measurement units: white noise, bias and bias walk of named parts.
+"""Inertial measurement units: white noise, bias and bias walk of named parts; and the sampling rates of all sensors on a rover.
 
 The model is that of Kalibr and IEEE Std 952: a sample has white noise with standard deviation density/√dt. The bias is a random walk whose steps
 have standard deviation walk·√dt. Allan deviations are then density/√τ and walk·√(τ/3).
+A sample is made after every n-th step of the physics, n a whole number.
 """
 
 from __future__ import annotations
@@ -16,6 +17,14 @@ from tracker.geometry import Array
 _DEGREE, _MG = math.radians(1.0), 9.80665e-3
 _TEMPERATURE_WALK = 0.03
 """K/√s: assumed random walk of a part's temperature, 0.2 K in a minute and 1.8 K in an hour. It turns a temperature coefficient into a bias walk."""
+IMU_RATES = (100.0, 400.0)
+"""Lowest and highest sampling rate of an IMU, Hz."""
+WHEEL_RATES = (10.0, 400.0)
+"""Lowest and highest sampling rate of the wheel encoders, Hz."""
+LISTED = 10
+"""Largest number of rates that an error message lists."""
+_SAME = 1e-4
+"""Relative difference below which a rate is meant: users write 28.2857 for 198/7."""
 
 
 @dataclass(frozen=True)
@@ -96,3 +105,28 @@ class ImuErrors:
         if count:
             self._bias = bias[-1]
         return bias, noise * self._noise
+
+
+def possible_rates(physics: float, bounds: tuple[float, float]) -> list[float]:
+    """Rates, Hz, within bounds that a whole number of steps of `physics` steps/s gives, the highest first."""
+    low, high = bounds
+    rates = [physics / n for n in range(1, int(physics / low) + 2)]
+    return [rate for rate in rates if low * (1 - _SAME) <= rate <= high * (1 + _SAME)]
+
+
+def steps_a_sample(name: str, rate: float | None, physics: float, bounds: tuple[float, float]) -> int:
+    """Number of physics steps a sample. rate: Hz, or None for the highest possible. physics: steps/s. name: of the option, for messages.
+
+    Raises ValueError, which names the possible rates, for a rate out of bounds or one that no whole number of steps gives.
+    """
+    low, high = bounds
+    if rate is not None and not low <= rate <= high:
+        raise ValueError(f"{name} is {rate:g} Hz, needs {low:g} to {high:g} Hz")
+    possible = possible_rates(physics, bounds)
+    if not possible:
+        raise ValueError(f"{name} needs {low:g} to {high:g} Hz, but the physics has {physics:g} steps/s; choose a smaller timestep")
+    for each in possible:
+        if rate is None or abs(each - rate) <= _SAME * rate:
+            return round(physics / each)
+    listed = ", ".join(f"{each:g}" for each in possible[:LISTED]) + (", …" if len(possible) > LISTED else "")
+    raise ValueError(f"{name} is {rate:g} Hz, needs a whole number of physics steps: {listed} Hz (another timestep or frame rate gives others)")

@@ -1,4 +1,4 @@
-"""Camera by ray casting: truth of views and sightings of landmarks without rendering.
+"""Exact ray casting through the scene of a simulation, and a camera by it: truth of views and sightings of landmarks without rendering.
 
 The box of a person encloses the meshes of the limbs. The visible fraction is the share of unoccluded sample points on the surface.
 The result is a ViewTruth as from a rendered view, for the same Detector.
@@ -7,19 +7,26 @@ Landmarks are points on static geometry. A landmark is visible if a ray reaches 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.pedestrian.skeleton import LIMBS
+from sim.rendering.draw_list import GROUPS
 from sim.sensors.person_detector import HIPS, People
-from sim.sensors.raycasting import Raycaster
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import ABSENT, Simulation
 from tracker.geometry import Array, Ints, Mask, Pose, perturbed_bearings
 from tracker.geometry.cameras import Camera
+from tracker.geometry.ground import Grid
 from tracker.types import Boxes, Keypoints, Sightings, ViewTruth
 from worlds.engine import mujoco
 
+DRAWN_GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
+"""Geom groups that rays hit: those that are drawn."""
+TARGET_MARGIN = 0.02
+"""m: a hit less than this before the target counts as the target."""
 STATIC_GROUPS = np.array([1, 1, 0, 0, 0, 0], np.uint8)
 """Geom groups of static geometry: ground and props."""
 
@@ -34,6 +41,65 @@ _DIRECTIONS = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1]), axis=-1)
 _DIRECTIONS = np.delete(_DIRECTIONS, 13, axis=0)
 
 _ALONG_AXES = np.abs(_DIRECTIONS).sum(axis=1) == 1
+
+
+class Raycaster:
+    """Casts rays through the current state of a simulation."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._height_fields = _height_fields(simulation.model, simulation.data)
+
+    def first_hit(self, eye: Array, targets: Array) -> tuple[NDArray[np.int32], Mask]:
+        """First geom (n,) on the rays from eye (3,) m to targets (n, 3) m, −1 for none, and whether each ray reaches its target."""
+        model, away = self._simulation.model, targets - eye
+        length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        geom, distance = np.full((len(targets), 1), -1, np.int32), np.full((len(targets), 1), -1.0)
+        if not len(targets):
+            return geom[:, 0], np.zeros(0, dtype=bool)
+        directions, start = np.ascontiguousarray(away / length[:, None]), np.array(eye, dtype=np.float64)
+        # MuJoCo tests every cell under a ray. Grid.intersect traverses the same triangles ten times as fast.
+        groups = model.geom_group.copy()
+        model.geom_group[list(self._height_fields)] = ABSENT
+        try:
+            rays = directions.ravel(), DRAWN_GROUPS, 1, -1, geom, distance, None, len(targets), float(length.max()) + 1.0
+            mujoco.mj_multiRay(model, self._simulation.data, start, *rays)
+        finally:
+            model.geom_group[:] = groups
+        first, nearest = geom[:, 0], np.where(geom[:, 0] < 0, np.inf, distance[:, 0])
+        for k, ground in self._height_fields.items():
+            met, hit = ground.intersect(np.broadcast_to(start, directions.shape), directions, float(length.max()) + 1.0)
+            there = np.where(hit, np.linalg.norm(met - start, axis=1), np.inf)
+            first, nearest = np.where(there < nearest, k, first).astype(np.int32), np.minimum(there, nearest)
+        return first, nearest > length - TARGET_MARGIN
+
+
+def _height_fields(model: mujoco.MjModel, data: mujoco.MjData) -> dict[int, Grid]:
+    """Geom → heights, for every drawn height field that is level and has square cells."""
+    out = {}
+    for k in np.flatnonzero((model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD)) & (model.geom_group <= GROUPS[-1])).tolist():
+        field = int(model.geom_dataid[k])
+        half, high = model.hfield_size[field, :2], model.hfield_size[field, 2]
+        rows, columns, first = int(model.hfield_nrow[field]), int(model.hfield_ncol[field]), int(model.hfield_adr[field])
+        spacing = 2 * half / np.array([columns - 1, rows - 1])
+        if abs(spacing[0] - spacing[1]) < 1e-9 and np.abs(data.geom_xmat[k] - np.eye(3).ravel()).max() < 1e-9:
+            z = model.hfield_data[first : first + rows * columns].reshape(rows, columns).astype(np.float64) * high + data.geom_xpos[k, 2]
+            out[k] = Grid(z, data.geom_xpos[k, :2] - half, float(spacing[0]))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """Landmarks of a scene: points (n, 3) m, world, and unit descriptors (n, d)."""
+
+    points: Array
+    descriptors: Array
+
+    @staticmethod
+    def described(points: Array, count: int, rng: np.random.Generator) -> Landmarks:
+        """These points with random descriptors, drawn for `count` of them or more."""
+        descriptors = rng.normal(size=(count, LandmarkSensor.descriptor_size))
+        return Landmarks(points, (descriptors / np.linalg.norm(descriptors, axis=1, keepdims=True))[: len(points)])
 
 
 @dataclass(frozen=True)
@@ -55,6 +121,29 @@ class LandmarkSensor:
     descriptor_noise: float = 0.2
     identified: bool = False
 
+    def sightings(
+        self, landmarks: Landmarks, T_world_camera: Pose, visible: Callable[[Array], Mask], rng: np.random.Generator
+    ) -> Sightings:
+        """Sightings by a panorama at T_world_camera, in random order. The draws of one landmark do not depend on the others.
+
+        visible: which of points (m, 3) m in reach nothing occludes (m,).
+        """
+        n = len(landmarks.points)
+        found, order = rng.random(n) >= self.miss_rate, rng.permutation(n)
+        sigma = np.where(rng.random(n) < self.outlier_rate, self.outlier_noise, self.noise)[:, None]
+        error = rng.normal(size=(n, 2)) * sigma
+        descriptor_error = rng.normal(size=landmarks.descriptors.shape) * self.descriptor_noise / np.sqrt(self.descriptor_size)
+        away = landmarks.points - T_world_camera.translation
+        distance = np.linalg.norm(away, axis=1)
+        found &= (distance < self.reach) & (distance > 0.3)
+        found[found] = visible(landmarks.points[found])
+        rows = order[found[order]]
+        sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
+        bearing = perturbed_bearings(sight, error[rows])
+        subject = rows if self.identified else np.full(len(rows), -1)
+        descriptor = (landmarks.descriptors[rows] + descriptor_error[rows]).astype(np.float32)
+        return Sightings(bearing, np.full(len(rows), np.nan), subject, descriptor, np.tile(np.eye(2) * self.noise**2, (len(rows), 1, 1)))
+
 
 class RaycastCamera:
     """Ray-casting camera in the current state of a simulation.
@@ -66,8 +155,7 @@ class RaycastCamera:
         self.simulation, self.landmark_sensor = simulation, landmark_sensor or LandmarkSensor()
         rng = simulation.scenario.stream("landmarks")
         self.landmarks = _landmark_points(simulation, self.landmark_sensor.count, rng)
-        descriptors = rng.normal(size=(len(self.landmarks), self.landmark_sensor.descriptor_size))
-        self._descriptors = descriptors / np.linalg.norm(descriptors, axis=1, keepdims=True)
+        self._landmarks = Landmarks.described(self.landmarks, len(self.landmarks), rng)
         self.raycaster = Raycaster(simulation)
         self._surfaces = {int(person): _PersonSurface.of(simulation.model, f"person_{person}") for person in simulation.all_persons}
 
@@ -103,24 +191,9 @@ class RaycastCamera:
         return ViewTruth(T_world_camera, ground, normal, boxes, Keypoints.none())
 
     def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
-        """Landmarks visible from a panorama at T_world_camera, in random order. The draws of one do not depend on the others."""
-        rule, n = self.landmark_sensor, len(self.landmarks)
-        found, order = rng.random(n) >= rule.miss_rate, rng.permutation(n)
-        sigma = np.where(rng.random(n) < rule.outlier_rate, rule.outlier_noise, rule.noise)[:, None]
-        error, descriptor_error = (
-            rng.normal(size=(n, 2)) * sigma,
-            rng.normal(size=self._descriptors.shape) * rule.descriptor_noise / np.sqrt(rule.descriptor_size),
-        )
-        away = self.landmarks - T_world_camera.translation
-        distance = np.linalg.norm(away, axis=1)
-        found &= (distance < rule.reach) & (distance > 0.3)
-        found[found] = self.raycaster.first_hit(T_world_camera.translation, self.landmarks[found])[1]
-        rows = order[found[order]]
-        sight = away[rows] @ T_world_camera.rotation / distance[rows, None]
-        bearing = perturbed_bearings(sight, error[rows])
-        subject = rows if rule.identified else np.full(len(rows), -1)
-        descriptor = (self._descriptors[rows] + descriptor_error[rows]).astype(np.float32)
-        return Sightings(bearing, np.full(len(rows), np.nan), subject, descriptor, np.tile(np.eye(2) * rule.noise**2, (len(rows), 1, 1)))
+        """Landmarks visible from a panorama at T_world_camera, as of LandmarkSensor."""
+        eye = T_world_camera.translation
+        return self.landmark_sensor.sightings(self._landmarks, T_world_camera, lambda points: self.raycaster.first_hit(eye, points)[1], rng)
 
     def _unoccluded(self, eye: Array, points: list[Array], persons: Ints) -> list[Mask]:
         """For each person, a mask (n,) of the points (n, 3) m that nothing but the person itself occludes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,13 +20,14 @@ from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
 from sim.scenario import LAMPS, VARIED_CLOTHING, Scenario
 from sim.simulation import lighting
-from sim.simulation.frame_history import FrameHistory
-from sim.simulation.furnished_world import world_of
+from sim.simulation.frame_history import FrameHistory, StepStates
 from sim.simulation.initial_states import InitialStates, clear_of_robots, draw_places, draw_robots, make_crowd, resting_pose
-from sim.simulation.step_states import StepStates
 from tracker.geometry import Array, Ints, Pose, rotation_from_quaternion
 from tracker.types import Odometry
+from worlds import catalogue
 from worlds.engine import mujoco
+from worlds.props.facades import add_facades
+from worlds.scenes.distractor_placement import with_distractors, with_seats
 from worlds.world import World
 
 SETTLING_TIME = 1.0
@@ -36,6 +37,22 @@ TIPPED = math.cos(math.pi / 4)
 
 ABSENT, PARKING_DEPTH = 5, 100.0
 """The group of the geoms of people who are not there, which is never drawn; and m below the ground where they are kept."""
+
+
+def world_of(scenario: Scenario) -> World:
+    """The world of a scenario. Raises ValueError for an unknown world, and where distractors or seats do not fit in."""
+    return furnished(catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty), scenario)
+
+
+def furnished(world: World, scenario: Scenario) -> World:
+    """A world with the distractors, seats and façades of a scenario. Raises ValueError where they do not fit in."""
+    world = with_distractors(world, scenario.stream("world/distractors"), scenario.distractors)
+    world = with_seats(world, scenario.stream("world/seats"), scenario.sitters)
+    if not scenario.facades:
+        return world
+    spec = world.spec.copy()
+    add_facades(spec, scenario.stream("world/facades"), world.ground, scenario.facades, scenario.glare)
+    return replace(world, spec=spec)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,8 @@ from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import PLAIN_CLOTHING, VARIED_CLOTHING, Scenario
 from sim.sensors.keypoints import InstanceImage
 from sim.sensors.person_detector import People, true_boxes
-from sim.simulation.furnished_world import furnished
 from sim.simulation.lighting import set_light, set_sky
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import Simulation, furnished
 from sim.training.camera_sampling import CameraSampler, draw_cameras
 from tracker.geometry import Array
 from tracker.geometry.cameras import Panorama

@@ -15,8 +15,7 @@ import numpy as np
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from sim.scenario import Scenario
 from sim.simulation import wheel_slip
-from sim.simulation.furnished_world import world_of
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import Simulation, world_of
 from sim.visualization.overlays import STANDING, save_figure
 from tracker.geometry import Pose, rotation_z
 from tracker.geometry.cameras import Panorama, pinhole

@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 
 from sim.effects import ImageEffects, parse_effects
-from sim.effects.image_effects import FULL_WELL, READ_NOISE, averaged, chromatic_shift, counts_of, defocus, gain_noise, halos, linear_light, vignette
-from sim.effects.optical_field import OpticalField
+from sim.effects.image_effects import (
+    FULL_WELL,
+    READ_NOISE,
+    OpticalField,
+    averaged,
+    chromatic_shift,
+    counts_of,
+    defocus,
+    gain_noise,
+    halos,
+    linear_light,
+    vignette,
+)
 from tracker.geometry.cameras import Fisheye, Panorama, Pinhole
 
 LENS = Pinhole(160, 120, 80.0, 80.0, 79.5, 59.5)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from sim.robots.imu import PARTS, ImuErrors, parse_imu
-from sim.robots.sensor_rates import IMU_RATES, WHEEL_RATES, possible_rates, steps_a_sample
+from sim.robots.imu import IMU_RATES, PARTS, WHEEL_RATES, ImuErrors, parse_imu, possible_rates, steps_a_sample
 
 RATE, COUNT = 200.0, 200_000
 RARE = 1e-7

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim.scenario import Scenario
-from sim.simulation.furnished_world import furnished
+from sim.simulation.simulation import furnished
 from tests.sim.plaza import plaza
 from worlds.props.facades import add_facades
 from worlds.semantics import CLASSES, class_of

@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 
 from sim.scenario import Scenario
-from sim.simulation.furnished_world import furnished
-from sim.simulation.simulation import Simulation
+from sim.simulation.simulation import Simulation, furnished
 from tests.sim.footfalls import Footfalls
 from tests.sim.yard import yard
 from tracker.geometry import Pose
