@@ -21,9 +21,8 @@ from tracker.io.json_files import read_json
 from tracker.io.text_files import read_text, shown
 from worlds.catalogue import check_name
 from worlds.semantics import CLASSES
-from worlds.terrain.free_space import FreeSpace
+from worlds.terrain.free_space import FreeSpace, spawn_areas
 from worlds.terrain.heightfield import Mask
-from worlds.terrain.spawn_areas import spawn_areas
 from worlds.world import World
 
 PETS_GROUND = (27.0, 25.0)

@@ -3,14 +3,138 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from worlds.props.furniture import COLOURS, Piece
 from worlds.props.revolution import CLOTHES, revolved
-from worlds.props.shapes import box
-from worlds.props.standing_objects import cardboard_figure, clothes_heap, poster, pram, tripod
-from worlds.textures.furniture_atlas import Surface
+from worlds.props.shapes import Shape, box
+from worlds.terrain.heightfield import Array
+from worlds.textures.furniture_atlas import Surface, crop
+from worlds.textures.person_pictures import COUNT, HEIGHT, WIDTH, silhouette, texture_of
+
+
+def bar(rng: np.random.Generator, surface: Surface, start: ArrayLike, end: ArrayLike, half: float) -> Shape:
+    """A square bar from start (3,) m to end (3,) m, of half that width m, with open ends."""
+    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    along = (b - a) / np.linalg.norm(b - a)
+    x = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    x /= np.linalg.norm(x)
+    y = np.cross(along, x)
+    ring = [half * (i * x + j * y) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    (u0, v0), (u1, v1) = crop(rng, surface, (2 * half, float(np.linalg.norm(b - a))))
+    vertices, faces, texcoord = [], [], []
+    for k in range(4):
+        p, q = ring[k], ring[(k + 1) % 4]
+        faces += [[4 * k, 4 * k + 1, 4 * k + 2], [4 * k, 4 * k + 2, 4 * k + 3]]
+        vertices += [a + p, a + q, b + q, b + p]
+        texcoord += [(u0, v1), (u1, v1), (u1, v0), (u0, v0)]
+    return Shape(np.array(vertices), np.array(faces), np.array(texcoord))
+
+
+def moved(shape: Shape, rotation: Array, offset: ArrayLike) -> Shape:
+    """The shape turned by a rotation (3, 3), then moved by offset (3,) m."""
+    return replace(shape, vertices=shape.vertices @ rotation.T + np.asarray(offset, dtype=np.float64))
+
+
+def tripod(rng: np.random.Generator) -> Piece:
+    """Three legs with an instrument, a camera or a lamp on top, as high as a head."""
+    h, spread = rng.uniform(1.1, 1.75), rng.uniform(0.28, 0.45)
+    turn, leg = rng.uniform(0, 2 * np.pi), (Surface.DARK, Surface.YELLOW, Surface.OAK, Surface.STEEL)[int(rng.integers(4))]
+    angles = turn + 2 * np.pi / 3 * np.arange(3)
+    shape = revolved(rng, Surface.DARK, [(0.05, 0.9 * h - 0.06), (0.05, 0.9 * h), (0.02, 0.9 * h + 0.01), (0.02, h - 0.05), (0.005, h - 0.04)])
+    for angle in angles:
+        foot = spread * np.array([np.cos(angle), np.sin(angle)])
+        shape += bar(rng, leg, [*foot, 0.01], [*(0.1 * foot), 0.9 * h], rng.uniform(0.012, 0.022))
+    w, d, top = rng.uniform(0.07, 0.2), rng.uniform(0.06, 0.12), rng.uniform(0.1, 0.28)
+    shape += box(rng, (Surface.DARK, Surface.YELLOW, Surface.WHITE)[int(rng.integers(3))], (-w, -d, h - 0.05), (w, d, h - 0.05 + top))
+    return Piece("tripod", shape, (2 * spread + 0.05, 2 * spread + 0.05))
+
+
+def clothes_heap(rng: np.random.Generator) -> Piece:
+    """Garments thrown on each other, up to the height of a child who crouches."""
+    shape, reach = None, 0.0
+    for k in range(int(rng.integers(4, 9))):
+        r, h = rng.uniform(0.16, 0.34), rng.uniform(0.1, 0.22)
+        x, y = rng.uniform(-0.22, 0.22, 2)
+        z = 0.0 if k < 2 else rng.uniform(0.03, 0.06 * k)
+        cloth = CLOTHES[int(rng.integers(len(CLOTHES)))]
+        lump = _crumpled(rng, revolved(rng, cloth, [(0.9 * r, 0), (r, 0.25 * h), (0.8 * r, 0.65 * h), (0.4 * r, 0.93 * h), (0.01, h)]))
+        lump = moved(lump, np.eye(3), (x, y, z))
+        shape, reach = lump if shape is None else shape + lump, max(reach, float(np.abs(lump.vertices[:, :2]).max()))
+    assert shape is not None
+    return Piece("heap", shape, (2 * reach, 2 * reach))
+
+
+def _crumpled(rng: np.random.Generator, shape: Shape) -> Shape:
+    """The shape with folds: radii change with the angle about z, differently at every height; the seam stays closed."""
+    x, y, z = shape.vertices.T
+    angle = np.arctan2(y, x)
+    fold = sum(rng.uniform(0.04, 0.16) * np.cos(n * angle + rng.uniform(0, 2 * np.pi) + rng.uniform(-9, 9) * z) for n in (2, 3, 5))
+    return replace(shape, vertices=np.column_stack([x * (1 + fold), y * (1 + fold), z * (1 + 0.3 * fold)]))
+
+
+def pram(rng: np.random.Generator) -> Piece:
+    """A pram with its hood up: wheels, a carrycot and a bar to push it by."""
+    cloth = CLOTHES[int(rng.integers(len(CLOTHES)))]
+    length, half, low = rng.uniform(0.36, 0.44), rng.uniform(0.17, 0.22), rng.uniform(0.42, 0.55)
+    cot = revolved(rng, cloth, [(0.01, 0.0), (0.75, 0.02), (0.95, 0.12), (1.0, 0.26), (0.94, 0.27), (0.01, 0.2)])
+    shape = replace(cot, vertices=cot.vertices * [length, half, 1.0] + [0, 0, low])
+    hood = revolved(rng, cloth, [(1.0, 0.0), (0.97, 0.09), (0.8, 0.18), (0.45, 0.24), (0.01, 0.26)])
+    shape += replace(hood, vertices=hood.vertices * [0.55 * length, half, 1.0] + [-0.45 * length, 0, low + 0.25])
+    flat = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
+    r = rng.uniform(0.1, 0.16)
+    for x in (-0.8 * length, 0.8 * length):
+        for y in (-half, half):
+            wheel = revolved(rng, Surface.DARK, [(0.01, -0.02), (r, -0.015), (r, 0.015), (0.01, 0.02)])
+            shape += moved(wheel, flat, (x, y, r))
+            shape += bar(rng, Surface.STEEL, (x, y, r), (-0.5 * x, 0.8 * y, low + 0.05), 0.012)
+    for y in (-0.8 * half, 0.8 * half):
+        shape += bar(rng, Surface.STEEL, (-0.7 * length, y, low + 0.1), (-length - 0.28, y, 1.02), 0.012)
+    shape += bar(rng, Surface.DARK, (-length - 0.28, -half, 1.02), (-length - 0.28, half, 1.02), 0.018)
+    return Piece("pram", shape, (2 * length + 0.6, 2 * half + 0.06))
+
+
+def poster(rng: np.random.Generator) -> Piece:
+    """A board on feet that shows a person, at about life size or smaller."""
+    cell, scale, lift = int(rng.integers(COUNT)), rng.uniform(0.7, 1.15), rng.uniform(0.05, 0.4)
+    w, h = scale * WIDTH, scale * HEIGHT
+    shape = box(rng, Surface.WHITE, (-w / 2 - 0.03, -0.015, lift - 0.03), (w / 2 + 0.03, 0.02, lift + h + 0.03))
+    for x in (-w / 2, w / 2 - 0.04):
+        shape += box(rng, Surface.STEEL, (x, -0.25, 0), (x + 0.04, 0.25, 0.04)) + box(rng, Surface.STEEL, (x, 0.02, 0), (x + 0.04, 0.06, lift + h))
+    corners = np.array([[-0.5, 0.0], [0.5, 0.0], [0.5, 1.0], [-0.5, 1.0]]) * [WIDTH, HEIGHT]
+    picture = _plates([corners], cell, scale, -0.018, -0.016)
+    return Piece("poster", shape, (w + 0.06, 0.5), moved(picture, np.eye(3), (0, 0, lift)))
+
+
+def cardboard_figure(rng: np.random.Generator) -> Piece:
+    """A cardboard figure of a person, on a foot."""
+    cell, scale = int(rng.integers(COUNT)), rng.uniform(0.9, 1.1)
+    shape = box(rng, Surface.DARK, (-0.25, -0.2, 0), (0.25, 0.2, 0.02)) + bar(rng, Surface.DARK, (0, 0.18, 0.02), (0, 0.01, 0.8), 0.015)
+    # Parts that overlap lie at different depths, so that the last one is in front.
+    figure = None
+    for k, (_, corners) in enumerate(silhouette(cell)):
+        plate = _plates([corners], cell, scale, -0.006 - 0.0006 * k, 0.006 + 0.0006 * k)
+        figure = plate if figure is None else figure + plate
+    assert figure is not None
+    width = 2 * float(np.abs(figure.vertices[:, 0]).max())
+    return Piece("figure", shape, (max(width, 0.5), 0.42), moved(figure, np.eye(3), (0, 0, 0.02)))
+
+
+def _plates(polygons: list[Array], cell: int, scale: float, front: float, back: float) -> Shape:
+    """Convex polygons (k, 2) m of x and z with the picture of a cell on both sides, at y of `front` and `back` m."""
+    shape = None
+    for corners in polygons:
+        k = len(corners)
+        fan = np.array([[0, j, j + 1] for j in range(1, k - 1)])
+        texture = texture_of(cell, corners)
+        for y, faces in ((front, fan), (back, fan[:, ::-1])):
+            side = Shape(np.column_stack([scale * corners[:, 0], np.full(k, y), scale * corners[:, 1]]), faces, texture)
+            shape = side if shape is None else shape + side
+    assert shape is not None
+    return shape
 
 
 def cone(rng: np.random.Generator) -> Piece:

@@ -12,12 +12,11 @@ from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD
 from worlds.scenes import campus_plan as plan
 from worlds.scenes.campus_objects import CampusSite, Colour, buildings, furniture, posts, ramp, surroundings, trees
-from worlds.terrain.free_space import FEET, WHEELS, free_space
+from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.noise import fractal
 from worlds.terrain.polygons import signed_distance, turned
 from worlds.terrain.relief import swell
-from worlds.terrain.spawn_areas import spawn_areas
 from worlds.terrain.walk_surface import Decks, Terrain
 from worlds.textures.canvas import Canvas
 from worlds.textures.masonry import brick, rock

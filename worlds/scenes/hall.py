@@ -18,11 +18,10 @@ from worlds.props import furniture
 from worlds.props.furniture import Piece
 from worlds.props.furniture_layout import Furnishing
 from worlds.props.rooms import add_walls
-from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, free_space
+from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, free_space, spawn_areas
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import rectangle, turned
 from worlds.terrain.relief import swell
-from worlds.terrain.spawn_areas import spawn_areas
 from worlds.textures.canvas import Canvas
 from worlds.textures.floors import floor
 from worlds.textures.furniture_atlas import atlas

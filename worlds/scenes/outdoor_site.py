@@ -12,11 +12,10 @@ from scipy import ndimage
 from worlds.engine import mujoco
 from worlds.props.plants import Plant
 from worlds.props.shapes import Shape
-from worlds.terrain.free_space import FEET, WHEELS, free_space
+from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import turned
 from worlds.terrain.relief import swell
-from worlds.terrain.spawn_areas import spawn_areas
 from worlds.textures.canvas import Canvas
 from worlds.textures.materials import add_light, add_material, add_sky, set_view
 from worlds.world import World

@@ -1,4 +1,4 @@
-"""Free space of one kind of walker on a grid: clearance, weighted shortest paths, and random places in it."""
+"""Free space of one kind of walker on a grid: clearance, weighted shortest paths, random places in it, and spawn areas."""
 
 from __future__ import annotations
 
@@ -300,3 +300,23 @@ def _too_steep(ground: Heightfield, limits: Limits) -> Mask:
 def _unit(vectors: Array) -> Array:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), 0.0)
+
+
+def spawn_areas(feet: FreeSpace, rng: np.random.Generator, count: int, side: float = 1.2) -> Array:
+    """`count` squares of that side m as (count, 2, 2) [[xmin, ymin], [xmax, ymax]] m, all of them free.
+
+    The first lies farthest out, each next one farthest from those before; the stream only breaks near ties, so that seeds differ.
+    Raises ValueError where free space has no room for them.
+    """
+    i, j = np.nonzero(feet.clearance > side / np.sqrt(2) + feet.spacing)
+    places = feet.origin + feet.spacing * np.stack([j, i], axis=1)
+    if len(places) < count:
+        raise ValueError(f"{count} spawn areas of {side} m are wanted, free space has room for {len(places)}")
+    distance = np.hypot(*(places - places.mean(axis=0)).T) * rng.uniform(0.85, 1.0, len(places))
+    chosen = [places[int(np.argmax(distance))]]
+    nearest = np.full(len(places), np.inf)
+    while len(chosen) < count:
+        nearest = np.minimum(nearest, np.hypot(*(places - chosen[-1]).T))
+        chosen.append(places[int(np.argmax(nearest * rng.uniform(0.85, 1.0, len(places))))])
+    middles = np.array(chosen)[:, None]
+    return np.concatenate([middles - side / 2, middles + side / 2], axis=1)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.worlds.terrain.test_heightfield import check_against_rays
 from worlds import catalogue
-from worlds.scenes.pilsun_plan import WALL_HEIGHT, draw
+from worlds.scenes.pilsun import WALL_HEIGHT, draw
 from worlds.terrain.polygons import signed_distance
 from worlds.world import World
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from worlds import catalogue
-from worlds.scenes.ruins_plan import SPRING, draw
+from worlds.scenes.ruins import SPRING, draw
 from worlds.world import World
 
 CASES = [(0, 0.0), (1, 0.5), (2, 1.0)]

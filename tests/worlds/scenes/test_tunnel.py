@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from worlds import catalogue
-from worlds.scenes.tunnel_plan import draw
+from worlds.scenes.tunnel import draw
 from worlds.terrain.heightfield import Array
 from worlds.world import World
 
