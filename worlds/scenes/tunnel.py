@@ -1,6 +1,7 @@
 """Passages and halls under the ground: a vault, ledges, a ditch with a slab as a bridge, and daylight through shafts.
 
-The ground plan has passages, halls and the objects in them. The floor and the foot of the walls are a height field. The vault, ledges, pillars and slabs are meshes.
+The ground plan has passages, halls and the objects in them.
+The floor and the foot of the walls are a height field. The vault, ledges, pillars and slabs are meshes.
 """
 
 from __future__ import annotations
