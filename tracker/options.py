@@ -19,7 +19,7 @@ from tracker.pipeline import Parameters
 from tracker.slam.parameters import SlamParameters
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "slam": ("ekf", "iekf", "fej", "invariant"),
+    "slam": ("ekf", "iekf", "fej"),
     "correction": ("on", "off"),
     "persistence": ("on", "off"),
     "confidence": ("given", "learned"),
@@ -52,6 +52,8 @@ def _check(given: Mapping[str, Any]) -> None:
         flag = f"--{name.replace('_', '-')}"
         if name not in OPTIONS:
             raise ValueError(f"option {name!r} of the tracker is unknown, needs one of {', '.join(OPTIONS)}")
+        if name == "slam" and value == "invariant":
+            raise ValueError("--slam invariant is for UTIAS data alone, needs one of ekf, iekf, fej")
         if name in CHOICES and value not in CHOICES[name]:
             raise ValueError(f"{flag} is {value!r}, needs one of {', '.join(CHOICES[name])}")
         if name in WHOLE and (isinstance(value, bool) or not isinstance(value, int)):
@@ -69,8 +71,8 @@ def _check(given: Mapping[str, Any]) -> None:
 def _slam(given: Mapping[str, Any]) -> SlamParameters:
     """Parameters of SLAM: fej by default, which estimates odometry biases unless persistence is off."""
     slam, persistence = given.get("slam", "fej"), given.get("persistence")
-    if persistence == "on" and slam not in ("iekf", "fej"):
-        raise ValueError(f"--persistence on is for --slam fej or iekf, not {slam}")
+    if persistence == "on" and slam == "ekf":
+        raise ValueError("--persistence on is for --slam fej or iekf, not ekf")
     biases = persistence == "on" or (persistence is None and slam == "fej")
     chosen = SlamParameters().with_odometry_biases() if biases else SlamParameters()
     # The plain filter is the iterated one with one iteration.

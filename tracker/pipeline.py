@@ -48,11 +48,10 @@ def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = N
     with ExitStack() as stack:
         if threads == 1:
             tracker = Tracker(setup, parameters)
-            placed: Iterable[PlacedTick] = map(tracker.place, ticks)
+            placed: Iterable[PlacedTick] = map(tracker.place, map(tracker.search, ticks))
         else:
-            pool = stack.enter_context(ThreadPoolExecutor(threads))
-            tracker, features = Tracker(setup, parameters, pool), ImageFeatures(setup, parameters.slam.features, pool)
-            searched = stack.enter_context(ahead(map(features.find, stack.enter_context(ahead(ticks)))))
+            tracker = Tracker(setup, parameters, stack.enter_context(ThreadPoolExecutor(threads)))
+            searched = stack.enter_context(ahead(map(tracker.search, stack.enter_context(ahead(ticks)))))
             placed = stack.enter_context(ahead(map(tracker.place, searched)))
         for tick in placed:
             if estimate := tracker.follow(tick):
@@ -77,7 +76,7 @@ class Tracker:
     def __init__(self, setup: Setup, parameters: Parameters, threads: ThreadPoolExecutor | None = None) -> None:
         """threads: work on the views of a tick side by side."""
         self.setup, self.parameters = setup, parameters
-        self.slam = Slam(setup, parameters.slam)
+        self.slam, self._features = Slam(setup, parameters.slam), ImageFeatures(setup, parameters.slam.features, threads)
         self._front_end = FrontEnd(setup, parameters.targets.fusion, parameters.images, threads)
         self._people = MhtTracker(self._front_end.setup, parameters.targets, parameters.delay)
         self._track_ids = TrackIds(setup)
@@ -87,10 +86,14 @@ class Tracker:
 
     def step(self, tick: Tick) -> Estimate | None:
         """Take a tick; the estimate of the tick `delay` ticks before it, None at the start."""
-        return self.follow(self.place(tick))
+        return self.follow(self.place(self.search(tick)))
+
+    def search(self, tick: Tick) -> Tick:
+        """The tick with the features of its images. This needs no pose, so it may run ahead of `place`."""
+        return self._features.find(tick)
 
     def place(self, tick: Tick) -> PlacedTick:
-        """Localize the robots at a tick, and place its boxes. This needs nothing of the people, so it may run ahead of `follow`."""
+        """Localize the robots at a tick with features, and place its boxes. This needs nothing of the people, so it may run ahead of `follow`."""
         self._check(tick)
         self.slam.step(tick)
         # Robots with an unknown start have no pose until they are localized in the map of the team.

@@ -25,7 +25,7 @@ class TrackerOptions:
     """A tracker of your own: a function of (setup, ticks) that gives an Estimate a tick, as tracker.pipeline.track does."""
     results: Annotated[Path | None, unset("DIR", "none")] = None
     """Tracks made elsewhere, in place of a tracker: DIR/ID/SEED.txt, as density/3/4.txt; MOT15 with x, y, z."""
-    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej")] = None
+    slam: Annotated[Literal["ekf", "iekf", "fej"] | None, unset("{ekf,iekf,fej}", "fej")] = None
     """Filter of the robots' poses, as for `pilsim track`; a sweep of this parameter overrides it."""
     iterations: Annotated[int | None, unset("INT", "2")] = None
     """Number of linearizations of an update; ekf has one."""

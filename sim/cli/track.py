@@ -88,7 +88,7 @@ class SlamOptions:
     """The filter that estimates the poses of the robots."""
 
     slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej; UTIAS: invariant")] = None
-    """Filter of the robots' poses: extended, iterated, with first-estimates Jacobians, or with the right-invariant error."""
+    """Filter of the robots' poses: extended, iterated, with first-estimates Jacobians, or (UTIAS alone) with the right-invariant error."""
     iterations: Annotated[int | None, unset("INT", "2")] = None
     """Number of linearizations of an update; ekf has one."""
     correction: Literal["on", "off"] = "on"

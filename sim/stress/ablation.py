@@ -29,6 +29,7 @@ from tracker.options import parameters_from
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results
 from tracker.slam.filter import Slam
+from tracker.slam.image_features import ImageFeatures
 from tracker.tracks.tracks import Tracks
 from tracker.types import Detections, Estimate, Odometry, Setup, Start, Tick, View
 
@@ -151,10 +152,10 @@ def _true_detections(data: TrialData, camera: str, k: int) -> tuple[Detections, 
 
 def track_with_true_association(setup: Setup, ticks: Iterable[Tick], parameters: Parameters, persons: TruePersons) -> Iterator[Estimate]:
     """The estimates of pilsim's tracker with true association: one tracker of people for each person, which gets the boxes of that person only."""
-    slam, people = Slam(setup, parameters.slam), dict[int, MhtTracker]()
+    features, slam, people = ImageFeatures(setup, parameters.slam.features), Slam(setup, parameters.slam), dict[int, MhtTracker]()
     accepting = replace(parameters.targets, **ACCEPT_ALL)  # type: ignore[arg-type]
     for tick in ticks:
-        slam.step(tick)
+        slam.step(features.find(tick))
         points, cameras, owners = list[GroundDetections](), list[Viewpoint](), list[Ints]()
         for view in tick.views:
             mount = setup.mounts[view.camera]

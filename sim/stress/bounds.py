@@ -27,12 +27,12 @@ from tracker.clique.branch_and_bound import exact
 from tracker.ekf.measurement_models import CameraPose, jacobians, robot_jacobians
 from tracker.formats.dimacs import read_graph
 from tracker.geometry import Array, Ints, Pose, skew, tangent_basis
-from tracker.metrics import cramer_rao
-from tracker.metrics.cramer_rao import bound_step
 from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.landmark_map import MapScore, score_map
 from tracker.metrics.trajectory import align
 from tracker.sequence.results import Results
+from tracker.slam import cramer_rao
+from tracker.slam.cramer_rao import bound_step
 from tracker.tracks.tracks import MotionParameters, transition
 from tracker.types import LandmarkHistory, Mount, Odometry, RobotDetections, Sightings, View
 

@@ -59,8 +59,7 @@ SWEEPS: dict[str, Sweep] = {
         Sweep("terrain", "knowledge of the terrain", "terrain", KNOWLEDGE, "knowledge of terrain: {}"),
         Sweep("kidnapped", "one robot is carried, blind, with still wheels", "kidnapped", (0.0, 1.0, 2.0, 4.0), "{:g} s carried", "seconds"),
         Sweep("filter", "the SLAM filter and its odometry correction factor", "slam", (
-            "fej, 2 iterations, correction", "fej, 2 iterations", "invariant, 2 iterations, correction", "invariant, 2 iterations",
-            "iekf, 2 iterations, correction", "iekf, 2 iterations",
+            "fej, 2 iterations, correction", "fej, 2 iterations", "iekf, 2 iterations, correction", "iekf, 2 iterations",
             "ekf, correction", "ekf",
         ), "filter: {}"),
         Sweep("hypotheses", "K_H, the number of global hypotheses", "k_h", (1, 5, 10, 15, 20, 25, 30), "K_H = {}"),

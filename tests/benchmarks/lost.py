@@ -20,6 +20,7 @@ from tracker.geometry import Array, Pose
 from tracker.pipeline import Parameters
 from tracker.sequence.reader import read_sequence
 from tracker.slam.filter import Slam
+from tracker.slam.image_features import ImageFeatures
 from tracker.types import Detections, Sequence, Setup, Tick, View
 
 CARRIED, BLIND, AFTERWARDS = 2.0, 3.0, 10.0
@@ -30,9 +31,10 @@ RECOVERED = 0.3
 
 def with_features(sequence: Sequence) -> list[Tick]:
     """The ticks with features in place of images, so that SIFT runs only once for all runs."""
-    slam, ticks = Slam(sequence.setup, Parameters().slam), []
+    parameters, ticks = Parameters().slam, []
+    features, slam = ImageFeatures(sequence.setup, parameters.features), Slam(sequence.setup, parameters)
     for tick in tqdm(sequence.ticks, total=len(sequence.truth or ()), desc="key points", leave=False):
-        slam.step(tick)
+        slam.step(features.find(tick))
         views = [replace(v, image=None, sightings=slam.sighted.get(v.camera)) for v in tick.views]
         ticks.append(replace(tick, views=tuple(views)))
     return ticks

@@ -19,7 +19,7 @@ from tracker.ekf.gaussian import nees
 from tracker.geometry import Pose, exp_so3, perturbed_bearings, rotation_z
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat
-from tracker.metrics.cramer_rao import BoundFrame, position_variances
+from tracker.slam.cramer_rao import BoundFrame, position_variances
 from tracker.slam.filter import Slam
 from tracker.slam.parameters import SlamParameters
 from tracker.types import Detections, Mount, Odometry, Setup, Sightings, Start, Tick, View
@@ -126,9 +126,8 @@ def modes() -> dict[str, SlamParameters]:
         "EKF": replace(own, mode="iekf", iterations=1, robust=np.inf),
         "EKF, 2 iterations": replace(own, mode="iekf", robust=np.inf),
         "EKF, 5 iterations": replace(own, mode="iekf", iterations=5, robust=np.inf),
-        "first estimates": replace(own, mode="fej"),
-        "invariant, plain": replace(own, robust=np.inf),
-        "invariant (default)": own,
+        "first estimates, plain": replace(own, robust=np.inf),
+        "first estimates (default)": own,
     }
     return {f"{name}, {'on' if on else 'off'}": replace(p, correction=on) for name, p in table.items() for on in (False, True)}
 

@@ -34,7 +34,8 @@ def test_every_option_reaches_its_parameter() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"slam": "ukf"}, "--slam is 'ukf', needs one of ekf, iekf, fej, invariant"),
+        ({"slam": "ukf"}, "--slam is 'ukf', needs one of ekf, iekf, fej"),
+        ({"slam": "invariant"}, "--slam invariant is for UTIAS data alone, needs one of ekf, iekf, fej"),
         ({"correction": True}, "--correction is True, needs one of on, off"),
         ({"k_h": 0}, "--k-h is 0, needs more than 0"),
         ({"k_h": 2.5}, "--k-h is 2.5, needs a whole number"),
@@ -55,9 +56,9 @@ def test_bad_options_are_refused(options: dict[str, Any], message: str) -> None:
 def test_odometry_biases_are_estimated_by_default_and_not_with_other_filters() -> None:
     assert parameters_from({"slam": "fej"}).slam == Parameters().slam
     assert Parameters().slam.odometry_biases is not None
-    for slam in ("ekf", "iekf", "invariant"):
+    for slam in ("ekf", "iekf"):
         assert parameters_from({"slam": slam}).slam.odometry_biases is None
     assert parameters_from({"persistence": "off"}).slam.odometry_biases is None
     assert parameters_from({"slam": "iekf", "persistence": "on"}).slam.odometry_biases is not None
-    with pytest.raises(ValueError, match="--persistence on is for --slam fej or iekf, not invariant"):
-        parameters_from({"slam": "invariant", "persistence": "on"})
+    with pytest.raises(ValueError, match="--persistence on is for --slam fej or iekf, not ekf"):
+        parameters_from({"slam": "ekf", "persistence": "on"})

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import dsyr2k, dsyrk
+from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.special import gammaincinv
 
@@ -99,17 +99,15 @@ def whitened(HP: Array, S: Array) -> Array:
     return out
 
 
-def subtract(P: Array, A: Array, X: Array | None = None, Y: Array | None = None) -> None:
-    """P ← P − Aᵀ A − X Yᵀ − Y Xᵀ in place; the result is exactly symmetric.
+def subtract(P: Array, A: Array) -> None:
+    """P ← P − Aᵀ A in place; the result is exactly symmetric.
 
-    P (n, n) C-contiguous and symmetric, A (m, n), X and Y (n, k) or None. Raises ValueError if P is not contiguous: BLAS would change a copy.
+    P (n, n) C-contiguous and symmetric, A (m, n). Raises ValueError if P is not contiguous: BLAS would change a copy.
     """
     if not P.flags.c_contiguous:
         raise ValueError(f"covariance of shape {P.shape} is not contiguous, needs a contiguous array")
     # P.T is in Fortran order: its upper triangle is the lower one of P.
     dsyrk(-1.0, A.T, beta=1.0, c=P.T, overwrite_c=1)
-    if X is not None and Y is not None:
-        dsyr2k(-1.0, X.T, Y.T, beta=1.0, c=P.T, trans=1, overwrite_c=1)
     for at in range(0, len(P), TILE):
         rows = slice(at, at + TILE)
         for left in range(0, at, TILE):

@@ -54,7 +54,7 @@ def linearize(
     H, r, noise = np.zeros((rows, 2, own + 3 * k + 6 * j)), np.zeros((rows, 2)), np.zeros((rows, 2, 2))
     if seen is not None and k:
         camera, point, at = joint.camera_pose(robot, seen[0]), joint.point[landmark], np.arange(k)
-        H_body, H_point, H_correction = jacobians(joint.camera_pose(robot, seen[0], for_jacobians=True), joint.linearization_points[2][landmark])
+        H_body, H_point, H_correction = jacobians(joint.camera_pose(robot, seen[0], for_jacobians=True), joint.linearization_points.point[landmark])
         H[:k, :, :6] = H_body
         if joint.has_correction:
             H[:k, :, 6:9] = H_correction
@@ -73,7 +73,7 @@ def linearize(
             H[-1, :, own - 2 : own] = -odometry.gravity_sigma * H[-1, :, 3:5]
         H[-1, :, 3:6] = H[-1, :, 3:6] @ tilt.T
         noise[-1] = np.eye(2) * odometry.gravity_sigma**2
-    return LinearizedMeasurement(robot, joint.columns(robot, landmark, others), H.reshape(2 * rows, H.shape[2]), r.reshape(-1), noise, others)
+    return LinearizedMeasurement(joint.columns(robot, landmark, others), H.reshape(2 * rows, H.shape[2]), r.reshape(-1), noise)
 
 
 def _linearize_robots(joint: JointState, robot: int, robots_seen: RobotMeasurements, landmark_columns: int) -> tuple[Array, Array]:

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from tracker.ekf.gaussian import block_diagonal, robust_weights, solve_positive, subtract, whitened
-from tracker.ekf.invariant_error import Means, landmark_error_couplings, pose_error_maps, retract_invariant
 from tracker.ekf.lie_kernels import compose, exponential, logarithm, orthogonal, retract, retraction_jacobian, right_jacobian
 from tracker.ekf.measurement_models import CameraPose
 from tracker.ekf.odometry_biases import BIASES, MOTION_BIASES, BiasModel, bias_corrected
@@ -24,27 +23,40 @@ from tracker.types import Mount, Start
 
 Outcome = TypeVar("Outcome")
 
-PriorMeans = tuple[Array, Array, Array, Array, Array]
-"""Means before an update: rotations, translations, corrections, landmarks, odometry biases."""
-
 SPARE_LANDMARKS = 32
 """Landmarks by which the array grows."""
+
+
+class Means(NamedTuple):
+    """Rotations (p, 3, 3), translations (p, 3) m and landmarks (n, 3) m."""
+
+    rotation: Array
+    translation: Array
+    point: Array
+
+
+class PriorMeans(NamedTuple):
+    """Means before an update: as those of JointState, with the landmarks in the map alone."""
+
+    rotation: Array
+    translation: Array
+    correction: Array
+    point: Array
+    odometry_bias: Array
 
 
 @dataclass(frozen=True, eq=False)
 class LinearizedMeasurement:
     """k measured directions linearised at the present state.
 
-    residual (2k,), H (2k, c) over the state's `columns` (c,), noise (k, 2, 2) rad². The first columns are those of `robot`, then come those of
-    landmarks, then the poses of `others` (j,), the robots that it sees.
+    residual (2k,), H (2k, c) over the state's `columns` (c,), noise (k, 2, 2) rad². The columns are those of a robot, then those of landmarks,
+    then the poses of other robots that it sees.
     """
 
-    robot: int
     columns: Indices
     H: Array
     residual: Array
     noise: Array
-    others: tuple[int, ...] = ()
 
 
 class JointState:
@@ -53,9 +65,8 @@ class JointState:
     rotation (p, 3, 3), translation (p, 3) m; correction (robots, 3) rad; odometry_bias (robots, 9) (odometry_biases.py); point (capacity, 3) m, of
     which the first `count` are in the map.
 
-    mode "iekf": tangents at the present means. "invariant": the right-invariant error (invariant_error.py). "fej": first-estimates Jacobians
-    (Huang, Mourikis, Roumeliotis 2010), which also define the axes of P. A pose's first estimate is its last prediction, a landmark's
-    its initial position.
+    mode "iekf": tangents at the present means. "fej": first-estimates Jacobians (Huang, Mourikis, Roumeliotis 2010), which also define the axes
+    of P. A pose's first estimate is its last prediction, a landmark's its initial position.
     """
 
     def __init__(
@@ -67,7 +78,7 @@ class JointState:
         bias_model: BiasModel | None = None,
     ) -> None:
         self.robots, self.clones, self.capacity, self.count = 0, clones, capacity, 0
-        self.invariant, self.first_estimates = mode == "invariant", mode == "fej"
+        self.first_estimates = mode == "fej"
         self.has_correction, self.has_odometry_bias = correction_sigma is not None, bias_model is not None
         self._extra_sigma = np.array([*(correction_sigma or ()), *(() if bias_model is None else bias_model.sigmas)])
         self.stride = 6 + len(self._extra_sigma)
@@ -76,7 +87,7 @@ class JointState:
         self.correction, self.odometry_bias = np.zeros((0, 3)), np.zeros((0, BIASES))
         self.point = np.zeros((capacity, 3))
         self._P = np.zeros((0, 0))
-        self._first = (self.rotation, self.translation, np.zeros((capacity, 3))) if self.first_estimates else None
+        self._first = Means(self.rotation, self.translation, np.zeros((capacity, 3))) if self.first_estimates else None
 
     @property
     def base(self) -> int:
@@ -97,7 +108,7 @@ class JointState:
         T, empty = start.T_world_robot, self.clones
         self.rotation, self.translation = _with_pose_inserted(self.rotation, self.translation, robot, T, empty)
         if self._first is not None:
-            self._first = (*_with_pose_inserted(*self._first[:2], robot, T, empty), self._first[2])
+            self._first = Means(*_with_pose_inserted(*self._first[:2], robot, T, empty), self._first.point)
         self.used = np.concatenate([np.insert(self.used, robot, True), np.zeros(empty, dtype=bool)])
         self.correction, self.odometry_bias = (np.concatenate([kept, np.zeros((1, kept.shape[1]))]) for kept in (self.correction, self.odometry_bias))
         self.robots, self._P = robot + 1, P
@@ -106,7 +117,7 @@ class JointState:
     @property
     def linearization_points(self) -> Means:
         """Where Jacobians are taken: the present means, or the first estimates in the mode "fej"."""
-        return (self.rotation, self.translation, self.point) if self._first is None else self._first
+        return Means(self.rotation, self.translation, self.point) if self._first is None else self._first
 
     def camera_pose(self, robot: int, mount: Mount, pose: int | Indices | None = None, for_jacobians: bool = False) -> CameraPose:
         """A camera of a robot, at its present pose or at `pose`: the number of a clone, or several for rows.
@@ -114,7 +125,7 @@ class JointState:
         for_jacobians: at the linearization points. The correction is the present estimate.
         """
         p, T = robot if pose is None else pose, mount.T_body_camera
-        rotation, translation, _ = self.linearization_points if for_jacobians else (self.rotation, self.translation, self.point)
+        rotation, translation = self.linearization_points[:2] if for_jacobians else (self.rotation, self.translation)
         return CameraPose(rotation[p], translation[p], T.rotation, T.translation, self.correction[robot])
 
     def covariance(self, robot: int) -> Array:
@@ -268,58 +279,37 @@ class JointState:
         """The iterated update with exactly `iterations` linearisations (Bell & Cathey 1993): δ ← K (r(x ⊕ δ) + H J δ), then P.
 
         `linearize` is called at the mean of each pass. The retraction's Jacobian J brings H to the tangent at the prior, and at the end P to that at
-        the posterior. One iteration is the plain EKF. With the invariant error landmarks are tied to the robot that sees them, and the Jacobians are
-        those of invariant_error.py. `threshold` is that of gaussian.robust_weights. Returns the weights (k,) of the last pass.
+        the posterior. One iteration is the plain EKF. `threshold` is that of gaussian.robust_weights. Returns the weights (k,) of the last pass.
         """
-        before = (self.rotation.copy(), self.translation.copy(), self.correction.copy(), self.point[: self.count].copy(), self.odometry_bias.copy())
+        means = (self.rotation, self.translation, self.correction, self.point[: self.count], self.odometry_bias)
+        before = PriorMeans(*(array.copy() for array in means))
         delta = np.zeros(len(self.P))
         linear = linearize()
         rows = self.P[linear.columns]
         for left in reversed(range(iterations)):
-            H, landmark_columns = linear.H.copy(), slice(self.stride, len(linear.columns) - 6 * len(linear.others))
+            H = linear.H.copy()
             if self._first is None:
-                poses = np.delete(np.arange(len(linear.columns)), landmark_columns)
+                poses = np.flatnonzero(linear.columns < self.base)
                 at = linear.columns[poses]
-                H[:, poses] = H[:, poses] @ self._reset_jacobian(before, delta)[np.ix_(at, at)]
-            if self.invariant:
-                seen = (linear.columns[landmark_columns][::3] - self.base) // 3
-                couplings = landmark_error_couplings(self._means(before), self._means(), linear.robot)[seen]
-                H[:, 3:6] += linear.H[:, landmark_columns] @ couplings.reshape(-1, 3)
+                H[:, poses] = H[:, poses] @ self._reset_jacobian(delta)[np.ix_(at, at)]
             HP = H @ rows
             HPH = HP[:, linear.columns] @ H.T
             innovation = linear.residual + H @ delta[linear.columns]
             weights = robust_weights(HPH, linear.noise, innovation, threshold)
             S = HPH + block_diagonal(linear.noise / weights[:, None, None])
             delta = HP.T @ solve_positive(S, innovation)
-            self._retract(before, delta, linear.robot)
+            self._retract(before, delta)
             if left:
                 linear = linearize()
-        self._update_covariance(before, (HP, S), linear.robot)
+        A = np.zeros((len(S), len(self._P)))
+        A[:, : len(self.P)] = whitened(HP, S)
+        subtract(self._P, A)
         if self._first is None:
-            reset = self._reset_jacobian(before, delta)
+            reset = self._reset_jacobian(delta)
             for p in range(len(self.used)):
                 own = slice(self.offset(p), self.offset(p) + (self.stride if p < self.robots else 6))
                 self._transform(own, reset[own, own])
         return weights
-
-    def _update_covariance(self, before: PriorMeans, measured: tuple[Array, Array], robot: int) -> None:
-        """P after an update; measured = H P and S.
-
-        With the invariant error the landmarks' errors gain the robot's rotation error times the couplings: P ← M P Mᵀ. Here M = I + B E
-        with B (n, 3) and E the three rows of the rotation, combined with the update into one pass.
-        """
-        n = len(self.P)
-        A = np.zeros((len(measured[1]), len(self._P)))
-        A[:, :n] = whitened(*measured)
-        if not (self.invariant and self.count):
-            return subtract(self._P, A)
-        turn = slice(self.offset(robot) + 3, self.offset(robot) + 6)
-        E = self.P[turn] - A[:, turn].T @ A[:, :n]
-        B = landmark_error_couplings(self._means(before), self._means(), robot).reshape(-1, 3)
-        X, Y = np.zeros((2, len(self._P), 3))
-        X[self.base : n], Y[:n] = -B, E.T
-        Y[self.base : n] += 0.5 * B @ E[:, turn]
-        return subtract(self._P, A, X, Y)
 
     def _split_change(self, delta: Array) -> tuple[Array, Array, Array]:
         """A change (n,) split into poses (p, 6), corrections (robots, 3 or 0) and odometry biases (robots, 8 or 0)."""
@@ -328,14 +318,10 @@ class JointState:
         split = 9 if self.has_correction else 6
         return np.concatenate([team[:, :6], clones]), team[:, 6:split], team[:, split:]
 
-    def _means(self, held: PriorMeans | None = None) -> Means:
-        """Rotations, translations and landmarks: those of `held`, or the present ones."""
-        return (self.rotation, self.translation, self.point[: self.count]) if held is None else (held[0], held[1], held[3])
-
-    def _reset_jacobian(self, before: PriorMeans, delta: Array) -> Array:
+    def _reset_jacobian(self, delta: Array) -> Array:
         """The retraction's Jacobian of all states before the landmarks, (base, base)."""
         poses, corrections, _ = self._split_change(delta)
-        J = pose_error_maps(self._means(before), self._means()) if self.invariant else retraction_jacobian(poses)
+        J = retraction_jacobian(poses)
         out = np.eye(self.base)
         for p in range(len(poses)):
             at = self.offset(p)
@@ -345,22 +331,18 @@ class JointState:
             out[at : at + 3, at : at + 3] = block
         return out
 
-    def _retract(self, before: PriorMeans, delta: Array, robot: int) -> None:
+    def _retract(self, before: PriorMeans, delta: Array) -> None:
+        """Set the means to those before ⊞ a change (n,)."""
         poses, corrections, odometry_bias = self._split_change(delta)
         if self._first is not None:
-            turn = np.swapaxes(before[0], 1, 2) @ self._first[0]
+            turn = np.swapaxes(before.rotation, 1, 2) @ self._first.rotation
             poses = np.concatenate([turn @ poses[:, :3, None], turn @ poses[:, 3:, None]], axis=1)[..., 0]
-        moves = delta[self.base :].reshape(-1, 3)
-        if self.invariant:
-            means = retract_invariant(self._means(before), (poses, moves), exponential(poses[:, 3:]), robot)
-            self.rotation, self.translation, self.point[: self.count] = means
-        else:
-            self.rotation, self.translation = retract(before[0], before[1], poses)
-            self.point[: self.count] = before[3] + moves
+        self.rotation, self.translation = retract(before.rotation, before.translation, poses)
+        self.point[: self.count] = before.point + delta[self.base :].reshape(-1, 3)
         if self.has_correction:
-            self.correction = logarithm(exponential(before[2]) @ exponential(corrections))
+            self.correction = logarithm(exponential(before.correction) @ exponential(corrections))
         if self.has_odometry_bias:
-            self.odometry_bias = before[4] + odometry_bias
+            self.odometry_bias = before.odometry_bias + odometry_bias
 
     def _transform(self, rows: slice, F: Array) -> None:
         """P ← F P Fᵀ for the rows and columns of one block."""

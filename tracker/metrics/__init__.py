@@ -1,4 +1,4 @@
-"""Scores: CLEAR MOT, IDF1, HOTA, ATE, RPE, NEES and maps, and the Cramér-Rao bound that ATE is compared with.
+"""Scores: CLEAR MOT, IDF1, HOTA, ATE, RPE, NEES and maps.
 
 Read `evaluation.py` first.
 """

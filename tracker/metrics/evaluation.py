@@ -13,12 +13,12 @@ from tracker.formats.motchallenge import read_mot15
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.metrics.boxes_3d import BOX, boxes_of_tracks, hota_3d
 from tracker.metrics.clear_mot import score, score_boxes
-from tracker.metrics.cramer_rao import bound_of_map
 from tracker.metrics.ground_detection import score_ground_detections
 from tracker.metrics.hota import HotaSums
 from tracker.metrics.matching import MatchingFrame
 from tracker.metrics.trajectory import score_each, score_robots
 from tracker.sequence.results import Results
+from tracker.slam.cramer_rao import bound_of_map
 from tracker.types import Sequence, Truth
 
 VISIBLE_FRACTION = 0.2  # visible fraction above which a person counts as seen

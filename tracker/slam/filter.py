@@ -19,7 +19,6 @@ from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Mask, Pose, angles_from_bearing
 from tracker.geometry.cameras import Panorama
 from tracker.slam.data_association import Matches, associate
-from tracker.slam.image_features import ImageFeatures
 from tracker.slam.inter_robot import identify, on_robots, within_gate
 from tracker.slam.landmark_initialization import LandmarkInitializer
 from tracker.slam.landmark_map import LandmarkMap, dissimilarity, spread_over_azimuth, unit_rows
@@ -49,13 +48,15 @@ class Slam:
         self._unknown_starts = UnknownStarts(setup, parameters, Slam)
         self._odometry_gap: dict[str, tuple[int, Array]] = {}
         self._relocalizer = Relocalizer(parameters.relocalization, setup.period)
-        self._image_features = ImageFeatures(setup, parameters.features)
         self.sighted: dict[str, Sightings] = {}
         self._inflation = np.repeat(parameters.inflation_sigma, 3) ** 2
         self._tick = -1
 
     def step(self, tick: Tick) -> None:
-        """Process all views of one tick. Raises ValueError for a view of a camera, or of a robot, that the setup does not know."""
+        """Process all views of one tick, whose images are searched before (ImageFeatures.find).
+
+        Raises ValueError for a view of a camera, or of a robot, that the setup does not know.
+        """
         self._tick, views = tick.index, dict[str, list[View]]()
         self.sighted.clear()
         for view in tick.views:
@@ -63,7 +64,6 @@ class Slam:
                 raise ValueError(f"view of camera {view.camera!r}, needs one of {sorted(self.setup.mounts)}")
             if view.robot_detections is not None:
                 self.setup.check_robot_detections(view.camera, view.robot_detections)
-        for view in self._image_features.find(tick).views:
             views.setdefault(self.setup.mounts[view.camera].robot, []).append(view)
         for name in self.setup.starts:
             self._add_known_start(name, views.get(name, []))

@@ -17,13 +17,12 @@ from tracker.slam.resection import RelocalizationParameters
 class SlamParameters:
     """Parameters of the filter.
 
-    mode: iekf, the iterated filter (with one iteration the plain one), fej or invariant (ekf.state.JointState). iterations: linearisations of
-    an update. correction: estimate a correction factor a robot. correction_sigma rad: its initial deviation about x, y, z. correction_walk:
-    its random walk, rad an axis a square root of a second. gravity_correlation_time and rotation_correlation_time s: correlation times of errors
-    of "up" and of the odometry's rotation, for which the variances are inflated. odometry_biases: estimate these errors as states, without
-    rotation_correlation_time (None: do not; not for invariant).
-    feature_drift: lasting errors of features of images (None: all are white). robust: standard deviations of a residual beyond which it loses
-    weight.
+    mode: iekf, the iterated filter (with one iteration the plain one), or fej (ekf.state.JointState). iterations: linearisations of an update.
+    correction: estimate a correction factor a robot. correction_sigma rad: its initial deviation about x, y, z. correction_walk: its random walk,
+    rad an axis a square root of a second. gravity_correlation_time and rotation_correlation_time s: correlation times of errors of "up" and of
+    the odometry's rotation, for which the variances are inflated. odometry_biases: estimate these errors as states, without
+    rotation_correlation_time (None: do not). feature_drift: lasting errors of features of images (None: all are white). robust: standard
+    deviations of a residual beyond which it loses weight.
 
     max_updates: landmarks a camera updates at once. max_new_landmarks: of a camera a tick. capacity: landmarks in the map. clones: earlier poses
     kept a robot, one every `clone_spacing` m. robot_radius m: sightings so near to another robot's centre are no landmarks, unless named.
@@ -31,7 +30,7 @@ class SlamParameters:
     most robots.
     """
 
-    mode: str = "invariant"
+    mode: str = "fej"
     iterations: int = 2
     correction: bool = True
     correction_sigma: tuple[float, float, float] = (0.012, 0.012, 0.004)
@@ -56,18 +55,16 @@ class SlamParameters:
     relocalization: RelocalizationParameters = field(default_factory=RelocalizationParameters)
 
     def __post_init__(self) -> None:
-        if self.mode not in ("iekf", "fej", "invariant"):
-            raise ValueError(f"mode is {self.mode!r}, needs iekf, fej or invariant")
-        if self.mode == "invariant" and self.odometry_biases is not None:
-            raise ValueError("mode is 'invariant', needs fej or iekf with odometry_biases")
+        if self.mode not in ("iekf", "fej"):
+            raise ValueError(f"mode is {self.mode!r}, needs iekf or fej")
         for name in ("iterations", "clones", "capacity", "max_updates"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, needs at least 1")
 
     def with_odometry_biases(self) -> SlamParameters:
-        """With odometry biases as states, drift of image features and first-estimates Jacobians, with which NEES is near one.
+        """With odometry biases as states and drift of image features, with which NEES is near one.
 
         Meant for wheels that slip and for features of images; it has no advantage where errors are independent from tick to tick.
         Wrong matches of images are frequent, so a residual loses weight beyond two standard deviations.
         """
-        return replace(self, mode="fej", odometry_biases=BiasModel(), feature_drift=DriftModel(), robust=2.0)
+        return replace(self, odometry_biases=BiasModel(), feature_drift=DriftModel(), robust=2.0)

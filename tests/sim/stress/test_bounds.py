@@ -17,10 +17,10 @@ from tests.tracker.walled_room import Room, simulate
 from tracker.clique.local_search import Graph
 from tracker.ekf.linearization import linearize
 from tracker.ekf.state import JointState
-from tracker.metrics import cramer_rao
 from tracker.mht.global_hypothesis import dump
 from tracker.pipeline import track
 from tracker.sequence.results import Results
+from tracker.slam import cramer_rao
 from tracker.slam.inter_robot import identify
 from tracker.types import Truth
 

@@ -103,7 +103,7 @@ def test_sliding_downhill_is_estimated_from_known_landmarks() -> None:
         H = np.zeros((4, joint.stride))
         H[:3, :3] = np.eye(3)
         seen = rotation.T @ (place - joint.translation[0]) + 0.002 * rng.normal(size=3)
-        measured = LinearizedMeasurement(0, np.arange(joint.stride), H, np.append(seen, 0.0), np.tile(0.002**2 * np.eye(2), (2, 1, 1)))
+        measured = LinearizedMeasurement(np.arange(joint.stride), H, np.append(seen, 0.0), np.tile(0.002**2 * np.eye(2), (2, 1, 1)))
         joint.update(lambda measured=measured: measured, 1, np.inf)  # type: ignore[misc]
     assert joint.odometry_bias[0, 6] == pytest.approx(speed, abs=0.02)
     assert np.linalg.norm(joint.translation[0] - place) < 0.005
@@ -122,11 +122,6 @@ def test_sliding_downhill_is_estimated_from_known_landmarks() -> None:
 def test_parameters_have_bounds(name: str, value: float | tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match=f"{name} is .*, needs"):
         BiasModel(**{name: value})  # type: ignore[arg-type]
-
-
-def test_the_invariant_filter_estimates_no_biases() -> None:
-    with pytest.raises(ValueError, match="mode is 'invariant', needs fej or iekf"):
-        SlamParameters(mode="invariant", odometry_biases=RULE)
 
 
 def test_the_jacobian_of_gravity_in_its_biases_against_differences() -> None:

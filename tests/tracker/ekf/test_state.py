@@ -116,7 +116,7 @@ def test_one_iteration_is_the_plain_ekf_update(rng: np.random.Generator, correct
     wide[:, columns] = H
     change, P = condition(state.P, wide, r, 1e-2 * np.eye(4))
     point, translation, R = state.point[:3].copy(), state.translation[1].copy(), state.rotation[1].copy()
-    state.update(lambda: LinearizedMeasurement(0, columns, H, r, noise), 1, np.inf)
+    state.update(lambda: LinearizedMeasurement(columns, H, r, noise), 1, np.inf)
     np.testing.assert_allclose(state.P, P, atol=1e-3)  # The reset moves the tangents by as little as the mean has moved.
     np.testing.assert_allclose(state.point[:3], point + change[state.base :].reshape(-1, 3), atol=1e-12)
     at = state.offset(1)
@@ -134,7 +134,7 @@ def test_an_iterated_update_minimises_the_squares_of_a_nonlinear_measurement() -
 
     def linearize() -> LinearizedMeasurement:
         r, H = gravity(state.rotation[0], up)
-        return LinearizedMeasurement(0, np.arange(6), H, r, noise)
+        return LinearizedMeasurement(np.arange(6), H, r, noise)
 
     state.update(linearize, 30, np.inf)
     found = (prior.T_world_robot.inverse() @ Pose(state.rotation[0], state.translation[0])).log()

@@ -303,7 +303,7 @@ def test_parameters_have_bounds(name: str, value: int) -> None:
 
 
 def test_an_unknown_mode_is_an_error() -> None:
-    with pytest.raises(ValueError, match="mode is 'ukf', needs iekf, fej or invariant"):
+    with pytest.raises(ValueError, match="mode is 'ukf', needs iekf or fej"):
         SlamParameters(mode="ukf")
 
 

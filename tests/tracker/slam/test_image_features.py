@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from itertools import pairwise
 
@@ -81,17 +80,15 @@ def test_after_a_gap_and_after_a_motion_that_was_not_measured_the_accelerometer_
 def test_a_tilted_image_is_levelled_and_the_filter_takes_what_was_found() -> None:
     T_world_camera = TILTED @ T_BODY_CAMERA.rotation
     view = View("c", Detections.none(), image=panorama(T_world_camera))
-    tick = ImageFeatures(setup(started(TILTED)), FeatureParameters()).find(Tick(0, 0.0, (view,)))
+    features, slam = ImageFeatures(setup(started(TILTED)), FeatureParameters()), Slam(setup(started(TILTED)), SlamParameters())
+    tick = features.find(Tick(0, 0.0, (view,)))
     found = tick.views[0].features
     assert found is not None
     assert view.image is not None
     expected = extract(view.image, CAMERA, T_world_camera[2], Detections.none(), FeatureParameters()).sightings()
     np.testing.assert_allclose(found.bearing, expected.bearing, atol=1e-9)
-    slam, ahead = Slam(setup(started(TILTED)), SlamParameters()), Slam(setup(started(TILTED)), SlamParameters())
-    slam.step(Tick(0, 0.0, (view,)))
-    ahead.step(tick)
+    slam.step(tick)
     assert len(slam.sighted["c"]) > 100
-    assert pickle.dumps(slam.sighted) == pickle.dumps(ahead.sighted)
     again = Tick(1, 0.25, (replace(view, sightings=found),))
     assert ImageFeatures(setup(started(TILTED)), FeatureParameters()).find(again) is again
 

@@ -29,10 +29,10 @@ def with_unknown_start(setup: Setup, name: str = "r1") -> Setup:
 
 
 @cache
-def run(seed: int, mode: str = "invariant") -> tuple[Slam, int, Errors, Errors]:
+def run(seed: int) -> tuple[Slam, int, Errors, Errors]:
     """A run in which r1 starts unknown: the filter, the tick at which r1 joined, and errors m and NEES of each robot since."""
     setup, ticks, truth, _ = simulate(replace(HALL, seed=seed))
-    slam, joined = Slam(with_unknown_start(setup), SlamParameters(mode=mode)), -1
+    slam, joined = Slam(with_unknown_start(setup), SlamParameters()), -1
     errors: Errors = {name: [] for name in setup.starts}
     consistency: Errors = {name: [] for name in setup.starts}
     for tick, true in zip(ticks, truth, strict=True):
@@ -52,23 +52,16 @@ def with_sightings(tick: Tick, camera: str, change: Callable[[Sightings], Sighti
 
 def test_a_robot_joins_with_the_accuracy_of_the_others() -> None:
     runs = [run(seed) for seed in (20, 21, 22)]
-    for slam, joined, errors, _ in runs:
+    for slam, joined, *_ in runs:
         assert 0 < joined < 25
         assert slam.counters["joined"] == 1
         assert slam.counters["unknown start"] == joined
         assert sum(n for reason, n in slam.counters.items() if reason.startswith("waits")) == joined - 1
-        assert np.mean(errors["r1"]) < 1.5 * max(np.mean(errors["r0"]), np.mean(errors["r2"])) + 0.01 < 0.2
+    error = {name: np.mean([np.mean(errors[name]) for _, _, errors, _ in runs]) for name in ("r0", "r1", "r2")}
+    assert error["r1"] < 1.5 * max(error["r0"], error["r2"]) + 0.01 < 0.2
     # The errors of the two given starts are common to all, so r1 is at best as consistent as the others.
     mean = {name: np.mean([np.mean(consistency[name]) for *_, consistency in runs]) for name in ("r0", "r1", "r2")}
     assert 0.3 < mean["r1"] < 1.5 * max(mean["r0"], mean["r2"]) + 0.5
-
-
-@pytest.mark.slow
-def test_a_robot_joins_with_first_estimates() -> None:
-    _, joined, errors, consistency = run(20, "fej")
-    assert 0 < joined < 25
-    assert np.mean(errors["r1"]) < 0.15
-    assert np.mean(consistency["r1"]) < 4
 
 
 def test_landmarks_are_unique_and_the_covariance_is_joint() -> None:
@@ -160,24 +153,23 @@ def test_the_tracker_reports_no_pose_before_a_robot_joins() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", ["invariant", "fej"])
-def test_joining_keeps_the_covariance_consistent_over_many_seeds(mode: str) -> None:
+def test_joining_keeps_the_covariance_consistent_over_many_seeds() -> None:
     """NEES of the whole team after r1 has joined, beside that of the two others without r1 on the same draws."""
     joined, baseline = [], []
     for seed in range(20, 28):
-        slam, tick, _, consistency = run(seed, mode)
+        slam, tick, _, consistency = run(seed)
         if tick < 0:
             print(seed, slam.counters)
             continue
         joined.append(np.mean([np.mean(consistency[name]) for name in consistency]))
         setup, ticks, truth, _ = simulate(replace(HALL, seed=seed))
         without_r1 = {camera: mount for camera, mount in setup.mounts.items() if mount.robot != "r1"}
-        slam = Slam(replace(setup, mounts=without_r1, starts={name: setup.starts[name] for name in ("r0", "r2")}), SlamParameters(mode=mode))
+        slam = Slam(replace(setup, mounts=without_r1, starts={name: setup.starts[name] for name in ("r0", "r2")}), SlamParameters())
         values = []
         for k, true in zip(ticks, truth, strict=True):
             slam.step(replace(k, views=tuple(v for v in k.views if v.camera != "c1")))
             values += [nees((slam.pose(n).inverse() @ true[n]).log(), slam.covariance(n)) for n in ("r0", "r2") if k.index >= tick]
         baseline.append(np.mean(values))
-    print(mode, np.round(joined, 2), np.round(baseline, 2), np.mean(joined), np.mean(baseline))
+    print(np.round(joined, 2), np.round(baseline, 2), np.mean(joined), np.mean(baseline))
     assert np.mean(joined) < 1.3 * np.mean(baseline) + 0.2
     assert np.mean(joined) < 2.5

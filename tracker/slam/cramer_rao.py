@@ -38,9 +38,8 @@ def position_variances(
     places: landmark → (3,) m, without prior knowledge. correction: standard deviations, rad, of a constant correction factor that is estimated
     too. A landmark is in the state from its first sighting to its last, outside of which it carries no information.
     """
-    names = setup.anchored_robots
-    spans = _spans(frames)
-    joint, alive = JointState(1, len(spans), correction), list[int]()
+    names, spans = setup.anchored_robots, _spans(frames)
+    recursion, joint = _Recursion(setup, places), JointState(1, len(spans), correction)
     for name in names:
         start = setup.starts[name]
         assert start is not None
@@ -51,40 +50,46 @@ def position_variances(
             odometry = frame.odometry.get(name) if k else None
             if odometry is not None:
                 joint.predict(i, frames[k - 1].truth[name].inverse() @ frame.truth[name], odometry.covariance)
-            _update(joint, (setup, i, name), frame, (places, alive))
+            recursion.update(joint, i, frame)
         out.append([joint.covariance(i)[:3, :3].trace() for i in range(len(names))])
-        for removed in [n for n in alive if spans[n] <= k]:
-            joint.remove_landmark(alive.index(removed))
-            alive[alive.index(removed)] = alive[-1]
-            alive.pop()
+        recursion.remove(joint, [n for n in recursion.alive if spans[n] <= k])
     return np.array(out)
 
 
-def _update(joint: JointState, robot: tuple[Setup, int, str], frame: BoundFrame, landmarks: tuple[Mapping[int, Array], list[int]]) -> None:
-    """Update by the measurements of a robot (setup, number, name) at a frame.
+class _Recursion:
+    """Landmarks at their true positions that come into the state and leave it. alive: those in the state, in its order."""
 
-    landmarks: positions, and the landmarks in the state, to which new ones are appended.
-    """
-    setup, i, name = robot
-    places, alive = landmarks
-    odometry, pose = frame.odometry.get(name), frame.truth[name]
-    gravity = None if odometry is None or odometry.gravity is None else replace(odometry, gravity=pose.rotation[2])
-    for camera, mount in setup.mounts.items():
-        if mount.robot != name or camera not in frame.seen:
-            continue
-        subject, covariance = frame.seen[camera]
-        for new in sorted(set(subject.tolist()) - set(alive)):
-            joint.add_landmark(places[new], np.zeros(0, dtype=np.intp), np.zeros((3, 0)), np.eye(3) * UNKNOWN**2)
-            alive.append(new)
-        number = {landmark: n for n, landmark in enumerate(alive)}
-        rows = np.array([number[s] for s in subject.tolist()], dtype=np.intp)
-        bearing = (pose @ mount.T_body_camera).inverse().apply(joint.point[rows])
-        bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
-        seen, up, gravity = (mount, rows, bearing, covariance), gravity, None
-        if len(rows) or up is not None:
-            joint.update(lambda seen=seen, up=up: linearize(joint, i, seen, up), 1, np.inf)  # type: ignore[misc]
-    if gravity is not None:
-        joint.update(lambda: linearize(joint, i, None, gravity), 1, np.inf)
+    def __init__(self, setup: Setup, places: Mapping[int, Array]) -> None:
+        self.setup, self.places, self.alive = setup, places, list[int]()
+
+    def update(self, joint: JointState, robot: int, frame: BoundFrame) -> None:
+        """Update by all measurements of a robot, given by its number, at a frame. Landmarks seen first are added."""
+        name = self.setup.anchored_robots[robot]
+        odometry, pose = frame.odometry.get(name), frame.truth[name]
+        gravity = None if odometry is None or odometry.gravity is None else replace(odometry, gravity=pose.rotation[2])
+        for camera, mount in self.setup.mounts.items():
+            if mount.robot != name or camera not in frame.seen:
+                continue
+            subject, covariance = frame.seen[camera]
+            for new in sorted(set(subject.tolist()) - set(self.alive)):
+                joint.add_landmark(self.places[new], np.zeros(0, dtype=np.intp), np.zeros((3, 0)), np.eye(3) * UNKNOWN**2)
+                self.alive.append(new)
+            rows = np.array([self.alive.index(s) for s in subject.tolist()], dtype=np.intp)
+            bearing = (pose @ mount.T_body_camera).inverse().apply(joint.point[rows])
+            bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)
+            seen, up, gravity = (mount, rows, bearing, covariance), gravity, None
+            if len(rows) or up is not None:
+                joint.update(lambda seen=seen, up=up: linearize(joint, robot, seen, up), 1, np.inf)  # type: ignore[misc]
+        if gravity is not None:
+            joint.update(lambda: linearize(joint, robot, None, gravity), 1, np.inf)
+
+    def remove(self, joint: JointState, landmarks: Iterable[int]) -> None:
+        """Remove landmarks; as in the state, the last one takes the place of each."""
+        for landmark in landmarks:
+            at = self.alive.index(landmark)
+            joint.remove_landmark(at)
+            self.alive[at] = self.alive[-1]
+            self.alive.pop()
 
 
 def _spans(frames: Sequence[BoundFrame]) -> dict[int, int]:
