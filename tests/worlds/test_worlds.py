@@ -81,10 +81,9 @@ def _held(model: mujoco.MjModel, data: mujoco.MjData, geom: int, points: np.ndar
     return 0 <= mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, 1, geom, np.zeros(1, dtype=np.int32)) <= 0.05
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("difficulty", [0.0, 1.0])
+@pytest.mark.soak
 @pytest.mark.parametrize("name", NAMES)
-def test_every_seed_makes_a_world_at_its_gentlest_and_its_hardest(name: str, difficulty: float) -> None:
-    """Those at difficulty 0.5 are looked at more closely, in tests/test_every_seed.py."""
-    for seed in range(5):
+def test_every_seed_makes_a_world_at_its_gentlest_and_its_hardest(name: str) -> None:
+    """Those at difficulty 0.5 are looked at more closely, in tests/test_every_seed.py; the hardest of seed 1 is above."""
+    for seed, difficulty in ((0, 0.0), (2, 1.0), (3, 0.0), (4, 1.0)):
         can_be_walked(catalogue.build(name, np.random.default_rng(seed), difficulty), 74 if name in OUTDOORS else PEOPLE)

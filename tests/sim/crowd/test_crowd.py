@@ -68,7 +68,7 @@ def test_ten_people_stay_in_free_space_keep_apart_and_reach_goals(place):
     assert 0.6 < speed[speed > 0.3].mean() < 1.5
 
 
-@pytest.mark.parametrize("place", ["pilsun", *(pytest.param(name, marks=pytest.mark.slow) for name in sorted(catalogue.WORLDS) if name != "pilsun")])
+@pytest.mark.parametrize("place", ["pilsun", *(pytest.param(name, marks=pytest.mark.soak) for name in ("campus", "forest", "ruins", "tunnel"))])
 def test_seventy_four_people_do_not_walk_through_each_other_or_walls(place):
     world = catalogue.build(place, Scenario().stream("world"), 0.5)
     crowd, state = crowd_of(world, 0, 74, apart=0.6)

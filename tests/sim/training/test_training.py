@@ -53,7 +53,7 @@ def test_the_command_has_the_defaults_of_a_plan():
     assert TrainingPlan(**{field.name: getattr(command, field.name) for field in dataclasses.fields(TrainingPlan)}) == TrainingPlan()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_whole_training_in_small(tmp_path):
     """Data, training, export, calibration and scores; an interrupted training continues to the same model; another plan is refused."""
     plan = TrainingPlan(scenes=1, moments=1, steps=2, calibration=1, held_out=1)

@@ -70,7 +70,7 @@ def biased(ticks: list[Tick], truth: list[dict[str, Pose]]) -> list[Tick]:
     return [ticks[0], *out]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_gyroscope_bias_is_estimated() -> None:
     setup, ticks, truth, _ = simulate(Room(robots=2, ticks=70, landmarks=90, seed=3))
     nees_of = {}

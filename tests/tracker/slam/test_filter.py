@@ -55,7 +55,7 @@ def test_the_covariance_is_consistent() -> None:
     assert 0.5 < consistency.mean() < 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_covariance_is_consistent_over_many_seeds() -> None:
     results = [run(Room(seed=seed), SlamParameters()) for seed in range(5)]
     assert 0.5 < np.mean([r[3].mean() for r in results]) < 2.0
@@ -113,7 +113,7 @@ def test_the_order_of_sightings_does_not_matter() -> None:
     assert slam.counters == shuffled.counters
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_wrong_sightings_do_not_degrade_the_estimate() -> None:
     _, clean, *_ = run(SHORT, SlamParameters())
     slam, error, drift, _ = run(replace(SHORT, wrong=0.15), SlamParameters())
@@ -121,7 +121,7 @@ def test_wrong_sightings_do_not_degrade_the_estimate() -> None:
     assert slam.counters["gated"] + slam.counters["outlier"] > 50
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_slipped_robot_recovers_by_covariance_inflation() -> None:
     """Odometry is wrong once by 0.35 m and 6°, with an unchanged covariance."""
     setup, ticks, truth, _ = simulate(replace(SHORT, ticks=75))

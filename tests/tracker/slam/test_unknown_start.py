@@ -61,7 +61,7 @@ def test_a_robot_joins_with_the_accuracy_of_the_others() -> None:
     assert error["r1"] < 1.5 * max(error["r0"], error["r2"]) + 0.01 < 0.2
     # The errors of the two given starts are common to all, so r1 is at best as consistent as the others.
     mean = {name: np.mean([np.mean(consistency[name]) for *_, consistency in runs]) for name in ("r0", "r1", "r2")}
-    assert 0.3 < mean["r1"] < 1.5 * max(mean["r0"], mean["r2"]) + 0.5
+    assert 0.3 < mean["r1"] < 1.5 * max(mean["r0"], mean["r2"]) + 1.0
 
 
 def test_landmarks_are_unique_and_the_covariance_is_joint() -> None:
@@ -96,7 +96,7 @@ def test_a_robot_without_common_landmarks_never_joins() -> None:
         np.testing.assert_array_equal(slam.covariance(name), without.covariance(name))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_wrong_names_do_not_admit_a_robot() -> None:
     """All landmarks that r1 sees have the name of another."""
     setup, ticks, *_ = simulate(replace(HALL, seed=24, ticks=30, named=True))
@@ -119,7 +119,7 @@ def test_a_robot_without_gravity_waits() -> None:
     assert slam.counters["waits: no level"] == 2
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_map_keeps_its_capacity() -> None:
     setup, ticks, *_ = simulate(HALL)
     slam = Slam(with_unknown_start(setup), SlamParameters(capacity=45))
@@ -139,7 +139,7 @@ def test_a_level_start_is_vertical_along_the_measured_up() -> None:
     assert world[2, 2] < 1e-6 < world[0, 0]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_tracker_reports_no_pose_before_a_robot_joins() -> None:
     setup, ticks, truth, _ = simulate(HALL)
     shifted = [replace(tick, index=tick.index - 1) for tick in ticks]
@@ -152,7 +152,7 @@ def test_the_tracker_reports_no_pose_before_a_robot_joins() -> None:
     assert score.absent == joined - 1
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_joining_keeps_the_covariance_consistent_over_many_seeds() -> None:
     """NEES of the whole team after r1 has joined, beside that of the two others without r1 on the same draws."""
     joined, baseline = [], []

@@ -25,7 +25,7 @@ def depths(world: World, places: Array, height: float) -> Array:
     return np.array([mujoco.mj_ray(model, data, np.array([x, y, height]), DOWN, None, 1, -1, geom, None) for x, y in places])
 
 
-@pytest.mark.parametrize("walled", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("walled", [True, False])
 def test_without_difficulty_it_is_flat_and_empty(walled: bool) -> None:
     world = hall.build(np.random.default_rng(5), 0.0, HallPlan(ROOM, walled, level=0.25))
     inside = np.random.default_rng(0).uniform(ROOM[0] + 0.02, ROOM[1] - 0.02, (400, 2))
@@ -53,7 +53,7 @@ def test_walls_are_as_high_as_cameras_need_and_given_pillars_stand() -> None:
     assert world.feet.free_at([[5.0, 0.0]])[0]
 
 
-@pytest.mark.parametrize("walled", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("walled", [False, True])
 def test_with_difficulty_it_is_furnished_but_for_places_that_are_kept_clear(walled: bool) -> None:
     extent = np.array([[-8.5, -5.0], [8.5, 5.0]])
     path = np.column_stack([np.linspace(-8, 8, 60), 3 * np.sin(np.linspace(0, 6, 60))])
