@@ -1,4 +1,4 @@
-"""Every world on two of ten seeds: it can be walked, is irregular, and has its ground where rays find it. On one of them, people walk as people do."""
+"""Every world on two of ten seeds: it can be walked, is irregular, and has its ground where rays find it. On one, people walk as people do."""
 
 import numpy as np
 import pytest

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sim.pedestrian.palettes import LEATHER, PLAIN, Colour, Palette
 from tracker.geometry import Array
 from worlds.engine import mujoco
-from worlds.terrain.noise import Pattern, fractal, noise
+from worlds.terrain.relief import Pattern, fractal, noise
 
 NAME = "people"
 """Name of the texture and of the material."""

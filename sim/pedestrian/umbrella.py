@@ -12,8 +12,7 @@ from sim.pedestrian.skeleton import FOREARM, LIMBS, UPPER_ARM, Poses, trunk_size
 from tracker.geometry import Array, Ints
 from tracker.types import KEYPOINT_NAMES
 from worlds.engine import mujoco
-from worlds.props.revolution import revolved
-from worlds.props.shapes import Shape
+from worlds.props.shapes import Shape, revolved
 from worlds.textures.furniture_atlas import Surface
 
 KIND = "umbrella"

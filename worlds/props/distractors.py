@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from worlds.props.furniture import COLOURS, Piece
-from worlds.props.revolution import CLOTHES, revolved
-from worlds.props.shapes import Shape, box
+from worlds.props.shapes import CLOTHES, Shape, box, revolved
 from worlds.terrain.heightfield import Array
 from worlds.textures.furniture_atlas import Surface, crop
 from worlds.textures.person_pictures import COUNT, HEIGHT, WIDTH, silhouette, texture_of

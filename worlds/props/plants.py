@@ -12,7 +12,7 @@ from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD, wrapped
 from worlds.props.shapes import Shape
 from worlds.terrain.heightfield import Array
-from worlds.terrain.noise import fractal, noise
+from worlds.terrain.relief import fractal, noise
 from worlds.textures.canvas import Canvas, tint
 
 BARK, LEAVES, NEEDLES = "bark", "leaves", "needles"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,10 @@ class Shape:
             np.concatenate([self.faces, other.faces + len(self.vertices)]),
             np.concatenate([self.texcoord, other.texcoord]),
         )
+
+    def moved(self, offset: ArrayLike) -> Shape:
+        """The shape moved by offset (3,) m."""
+        return replace(self, vertices=self.vertices + np.asarray(offset, dtype=np.float64))
 
     def add_to(self, spec: mujoco.MjSpec, name: str, material: str, pos: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> mujoco.MjsGeom:
         """The shape as a mesh and a geom of that name in the world body, turned by yaw radians and put at pos (3,) m.
@@ -100,3 +104,22 @@ def prism(corners: ArrayLike, low: float, high: float) -> Shape:
         shape = side if shape is None else shape + side
     assert shape is not None
     return shape + quad([(x, y, high) for x, y in ring], rim) + quad([(x, y, low) for x, y in ring[::-1]], rim)
+
+
+CLOTHES = (Surface.BLUE, Surface.RED, Surface.GREEN, Surface.DARK, Surface.STEEL, Surface.WALNUT, Surface.WHITE)
+
+
+def revolved(rng: np.random.Generator, surface: Surface, profile: ArrayLike, flat: float = 1.0) -> Shape:
+    """A surface of revolution about z. profile: (k, 2) m of radius and height, upwards; flat: depth along y, as a share of the width."""
+    rows = np.asarray(profile, dtype=np.float64)
+    angle = np.linspace(-np.pi, np.pi, SIDES + 1)
+    ring = np.stack([np.cos(angle), flat * np.sin(angle)], axis=1)
+    low, high = rows[0, 1], rows[-1, 1]
+    (u0, v0), (u1, v1) = crop(rng, surface, (2 * np.pi * float(rows[:, 0].max()), float(high - low)))
+    vertices = np.concatenate([np.column_stack([radius * ring, np.full(len(ring), z)]) for radius, z in rows])
+    share = (rows[:, 1] - low) / (high - low)
+    texcoord = np.stack(np.broadcast_arrays(np.linspace(u0, u1, SIDES + 1), v1 + (v0 - v1) * share[:, None]), axis=-1).reshape(-1, 2)
+    i, j = (n.ravel() for n in np.mgrid[: len(rows) - 1, :SIDES])
+    a = i * (SIDES + 1) + j
+    b, c, d = a + 1, a + SIDES + 2, a + SIDES + 1
+    return Shape(vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]), texcoord)

@@ -14,9 +14,8 @@ from worlds.scenes import campus_plan as plan
 from worlds.scenes.campus_objects import CampusSite, Colour, buildings, furniture, posts, ramp, surroundings, trees
 from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
 from worlds.terrain.heightfield import Array, Heightfield, Mask
-from worlds.terrain.noise import fractal
 from worlds.terrain.polygons import signed_distance, turned
-from worlds.terrain.relief import swell
+from worlds.terrain.relief import fractal, swell
 from worlds.terrain.walk_surface import Decks, Terrain
 from worlds.textures.canvas import Canvas
 from worlds.textures.masonry import brick, rock

@@ -10,8 +10,7 @@ from scipy import ndimage
 
 from worlds.engine import mujoco
 from worlds.props.distractors import MAKERS, STREET
-from worlds.props.furniture import SINK, Piece
-from worlds.props.seats import SEATINGS, single_chair
+from worlds.props.furniture import SEATINGS, SINK, Piece, single_chair
 from worlds.terrain.free_space import FEET, WHEELS, FreeSpace
 from worlds.terrain.heightfield import Array, Mask
 from worlds.terrain.polygons import signed_distance, turned
@@ -106,9 +105,7 @@ def with_seats(world: World, rng: np.random.Generator, count: int) -> World:
     return site.ready(np.array(seats))
 
 
-def _places(
-    site: _PartlyFurnished, rng: np.random.Generator, piece: Piece, loose: bool = False
-) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
+def _places(site: _PartlyFurnished, rng: np.random.Generator, piece: Piece, loose: bool = False) -> Iterator[tuple[_PartlyFurnished, Array, float]]:
     """Random places for a piece, at most TRIES of them: the site with less free space, position (3,) m and yaw rad.
 
     loose: whether corners may be where feet cannot be.

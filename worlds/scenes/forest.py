@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from worlds.props.meshes import tilted
+from worlds.props.meshes import boulder, stone_sizes, tilted
 from worlds.props.plants import BARK, Plant, broadleaf, bush, canvases, conifer, log, stump
-from worlds.props.rocks import boulder, stone_sizes
 from worlds.scenes.outdoor_site import FAIR, OutdoorSite, embankment
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.polygons import covered, rectangle

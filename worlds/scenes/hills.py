@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from worlds.props.meshes import boulder, stone_sizes
 from worlds.props.plants import broadleaf, bush, canvases
-from worlds.props.rocks import boulder, stone_sizes
 from worlds.scenes.outdoor_site import FAIR, OutdoorSite, embankment
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.relief import swell

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from worlds.props.meshes import PERIOD, hull
+from worlds.props.meshes import PERIOD, boulder, hull, stone_sizes
 from worlds.props.plants import bush, canvases
-from worlds.props.rocks import boulder, stone_sizes
 from worlds.scenes.outdoor_site import FAIR, OutdoorSite, embankment
 from worlds.terrain.heightfield import Array, Heightfield, Mask
-from worlds.terrain.noise import fractal
-from worlds.terrain.relief import swell
+from worlds.terrain.relief import fractal, swell
 from worlds.textures.masonry import rock
 from worlds.textures.soils import Soil, soil
 from worlds.world import World

@@ -17,9 +17,8 @@ from worlds.props.meshes import Ceiling, hull, ledge, slab
 from worlds.props.shapes import Shape
 from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
 from worlds.terrain.heightfield import Array, Heightfield, Mask
-from worlds.terrain.noise import fractal
 from worlds.terrain.polygons import covered, rectangle, turned
-from worlds.terrain.relief import rubble, swell
+from worlds.terrain.relief import fractal, rubble, swell
 from worlds.terrain.walk_surface import Decks, Terrain
 from worlds.textures.canvas import Canvas
 from worlds.textures.masonry import rock

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from worlds.terrain.noise import Pattern, fractal, noise
+from worlds.terrain.relief import Pattern, fractal, noise
 
 Image = NDArray[np.uint8]
 Box = tuple[float, float, float, float]

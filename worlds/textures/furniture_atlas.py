@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 
 from worlds.terrain.heightfield import Array
-from worlds.terrain.noise import noise
+from worlds.terrain.relief import noise
 from worlds.textures.canvas import Box, Canvas, tint
 
 # Each surface is a tile of that many metres, at SCALE pixels a metre; ACROSS tiles in a row.

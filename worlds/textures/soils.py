@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from worlds.terrain.heightfield import Array, Heightfield
-from worlds.terrain.noise import Pattern, fractal, noise
+from worlds.terrain.relief import Pattern, fractal, noise
 from worlds.textures.canvas import Canvas
 
 PIXELS = 1792

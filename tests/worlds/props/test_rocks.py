@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from worlds.props.rocks import boulder, stone_sizes
+from worlds.props.meshes import boulder, stone_sizes
 from worlds.props.shapes import Shape
 
 

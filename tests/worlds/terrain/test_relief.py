@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from worlds.terrain.heightfield import Heightfield
-from worlds.terrain.noise import fractal, noise
 from worlds.terrain.polygons import rectangle, signed_distance
-from worlds.terrain.relief import plateau, ramp, rubble, swell
+from worlds.terrain.relief import fractal, noise, plateau, ramp, rubble, swell
 
 GROUND = Heightfield.flat([[-4, -3], [4, 3]], 0.1)
 NODES = GROUND.nodes
