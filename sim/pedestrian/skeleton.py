@@ -1,22 +1,26 @@
-"""Skeleton of a pedestrian: proportions, statures, and the poses of all limbs and key points.
+"""Skeleton of a pedestrian: proportions, statures, and the poses of all limbs and key points, of people who walk, stand or sit.
 
 Lengths are shares of stature after Drillis & Contini (1966), Body segment parameters, reprinted in Winter (2009), Biomechanics and Motor
 Control of Human Movement, fig. 4.1. The origin of a limb's frame is the joint nearer to the trunk.
 Its axes are x forward, y left, z up when the person stands upright.
+
+People who sit have their thighs on the seat, shins upright where the feet reach the ground, and forearms over thighs or table. Walking people look
+ahead, standing people at the nearest person or robot. The speed of a head is that of gaze shifts (Freedman & Sparks 1997: up to some 150 °/s),
+its range that of a neck (±70°).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.pedestrian import leg_kinematics
-from sim.pedestrian.foot_contact import Feet, foot_poses, rotation_matrices
-from sim.pedestrian.gait import Footing, Terrain
+from sim.pedestrian.foot_contact import ANKLE, Feet, foot_poses, rotation_matrices
+from sim.pedestrian.gait import Bodies, Footing, Terrain
 from sim.pedestrian.leg_kinematics import SHIN, THIGH
-from tracker.geometry import Array, frozen
+from tracker.geometry import Array, Ints, frozen, rotation_z, wrap
 from tracker.types import KEYPOINT_NAMES
 
 HIP_HEIGHT, SHOULDER_HEIGHT = 0.530, 0.818
@@ -136,3 +140,92 @@ def _arms(heading: Array, stagger: Array) -> tuple[Array, Array]:
     away = np.broadcast_to(0.09 * _SIDES, swing.shape)
     yaw = np.repeat(heading[:, None], 2, axis=1)
     return rotation_matrices(yaw, -swing, away), rotation_matrices(yaw, -swing - bend, 0.5 * away)
+
+
+HIP_ABOVE_SEAT, KNEE_ABOVE_SEAT = 0.062, 0.0
+"""Heights of the hip joints, and least height of the knees, above a seat, shares of stature. The knees are beyond its front edge."""
+PELVIS_TILT, TRUNK_LEAN = -0.9, 0.05
+"""rad about the left axis: the pelvis rolls back by half of the 90° between thighs and trunk; the trunk leans forward a little."""
+ARM_SWING, ELBOW_BEND, ARMS_AWAY = 0.35, 0.87, 0.10
+"""rad: upper arms forward, elbows bent, both arms aside."""
+KNEES_APART = 0.012
+"""Distance of the feet outward of the hips, a share of stature."""
+
+
+def sitting_poses(stature: Array, seat: Array, ground: Terrain) -> Poses:
+    """Poses of m people of stature (m,) m on seats (m, 4): x, y and height m of the seat, and heading rad."""
+    size, heading = trunk_size(stature), seat[:, 3]
+    none = np.zeros_like(heading)
+    facing = rotation_matrices(heading, none, none)
+    forward, left = facing[:, None, :, 0], facing[:, None, :, 1] * _SIDES[:, None]
+    hip_height = seat[:, 2] + HIP_ABOVE_SEAT * size
+    pelvis = np.column_stack([seat[:, :2], hip_height])
+    hips = pelvis[:, None] + left * (HALF_HIPS * size)[:, None, None]
+    thigh, shin = THIGH * size, SHIN * size
+    # Feet hang where they do not reach the ground.
+    out = hips + left * (KNEES_APART * size)[:, None, None] + forward * thigh[:, None, None]
+    floor = ground.height_at(out[..., :2].reshape(-1, 2)).reshape(-1, 2)
+    knee_height = np.maximum(floor + (ANKLE * size + shin)[:, None], (seat[:, 2] + KNEE_ABOVE_SEAT * size)[:, None])
+    reach = np.sqrt(np.maximum(thigh[:, None] ** 2 - (hip_height[:, None] - knee_height) ** 2, (0.3 * thigh[:, None]) ** 2))
+    ankle = hips + left * (KNEES_APART * size)[:, None, None] + forward * reach[..., None]
+    ankle[..., 2] = knee_height - shin[:, None]
+    feet = Feet(ankle, np.repeat(facing[:, None], 2, axis=1), ankle, np.zeros((len(size), 2)), ankle)
+    knees, thighs, shins = leg_kinematics.solve_knees(size, hips, feet)
+    swing = np.full((len(size), 2), ARM_SWING)
+    yaw, away = np.repeat(heading[:, None], 2, axis=1), np.broadcast_to(ARMS_AWAY * _SIDES, swing.shape)
+    arms = rotation_matrices(yaw, -swing, away), rotation_matrices(yaw, -swing - ELBOW_BEND, 0.3 * away)
+    upper = UpperBody(rotation_matrices(heading, none + TRUNK_LEAN, none), facing, arms)
+    legs = (hips, knees, feet), (rotation_matrices(heading, none + PELVIS_TILT, none), thighs, shins)
+    return assembled(stature, pelvis, upper, legs)
+
+
+def with_sitters(poses: Poses, sitter: Ints, seated: Poses) -> Poses:
+    """The poses with those of people sitter (k,) replaced by the rows of `seated`."""
+    parts = []
+    for name in ("position", "quaternion", "joints"):
+        values = getattr(poses, name).copy()
+        values[sitter] = getattr(seated, name)
+        parts.append(values)
+    return Poses(*parts)
+
+
+FASTEST_TURN, LARGEST_TURN = 2.5, 1.2
+"""rad/s and rad: speed and range of a head about the vertical axis."""
+GAZE_RANGE = 8.0
+"""m: range within which people look at others."""
+STANDING_SPEED = 0.25
+"""m/s: speed below which a person counts as standing."""
+_FACE_JOINTS = slice(0, 5)
+
+
+def head_yaw(yaw: Array, bodies: Bodies, points: Array, dt: float) -> Array:
+    """Yaw (m,) rad of the heads to the left of the bodies, `dt` s after it was `yaw` (m,).
+
+    Standing people turn towards the nearest of points (k, 2) m within the range of the neck, others look ahead.
+    """
+    if not len(points):
+        wanted = np.zeros_like(yaw)
+    else:
+        away = points - bodies.position[:, None]
+        angle = wrap(np.arctan2(away[..., 1], away[..., 0]) - bodies.heading[:, None])
+        distance = np.hypot(away[..., 0], away[..., 1])
+        # The points include the person itself.
+        distance = np.where((distance < 0.1) | (np.abs(angle) > LARGEST_TURN), np.inf, distance)
+        nearest = distance.argmin(axis=1)[:, None]
+        sees = (np.take_along_axis(distance, nearest, axis=1)[:, 0] < GAZE_RANGE) & (np.hypot(*bodies.velocity.T) < STANDING_SPEED)
+        wanted = np.where(sees, np.take_along_axis(angle, nearest, axis=1)[:, 0], 0.0)
+    return yaw + np.clip(wanted - yaw, -FASTEST_TURN * dt, FASTEST_TURN * dt)
+
+
+def with_head_yaw(poses: Poses, yaw: Array) -> Poses:
+    """The poses with heads and faces rotated by yaw (m,) rad about the heads' own z axes."""
+    if not len(yaw):
+        return poses
+    head = LIMBS.index("head")
+    before = Rotation.from_quat(poses.quaternion[:, head], scalar_first=True).as_matrix()
+    after = before @ np.stack([rotation_z(angle) for angle in yaw])
+    quaternion, joints = poses.quaternion.copy(), poses.joints.copy()
+    quaternion[:, head] = Rotation.from_matrix(after).as_quat(scalar_first=True)
+    origin = poses.position[:, head, None]
+    joints[:, _FACE_JOINTS] = origin + (joints[:, _FACE_JOINTS] - origin) @ (before @ after.transpose(0, 2, 1))
+    return replace(poses, quaternion=quaternion, joints=joints)

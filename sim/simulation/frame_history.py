@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.crowd.crowd import CrowdState
-from sim.pedestrian import gait, gaze, skeleton
+from sim.pedestrian import gait, skeleton
 from sim.pedestrian.gait import Terrain
 from tracker.geometry import Array
 from worlds.engine import mujoco
@@ -79,7 +79,7 @@ class FrameHistory:
             state, footing = self.people[k]
             turned = self.head_yaw[0] + k / (len(self.people) - 1) * (self.head_yaw[1] - self.head_yaw[0])
             poses = skeleton.limb_poses(stature, footing, state.position, state.heading, ground)
-            self.poses[k] = gaze.with_head_yaw(self.corrected(poses, state.heading), turned)
+            self.poses[k] = skeleton.with_head_yaw(self.corrected(poses, state.heading), turned)
         return self.poses[k]
 
 

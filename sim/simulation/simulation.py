@@ -13,8 +13,8 @@ import numpy as np
 from sim.crowd.crowd import Crowd, CrowdState, Obstacles, PedestrianModel
 from sim.crowd.postures import Postures
 from sim.crowd.replay import Paths, Replay
-from sim.pedestrian import clothing, clothing_textures, gait, gaze, palettes, skeleton
-from sim.pedestrian.sitting import sitting_poses, with_sitters
+from sim.pedestrian import clothing, clothing_textures, gait, skeleton
+from sim.pedestrian.skeleton import sitting_poses, with_sitters
 from sim.pedestrian.umbrella import KIND, add_umbrella, umbrella_places, with_raised_arms
 from sim.robots import driving, odometry, rover
 from sim.robots.driving import DriveState, Motion, Pilot, Traffic
@@ -264,7 +264,9 @@ class Simulation:
         """The model of the whole scene, with the limbs of people."""
         spec = self._rovers_and_colliders()
         varied = self.scenario.clothing == VARIED_CLOTHING
-        clothing_textures.add_clothing_textures(spec, self.scenario.stream("fabrics"), palettes.VARIED if varied else palettes.PLAIN)
+        clothing_textures.add_clothing_textures(
+            spec, self.scenario.stream("fabrics"), clothing_textures.VARIED if varied else clothing_textures.PLAIN
+        )
         for person, stature, rng in zip(self.all_persons, self.stature, people, strict=True):
             variety = self.scenario.stream(f"person_{person}/clothing") if varied else None
             clothing.add_person(spec, f"person_{person}", float(stature), rng, variety)
@@ -322,9 +324,7 @@ class Simulation:
         if self._start is None:
             room = driving.turning_space(self.world.wheels)
             robots = draw_robots(self.scenario, room)
-            drivers: Sequence[Pilot] = [
-                driving.make_driver(room, self.scenario.stream(f"{name}/goals"), self.scenario.speed) for name in self.robots
-            ]
+            drivers: Sequence[Pilot] = [driving.make_driver(room, self.scenario.stream(f"{name}/goals"), self.scenario.speed) for name in self.robots]
         else:
             robots, drivers = self._start.robots, self._start.drivers
         for index, row in zip(self._poses, robots, strict=True):
@@ -401,7 +401,7 @@ class Simulation:
         state = self._crowd_state
         bodies = gait.Bodies(state.position, state.velocity, state.heading, self.stature)
         points = np.concatenate([state.position[state.present], self._physics_data.qpos[self._poses[:, :2]]])
-        self._gaze = gaze.head_yaw(self._gaze, bodies, points, self.scenario.period)
+        self._gaze = skeleton.head_yaw(self._gaze, bodies, points, self.scenario.period)
 
     def _drive(self) -> Array:
         """Advance the rovers by one crowd step. Returns their angular velocities (substeps, robots, 3) rad/s, body frame."""
@@ -434,7 +434,7 @@ class Simulation:
             return
         state = self._crowd_state
         poses = skeleton.limb_poses(self.stature, self._footing, state.position, state.heading, self.world.terrain)
-        poses = gaze.with_head_yaw(self._corrected(poses, state.heading), self._gaze)
+        poses = skeleton.with_head_yaw(self._corrected(poses, state.heading), self._gaze)
         self._data.mocap_pos[self._limbs], self._data.mocap_quat[self._limbs] = self._parked(poses.position), poses.quaternion
         self._hold_umbrellas(self._data, poses.position, poses.quaternion)
         self._data.mocap_pos[self._colliders] = self._parked(self._ground_positions())

@@ -1,6 +1,6 @@
 """Furniture and other things that stand on the ground.
 
-A piece stands around its own origin, its front looks along −y and its back is at +y.
+A piece stands around its own origin, its front looks along −y and its back is at +y. Seats for people look along +y of their piece.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Meshes of what a height field cannot represent: vaults, overhanging ledges, arches, slabs over a ditch. All are solid and convex."""
+"""Meshes of what a height field cannot represent: vaults, overhanging ledges, arches, slabs over a ditch, boulders. All are solid and convex."""
 
 from __future__ import annotations
 

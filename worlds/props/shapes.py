@@ -1,4 +1,4 @@
-"""Boxes and columns with texture coordinates, joined into one mesh a piece."""
+"""Boxes, columns and surfaces of revolution with texture coordinates, joined into one mesh a piece; and the surfaces that stand for cloth."""
 
 from __future__ import annotations
 

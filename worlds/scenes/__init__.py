@@ -1,3 +1,3 @@
-"""The worlds, one a file, each with its ground plan beside it.
+"""The worlds, one a file, each with its ground plan.
 
 Read `pilsun.py` first."""

@@ -1,6 +1,7 @@
-"""Pieces of relief to be added, or combined by their maximum.
+"""Smooth random patterns on grids, for relief and for paint, and pieces of relief to be added, or combined by their maximum.
 
-Each gives heights (rows, columns) m over grid points (rows, columns, 2) m, such as Heightfield.nodes.
+Patterns are only additions and products of gathered values: the same bits anywhere. Each piece of relief gives heights (rows, columns) m over
+grid points (rows, columns, 2) m, such as Heightfield.nodes.
 """
 
 from __future__ import annotations

@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 from sim.pedestrian import gait, skeleton
 from sim.pedestrian.body_mesh import parts
 from sim.pedestrian.clothing import HAIR, LEGS, add_collider, add_person, draw_outfit, limb_meshes, varied_outfit
-from sim.pedestrian.clothing_textures import ACROSS, HEADS, TILE, TOPS, add_clothing_textures, texture_atlas
+from sim.pedestrian.clothing_textures import ACROSS, HEADS, PLAIN, TILE, TOPS, VARIED, add_clothing_textures, texture_atlas
 from sim.pedestrian.loft import LEVELS
-from sim.pedestrian.palettes import PLAIN, VARIED
 from sim.pedestrian.skeleton import LIMBS
 from worlds.terrain.heightfield import Heightfield
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sim.pedestrian import gait, gaze, skeleton
+from sim.pedestrian import gait, skeleton
 from sim.pedestrian.gait import Bodies
 from sim.pedestrian.skeleton import LIMBS
 from worlds.terrain.heightfield import Heightfield
@@ -18,17 +18,17 @@ def test_standing_people_look_at_the_nearest_and_walking_people_look_ahead():
     here = bodies(0.0)
     yaw = np.zeros(2)
     for _ in range(40):
-        before, yaw = yaw, gaze.head_yaw(yaw, here, here.position, 0.05)
-        assert np.abs(yaw - before).max() <= gaze.FASTEST_TURN * 0.05 + 1e-12
+        before, yaw = yaw, skeleton.head_yaw(yaw, here, here.position, 0.05)
+        assert np.abs(yaw - before).max() <= skeleton.FASTEST_TURN * 0.05 + 1e-12
     # What is behind the second one's shoulder cannot be seen.
     np.testing.assert_allclose(yaw, [0.0, 0.0], atol=1e-9)
     robot = np.array([[1.0, 1.0]])
     for _ in range(40):
-        yaw = gaze.head_yaw(yaw, here, np.concatenate([here.position, robot]), 0.05)
+        yaw = skeleton.head_yaw(yaw, here, np.concatenate([here.position, robot]), 0.05)
     assert yaw[0] == pytest.approx(np.pi / 4)
     assert yaw[1] == pytest.approx(np.arctan2(-1.0, 0.5))
     for _ in range(40):
-        yaw = gaze.head_yaw(yaw, bodies(1.2), np.concatenate([here.position, robot]), 0.05)
+        yaw = skeleton.head_yaw(yaw, bodies(1.2), np.concatenate([here.position, robot]), 0.05)
     np.testing.assert_array_equal(yaw, 0.0)
 
 
@@ -36,7 +36,7 @@ def test_the_face_turns_with_the_head_and_the_rest_does_not():
     here = bodies(0.0)
     ground = Heightfield.flat([[-5, -5], [5, 5]], 1.0)
     poses = skeleton.limb_poses(STATURE, gait.stand(here.position, here.heading, STATURE), here.position, here.heading, ground)
-    turned = gaze.with_head_yaw(poses, np.array([0.8, -0.5]))
+    turned = skeleton.with_head_yaw(poses, np.array([0.8, -0.5]))
     moved = np.abs(turned.joints - poses.joints).max(axis=(0, 2)) > 1e-9
     np.testing.assert_array_equal(moved, np.arange(17) < 5)
     others = [k for k, limb in enumerate(LIMBS) if limb != "head"]
@@ -51,5 +51,5 @@ def test_the_face_turns_with_the_head_and_the_rest_does_not():
 def test_gaze_of_no_people_and_without_points():
     none = np.zeros(0)
     nobody = Bodies(np.zeros((0, 2)), np.zeros((0, 2)), none, none)
-    assert gaze.head_yaw(none, nobody, np.zeros((0, 2)), 0.05).shape == (0,)
-    np.testing.assert_array_equal(gaze.head_yaw(np.zeros(2), bodies(0.0), np.zeros((0, 2)), 0.05), 0.0)
+    assert skeleton.head_yaw(none, nobody, np.zeros((0, 2)), 0.05).shape == (0,)
+    np.testing.assert_array_equal(skeleton.head_yaw(np.zeros(2), bodies(0.0), np.zeros((0, 2)), 0.05), 0.0)

@@ -6,8 +6,7 @@ import pytest
 from sim.pedestrian import gait, skeleton
 from sim.pedestrian.foot_contact import ANKLE
 from sim.pedestrian.leg_kinematics import SHIN, THIGH
-from sim.pedestrian.sitting import HIP_ABOVE_SEAT, sitting_poses, with_sitters
-from sim.pedestrian.skeleton import trunk_size
+from sim.pedestrian.skeleton import HIP_ABOVE_SEAT, sitting_poses, trunk_size, with_sitters
 from tracker.types import KEYPOINT_NAMES
 from worlds.terrain.heightfield import Heightfield
 
