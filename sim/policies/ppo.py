@@ -33,8 +33,11 @@ class Learned:
         ppo = needed()
         if not Path(file).is_file():
             raise ValueError(f"{file}: no such file")
+        from sim.policies.vector_env import ChoicePolicy
+
         try:
-            model = ppo.load(file, device="cpu")
+            # Files name the module of the policy at the time when they were written.
+            model = ppo.load(file, device="cpu", custom_objects={"policy_class": ChoicePolicy})
         except Exception as error:
             raise ValueError(f"{file}: not a policy of stable-baselines3 ({type(error).__name__})") from None
         if model.observation_space.shape != (CHOICES * FEATURES,):

@@ -93,10 +93,11 @@ def _train(options: dict[str, Any], steps: int, folder: Path, seed: int) -> None
 def _new_or_resumed(envs: Any, folder: Path, steps: int, seed: int) -> tuple[Any, Curve]:
     """A new model and curve, or those of an interrupted training."""
     ppo = needed()
-    from sim.policies.network import ChoicePolicy
+    from sim.policies.vector_env import ChoicePolicy
 
     if (folder / MODEL).exists():
-        return ppo.load(folder / MODEL, env=envs, device="cpu"), Curve.read(folder / CURVE, steps)
+        model = ppo.load(folder / MODEL, env=envs, device="cpu", custom_objects={"policy_class": ChoicePolicy})
+        return model, Curve.read(folder / CURVE, steps)
     rates: dict[str, Any] = {"learning_rate": _learning_rate, "gamma": 0.9, "gae_lambda": 0.9, "ent_coef": 0.003, "n_epochs": 6}
     shape = {"choices": CHOICES, "parts": FEATURES}
     batch = ROLLOUT_LENGTH * envs.num_envs // 4

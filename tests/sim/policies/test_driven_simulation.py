@@ -26,6 +26,7 @@ def test_without_a_policy_it_equals_a_plain_simulation() -> None:
     np.testing.assert_array_equal(driven.feet(), plain.feet())
 
 
+@pytest.mark.soak
 def test_a_static_team_drives_to_its_ring_and_stays_there() -> None:
     one, other = PolicySimulation(SCENARIO, "static"), PolicySimulation(SCENARIO, "static")
     np.testing.assert_array_equal(places(one), places(other))

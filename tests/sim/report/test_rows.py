@@ -33,6 +33,7 @@ def test_rows_by_sweep_setting_and_seed(tmp_path: Path) -> None:
     assert (len(read.rows), read.torn) == (11, True)
 
 
+@pytest.mark.render
 def test_folders_beside_each_other_are_on_one_page(tmp_path: Path) -> None:
     folders = [stress_rows.write(tmp_path / name, stress_rows.density(2)) for name in ("independent", "fairmot")]
     read = read_beside(folders)
