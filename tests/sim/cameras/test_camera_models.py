@@ -55,6 +55,7 @@ def shots(scene: Scene) -> Iterator[dict[str, list[tuple[Camera, Pose, RenderedI
         yield out
 
 
+@pytest.mark.render
 @pytest.mark.parametrize("text", MODELS)
 def test_instances_range_and_boxes_are_those_of_rays(scene: Scene, shots: dict, text: str) -> None:
     rng, boxes = np.random.default_rng(3), 0
@@ -107,6 +108,7 @@ def _box(mask: np.ndarray) -> np.ndarray:
     return np.array([u.min(), v.min(), u.max() + 1, v.max() + 1])
 
 
+@pytest.mark.render
 def test_blind_pixels_of_a_round_image_show_nothing(shots: dict) -> None:
     camera, _, shot, _ = shots["dual-fisheye:fov=200,baseline=0.1,distance=4"][0]
     for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
@@ -115,6 +117,7 @@ def test_blind_pixels_of_a_round_image_show_nothing(shots: dict) -> None:
     assert shot.colour[camera.height // 2, camera.width // 2].any()
 
 
+@pytest.mark.render
 def test_stitched_truth_at_the_seam_is_that_of_the_lens_that_owns_it(scene: Scene) -> None:
     """Each pixel beside the seam, against a ray from the place of its lens to the point at the stitching distance."""
     rig = Rig.of("dual-fisheye:fov=200,baseline=0.1,distance=4", 512)
@@ -140,7 +143,7 @@ def test_stitched_truth_at_the_seam_is_that_of_the_lens_that_owns_it(scene: Scen
     assert np.mean(np.array(errors) < 0.005) > 0.97
 
 
-@pytest.mark.slow
+@pytest.mark.render
 def test_instances_at_the_seam_are_those_of_the_pictures_of_both_lenses(scene: Scene) -> None:
     """A pixel beside the seam of the stitched truth, against the raw pictures: the lens that owns it shows the same person in the same direction."""
     rig = Rig.of("dual-fisheye:fov=200,baseline=0.1,distance=4,lens=512", 512)

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.rendering.geometry import SLICES, Shape, ShapeBuffers, box, capsule, cylinder, mesh, plane, sphere
+from sim.rendering.geometry import CELLS, SLICES, Shape, ShapeBuffers, box, capsule, cylinder, mesh, plane, sphere, tiles_of
+from tests.sim.scenes import HALF, court
 
 
 def volume(shape: Shape, scale: tuple[float, float, float] = (1, 1, 1), apart: float = 0.0) -> float:
@@ -65,3 +66,25 @@ def test_shapes_lie_one_after_the_other() -> None:
     for k in range(len(shapes.first)):
         own = shapes.indices[shapes.first[k] : shapes.first[k] + shapes.count[k]]
         assert shapes.base[k] + own.max() < (shapes.base[k + 1] if k + 1 < len(shapes.base) else len(shapes.vertices))
+
+
+def test_tiles_of_a_height_field_are_its_whole_surface_once() -> None:
+    tiles = tiles_of(court().model, 0)
+    assert len(tiles) == int(np.ceil(60 / CELLS)) ** 2
+    corners = np.concatenate([tile.points[tile.triangles] for tile in tiles])
+    # Of a triangle that is lit flat, the last corner's counts.
+    normals = np.concatenate([tile.normals[tile.triangles[:, 2]] for tile in tiles])
+    assert len(corners) == 60 * 60 * 2 + 4 * 60 * 2
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    np.testing.assert_allclose(normals, facing / np.linalg.norm(facing, axis=1, keepdims=True), atol=1e-5)
+    above = normals[:, 2] > 1e-3
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[above, 2].sum() / 2
+    assert area == pytest.approx((2 * HALF) ** 2, rel=1e-5)
+    # The sides of the solid look outwards.
+    outwards = corners[~above].mean(axis=1)
+    assert ((outwards * normals[~above])[:, :2].sum(axis=1) > 0).all()
+    for tile in tiles:
+        assert (np.abs(tile.points - tile.box[:3]) <= tile.box[3:] + 1e-6).all()
+        # Most corners serve several triangles.
+        assert len(np.unique(tile.triangles[:, 2])) == len(tile.triangles)
+        assert len(tile.points) < 1.6 * len(tile.triangles)

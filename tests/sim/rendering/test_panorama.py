@@ -23,6 +23,7 @@ from tests.sim.scenes import G, Scene, compiled, court, quarter, spec_with_sky
 from tracker.geometry import Pose, bearing_from_angles
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 
+pytestmark = pytest.mark.render
 CAMERA = Panorama(1024, 512)
 SMALL = Panorama(256, 128)
 PEOPLE = [1, 2, 3, 4, 5]
@@ -160,7 +161,7 @@ def test_range_is_exact_on_a_plane() -> None:
     assert (np.abs(shot.range[near] - truth[near]) / truth[near]).max() < 1e-4
 
 
-@pytest.mark.parametrize("elevation", [-88.0, -85.5, -45.0, -10.0, 0.0, 30.0, 44.9, 85.5, 89.0])
+@pytest.mark.parametrize("elevation", [-88.0, -45.0, 0.0, 44.9, 89.0])
 def test_a_point_is_where_the_camera_says(elevation: float) -> None:
     azimuths = np.radians([-180.0, -135.0, -45.0, 20.0, 45.1, 179.9])
     at = bearing_from_angles(azimuths, np.full(len(azimuths), np.radians(elevation)))
@@ -234,6 +235,7 @@ def mujocos_faces(side: int) -> list[np.ndarray]:
     return pictures
 
 
+@pytest.mark.command
 def test_the_light_is_mujocos(shots: list[RenderedImage]) -> None:
     """They differ only at the edges of shapes and shadows."""
     side, components = 512, bearings(CAMERA)
@@ -254,6 +256,8 @@ def test_visible_pixels_are_within_the_unoccluded_extent(shots: list[RenderedIma
     for shot, bodies in zip(shots, unoccluded, strict=True):
         visible = np.bincount(shot.instances.ravel(), minlength=6)
         assert all(visible[k] <= body.pixels for k, body in zip(PEOPLE, bodies, strict=True))
+    u0, _, u1, _ = unoccluded[0][3].box
+    assert 0 < u0 < CAMERA.width < u1 < u0 + 200
     # Person 3 is hidden by the board from the first camera; 5 stands free.
     assert np.count_nonzero(shots[0].instances == 3) < 0.5 * unoccluded[0][2].pixels
     assert np.count_nonzero(shots[0].instances == 5) == unoccluded[0][4].pixels > 500
@@ -275,22 +279,7 @@ def test_the_unoccluded_extent_is_that_in_an_empty_world(scene: Scene, unocclude
             np.testing.assert_array_equal(body.box - [shift, 0, shift, 0], [u.min(), v.min(), u.max() + 1, v.max() + 1])
 
 
-def test_boxes_go_over_the_seam(unoccluded: list[list[UnoccludedExtent]]) -> None:
-    u0, _, u1, _ = unoccluded[0][3].box
-    assert 0 < u0 < CAMERA.width < u1 < u0 + 200
-
-
-def test_an_instance_out_of_view_has_no_extent(scene: Scene, renderer: PanoramaRenderer) -> None:
-    (((nobody),),) = renderer.unoccluded(scene.data, scene.poses[:1], [99])
-    assert nobody.pixels == 0
-    assert np.isnan(nobody.box).all()
-
-
-def test_every_call_gives_the_same_bytes(scene: Scene, renderer: PanoramaRenderer, shots: list[RenderedImage]) -> None:
-    again = renderer.render(scene.data, scene.poses[::-1])[::-1]
-    assert [digest(shot) for shot in again] == [digest(shot) for shot in shots]
-
-
+@pytest.mark.command
 def test_a_spawned_process_gives_the_same_bytes() -> None:
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         assert pool.apply(small_digests) == small_digests()
@@ -318,6 +307,7 @@ def test_closing(scene: Scene) -> None:
     assert not finalizer.alive
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("backend", ["egl", "osmesa"])
 def test_each_backend_renders_and_exits_without_messages(backend: str) -> None:
     # Where a backend is not there mujoco cannot even be imported: we say so before it is.
@@ -360,6 +350,9 @@ def test_what_does_not_fit_is_refused(scene: Scene) -> None:
 
 
 def test_instances_for_unoccluded_extents_are_checked(scene: Scene, renderer: PanoramaRenderer) -> None:
+    (((nobody),),) = renderer.unoccluded(scene.data, scene.poses[:1], [99])
+    assert nobody.pixels == 0
+    assert np.isnan(nobody.box).all()
     for wrong in (0, -1, 1 << 16):
         with pytest.raises(ValueError, match=f"instance is {wrong}, needs 1 to 65535"):
             renderer.unoccluded(scene.data, scene.poses, [wrong])

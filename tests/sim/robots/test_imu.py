@@ -48,6 +48,7 @@ def figures(name: str) -> tuple[np.ndarray, np.ndarray]:
     return np.repeat([part.gyro_noise, part.force_noise], 3), np.repeat([part.gyro_walk, part.force_walk], 3)
 
 
+@pytest.mark.soak
 def test_allan_variance_is_that_of_the_figures(drawn: tuple[str, np.ndarray, np.ndarray]) -> None:
     """N²/τ of white noise plus K²τ/3·(1 + 1/(2m²)) of the bias walk, at short and long τ = m/rate."""
     name, bias, noise = drawn
@@ -58,6 +59,7 @@ def test_allan_variance_is_that_of_the_figures(drawn: tuple[str, np.ndarray, np.
         assert_variance(allan_pairs(bias, m), walk**2 * tau / 3 * (1 + 1 / (2 * m**2)))
 
 
+@pytest.mark.soak
 def test_noise_of_samples_is_white_and_of_its_density(drawn: tuple[str, np.ndarray, np.ndarray]) -> None:
     name, _, noise = drawn
     assert_variance(noise**2, figures(name)[0] ** 2 * RATE)
@@ -66,6 +68,7 @@ def test_noise_of_samples_is_white_and_of_its_density(drawn: tuple[str, np.ndarr
         assert np.abs((scaled[lag:] * scaled[:-lag]).mean(axis=0)).max() < 6 / math.sqrt(COUNT)
 
 
+@pytest.mark.soak
 def test_initial_biases_have_the_stated_spread() -> None:
     for part in PARTS.values():
         first = np.array([ImuErrors(part, 1 / RATE, np.random.default_rng(k)).draw(1)[0][0] for k in range(400)])

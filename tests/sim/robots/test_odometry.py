@@ -45,6 +45,7 @@ def test_systematic_errors_cause_drift_of_their_size():
     assert np.linalg.norm(odo.T_before_now.translation) == pytest.approx(1.02 * 0.6, abs=2e-3)
 
 
+@pytest.mark.soak
 def test_systematic_errors_have_the_stated_spread():
     wears = [SystematicErrors.draw(np.random.default_rng(k)) for k in range(600)]
     assert np.std([w.radius for w in wears]) == pytest.approx(RADIUS_ERROR, rel=0.1)
@@ -62,6 +63,7 @@ def test_covariance_is_sound_and_grows_with_way_and_turn():
     assert (covariance(-1.0, np.zeros(3), 0.1) == covariance(1.0, np.zeros(3), 0.1)).all()
 
 
+@pytest.mark.soak
 def test_errors_without_slip_fit_the_covariance():
     nees = []
     for k in range(400):

@@ -16,9 +16,8 @@ from sim.sensors.keypoints import DEPTH_IN_BODY, image_points
 from sim.simulation.simulation import Simulation
 from tests.sim.rays import silhouettes
 from tests.sim.yard import yard
-from tests.tracker.perspective_views import ViewDirection, rectify
 from tracker.geometry import Array, Ints, Pose
-from tracker.geometry.cameras import Camera, Panorama, Tsai
+from tracker.geometry.cameras import Camera, Tsai
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_joints, read_views
 from tracker.types import HIDDEN, KEYPOINT_NAMES, VISIBLE, Setup, ViewTruth
@@ -184,25 +183,3 @@ def test_visibility_agrees_with_exact_rays(moments: list[tuple[Frame, Setup, Arr
     assert 0.1 < np.concatenate(hidden).mean() < 0.7
     assert right[inside].mean() >= 0.98
     assert right.mean() > 0.94
-
-
-def test_a_rectified_view_shows_the_person_where_its_file_says(moments: list[tuple[Frame, Setup, Array]]) -> None:
-    checked = 0
-    for moment, setup, _ in moments:
-        for name, view in moment.views.items():
-            panorama = setup.mounts[name].camera
-            if not isinstance(panorama, Panorama):
-                continue
-            for person in view.boxes.person[(view.boxes.visible > 0.95) & (view.boxes.range > 2.5)]:
-                joints = moment.truth.joints[moment.truth.person_id.tolist().index(person)]  # type: ignore[index]
-                sight = joints.mean(axis=0) - view.T_world_camera.translation
-                cut = rectify(panorama, view.T_world_camera, ViewDirection(float(np.arctan2(sight[1], sight[0])), 1.2, (400, 700)))
-                pixels, inside = image_points(cut.camera, cut.T_world_camera, joints[LEGS])
-                assert inside.all()
-                shown = cut.nearest(moment.images[name].instances)
-                u, v = np.floor(pixels).astype(int).T
-                assert (shown[v, u] == person).mean() > 0.6
-                checked += 1
-                if checked == 6:
-                    return
-    assert checked > 2

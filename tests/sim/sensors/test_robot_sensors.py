@@ -108,7 +108,7 @@ def test_samples_of_two_steps_turn_as_their_steps_do_to_second_order() -> None:
     assert bound < 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_errors_of_samples_are_those_of_the_part_at_their_rate() -> None:
     scenario = Scenario(robots=1, people=0, frames=31, timestep=0.0025, imu="icm20948@198", seed=5)
     imu, part = Drive.of(scenario, Simulation(scenario, yard())).imu("robot_0"), PARTS["icm20948"]
@@ -128,7 +128,7 @@ def test_specific_force_is_up_at_rest(quarry: Drive) -> None:
     np.testing.assert_array_equal(imu.gyro, imu.true_gyro)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_wheels_roll_the_true_distance_within_the_slip() -> None:
     scenario = Scenario(robots=2, people=0, frames=91, wheels=198, seed=1)
     drive, slip = Drive.of(scenario, Simulation(scenario, yard())), wheel_slip.measure(Simulation(scenario, yard()), 15.0)

@@ -40,6 +40,7 @@ def small() -> Simulation:
     return Simulation(SMALL, yard())
 
 
+@pytest.mark.soak
 def test_rovers_drive_and_stay_upright(run):
     way = [np.linalg.norm(np.diff([p.translation for p in poses], axis=0), axis=1).sum() for poses in run.poses.values()]
     # One may have to wait long for people in a narrow place.
@@ -50,6 +51,7 @@ def test_rovers_drive_and_stay_upright(run):
     assert tilt.mean() < 4.0
 
 
+@pytest.mark.soak
 def test_single_frames_of_odometry_fit_their_covariance(run):
     nees, components = [], []
     for name, poses in run.poses.items():
@@ -63,6 +65,7 @@ def test_single_frames_of_odometry_fit_their_covariance(run):
     assert np.mean(np.array(nees) > 10) < 0.02
 
 
+@pytest.mark.soak
 def test_dead_reckoning_drifts_like_a_cheap_rover(run):
     drift = []
     for name, poses in run.poses.items():
@@ -74,6 +77,7 @@ def test_dead_reckoning_drifts_like_a_cheap_rover(run):
     assert np.sqrt(np.mean(np.square(drift))) > 0.03
 
 
+@pytest.mark.soak
 def test_people_walk_in_free_space(run):
     feet = np.array(run.feet)
     world = run.simulation.world
@@ -81,6 +85,7 @@ def test_people_walk_in_free_space(run):
     assert np.linalg.norm(np.diff(feet[..., :2], axis=0), axis=2).sum(axis=0).min() > 3.0
 
 
+@pytest.mark.soak
 def test_people_and_rovers_keep_apart(run):
     robots = np.array([[p.translation[:2] for p in poses] for poses in run.poses.values()])
     gap = np.linalg.norm(np.array(run.feet)[None, :, :, :2] - robots[:, :, None], axis=-1)
@@ -165,7 +170,7 @@ def test_another_person_does_not_change_the_rovers_random_draws():
         np.testing.assert_allclose(true[0][0].log(), true[1][0].log(), atol=1e-6)
 
 
-@pytest.mark.parametrize("rate", [1.0, 6.0, 7.0, 25.0, 60.0])
+@pytest.mark.parametrize("rate", [1.0, 7.0, 60.0])
 def test_steps_divide_the_period_exactly(rate):
     simulation = Simulation(Scenario(robots=1, people=1, rate=rate), yard())
     assert 0.003 < simulation.model.opt.timestep < 0.008
@@ -180,7 +185,7 @@ def test_no_people_at_all():
     assert simulation.joints().shape == (0, 17, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_pairs_of_limbs_of_a_large_crowd_need_no_memory():
     simulation = Simulation(Scenario(robots=1, people=250, at_once=3), yard())
     simulation.step()
@@ -206,8 +211,8 @@ def test_a_rover_on_its_side_is_reported(small):
 @pytest.mark.parametrize(
     ("world", "difficulty"),
     [
-        *((world, difficulty) for world in ("pilsun", "quarry") for difficulty in (0.0, 1.0)),
-        *(pytest.param(world, 1.0, marks=pytest.mark.slow) for world in sorted(set(catalogue.WORLDS) - {"pilsun", "quarry"})),
+        ("pilsun", 1.0),
+        *(pytest.param(world, 1.0, marks=pytest.mark.soak) for world in sorted(set(catalogue.WORLDS) - {"pilsun"})),
     ],
 )
 def test_feet_do_not_slide_float_or_sink_and_knees_stay_open(world, difficulty):
