@@ -14,9 +14,9 @@ from typing import Any
 from tracker.detections.front_end import ImageParameters
 from tracker.detections.optical_flow import TrackletParameters
 from tracker.detections.silhouettes import SilhouetteParameters
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters
 from tracker.slam.parameters import SlamParameters
+from tracker.tracks.parameters import MhtParameters
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "slam": ("ekf", "iekf", "fej"),
@@ -42,8 +42,8 @@ def parameters_from(options: Mapping[str, Any]) -> Parameters:
     """
     given = {name: value for name, value in options.items() if value is not None}
     _check(given)
-    images, delay = _images(given), given.get("delay", 0)
-    return Parameters(slam=_slam(given), targets=_targets(given), images=images, delay=delay)
+    graphs = Path(given["dump_graphs"]) if "dump_graphs" in given else None
+    return Parameters(_slam(given), _targets(given), _images(given), given.get("delay", 0), graphs)
 
 
 def _check(given: Mapping[str, Any]) -> None:
@@ -81,7 +81,7 @@ def _slam(given: Mapping[str, Any]) -> SlamParameters:
 
 
 def _targets(given: Mapping[str, Any]) -> MhtParameters:
-    """Parameters of the tracker of people; an option k_h means one graph for the children of each hypothesis."""
+    """Parameters of the tracker of people."""
     chosen = MhtParameters()
     if "v_max" in given:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
@@ -89,8 +89,7 @@ def _targets(given: Mapping[str, Any]) -> MhtParameters:
         chosen = replace(chosen, detection_rates=replace(chosen.detection_rates, learned=True))
     fields = {"theta_s": "merge_distance"} | {name: name for name in ("delta_a", "n_conf", "k_h", "i_bls_max", "n_scan")}
     own = {field: given[name] for name, field in fields.items() if name in given}
-    graphs = Path(given["dump_graphs"]) if "dump_graphs" in given else None
-    return replace(chosen, **own, small_graphs="k_h" in given, seed=given.get("seed_search", 0), graphs=graphs)
+    return replace(chosen, **own, seed=given.get("seed_search", 0))
 
 
 def _images(given: Mapping[str, Any]) -> ImageParameters:

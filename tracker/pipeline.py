@@ -11,17 +11,19 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from tracker.detections.front_end import FrontEnd, ImageParameters
 from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Viewpoint
 from tracker.detections.rejections import BOXES, NO_POSE, count_rejections
-from tracker.mht.parameters import MhtParameters
+from tracker.mht.global_hypothesis import CliqueSolver, written_to
 from tracker.mht.tracker import MhtTracker
 from tracker.reading_ahead import ahead
 from tracker.slam.filter import Slam
 from tracker.slam.image_features import ImageFeatures
 from tracker.slam.parameters import SlamParameters
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.track_ids import TrackIds
 from tracker.tracks.tracks import Tracks
 from tracker.types import Estimate, Setup, Tick
@@ -35,22 +37,26 @@ class Parameters:
     targets: MhtParameters = field(default_factory=MhtParameters)
     images: ImageParameters = field(default_factory=ImageParameters)  # what is extracted from images beside boxes
     delay: int = 0  # ticks of the fixed-lag smoother, by which estimates are late
+    graphs: Path | None = None  # folder into which every graph of leaves is written with the clique that was chosen
 
 
-def track(setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None, threads: int = 1) -> Iterator[Estimate]:
+def track(
+    setup: Setup, ticks: Iterable[Tick], parameters: Parameters | None = None, threads: int = 1, solver: CliqueSolver | None = None
+) -> Iterator[Estimate]:
     """One Estimate for each tick, `delay` ticks later.
 
     threads: from two on, a tick is read, images of the tick before it are searched, and robots are localized in threads of their own.
     The estimates do not depend on it. Up to six ticks are in memory then.
+    solver: of the graphs of leaves, by default `proved_cliques`.
     Raises ValueError where a tick has a camera that the setup does not have, or an index that is not larger than the last.
     """
     parameters = parameters or Parameters()
     with ExitStack() as stack:
         if threads == 1:
-            tracker = Tracker(setup, parameters)
+            tracker = Tracker(setup, parameters, solver=solver)
             placed: Iterable[PlacedTick] = map(tracker.place, map(tracker.search, ticks))
         else:
-            tracker = Tracker(setup, parameters, stack.enter_context(ThreadPoolExecutor(threads)))
+            tracker = Tracker(setup, parameters, stack.enter_context(ThreadPoolExecutor(threads)), solver)
             searched = stack.enter_context(ahead(map(tracker.search, stack.enter_context(ahead(ticks)))))
             placed = stack.enter_context(ahead(map(tracker.place, searched)))
         for tick in placed:
@@ -73,12 +79,15 @@ class PlacedTick:
 class Tracker:
     """The state between ticks: the SLAM filter of the team, and the tracker of people."""
 
-    def __init__(self, setup: Setup, parameters: Parameters, threads: ThreadPoolExecutor | None = None) -> None:
+    def __init__(
+        self, setup: Setup, parameters: Parameters, threads: ThreadPoolExecutor | None = None, solver: CliqueSolver | None = None
+    ) -> None:
         """threads: work on the views of a tick side by side."""
         self.setup, self.parameters = setup, parameters
         self.slam, self._features = Slam(setup, parameters.slam), ImageFeatures(setup, parameters.slam.features, threads)
         self._front_end = FrontEnd(setup, parameters.targets.fusion, parameters.images, threads)
-        self._people = MhtTracker(self._front_end.setup, parameters.targets, parameters.delay)
+        solver = solver if parameters.graphs is None else written_to(parameters.graphs, solver)
+        self._people = MhtTracker(self._front_end.setup, parameters.targets, parameters.delay, solver)
         self._track_ids = TrackIds(setup)
         self._waiting: deque[Estimate] = deque()
         self._rejections: Counter[str] = Counter()

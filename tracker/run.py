@@ -25,7 +25,7 @@ def tracked(sequence: Sequence, folder: Path, run: Mapping[str, Any], parameters
     Raises Kept where the results cannot be written there, with the place where they are instead.
     """
     wanted = json_value({**run, "provenance": sequence.provenance, "parameters": parameters or Parameters()})
-    graphs = parameters.targets.graphs if parameters is not None else None
+    graphs = parameters.graphs if parameters is not None else None
     if graphs is not None and graphs.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"{graphs}: lies in {folder}, needs a place outside it for the graphs")
 

@@ -71,8 +71,8 @@ class PeopleOptions:
 class HypothesisOptions:
     """Parameters of multiple hypothesis tracking."""
 
-    k_h: Annotated[int | None, unset("INT", "one graph of all tracks")] = None
-    """K_H: number of global hypotheses kept; with it the child hypotheses of each form a graph of their own."""
+    k_h: Annotated[int | None, unset("INT", "1")] = None
+    """K_H: number of global hypotheses kept; above 1 the child hypotheses of each form a graph of their own, else all tracks form one."""
     i_bls_max: Annotated[int | None, unset("INT", "2000")] = None
     """i_bls^max: maximum number of moves of the clique search."""
     n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None

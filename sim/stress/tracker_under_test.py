@@ -70,7 +70,7 @@ class TrackerUnderTest:
             return check_estimates(self.name, load_tracker(self.function)(setup, ticks), setup, ticks)
         parameters = parameters_from(self.options)
         if graphs is not None:
-            parameters = replace(parameters, targets=replace(parameters.targets, graphs=graphs))
+            parameters = replace(parameters, graphs=graphs)
         return check_estimates(self.name, track(setup, ticks, parameters), setup, ticks)
 
 

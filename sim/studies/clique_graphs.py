@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,12 @@ from sim.stress.bounds import clique_gap
 from sim.studies.hypothesis_count import Material, resumed, time_and_mota
 from tracker.geometry import Array
 from tracker.io.atomic import new_file
-from tracker.mht.parameters import MhtParameters
+from tracker.mht.global_hypothesis import searched_cliques
 from tracker.pipeline import Parameters, track
+from tracker.tracks.parameters import MhtParameters
 
-FORMS = {"small graphs": True, "one graph": False}
+FORMS = {"small graphs": 25, "one graph": 1}
+"""Name of a form and its K_H."""
 STARTS = {"warm": True, "cold": False}
 PROVED = 50
 """Largest number of graphs of a run that are solved exactly. A tick may have forty graphs, and a proof takes up to a second."""
@@ -55,10 +57,10 @@ class Run:
 
 def run_cell(material: Material, form: str, start: str, repetition: int) -> Run:
     """Run one cell by the search alone, without branch and bound. The gap is NaN where no graph has a proof."""
-    many = MhtParameters(small_graphs=FORMS[form], warm=STARTS[start], prove=False, seed=repetition)
-    seconds, mota = time_and_mota(material, many)
+    many, solver = MhtParameters(k_h=FORMS[form], seed=repetition), partial(searched_cliques, warm=STARTS[start])
+    seconds, mota = time_and_mota(material, many, solver)
     with tempfile.TemporaryDirectory(prefix="pilsim-graphs-") as folder:
-        for _ in track(material.setup, material.ticks, Parameters(targets=replace(many, graphs=Path(folder)))):
+        for _ in track(material.setup, material.ticks, Parameters(targets=many, graphs=Path(folder)), solver=solver):
             pass
         gap = clique_gap(Path(folder), PROVED)
     return Run(material.name, form, start, repetition, seconds, float("nan") if gap is None else gap, mota)
@@ -69,7 +71,7 @@ def study(out: Path, materials: list[Material], repetitions: int) -> Iterator[li
     for material in materials:
         for form in FORMS:
             # Compilation must not count in the first run.
-            list(track(material.setup, material.ticks[:3], Parameters(targets=MhtParameters(small_graphs=FORMS[form], prove=False))))
+            list(track(material.setup, material.ticks[:3], Parameters(targets=MhtParameters(k_h=FORMS[form])), solver=searched_cliques))
         choices = ((form, start, repetition) for repetition, form, start in itertools.product(range(repetitions), FORMS, STARTS))
         yield from resumed(out / "runs.csv", Run, choices, partial(run_cell, material), material.name)
 

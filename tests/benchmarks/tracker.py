@@ -24,8 +24,8 @@ from tracker.datasets import synthetic_crowd
 from tracker.datasets.opening import open_sequence
 from tracker.datasets.source_options import SourceOptions
 from tracker.formats.dimacs import read_graph
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
+from tracker.tracks.parameters import MhtParameters
 from tracker.types import Setup, Tick
 
 FRAMES = 24
@@ -58,7 +58,7 @@ def gaps(people: int, frames: int, parameters: MhtParameters) -> Iterator[tuple[
     rng = np.random.default_rng(0)
     setup, walks = synthetic_crowd.setup(), synthetic_crowd.paths(people, frames, rng)
     with tempfile.TemporaryDirectory() as folder:
-        list(track(setup, synthetic_crowd.ticks(setup, walks, rng, clutter=1.0), Parameters(targets=replace(parameters, graphs=Path(folder)))))
+        list(track(setup, synthetic_crowd.ticks(setup, walks, rng, clutter=1.0), Parameters(targets=parameters, graphs=Path(folder))))
         paths = sorted(Path(folder).glob("*.clq"))
         for k in np.unique(np.linspace(0, len(paths) - 1, min(MAX_GRAPHS, len(paths))).round().astype(int)).tolist():
             graph = read_graph(paths[k])
@@ -103,7 +103,7 @@ def by_cpsat(graph: Graph) -> tuple[float, float]:
 def main() -> None:
     """Print the tables."""
     frames = int(sys.argv[1]) if sys.argv[1:] and sys.argv[1].isdecimal() else FRAMES
-    greedy, usual, small = Parameters(targets=MhtParameters(n_scan=0.0)), Parameters(), MhtParameters(small_graphs=True)
+    greedy, usual, small = Parameters(targets=MhtParameters(n_scan=0.0)), Parameters(), MhtParameters(k_h=25)
     for warm in (greedy, usual, Parameters(targets=small)):
         per_frame(3, 1, warm, 5)
     print(f"tracker, ms per frame, {frames} frames, one core: greedy / default")
@@ -125,7 +125,7 @@ def main() -> None:
         (20, "one graph", MhtParameters()),
         (43, "one graph", MhtParameters()),
         (74, "one graph", MhtParameters()),
-        (20, "small graphs, K_H 5", MhtParameters(small_graphs=True, k_h=5)),
+        (20, "small graphs, K_H 5", MhtParameters(k_h=5)),
     ):
         print(f"{people} people, {name}: {gap_text(np.array(list(gaps(people, frames, parameters))).reshape(-1, 3))}", flush=True)
 

@@ -25,9 +25,9 @@ def test_every_option_reaches_its_parameter() -> None:
     assert people.images.tracklets.l_c == 6
     chosen: dict[str, Any] = {"k_h": 5, "i_bls_max": 100, "n_scan": 2.0, "v_max": 2.0, "seed_search": 7, "dump_graphs": "graphs"}
     many = parameters_from(chosen).targets
-    assert (many.k_h, many.i_bls_max, many.n_scan, many.motion.v_max) == (5, 100, 2.0, 2.0)
-    assert (many.small_graphs, many.seed, many.graphs) == (True, 7, Path("graphs"))
-    assert not parameters_from({}).targets.small_graphs
+    assert (many.k_h, many.i_bls_max, many.n_scan, many.motion.v_max, many.seed) == (5, 100, 2.0, 2.0, 7)
+    assert parameters_from(chosen).graphs == Path("graphs")
+    assert parameters_from({}).targets.k_h == 1
     assert parameters_from({"n_scan": 0}).targets.n_scan == 0
 
 

@@ -10,8 +10,8 @@ from tracker.datasets import synthetic_crowd
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, Tracker, track
+from tracker.tracks.parameters import MhtParameters
 from tracker.types import Detections, Estimate, Setup, Tick
 
 

@@ -9,13 +9,13 @@ from tracker.datasets import synthetic_crowd
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, Tracker, track
+from tracker.tracks.parameters import MhtParameters
 from tracker.types import Detections, Estimate, Setup, Tick, View
 
 ALL = pytest.mark.parametrize(
     "parameters",
-    [Parameters(), Parameters(targets=MhtParameters(n_scan=0.0)), Parameters(targets=MhtParameters(small_graphs=True, k_h=3, i_bls_max=300))],
+    [Parameters(), Parameters(targets=MhtParameters(n_scan=0.0)), Parameters(targets=MhtParameters(k_h=3, i_bls_max=300))],
     ids=["one graph", "greedy", "small graphs"],
 )
 

@@ -24,7 +24,7 @@ class FusionParameters:
     """Assumptions on boxes and feet, and thresholds of cross-view association."""
 
     foot_spread: float = 0.25  # m, standard deviation of the lowest point of a walking body from the ground under its middle
-    ahead: float = 0.06  # m, distance of the nearest point of the soles, where a box ends, before the ground under the body
+    ahead: float = 0.03  # m, distance of the nearest point of the soles, where a box ends, before the ground under the body
     reach: float = 60.0  # m, greatest distance of a ground point
     edge: float = 0.012  # rad below the lower edge of a box within which a nearer box may hide the feet
     covered: float = 0.3  # share of a lower edge under nearer boxes from which these are taken to hide the feet

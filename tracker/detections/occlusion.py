@@ -33,16 +33,13 @@ DEPTH_MARGIN = 0.15
 POINT_HEIGHTS = (0.4, 1.0, 1.5)
 """m over the ground of the points of a body to which lines of sight are cast."""
 
-DETECTED_BEHIND_PERSON = 0.2
-"""Relative detection rate of a person behind another one, where it is not learned."""
-
 DETECTED_BY_POINTS = np.array([0.09, 0.6, 1.0, 1.0])
 """Relative detection rate of a person of whom 0 to 3 of those points are visible, where occluders are known.
 
 It is not 0 for none, since walls have holes that a map of tops lacks, and a visible head is often enough.
 """
 
-DETECTED_BEHIND_PERSON_KNOWN = 0.6
+DETECTED_BEHIND_PERSON = 0.6
 """Relative detection rate of a person behind another one where occluders are known (ruins, 10 people, seeds 20 to 35)."""
 
 RAY_MARGIN = 0.3
@@ -67,10 +64,10 @@ class Bodies:
     """People at places (n, 2) m on the ground.
 
     tree (n,): ids; a person does not occlude itself. front (m,): the rows that may occlude others.
-    relative_detection: learned rates of partly visible people, None where they are not learned.
+    relative_detection: learned rates of partly visible people, where occluders are not known.
     """
 
-    def __init__(self, place: Array, tree: Ints, front: Ints, setup: Setup, relative_detection: RelativeDetection | None = None) -> None:
+    def __init__(self, place: Array, tree: Ints, front: Ints, setup: Setup, relative_detection: RelativeDetection) -> None:
         self.feet = np.column_stack([place, setup.ground.height_at(place)])
         self.points = np.repeat(self.feet[:, None, :], len(POINT_HEIGHTS), axis=1)
         self.points[:, :, 2] += np.array(POINT_HEIGHTS)
@@ -95,15 +92,12 @@ class Bodies:
         distance = np.maximum(np.linalg.norm(rays, axis=1), 1e-6)
         direction = rays / distance[:, None]
         inside = camera.pixels_from_bearings(direction @ pose.rotation)[1].reshape(n, -1)
-        if occluders is None and self.relative_detection is not None:
+        if occluders is None:
             share = inside.mean(axis=1)
             return np.asarray(share * self.relative_detection(view.name, self.occluded(view)[chosen]) * (share > 0.5))
         behind = self._behind_people(origin)[chosen]
-        if occluders is None:
-            share = inside.mean(axis=1)
-            return np.asarray(share * np.where(behind, DETECTED_BEHIND_PERSON, 1.0) * (share > 0.5))
         visible = inside & ~_hidden(occluders, origin, direction.reshape(n, -1, 3), distance.reshape(n, -1), reach)
-        return np.asarray(DETECTED_BY_POINTS[visible.sum(axis=1)] * inside.any(axis=1) * np.where(behind, DETECTED_BEHIND_PERSON_KNOWN, 1.0))
+        return np.asarray(DETECTED_BY_POINTS[visible.sum(axis=1)] * inside.any(axis=1) * np.where(behind, DETECTED_BEHIND_PERSON, 1.0))
 
     def expected_by_view(self, views: list[Viewpoint], reach: float, wanted: Mask | None = None) -> Array:
         """`expected_detection` of all views, (n, v). wanted (n, v): 0 elsewhere; by default all."""

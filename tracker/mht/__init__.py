@@ -2,7 +2,6 @@
 
 Read `tracker.py` first."""
 
-from tracker.mht.parameters import MhtParameters
 from tracker.mht.tracker import MhtTracker
 
-__all__ = ["MhtParameters", "MhtTracker"]
+__all__ = ["MhtTracker"]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tracker.detections.ground_points import GroundDetections
 from tracker.geometry import Array, Ints
 from tracker.mht.track_trees import TrackHypotheses
-from tracker.tracks.cosine_model import CosineModel
+from tracker.tracks.reidentification import Appearance
 
 LOG_RATIO = np.array([[1.0, 4.0], [1.5, 2.8], [2.5, 1.0], [3.5, -0.8], [5.0, -2.5], [6.5, -3.5]])
 """Distance of a box from a track's appearance over the usual distance of a person's own boxes, and the log-likelihood ratio over another person.
@@ -24,6 +24,14 @@ PRIOR_DISTANCE, PRIOR_COUNT = 0.02, 50.0
 """Usual distance of a person's own boxes at first, and the number of boxes that this counts for."""
 DISTANCE_BOUNDS = 0.004, 0.06
 """Bounds of the usual distance."""
+MEMORY = 4000.0
+"""Pairs with which older ones fade."""
+WEAK = 40.0
+"""Pairs of each kind for which "it says nothing" counts."""
+LEAST_SIGMA = 0.01
+"""Least standard deviation of the cosines of a kind."""
+MOST = 6.0
+"""Greatest log-likelihood ratio, by absolute value."""
 
 
 class AppearanceModel:
@@ -56,16 +64,16 @@ class AppearanceModel:
         usual = np.clip(self._distance[column] / self._counts[column], *DISTANCE_BOUNDS)
         return np.asarray(np.interp((1 - cosine) / usual, *LOG_RATIO.T))
 
-    def same_person(self, a: tuple[Array, Array], b: tuple[Array, Array]) -> float:
+    def same_person(self, a: Appearance, b: Appearance) -> float:
         """Log-likelihood ratio of two tracks being one person by the vectors that detectors gave: the mean over the cameras that saw both.
 
-        a, b: appearance (C, d) and appearance_count (C,) of a leaf. It is 0 where no camera with such vectors saw both.
+        It is 0 where no camera with such vectors saw both.
         """
-        if not (a[0].size and b[0].size):
+        if not (a.mean.size and b.mean.size):
             return 0.0
-        both = [c for c in self._given if a[1][c] > 0 and b[1][c] > 0]
-        length = min(a[0].shape[1], b[0].shape[1])
-        ratios = [self._given[c].log_ratio(_unit(a[0][c : c + 1, :length]) @ _unit(b[0][c : c + 1, :length]).T) for c in both]
+        both = [c for c in self._given if a.boxes[c] > 0 and b.boxes[c] > 0]
+        length = min(a.mean.shape[1], b.mean.shape[1])
+        ratios = [self._given[c].log_ratio(_unit(a.mean[c : c + 1, :length]) @ _unit(b.mean[c : c + 1, :length]).T) for c in both]
         return self.weight * float(np.mean(ratios)) if ratios else 0.0
 
     def with_appearance(self, leaves: TrackHypotheses, views: list[GroundDetections], box: Ints, sure: NDArray[np.bool_]) -> TrackHypotheses:
@@ -100,6 +108,37 @@ class AppearanceModel:
             mean[rows, c, part] += share * (now - mean[rows, c, part])
             count[rows, c] += 1
         return replace(leaves, appearance=mean, appearance_count=count)
+
+
+class CosineModel:
+    """Cosines of boxes with the mean vector of their own track, and with those of other tracks of the same view, as two normal distributions.
+
+    A cosine beyond the mean of a kind says as much as the mean, so that the ratio is monotone. The scale and length of vectors do not matter.
+    """
+
+    def __init__(self) -> None:
+        self._moments = np.zeros((2, 3))  # rows: the same person, another one; columns: number, sum and sum of squares, faded
+
+    def learn(self, cosine: Array) -> None:
+        """Count the cosines (k, k) of k tracks, in rows, with the boxes that they have taken: those on the diagonal are of the same person."""
+        same = np.eye(len(cosine), dtype=bool)
+        for row, values in enumerate((cosine[same], cosine[~same])):
+            now = np.array([len(values), values.sum(), (values**2).sum()])
+            self._moments[row] = np.exp(-len(values) / MEMORY) * self._moments[row] + now
+
+    def log_ratio(self, cosine: Array) -> Array:
+        """Log-likelihood ratio of the same person over another one for cosines of any shape; 0 until enough pairs are known."""
+        number = self._moments[:, :1]
+        if number.min() < 2:
+            return np.zeros(cosine.shape)
+        (same, other), (square, square_other) = (self._moments[:, 1:] / number).T
+        if same <= other:
+            return np.zeros(cosine.shape)
+        sigma, sigma_other = np.sqrt(np.maximum([square - same**2, square_other - other**2], LEAST_SIGMA**2))
+        at = np.clip(cosine, other, same)
+        ratio = 0.5 * (((at - other) / sigma_other) ** 2 - ((at - same) / sigma) ** 2) + np.log(sigma_other / sigma)
+        least = float(number.min())
+        return np.asarray(np.clip(ratio * least / (least + WEAK), -MOST, MOST))
 
 
 def _best_of_trees(leaves: TrackHypotheses, rows: Ints) -> Ints:

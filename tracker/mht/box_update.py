@@ -7,7 +7,7 @@ An ambiguous box (range_update.py) gives a density along its line of sight inste
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,15 @@ from tracker.mht.range_update import correct_range, head_log_ratio, range_log_de
 
 MEASURED = (0, 1, 4)
 """Columns of a state that an upper edge measures: place and stature."""
+
+
+class HeadMeasurement(NamedTuple):
+    """The upper edge of a box: m above a stature, its negative derivative H (3,) by place and stature, noise and variance of the innovation m²."""
+
+    above: float
+    H: Array
+    noise: float
+    spread: float
 
 
 # Measurement prediction
@@ -70,8 +79,8 @@ def log_likelihood(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: 
     S = _innovation(predicted, P, d, boxes, limits)
     ratio = _log_ratio(r0, r1, S, predicted, (boxes.detection_ratio[d], boxes.feet_hidden[d]), limits.gate)[0]
     if boxes.stature[d] and ratio > -np.inf:
-        above, _, noise, spread = head_of(predicted, x, P, v, d, boxes)
-        ratio += head_log_ratio(above, spread, height, noise, boxes.ranges.people)
+        head = head_of(predicted, x, P, v, d, boxes)
+        ratio += head_log_ratio(head.above, head.spread, height, head.noise, boxes.ranges.people)
     return ratio
 
 
@@ -120,8 +129,8 @@ def _log_ratio(r0: float, r1: float, S: tuple[float, float, float], predicted: A
 
 
 @njit(cache=True)
-def head_of(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any) -> tuple[float, Array, float, float]:
-    """The upper edge of box d as a measurement: m above the stature of x, its negative derivative (3,) by place and stature, noise and spread m²."""
+def head_of(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any) -> HeadMeasurement:
+    """The upper edge of box d of view v as a measurement of x."""
     origin, slope, away = boxes.origin[v], boxes.head_slope[d], max(predicted[14], 1e-9)
     H = np.empty(3)
     H[0] = predicted[17] - (x[0] - origin[0]) / away * slope
@@ -132,7 +141,7 @@ def head_of(predicted: Array, x: Array, P: Array, v: int, d: int, boxes: Any) ->
     for i in range(3):
         for j in range(3):
             spread += H[i] * H[j] * P[MEASURED[i], MEASURED[j]]
-    return origin[2] - predicted[16] + predicted[14] * slope - x[4], H, noise, spread
+    return HeadMeasurement(origin[2] - predicted[16] + predicted[14] * slope - x[4], H, noise, spread)
 
 
 @njit(cache=True)
@@ -149,8 +158,8 @@ def update_child(k: int, i: int, v: int, d: int, parents: Any, boxes: Any, limit
     _, visible = _log_ratio(r0, r1, S, predicted, (boxes.detection_ratio[d], boxes.feet_hidden[d]), limits.gate)
     head, before = head_of(predicted, x, P, v, d, boxes), x.copy()
     _kalman_update(x, P, predicted, (r0, r1), S, 2 if visible else 1)
-    if (boxes.stature[d] or (boxes.cut[d] and not visible)) and head[0] ** 2 < limits.gate**2 * head[3]:
-        update_by_head(x, P, (head[0], head[1], head[2]), before)
+    if (boxes.stature[d] or (boxes.cut[d] and not visible)) and head.above**2 < limits.gate**2 * head.spread:
+        update_by_head(x, P, head, before)
     if visible:
         H = children.H[k, v]
         children.residual[k, v, 0], children.residual[k, v, 1] = r0, r1
@@ -178,10 +187,9 @@ def _kalman_update(x: Array, P: Array, predicted: Array, r: tuple[float, float],
 
 
 @njit(cache=True)
-def update_by_head(x: Array, P: Array, head: tuple[float, Array, float], before: Array) -> None:
-    """The Kalman update of x, P in place by an upper edge (residual m, H (3,), noise m²), linearized at the state `before`."""
-    r, H, noise = head
-    p, S = np.zeros(5), noise
+def update_by_head(x: Array, P: Array, head: HeadMeasurement, before: Array) -> None:
+    """The Kalman update of x, P in place by an upper edge, linearized at the state `before`."""
+    r, H, p, S = head.above, head.H, np.zeros(5), head.noise
     for j in range(3):
         r -= H[j] * (x[MEASURED[j]] - before[MEASURED[j]])
         for i in range(5):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tracker.detections.ground_points import GroundDetections
+from tracker.detections.occlusion import Bodies, Viewpoint
 from tracker.detections.range_likelihood import RangeLikelihoodParameters
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
@@ -139,6 +141,26 @@ class BranchingConstants(NamedTuple):
     margin: float
     beam_width: int
     max_children: int
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The V views of a tick with their viewpoints and all their boxes in one table, and the n leaves that are predicted to it.
+
+    limits: what bounds the children. active (a,): rows of the leaves in the last global hypothesis that are not deleted. bodies: people at the
+    places of the leaves, of whom the active ones may occlude others. expected (n, V): probability that a view should have a box of a leaf, relative
+    to people in full view; missed (n, V): log-likelihood of a missed detection.
+    """
+
+    views: list[GroundDetections]
+    cameras: list[Viewpoint]
+    table: BoxTable
+    limits: BranchingConstants
+    leaves: TrackHypotheses
+    active: Ints
+    bodies: Bodies
+    expected: Array
+    missed: Array
 
 
 class ChildHypotheses(NamedTuple):

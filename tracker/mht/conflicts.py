@@ -31,15 +31,22 @@ class ConflictRows(NamedTuple):
     missed: Array
 
 
+class MergeLimits(NamedTuple):
+    """`merge_distance` m in this crowd, `merge_step` and `split_share` of the parameters."""
+
+    distance: float
+    step: float
+    split_share: float
+
+
 @njit(cache=True)
-def conflicts_of(old: Conflicts, parent: Ints, rows: ConflictRows, existence_ratio: Array, limits: tuple[float, float, float]) -> Conflicts:
+def conflicts_of(old: Conflicts, parent: Ints, rows: ConflictRows, existence_ratio: Array, limits: MergeLimits) -> Conflicts:
     """The conflicts of children: those of their parents (−1 for a root, which has none), and those of this tick.
 
-    existence_ratio (D,): as in BoxTable. limits: `merge_distance`, `merge_step`, `split_share` of the parameters.
+    existence_ratio (D,): as in BoxTable.
     Deleted leaves are not taken for one person with another: any near leaf may continue them.
     """
     m, V = rows.box.shape
-    merge_distance, merge_step, split_share = limits
     conflict, same_person = np.zeros((m, m), np.bool_), np.zeros((m, m))
     for i in range(m):
         if parent[i] >= 0:
@@ -52,7 +59,7 @@ def conflicts_of(old: Conflicts, parent: Ints, rows: ConflictRows, existence_rat
     for i in range(m):
         for j in range(i + 1, m):
             dx, dy = rows.place[i, 0] - rows.place[j, 0], rows.place[i, 1] - rows.place[j, 1]
-            if dx * dx + dy * dy < merge_distance * merge_distance and not rows.deleted[i] and not rows.deleted[j]:
+            if dx * dx + dy * dy < limits.distance * limits.distance and not rows.deleted[i] and not rows.deleted[j]:
                 one, two = 0.0, 0.0
                 for v in range(V):
                     if rows.box[i, v] >= 0 and rows.box[j, v] >= 0:
@@ -61,7 +68,7 @@ def conflicts_of(old: Conflicts, parent: Ints, rows: ConflictRows, existence_rat
                         # The nearer one may occlude the other, which is no missed detection.
                         one -= max(rows.missed[i, v], rows.missed[j, v])
                 before = old.same_person[parent[i], parent[j]] if parent[i] >= 0 and parent[j] >= 0 else 0.0
-                same_person[i, j] = same_person[j, i] = max(before + min(one, merge_step) - split_share * two, -10.0)
+                same_person[i, j] = same_person[j, i] = max(before + min(one, limits.step) - limits.split_share * two, -10.0)
     return Conflicts(conflict, same_person)
 
 

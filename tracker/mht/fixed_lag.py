@@ -46,14 +46,14 @@ class MhtFixedLagSmoother:
         # A person was there if detected at that tick or later, if still present, or if hidden for so short a time that the place was known.
         hidden = ~tracks.deleted & (tracks.out_of_view == 0) & (position_sigma(tracks.covariances[:, ago]) <= self.hidden_sigma)
         there = (tracks.age > ago) & tracks.confirmed & (present | hidden | tracks.detected[:, : ago + 1].any(axis=1))
-        return smoothed(tracks.select(there), ago, (self.period, self.motion))
+        return smoothed(tracks.select(there), ago, self.period, self.motion)
 
 
-def smoothed(tracks: TrackHypotheses, ago: int, motion: tuple[float, MotionParameters]) -> Tracks:
-    """The smoothed tracks of `ago` ticks before; all are older than that. motion: period s and parameters."""
+def smoothed(tracks: TrackHypotheses, ago: int, period: float, motion: MotionParameters) -> Tracks:
+    """The smoothed tracks of `ago` ticks before; all are older than that. period: s of a tick."""
     x, P = tracks.states[:, 0], tracks.covariances[:, 0]
     for k in range(1, ago + 1):
-        (F, Q), state, covariance = coasting_transition(tracks.past_misses[:, k - 1], *motion), tracks.states[:, k], tracks.covariances[:, k]
+        (F, Q), state, covariance = coasting_transition(tracks.past_misses[:, k - 1], period, motion), tracks.states[:, k], tracks.covariances[:, k]
         predicted = F @ covariance @ F.transpose(0, 2, 1) + Q
         C = np.linalg.solve(predicted, F @ covariance).transpose(0, 2, 1)
         x = state + (C @ (x[:, :, None] - F @ state[:, :, None]))[:, :, 0]

@@ -13,27 +13,24 @@ from tracker.geometry import Array
 from tracker.geometry.compilation import njit
 from tracker.geometry.ground import Ground
 from tracker.mht.box_update import head_of, predict_measurement, update_by_head
-from tracker.mht.branching_data import BoxTable, BranchingConstants, ParentHypotheses
+from tracker.mht.branching_data import Observation, ParentHypotheses
 from tracker.mht.track_trees import TrackHypotheses
-from tracker.tracks.tracks import with_marginal
+from tracker.tracks.tracks import Places, with_places
 
 CERTAIN_PRIOR = 0.99
 """Expectation of the walkable prior from which it leaves a track unchanged."""
 
 
-def with_statures(
-    roots: TrackHypotheses, groups: list[CrossViewGroup], views: list[GroundDetections], seen: tuple[BoxTable, BranchingConstants, Ground]
-) -> None:
+def with_statures(roots: TrackHypotheses, groups: list[CrossViewGroup], now: Observation, ground: Ground) -> None:
     """Update the roots (g,), in place, by the upper edges of their boxes, or by the range likelihood of an ambiguous box alone."""
-    table, limits, ground = seen
-    n = len(roots)
+    n, views = len(roots), now.views
     if all(feet.ranges is None for feet in views) or not n:
         return
     parents = ParentHypotheses.of(roots, ground, np.zeros((n, len(views))), np.zeros((n, 0)))
     for k, group in enumerate(groups):
         usable = [(v, d) for v, d in group.members if views[v].known and not views[v].ambiguous[d] and not views[v].cut[d]]
         for v, d in usable:
-            _measure_stature(k, v, table.start[v] + d, parents, table, limits)
+            _measure_stature(k, v, now.table.start[v] + d, parents, now.table, now.limits)
         v, d = group.members[0]
         if not usable and views[v].ambiguous[d]:
             _along_ray(roots.state[k], roots.covariance[k], views[v], d)
@@ -44,9 +41,9 @@ def _measure_stature(k: int, v: int, d: int, parents: Any, boxes: Any, limits: A
     """Update the root k, in place, by the upper edge of box d of view v."""
     predicted, x, P = np.empty(21), parents.state[k], parents.covariance[k]
     predict_measurement(x, k, parents, boxes.origin[v], predicted)
-    above, H, noise, spread = head_of(predicted, x, P, v, d, boxes)
-    if above * above < limits.gate**2 * spread:
-        update_by_head(x, P, (above, H, noise), x.copy())
+    head = head_of(predicted, x, P, v, d, boxes)
+    if head.above * head.above < limits.gate**2 * head.spread:
+        update_by_head(x, P, head, x.copy())
 
 
 def _along_ray(x: Array, P: Array, feet: GroundDetections, d: int) -> None:
@@ -64,9 +61,8 @@ def with_walkable_prior(prior: WalkablePrior | None, state: Array, covariance: A
     """States (n, 5) and covariances (n, 5, 5) with their places weighted by the prior of walkable places, and its log-likelihood (n,)."""
     if prior is None or not len(state):
         return state, covariance, np.zeros(len(state))
-    before = state[:, :2], covariance[:, :2, :2]
-    mean, spread, expected = prior.posterior(*before)
+    place, variance = state[:, :2], covariance[:, :2, :2]
+    mean, spread, expected = prior.posterior(place, variance)
     rows = np.flatnonzero(expected < CERTAIN_PRIOR)
-    place = np.broadcast_to(np.eye(2, 5), (len(rows), 2, 5))
-    out = with_marginal(state, covariance, (rows, place), (before[0][rows], before[1][rows]), (mean[rows], spread[rows]))
+    out = with_places(state, covariance, rows, Places(place[rows], variance[rows]), Places(mean[rows], spread[rows]))
     return *out, np.log(np.where(expected < CERTAIN_PRIOR, expected, 1.0))

@@ -16,7 +16,7 @@ from tracker.detections.occlusion import Viewpoint
 from tracker.geometry import Array, Ints, Mask
 from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.sensor_model import SensorModel
-from tracker.tracks.tracks import with_marginal
+from tracker.tracks.tracks import Places, with_places
 
 COUNT, REACH = 9, 2.7
 """Grid points along each of two axes, and their extent in standard deviations."""
@@ -66,6 +66,5 @@ class ExpectedVisibility(NamedTuple):
             return state, covariance
         likelihood = np.where(seen[self.rows][:, None], 1.0, 1 - detection * self.grid_share).prod(axis=2)
         mean, spread, _ = self.grid.posterior(likelihood)
-        rows = self.rows[some]
-        place = np.broadcast_to(np.eye(2, 5), (len(rows), 2, 5))
-        return with_marginal(state, covariance, (rows, place), (self.grid.mean[some], self.grid.covariance[some]), (mean[some], spread[some]))
+        before, after = Places(self.grid.mean[some], self.grid.covariance[some]), Places(mean[some], spread[some])
+        return with_places(state, covariance, self.rows[some], before, after)

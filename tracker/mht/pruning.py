@@ -11,8 +11,8 @@ from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 from tracker.mht.branching_data import ChildHypotheses
 from tracker.mht.global_hypothesis import GlobalHypothesis
-from tracker.mht.parameters import MhtParameters
 from tracker.mht.track_trees import TrackHypotheses, weights
+from tracker.tracks.parameters import MhtParameters
 
 
 def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesis, ticks: tuple[int, int], parameters: MhtParameters) -> Mask:
@@ -34,7 +34,7 @@ def surviving_leaves(leaves: TrackHypotheses, box: Ints, chosen: GlobalHypothesi
     # Leaves that are dropped already take no place of their tree.
     keep &= k_best_per_tree(tree, box, leaves.state, np.where(keep, loss, np.inf), most)
     keep &= (loss < q.max_loss) | ~leaves.confirmed
-    if q.small_graphs:
+    if q.k_h > 1:
         keep &= chosen.hypotheses.any(axis=0) | ~leaves.confirmed
     if keep.sum() > q.max_leaves:
         best = np.argsort(np.where(keep, loss, np.inf), kind="stable")[: q.max_leaves]

@@ -3,7 +3,7 @@
 Read `tracks.py` first.
 """
 
-from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.tracks import MotionParameters, Tracks
 
-__all__ = ["MotionParameters", "TrackParameters", "Tracks"]
+__all__ = ["MhtParameters", "MotionParameters", "Tracks"]

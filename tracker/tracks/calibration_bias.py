@@ -22,9 +22,9 @@ class RegistrationBiasParameters:
     """Standard deviations of the priors."""
 
     sigma: float = 0.3  # m, of a view's bias; 0 switches the estimation off
-    first: float = 0.3  # m, of the first view's bias; a small value reports places as that view sees them
-    slope: float = 0.0  # m a metre, of the slope of a bias over the ground, for fixed cameras
-    slope_first: float = 0.0  # m a metre, of the slope of the first view
+    first: float = 0.05  # m, of the first view's bias; a small value reports places as that view sees them
+    slope: float = 0.03  # m a metre, of the slope of a bias over the ground, for fixed cameras
+    slope_first: float = 0.005  # m a metre, of the slope of the first view
     correlation: float = 30.0  # innovations that count as one independent measurement, as they are correlated over time
 
 

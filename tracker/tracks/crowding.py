@@ -7,39 +7,29 @@ Among people at random places of density λ, the mean distance to the nearest on
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tracker.geometry import Array
 
-
-@dataclass(frozen=True)
-class CrowdingParameters:
-    """least: tracks from which on distances tell anything. memory: s of the average.
-
-    separation: share of the distance of neighbours within which two tracks may be one person.
-    usual_density: people a square metre up to which the rate of new people stays as it is; above, it grows in proportion.
-    """
-
-    least: int = 4
-    memory: float = 3.0
-    separation: float = 0.8
-    usual_density: float = 0.15
+LEAST, MEMORY = 4, 3.0
+"""Tracks from which on distances tell anything, and s of the average."""
+SEPARATION = 0.8
+"""Share of the distance of neighbours within which two tracks may be one person."""
+USUAL_DENSITY = 0.15
+"""People a square metre up to which the rate of new people stays as it is; above, it grows in proportion."""
 
 
 class Crowding:
     """The average distance of neighbours, m, and what follows from it."""
 
-    def __init__(self, parameters: CrowdingParameters, period: float) -> None:
+    def __init__(self, period: float) -> None:
         """period: s of a tick."""
-        self.parameters = parameters
-        self._share = 1 - np.exp(-period / parameters.memory)
+        self._share = 1 - np.exp(-period / MEMORY)
         self.distance = np.inf
 
     def learn(self, places: Array) -> None:
         """Take the places (n, 2) m of the tracked people of a tick."""
-        if len(places) < self.parameters.least:
+        if len(places) < LEAST:
             return
         apart = np.linalg.norm(places[:, None] - places, axis=2)
         np.fill_diagonal(apart, np.inf)
@@ -48,10 +38,10 @@ class Crowding:
 
     def merge_distance(self, most: float) -> float:
         """m: distance within which two tracks may be one person, at most `most`."""
-        return min(most, self.parameters.separation * self.distance)
+        return min(most, SEPARATION * self.distance)
 
     @property
     def arrivals(self) -> float:
         """Factor of the rate of new people."""
         density = 1 / (4 * self.distance**2) if self.distance > 0 else np.inf
-        return float(np.clip(density / self.parameters.usual_density, 1.0, 100.0))
+        return float(np.clip(density / USUAL_DENSITY, 1.0, 100.0))

@@ -137,20 +137,20 @@ class DetectionRates:
             now = np.bincount(level, found[rows], n), np.bincount(level, minlength=n).astype(np.float64)
             self._covered[camera, by] = before[0] + now[0], before[1] + now[1]
 
-    def learn(self, camera: str, found: Array, expected: float, false: tuple[Array, Array]) -> None:
+    def learn(self, camera: str, found: Array, expected: float, false: Array, weight: Array) -> None:
         """Count a tick.
 
-        found (n,): confidences of the boxes of confirmed people; expected: number of these people in full view. false: confidences and weights of the
-        other boxes; a weight is the probability of a false box.
+        found (n,): confidences of the boxes of confirmed people; expected: number of these people in full view. false (m,): confidences of the other
+        boxes, which are false with probability `weight` (m,).
         """
         c, n = self._of(camera), len(LEVELS) + 1
         fade, q = np.exp(-1 / self.parameters.memory), self.parameters
         c.found = fade * c.found + np.bincount(np.searchsorted(LEVELS, found, side="right"), minlength=n)
         c.expected = fade * c.expected + expected
-        c.false = fade * c.false + np.bincount(np.searchsorted(LEVELS, false[0], side="right"), weights=false[1], minlength=n)
+        c.false = fade * c.false + np.bincount(np.searchsorted(LEVELS, false, side="right"), weights=weight, minlength=n)
         c.ticks, c.steps = fade * c.ticks + 1.0, c.steps + 1
         # Floors keep all log ratios finite.
         c.false = np.maximum(c.false, 0.02 * q.false * self.ground_area * c.ticks / n)
         c.found = np.maximum(c.found, 0.002 * c.expected)
         if q.learned:
-            self._calibrated(camera).learn(found, *false)
+            self._calibrated(camera).learn(found, false, weight)

@@ -1,4 +1,4 @@
-"""Parameters of sensors, motion, gates, and the life of tracks."""
+"""Parameters of the tracker of people: sensors, motion, gates, the life of tracks, and track trees."""
 
 from __future__ import annotations
 
@@ -6,28 +6,31 @@ from dataclasses import dataclass, field
 
 from tracker.detections.ground_points import FusionParameters
 from tracker.tracks.calibration_bias import RegistrationBiasParameters
-from tracker.tracks.crowding import CrowdingParameters
 from tracker.tracks.detection_rates import DetectionRateParameters
+from tracker.tracks.measurement_noise import MeasurementNoiseParameters
 from tracker.tracks.reidentification import ReidentificationParameters
 from tracker.tracks.standing_clutter import StandingClutterParameters
 from tracker.tracks.tracks import MotionParameters
 
 
 @dataclass(frozen=True)
-class TrackParameters:
+class MhtParameters:
     """Names are those of Yoo et al. 2017 where it has one. Times are in seconds, so that they hold at any frame rate."""
 
     fusion: FusionParameters = field(default_factory=FusionParameters)
     motion: MotionParameters = field(default_factory=MotionParameters)
     detection_rates: DetectionRateParameters = field(default_factory=DetectionRateParameters)
     reidentification: ReidentificationParameters = field(default_factory=ReidentificationParameters)
-    crowding: CrowdingParameters = field(default_factory=CrowdingParameters)
     standing_clutter: StandingClutterParameters = field(default_factory=StandingClutterParameters)
+    registration_bias: RegistrationBiasParameters = field(default_factory=RegistrationBiasParameters)
+    noise: MeasurementNoiseParameters = field(default_factory=MeasurementNoiseParameters)
     usable: tuple[float, float] = (0.6, 0.15)  # probability of a person, as given and as learned, below which a box is ignored
     initiation: tuple[float, float] = (0.8, 0.5)  # the same, below which a box initiates no track
     arrival_rate: float = 2e-4  # new people, a square metre and tick
     initial_density: float = 2e-2  # people in the first tick, a square metre
+    clutter: float = 1.0  # least density of false boxes of a view, a steradian
     max_gain: float = 6.0  # greatest log-likelihood ratio of one box
+    min_ratio: float = 2.0  # least log-likelihood ratio of a box that a leaf takes
     merge_step: float = 2.0  # greatest log-likelihood ratio for one person of a tick in which each view sees at most one of two tracks
     split_share: float = 0.8  # share of the ratio of a second box in one view that counts against one person
     merge_score: float = 10.0  # log-likelihood ratio above which two tracks are one person
@@ -44,5 +47,22 @@ class TrackParameters:
     joint_misses: float = 2.0  # missed detections for which a miss in all views at once counts at most, as its cause is common
     covering_share: float = 0.3  # probability that a person without a box stands before another one's box, whose corners then are theirs
     max_outside: float = 3 / 7  # s outside all views after which a person is gone
-    learn_partly_visible: bool = False  # whether detection rates of partly visible people are learned (detections/occlusion.py)
-    registration_bias: RegistrationBiasParameters = field(default_factory=RegistrationBiasParameters)
+    report_sigma: float = 1.0  # m, standard deviation of a place from which a coasting person is reported no more
+    n_scan: float = 10 / 7  # s, age at which N-scan pruning fixes a decision
+    margin: float = 15.0  # log-likelihood by which a child may be worse than the best child of its leaf
+    uncontested_margin: float = 4.0  # the same where no other tree gates the boxes of the best child
+    beam_width: int = 8  # partial children of a leaf that go on to the next view
+    max_children: int = 3  # children of a leaf, beside those that leave contested boxes to other trees
+    tree_leaves: int = 8  # leaves of a tree, at most
+    tentative_leaves: int = 4  # the same for a tentative track
+    max_loss: float = 30.0  # log-likelihood by which the best hypothesis with a leaf may be worse than the global hypothesis
+    patience: int = 4  # ticks for which a tentative track may be outside the global hypothesis
+    max_leaves: int = 160  # leaves in all; each has several children, and every two of them are compared
+    max_weight: float = 60.0  # largest score from before the N-scan window that counts in a weight
+    appearance_weight: float = 0.7  # of the log-likelihood ratio of the appearance model, where there are images
+    appearance_rate: float = 0.1  # learning rate of a track's appearance
+    supported: float = 0.5  # probability that a box that nobody takes is false, where a box of another view may be of the same person
+    k_h: int = 1  # K_H, hypotheses that are kept; above 1, the children of each form a graph of their own
+    i_bls_max: int = 2000  # moves of the local search, at most
+    branches: int = 20  # of branch and bound in one component of the graph, at most; they bound the time of a tick
+    seed: int = 0  # of the local search

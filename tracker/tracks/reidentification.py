@@ -26,8 +26,15 @@ MAX_STATURE_RATIO = 4.0
 """Greatest log-likelihood ratio of statures, by absolute value."""
 
 
-Appearance = tuple[Array, Array]
-"""Mean appearance (C, d) of a track in each camera, and the number (C,) of boxes of which it is the mean."""
+class Appearance(NamedTuple):
+    """Mean appearance (C, d) of a track in each camera, and the number `boxes` (C,) of which it is the mean; of t tracks (t, C, d) and (t, C)."""
+
+    mean: Array
+    boxes: Array
+
+    def of(self, row: int) -> Appearance:
+        """That of one of several tracks."""
+        return Appearance(self.mean[row], self.boxes[row])
 
 
 @dataclass(frozen=True)
@@ -75,11 +82,11 @@ class Reidentification:
         self._seen: dict[int, _LastDetection] = {}
         self._tick = 0
 
-    def step(self, tracks: Tracks, confirmed: Mask, fresh: Mask, left: set[int], looks: tuple[Array, Array]) -> set[int]:
+    def step(self, tracks: Tracks, confirmed: Mask, fresh: Mask, left: set[int], looks: Appearance) -> set[int]:
         """Take a tick; the trees that are re-identified as another one and should be deleted.
 
         confirmed (t,): the confirmed tracks; fresh (t,): those confirmed at this tick; left: trees of people outside all views, which are never
-        re-identified. looks: appearance (t, C, d) of the tracks, and the number (t, C) of boxes of which it is the mean.
+        re-identified. looks: appearance of the tracks.
         """
         self._tick += 1
         for tree in left:
@@ -98,17 +105,17 @@ class Reidentification:
                 del self._seen[lost[j]]
                 ended.add(lost[j])
         for k in np.flatnonzero(confirmed & (tracks.misses == 0)):
-            self._seen[int(tracks.tree[k])] = _LastDetection(self._tick, tracks.state[k], tracks.covariance[k], (looks[0][k], looks[1][k]))
+            self._seen[int(tracks.tree[k])] = _LastDetection(self._tick, tracks.state[k], tracks.covariance[k], looks.of(int(k)))
         return ended
 
-    def _ratio(self, last: _LastDetection, tracks: Tracks, row: int, looks: tuple[Array, Array]) -> float:
+    def _ratio(self, last: _LastDetection, tracks: Tracks, row: int, looks: Appearance) -> float:
         """log-likelihood ratio of the track in `row` being the lost one, against a new person."""
         q, gap = self.parameters, (self._tick - last.tick) * self.period
         F = np.hstack([np.eye(2), coasting_time(gap, self.motion) * np.eye(2), np.zeros((2, 1))])
         S = F @ last.covariance @ F.T + tracks.covariance[row, :2, :2] + q.diffusion * gap * np.eye(2)
         r = tracks.state[row, :2] - F @ last.state
         density = -0.5 * (r @ np.linalg.solve(S, r) + np.log((2 * np.pi) ** 2 * np.linalg.det(S)))
-        alike = self.same_person(last.appearance, (looks[0][row], looks[1][row]))
+        alike = self.same_person(last.appearance, looks.of(row))
         return float(density + alike + self._stature_ratio(last, tracks, row) + np.log(q.return_rate / self.new_targets.arrival_rate))
 
     def _stature_ratio(self, last: _LastDetection, tracks: Tracks, row: int) -> float:

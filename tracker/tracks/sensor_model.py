@@ -6,6 +6,7 @@ Its parts are estimated while tracking: detection_rates.py and calibration_bias.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -16,15 +17,35 @@ from tracker.detections.occlusion import Bodies, Viewpoint
 from tracker.geometry import Array, Ints, Mask
 from tracker.tracks.calibration_bias import RegistrationBias
 from tracker.tracks.detection_rates import COVER_BOUNDS, DetectionRates
-from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.standing_clutter import StandingClutter
+from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
+
+
+class TickOutcome(NamedTuple):
+    """What a tick tells of the sensors: the V views, and for t people of the global hypothesis what the views showed of them.
+
+    doubt: factor (d,), for the boxes of each view, of the probability that a box that nobody takes is false.
+    box (t, V): the box of each track in each view, −1 for none. expected (t, V): relative detection rates. cover (t, V, 2): shares covered by
+    objects and by people. confirmed (t,); existence (t,): existence score; place (t, 2) m with covariance spread (t, 2, 2) m².
+    """
+
+    views: list[GroundDetections]
+    doubt: list[Array]
+    box: Ints
+    expected: Array
+    cover: Array
+    confirmed: Mask
+    existence: Array
+    place: Array
+    spread: Array
 
 
 class SensorModel:
     """The estimated rates and biases of all views."""
 
-    def __init__(self, setup: Setup, parameters: TrackParameters) -> None:
+    def __init__(self, setup: Setup, parameters: MhtParameters) -> None:
         self.setup, self.parameters = setup, parameters
         area = setup.area
         ground_area = float(np.prod(area[1] - area[0])) if area is not None else np.pi * parameters.detection_rates.watched**2
@@ -38,7 +59,7 @@ class SensorModel:
 
     def bodies(self, place: Array, tree: Ints, front: Ints) -> Bodies:
         """People at places (n, 2) m, of trees (n,); those in the rows `front` (m,) may occlude others."""
-        return Bodies(place, tree, front, self.setup, self.detection_rates.relative_detection if self.parameters.learn_partly_visible else None)
+        return Bodies(place, tree, front, self.setup, self.detection_rates.relative_detection)
 
     def observe(self, views: list[GroundDetections]) -> None:
         """Take the boxes of a tick, among which confidences are ranked."""
@@ -87,45 +108,38 @@ class SensorModel:
         point[:, :2] -= self.registration_bias.at(feet.camera, point[:, :2])
         return replace(feet, point=point)
 
-    def learn(
-        self, seen: tuple[list[GroundDetections], list[Array]], box: Ints, expected: Array, people: tuple[Mask, Array, Array, Array],
-        cover: Array | None = None,
-    ) -> None:  # fmt: skip
-        """Count the detections and missed detections of confirmed people in each view, and its other boxes.
-
-        box (t, v): the box of each track in each view, −1 for none; expected (t, v): relative detection rates. people: which tracks (t,) are
-        confirmed, the existence score (t,) of each, and their places (t, 2) m with covariances (t, 2, 2) m².
-        cover (t, v, 2): shares covered by objects and by people, None where that is not learned.
-        """
-        q, (confirmed, score, places, spread) = self.parameters, people
-        several = confirmed & ((box >= 0).sum(axis=1) > 1)
-        inside_area = self.setup.contains(places)
-        for v, (feet, doubt) in enumerate(zip(*seen, strict=True)):
-            visible = confirmed & (expected[:, v] > 0.5)
-            if cover is not None:
-                self.detection_rates.learn_partly_visible(feet.camera, cover[confirmed, v], box[confirmed, v] >= 0)
-                visible &= cover[:, v].max(axis=1, initial=0.0) < COVER_BOUNDS[0]
-            weight = doubt.copy()
-            mine = box[:, v] >= 0
-            weight[box[mine, v]] = 1 / (1 + np.exp(np.clip(score[mine], -20, 20)))
-            weight[box[confirmed & mine, v]] = 0
+    def learn(self, now: TickOutcome) -> None:
+        """Count the detections and missed detections of confirmed people in each view, and its other boxes."""
+        several = now.confirmed & ((now.box >= 0).sum(axis=1) > 1)
+        for v, feet in enumerate(now.views):
+            confirmed, mine = now.confirmed, now.box[:, v] >= 0
+            self.detection_rates.learn_partly_visible(feet.camera, now.cover[confirmed, v], mine[confirmed])
+            false = now.doubt[v].copy()
+            false[now.box[mine, v]] = 1 / (1 + np.exp(np.clip(now.existence[mine], -20, 20)))
+            false[now.box[confirmed & mine, v]] = 0
             # With one view, boxes that nobody takes are often of people whose tracks start late.
-            if len(seen[0]) > 1:
-                self.standing_clutter.learn(feet, weight, places[several])
-            place = feet.point[:, :2]
-            watched = np.linalg.norm(place - feet.origin[:2], axis=1) < q.detection_rates.watched
-            inside = watched if self.setup.area is None else self.setup.contains(place)
-            low, high = self.setup.height
-            # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
-            other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high)
-            # Learned confidences: no false box is counted outside the area, where tracks of false boxes would confirm themselves.
-            known = visible & (inside_area | (not self.detection_rates.parameters.learned))
-            found, others = box[known & mine, v], np.flatnonzero(other)
-            if self.detection_rates.parameters.learned:
-                free, without = np.setdiff1d(np.flatnonzero(feet.grounded), box[mine, v]), known & ~mine
-                found = np.concatenate([found, self._not_taken(feet, free, places[without], spread[without])])
-                others = np.setdiff1d(others, found)
-            self.detection_rates.learn(feet.camera, feet.confidence[found], float(known.sum()), (feet.confidence[others], weight[others]))
+            if len(now.views) > 1:
+                self.standing_clutter.learn(feet, false, now.place[several])
+            self._learn_rates(now, v, false)
+
+    def _learn_rates(self, now: TickOutcome, v: int, false: Array) -> None:
+        """Count the people in full view of view v, and its other boxes; false (d,): probability of each box to be false."""
+        feet, q, learned = now.views[v], self.parameters, self.detection_rates.parameters.learned
+        visible = now.confirmed & (now.expected[:, v] > 0.5) & (now.cover[:, v].max(axis=1, initial=0.0) < COVER_BOUNDS[0])
+        place = feet.point[:, :2]
+        watched = np.linalg.norm(place - feet.origin[:2], axis=1) < q.detection_rates.watched
+        inside = watched if self.setup.area is None else self.setup.contains(place)
+        low, high = self.setup.height
+        # A box that may start nobody is often of a person whose feet are hidden, and no evidence of false boxes.
+        other = inside & may_initiate(feet, q.fusion) & (feet.height > low) & (feet.height < high)
+        # Learned confidences: no false box is counted outside the area, where tracks of false boxes would confirm themselves.
+        known, mine = visible & (self.setup.contains(now.place) | (not learned)), now.box[:, v] >= 0
+        found, others = now.box[known & mine, v], np.flatnonzero(other)
+        if learned:
+            free, without = np.setdiff1d(np.flatnonzero(feet.grounded), now.box[mine, v]), known & ~mine
+            found = np.concatenate([found, self._not_taken(feet, free, now.place[without], now.spread[without])])
+            others = np.setdiff1d(others, found)
+        self.detection_rates.learn(feet.camera, feet.confidence[found], float(known.sum()), feet.confidence[others], false[others])
 
     def _not_taken(self, feet: GroundDetections, free: Ints, place: Array, spread: Array) -> Ints:
         """Those of the boxes `free` that are likely of people at places (k, 2) m, covariance (k, 2, 2) m², who have taken none: at most one each.
@@ -145,19 +159,18 @@ class SensorModel:
         return float(q.arrival_rate * crowding + q.initial_density * np.exp(-(ticks - 1) * self.setup.period / 0.3))
 
     def initiation_score(
-        self, seen: list[tuple[GroundDetections, Viewpoint]], groups: list[CrossViewGroup], others: tuple[Array, Ints], rate: float
+        self, views: list[GroundDetections], cameras: list[Viewpoint], groups: list[CrossViewGroup], others: Tracks, rate: float
     ) -> Array:
         """log-likelihood ratio (g,) of a new person over false boxes, for each group of boxes.
 
-        seen: detections and viewpoint of each view. others: places (t, 2) m and trees (t,) of the tracks, which may occlude the new people.
-        rate: of new people, as `arrival_rate`.
+        cameras: viewpoint of each view. others: the tracks, which may occlude the new people. rate: of new people, as `arrival_rate`.
         """
-        q, (place, tree) = self.parameters, others
+        q, place, tree = self.parameters, others.state[:, :2], others.tree
         points = np.array([g.point for g in groups]).reshape(-1, 2)
         score, no_tree = np.full(len(groups), np.log(rate)), np.full(len(groups), -1, dtype=np.int64)
         front = np.arange(len(groups), len(groups) + len(place))
         bodies = self.bodies(np.concatenate([points, place]), np.concatenate([no_tree, tree]), front)
-        for v, (feet, view) in enumerate(seen):
+        for v, (feet, view) in enumerate(zip(views, cameras, strict=True)):
             member = np.array([dict(g.members).get(v, -1) for g in groups], dtype=np.int64)
             expected = bodies.expected_detection(view, q.fusion.reach, np.arange(len(groups)))
             miss = self.missed(feet.camera, expected)

@@ -7,6 +7,7 @@ nothing is changed in place.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ class MotionParameters:
 
     acceleration: float = 0.8  # m/s², square root of the growth of the velocity's variance a second
     start_speed: float = 1.0  # m/s, standard deviation of an unknown velocity, an axis
-    foot_spread: float = 0.25  # m, standard deviation of the feet from the ground under the body
+    foot_spread: float = 0.2  # m, standard deviation of the feet from the ground under the body
     v_max: float = 3.0  # m/s, a faster track is deleted: it consists of false boxes or of several people's
     stature_drift: float = 0.005  # m/√s, random walk of the apparent stature
     fade_after: float = 0.4  # s without a box after which the velocity of a coasting track decays
@@ -77,17 +78,21 @@ def coasting_time(gap: float, motion: MotionParameters) -> float:
     return motion.fade_time * (1 - float(np.exp(-gap / motion.fade_time)))
 
 
-def with_marginal(
-    state: Array, covariance: Array, of: tuple[Ints, Array], before: tuple[Array, Array], after: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """States (n, 5) and covariances (n, 5, 5) with new marginals.
+class Places(NamedTuple):
+    """Normal distributions of r places: mean (r, 2) m and covariance (r, 2, 2) m²."""
 
-    of: rows (r,) and A (r, k, 5). A times the states of these rows has mean (r, k) and covariance (r, k, k) `after`, not `before`.
-    The other components change by their regression on these, as in a smoother.
+    mean: Array
+    covariance: Array
+
+
+def with_places(state: Array, covariance: Array, rows: Ints, before: Places, after: Places) -> tuple[Array, Array]:
+    """States (n, 5) and covariances (n, 5, 5); the places in `rows` (r,) are distributed as `after`, not as `before`.
+
+    The other components change by their regression on the places, as in a smoother.
     """
-    (rows, A), state, covariance = of, state.copy(), covariance.copy()
+    state, covariance = state.copy(), covariance.copy()
     P = covariance[rows]
-    G = np.linalg.solve(before[1], A @ P).transpose(0, 2, 1)
-    state[rows] += (G @ (after[0] - before[0])[:, :, None])[:, :, 0]
-    covariance[rows] = P + G @ (after[1] - before[1]) @ G.transpose(0, 2, 1)
+    G = np.linalg.solve(before.covariance, P[:, :2]).transpose(0, 2, 1)
+    state[rows] += (G @ (after.mean - before.mean)[:, :, None])[:, :, 0]
+    covariance[rows] = P + G @ (after.covariance - before.covariance) @ G.transpose(0, 2, 1)
     return state, covariance

@@ -14,9 +14,8 @@ from tracker.detections.silhouettes import SilhouetteParameters
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, Tracker, track
-from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.parameters import MhtParameters
 from tracker.types import Tick
 
 IMAGES = ImageParameters(silhouettes=SilhouetteParameters(), appearance=True)
@@ -85,7 +84,7 @@ def test_estimates_depend_on_past_images_alone() -> None:
 def test_a_moving_robot_has_no_silhouettes() -> None:
     where = Street()
     start = replace(where.setup.starts[NAME], covariance=1e-4 * np.eye(6))
-    front_end = FrontEnd(replace(where.setup, starts={NAME: start}), TrackParameters().fusion, IMAGES)
+    front_end = FrontEnd(replace(where.setup, starts={NAME: start}), MhtParameters().fusion, IMAGES)
     assert set(front_end.setup.mounts) == {NAME}
 
 

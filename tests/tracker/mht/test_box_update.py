@@ -14,8 +14,8 @@ from tracker.geometry import Array
 from tracker.geometry.ground import Flat, Grid, Ground
 from tracker.mht.box_update import head_of, log_likelihood, predict_measurement, update_child
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
-from tracker.mht.parameters import MhtParameters
 from tracker.mht.track_trees import initiated
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.sensor_model import SensorModel
 from tracker.tracks.tracks import MotionParameters
 
@@ -56,14 +56,14 @@ def test_derivatives_match_differences(ground: Ground) -> None:
     parents, here = parents_of(x, ground, 2), np.empty(21)
     predict_measurement(x, 0, parents, boxes.origin[0], here)
     for d in range(2):
-        _, H, _, _ = head_of(here, x, COVARIANCE, 0, d, boxes)
+        H = head_of(here, x, COVARIANCE, 0, d, boxes).H
         for axis, column in enumerate((0, 1, 4)):
             above, directions = [], []
             for side in (-1, 1):
                 moved, there = x.copy(), np.empty(21)
                 moved[column] += side * step
                 predict_measurement(moved, 0, parents, boxes.origin[0], there)
-                above.append(head_of(there, moved, COVARIANCE, 0, d, boxes)[0])
+                above.append(head_of(there, moved, COVARIANCE, 0, d, boxes).above)
                 directions.append(there[:3].copy())
             assert -H[axis] == pytest.approx((above[1] - above[0]) / (2 * step), abs=1e-5)
             if axis < 2:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tracker.mht.conflicts import ConflictRows, Conflicts, conflicts_of
+from tracker.mht.conflicts import ConflictRows, Conflicts, MergeLimits, conflicts_of
 
-LIMITS = 1.0, 2.0, 0.8
+LIMITS = MergeLimits(1.0, 2.0, 0.8)
 
 
 def test_children_share_trees_and_boxes_and_inherit_conflicts() -> None:

@@ -18,10 +18,10 @@ from tracker.datasets.opening import open_sequence
 from tracker.datasets.source_options import SourceOptions
 from tracker.geometry import Array, angles_from_bearing
 from tracker.metrics.evaluation import evaluate
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results
 from tracker.tracks.detection_rates import DetectionRateParameters
+from tracker.tracks.parameters import MhtParameters
 from tracker.types import Detections, Estimate, Setup, Tick, TicksInMemory
 
 FRAMES = 400

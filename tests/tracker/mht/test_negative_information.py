@@ -16,12 +16,12 @@ from tracker.geometry.ground import Grid
 from tracker.mht.negative_information import ExpectedVisibility
 from tracker.mht.track_trees import TrackHypotheses, initiated
 from tracker.pipeline import Parameters, Tracker
-from tracker.tracks.parameters import TrackParameters
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.sensor_model import SensorModel
 from tracker.tracks.tracks import MotionParameters
 from tracker.types import Setup
 
-PARAMETERS = TrackParameters(fusion=FusionParameters(reach=60.0), sampling_sigma=0.3)
+PARAMETERS = MhtParameters(fusion=FusionParameters(reach=60.0), sampling_sigma=0.3)
 DETECTION = np.array([0.9])
 
 
@@ -52,7 +52,8 @@ def test_posteriors_match_samples() -> None:
     found, views = visibility(setup, leaves)
     state, covariance = found.given_misses(leaves.state, leaves.covariance, np.zeros((1, 1), dtype=bool), DETECTION)
     place = np.random.default_rng(0).multivariate_normal(leaves.state[0, :2], leaves.covariance[0, :2, :2], 50_000)
-    share = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup).expected_detection(views[0], PARAMETERS.fusion.reach)
+    bodies = Bodies(place, np.ones(len(place), dtype=np.int64), np.arange(0), setup, lambda camera, cover: np.ones(len(cover)))
+    share = bodies.expected_detection(views[0], PARAMETERS.fusion.reach)
     weight = 1 - DETECTION * share
     expected: Array = weight @ place / weight.sum()
     assert found.share[0, 0] == pytest.approx(share.mean(), abs=0.05)

@@ -10,16 +10,17 @@ import pytest
 from tests.tracker.detections.test_range_likelihood import NOISE, PARAMETERS, box, grid
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
+from tracker.detections.occlusion import Bodies
 from tracker.detections.range_likelihood import RangePrior
 from tracker.geometry import Array, Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid
 from tracker.mht.box_update import update_child
-from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, ParentHypotheses, empty_children
+from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, Observation, ParentHypotheses, empty_children
 from tracker.mht.initiation import with_statures
-from tracker.mht.parameters import MhtParameters
 from tracker.mht.range_update import correct_range, range_log_density
 from tracker.mht.track_trees import TrackHypotheses, initiated
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.sensor_model import SensorModel
 from tracker.tracks.tracks import MotionParameters
 from tracker.types import Detections, Mount, Setup, Start
@@ -204,7 +205,9 @@ def root(feet: GroundDetections) -> TrackHypotheses:
     """A root from the ambiguous box 0 alone, of nearly known velocity."""
     people, group = (PARAMETERS.stature, PARAMETERS.stature_sigma), CrossViewGroup(((0, 0),), feet.point[0, :2], feet.spread[0])
     new = initiated(1, [group], MotionParameters(start_speed=0.01), people, (1, 0, 0))
-    with_statures(new, [group], [feet], (table_of(feet), LIMITS, Flat()))
+    nobody, none = np.arange(0), np.zeros((1, 1))
+    bodies = Bodies(new.state[:, :2], new.tree, nobody, setup_of(grid(LEVEL), 1.5), lambda camera, cover: np.ones(len(cover)))
+    with_statures(new, [group], Observation([feet], [], table_of(feet), LIMITS, new, nobody, bodies, none, none), Flat())
     return new
 
 

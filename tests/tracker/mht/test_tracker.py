@@ -14,9 +14,9 @@ from tracker.detections.cross_view import CrossViewGroup
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame
-from tracker.mht.parameters import MhtParameters
 from tracker.mht.track_trees import initiated, weights
 from tracker.pipeline import Parameters, Tracker, track
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.tracks import MotionParameters
 from tracker.types import Setup, Tick
 
@@ -41,7 +41,7 @@ def test_people_are_tracked_on_hills(delay: int) -> None:
 def test_one_graph_for_each_hypothesis() -> None:
     rng = np.random.default_rng(1)
     setup, walked = synthetic_crowd.setup(), synthetic_crowd.paths(6, 40, rng)
-    small = Parameters(targets=MhtParameters(small_graphs=True, k_h=5, i_bls_max=500))
+    small = Parameters(targets=MhtParameters(k_h=5, i_bls_max=500))
     assert scored(setup, walked, synthetic_crowd.ticks(setup, walked, rng), small).mota > 0.85
 
 

@@ -11,9 +11,9 @@ from tracker.datasets import synthetic_crowd
 from tracker.geometry import Array, tangent_basis
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
 from tracker.tracks.measurement_noise import MeasurementNoise, MeasurementNoiseParameters
+from tracker.tracks.parameters import MhtParameters
 from tracker.types import Setup, Tick
 
 BOX, PERSON = np.diag([1e-4, 4e-4]), np.diag([2e-4, 1e-4])

@@ -24,12 +24,12 @@ def tracks(*people: Person) -> Tracks:
 
 def compared(a: Appearance, b: Appearance) -> float:
     """Unlike vectors speak against one person."""
-    return 12.0 * float(a[0].ravel() @ b[0].ravel()) - 12.0
+    return 12.0 * float(a.mean.ravel() @ b.mean.ravel()) - 12.0
 
 
 def looks(count: int, axis: int = 0) -> Appearance:
     """The same unit vector of 2 numbers for `count` tracks, in one camera."""
-    return np.tile(np.eye(2)[axis], (count, 1, 1)), np.ones((count, 1))
+    return Appearance(np.tile(np.eye(2)[axis], (count, 1, 1)), np.ones((count, 1)))
 
 
 def nobody_lost() -> Reidentification:

@@ -10,10 +10,10 @@ from tracker.geometry import Array
 from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Pinhole
 from tracker.metrics.evaluation import evaluate
-from tracker.mht.parameters import MhtParameters
 from tracker.pipeline import Parameters, track
 from tracker.recordings import Recording, RecordingCamera
 from tracker.sequence.results import Results
+from tracker.tracks.parameters import MhtParameters
 from tracker.tracks.standing_clutter import StandingClutter, StandingClutterParameters
 
 COAT_STAND = np.array([1.0, 1.0, 0.0])
