@@ -24,8 +24,7 @@ from tracker.slam.filter import Slam
 from tracker.slam.image_features import ImageFeatures
 from tracker.slam.parameters import SlamParameters
 from tracker.tracks.parameters import MhtParameters
-from tracker.tracks.track_ids import TrackIds
-from tracker.tracks.tracks import Tracks
+from tracker.tracks.tracks import TrackIds, Tracks
 from tracker.types import Estimate, Setup, Tick
 
 

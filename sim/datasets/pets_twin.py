@@ -25,9 +25,9 @@ from sim.simulation.simulation import Simulation
 from tracker.datasets.pets2009 import PETS_RATE
 from tracker.formats.pets2009 import Annotations, ground_truth, read_annotations, read_camera
 from tracker.geometry import Array, Ints, Pose
-from tracker.geometry.box_overlaps import box_overlaps as overlaps
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Flat
+from tracker.geometry.image_boxes import box_overlaps as overlaps
 from tracker.io.resume import checksum
 from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes

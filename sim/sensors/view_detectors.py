@@ -17,8 +17,8 @@ from tracker.detector_models.bodies import BODY, LEAST_IN_IMAGE, TrueBodies, out
 from tracker.detector_models.model import DetectorModel, model_of
 from tracker.detector_models.sampler import Place, ViewSampler
 from tracker.geometry import Array, Ints
-from tracker.geometry.body_outlines import body_outlines
 from tracker.geometry.cameras import Camera
+from tracker.geometry.image_boxes import body_outlines
 from tracker.types import Detections, Mount, ViewTruth
 
 BORDER = 1.0

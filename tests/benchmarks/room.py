@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tracker.geometry import Array
-from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Pinhole
+from tracker.geometry.image_boxes import body_boxes
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.degradation import BoxNoise, noisy_boxes
 

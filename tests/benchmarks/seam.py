@@ -19,8 +19,8 @@ from sim.training.evaluation import HEIGHTS, SEEN
 from sim.training.scene_rendering import PANORAMAS, ImageSet, SceneTask, run_scene
 from sim.training.training import TrainingPlan
 from tracker.geometry import Array, Image
-from tracker.geometry.box_overlaps import box_overlaps
 from tracker.geometry.cameras import Panorama
+from tracker.geometry.image_boxes import box_overlaps
 from tracker.io.progress import progress_bar
 from tracker.metrics.box_detection import IOU
 from tracker.person_detector.detector import CameraPlace, PersonDetector

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks.room import CAMERA_HEIGHT, FALSE_BOXES, NOISE, RADIUS, RATE, SIZE, SPACING, hidden_share, room
-from tracker.geometry.body_outlines import body_boxes
+from tracker.geometry.image_boxes import body_boxes
 from tracker.recordings import Recording
 
 FRAMES = 60

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.geometry import Array, Ints, Pose, set_array, set_ints
-from tracker.geometry.body_outlines import body_outlines, clipped
 from tracker.geometry.cameras import Camera
+from tracker.geometry.image_boxes import body_outlines, clipped
 
 BODY = (1.75, 0.5)
 """m: height and width of the upright cylinder that stands for a body whose place alone is known."""

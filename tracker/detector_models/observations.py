@@ -14,9 +14,8 @@ from tracker.detector_models.bodies import TrueBodies, bodies_in_view
 from tracker.detector_models.overlaps import MATCH, nearest_overlap
 from tracker.formats.pets2009 import ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
-from tracker.geometry.body_outlines import body_outlines, clipped
-from tracker.geometry.box_overlaps import box_overlaps
 from tracker.geometry.cameras import Camera
+from tracker.geometry.image_boxes import body_outlines, box_overlaps, clipped
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 
 INSIDE = 0.7

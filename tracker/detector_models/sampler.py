@@ -15,9 +15,8 @@ from tracker.detector_models.overlaps import MATCH, nearest_overlap
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, next_example, second_rates
 from tracker.detector_models.trends import trend_features
 from tracker.geometry import Array, Ints, Mask, Pose
-from tracker.geometry.body_outlines import body_outlines, clipped
-from tracker.geometry.box_overlaps import paired_overlaps
 from tracker.geometry.camera_protocol import Camera
+from tracker.geometry.image_boxes import body_outlines, clipped, paired_overlaps
 
 GRID = np.linspace(0.0, 1.0, KNOTS)
 """Probabilities of the quantiles of a model."""

@@ -14,8 +14,7 @@ from tracker.detector_models.observations import ViewFrame, ground_place, judged
 from tracker.detector_models.overlaps import nearest_overlap
 from tracker.detector_models.processes import Pairs, pairs_of
 from tracker.geometry import Array, Ints, Mask
-from tracker.geometry.body_outlines import clipped
-from tracker.geometry.box_overlaps import box_overlaps
+from tracker.geometry.image_boxes import box_overlaps, clipped
 from tracker.recordings import Recording
 
 SITE_BOXES, SITE_TIME = 5, 2.0

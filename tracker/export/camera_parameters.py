@@ -12,7 +12,7 @@ from tracker.export.recorded_sequence import RecordedSequence
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Cylinder, Fisheye, Panorama, PanoramicCamera, Pinhole, Tsai
 from tracker.geometry.cube_faces import FACES, Resampling, face_camera
-from tracker.geometry.lens_conversion import opencv_intrinsics
+from tracker.geometry.tsai import opencv_intrinsics
 
 OPTICAL = Pose(OPTICAL_FROM_CAMERA.T, np.zeros(3))
 """T_camera_optical: from the optical frame (x right, y down, z ahead) to the camera's (x forward, y left, z up)."""

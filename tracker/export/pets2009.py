@@ -14,7 +14,7 @@ from tracker.formats.pets2009 import TERRAIN, Annotations, Site, ground_truth, w
 from tracker.geometry import Array, Ints
 from tracker.geometry.cameras import Tsai
 from tracker.geometry.ground import Grid
-from tracker.geometry.lens_conversion import tsai_of
+from tracker.geometry.tsai import tsai_of
 
 MAX_FEET_ERROR = 0.05
 """m: the cropped annotation holds people whose feet, projected to the ground, are this close to the truth."""

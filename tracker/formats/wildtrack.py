@@ -17,7 +17,7 @@ import numpy as np
 
 from tracker.geometry import Array, Ints, Pose, set_array
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
-from tracker.geometry.lens_conversion import opencv_intrinsics
+from tracker.geometry.tsai import opencv_intrinsics
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 from tracker.io.xml_files import parse

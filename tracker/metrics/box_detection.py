@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array, Ints, Mask, set_array
-from tracker.geometry.box_overlaps import box_overlaps as box_overlaps
+from tracker.geometry.image_boxes import box_overlaps as box_overlaps
 
 IOU = 0.5
 """Least IoU of a box with the body that it shows."""

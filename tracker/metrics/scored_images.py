@@ -17,9 +17,9 @@ from tracker.detector_models.bodies import bodies_in_view
 from tracker.detector_models.observations import judged, true_people
 from tracker.formats.motchallenge import Mot15Rows, read_mot15
 from tracker.geometry import Array, Mask, Pose
-from tracker.geometry.body_outlines import clipped
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
+from tracker.geometry.image_boxes import clipped
 from tracker.io.json_files import read_json
 from tracker.metrics.box_detection import ImageBoxes
 from tracker.recordings import FrameBoxes, Recording

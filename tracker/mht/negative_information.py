@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracker.detections.gaussian_grid import GaussianGrid
 from tracker.detections.occlusion import Viewpoint
+from tracker.detections.walkable_prior import GaussianGrid
 from tracker.geometry import Array, Ints, Mask
 from tracker.mht.track_trees import TrackHypotheses
 from tracker.tracks.sensor_model import SensorModel

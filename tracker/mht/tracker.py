@@ -32,13 +32,12 @@ from tracker.mht.appearance_model import AppearanceModel
 from tracker.mht.branching import branch
 from tracker.mht.branching_data import BoxTable, BranchingConstants, ChildHypotheses, Observation, ParentHypotheses
 from tracker.mht.conflicts import ConflictRows, Conflicts, MergeLimits, conflicts_of
-from tracker.mht.fixed_lag import MhtFixedLagSmoother
 from tracker.mht.global_hypothesis import CliqueSolver, GlobalHypothesis, HypothesisSearch
 from tracker.mht.initiation import with_statures, with_walkable_prior
 from tracker.mht.joint_assignment import assign_jointly, assigned_boxes, union
 from tracker.mht.negative_information import ExpectedVisibility
 from tracker.mht.pruning import prune_branches, surviving_leaves
-from tracker.mht.track_trees import TrackHypotheses, initiated, predict
+from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict
 from tracker.tracks.crowding import Crowding
 from tracker.tracks.measurement_noise import MeasurementNoise
 from tracker.tracks.parameters import MhtParameters

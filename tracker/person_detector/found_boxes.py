@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array
-from tracker.geometry.box_overlaps import box_overlaps
+from tracker.geometry.image_boxes import box_overlaps
 
 FEET = 0.15
 """Lowest share of a box that counts as the area of its feet."""

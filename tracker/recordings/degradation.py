@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from tracker.geometry import Array, Pose
-from tracker.geometry.body_outlines import body_boxes, boxes_from_edges, clipped
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
+from tracker.geometry.image_boxes import body_boxes, boxes_from_edges, clipped
 from tracker.recordings.recording import FrameBoxes, Recording
 
 HEIGHTS = (1.5, 2.0)

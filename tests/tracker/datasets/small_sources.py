@@ -17,9 +17,9 @@ from tracker.formats.motchallenge import Mot15Rows, write_mot15
 from tracker.formats.pets2009 import Site, write_annotations, write_camera, write_site
 from tracker.formats.wildtrack import OpenCvCamera, WildtrackPosition, write_calibration, write_positions
 from tracker.geometry import Array
-from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Cylinder, Pinhole, Tsai
 from tracker.geometry.ground import Flat
+from tracker.geometry.image_boxes import body_boxes
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 from tracker.recordings.degradation import projected_boxes
 from tracker.recordings.folder import write_recording

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from tests.tracker.geometry.random_cameras import image_pixels
 from tests.tracker.geometry.test_cameras import BARREL, VIEW_001
 from tracker.geometry.cameras import Fisheye, Panorama, Pinhole, Tsai
-from tracker.geometry.lens_conversion import opencv_intrinsics, tsai_of
+from tracker.geometry.tsai import opencv_intrinsics, tsai_of
 
 
 def test_pinhole_has_its_own_parameters() -> None:

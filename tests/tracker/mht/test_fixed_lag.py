@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tracker.detections.cross_view import CrossViewGroup
-from tracker.mht.fixed_lag import MhtFixedLagSmoother
-from tracker.mht.track_trees import TrackHypotheses, initiated, predict
+from tracker.mht.track_trees import MhtFixedLagSmoother, TrackHypotheses, initiated, predict
 from tracker.tracks.tracks import MotionParameters, coasting_transition, transition
 
 MOTION = MotionParameters(acceleration=0.8, start_speed=1.0)

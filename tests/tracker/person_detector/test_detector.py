@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from tests.tracker.person_detector.blob_network import BLOB, HEIGHT, META, WIDTH, picture_with, write_blob_network
 from tracker.geometry import angles_from_bearing
-from tracker.geometry.box_overlaps import box_overlaps
 from tracker.geometry.cameras import Panorama, Pinhole
 from tracker.geometry.ground import Flat
+from tracker.geometry.image_boxes import box_overlaps
 from tracker.person_detector.detector import CameraPlace, PersonDetector
 from tracker.person_detector.found_boxes import FoundBoxes, one_for_each
 from tracker.person_detector.magnification import LARGEST_SHARE, SMALL, magnified_parts

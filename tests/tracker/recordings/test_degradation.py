@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tracker.geometry import Pose
-from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Pinhole, pinhole
 from tracker.geometry.ground import Flat
+from tracker.geometry.image_boxes import body_boxes
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera, RecordingRobot
 from tracker.recordings.degradation import HEIGHTS, BoxNoise, Degradation, projected_boxes
 

@@ -7,8 +7,8 @@ import pytest
 
 from tests.tracker.detections.test_ground_points import seen
 from tracker.geometry import Array
-from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.cameras import Pinhole
+from tracker.geometry.image_boxes import body_boxes
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
 from tracker.recordings import Recording, RecordingCamera

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.tracks.track_ids import EXIT_DISTANCE, EXIT_TIME, TrackIds
-from tracker.tracks.tracks import Tracks
+from tracker.tracks.tracks import EXIT_DISTANCE, EXIT_TIME, TrackIds, Tracks
 
 EDGE = 2.3
 

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tracker.geometry import Array, Pose
-from tracker.geometry.body_outlines import body_boxes
 from tracker.geometry.camera_protocol import Camera
 from tracker.geometry.cameras import Cylinder, Fisheye, Panorama, Pinhole, pinhole
+from tracker.geometry.image_boxes import body_boxes
 
 LOOKING_DOWN = Pose(Pose.exp([0, 0, 0, 0, 0.3, 0]).rotation, np.array([0.0, 0.0, 2.5]))
 """A camera 2.5 m above the ground that looks along x and 0.3 rad down."""
