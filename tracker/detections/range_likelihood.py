@@ -3,7 +3,7 @@
 At a given distance a person is visible from the head down to the feet, or down to the top of an occluder before them. So a box supports each distance
 at which its lower edge is one of the two and at which its height is a usual stature. One such place is where its lower edge meets the ground. Others
 are just behind the wall, the ridge or the brow of a hill at which it may end. `infer_ranges` gives the likelihood of each distance.
-`RangeLikelihood.posterior` combines it with a predicted distance and stature: of two people in equal boxes the taller one is farther away.
+mht/range_update.py combines it with a predicted distance and stature: of two people in equal boxes the taller one is farther away.
 
 Densities over distance are sums over fixed grid points (point-mass filter: Bucy & Senne 1971), so that they may have several modes.
 """
@@ -69,13 +69,6 @@ class BoxEdges(NamedTuple):
     feet_hidden: Array
 
 
-class RangePrior(NamedTuple):
-    """Predictions of m people before a box is used: mean (m, 2) m and covariance (m, 2, 2) m² of horizontal distance and stature."""
-
-    mean: Array
-    covariance: Array
-
-
 @dataclass(frozen=True, eq=False)
 class RangeLikelihood:
     """Likelihoods of n boxes on a grid of k horizontal distances.
@@ -109,46 +102,18 @@ class RangeLikelihood:
             out[name][rows] = column
         return replace(self, **out)
 
-    def density(self, rows: NDArray[np.int64], predicted: RangePrior) -> Array:
-        """Densities (m,) of boxes `rows` (m,) for people as predicted, a radian.
-
-        The factor of the upper edge is relative to that of a box of the mean stature.
-        """
-        return _normalized(self._weigh(rows, *self._prior(predicted))[0], self.step)[0]
-
-    def posterior(self, rows: NDArray[np.int64], predicted: RangePrior) -> tuple[Array, Array]:
-        """Mean (m, 2) m and covariance (m, 2, 2) m² of distance and stature of people as predicted, given boxes `rows` (m,).
+    def initial(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Mean (m, 2) m and covariance (m, 2, 2) m² of distance and stature, given boxes `rows` (m,), for people in general at any distance.
 
         The spacing of the grid bounds the covariance. Where the density is 0, so are mean and covariance.
         """
-        return self._moments(rows, *self._prior(predicted))
-
-    def initial(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """As `posterior`, with a uniform prior of the distance and the stature of people in general."""
-        q, uniform = self.parameters, np.ones((len(rows), len(self.distance)))
-        return self._moments(rows, uniform, np.full(uniform.shape, q.stature), np.full(uniform.shape, q.stature_sigma**2))
-
-    def _prior(self, predicted: RangePrior) -> tuple[Array, Array, Array]:
-        """Density (m, k) of the distances, and mean (m, k) m and variance (m, k) m² of the stature at each."""
-        P, (mean, stature) = predicted.covariance[..., None], predicted.mean.T[..., None]
-        variance = np.maximum(P[:, 0, 0], np.interp(mean, self.distance, self.step) ** 2)
-        slope = P[:, 0, 1] / variance
-        return _normal_density(self.distance - mean, variance), stature + slope * (self.distance - mean), P[:, 1, 1] - slope * P[:, 0, 1]
-
-    def _weigh(self, rows: NDArray[np.int64], prior: Array, stature: Array, spread: Array) -> tuple[Array, Array]:
-        """Density (m, k) of the distances given the boxes, and the gain (m, k) by which their heights correct the stature.
-
-        prior, stature, spread (m, k): as from `_prior`.
-        """
-        height, total = self.height[rows], spread + self.error[rows] ** 2
-        inlier, likelihood = _height_likelihood(height - stature, total, height, self.parameters)
-        return prior * self.edge[rows] * likelihood, inlier / np.maximum(likelihood, 1e-300) * spread / total
-
-    def _moments(self, rows: NDArray[np.int64], prior: Array, stature: Array, spread: Array) -> tuple[Array, Array]:
-        """As `posterior`; prior, stature, spread (m, k): as from `_prior`."""
-        weight, gain = self._weigh(rows, prior, stature, spread)
-        _, share = _normalized(weight, self.step)
-        after = stature + gain * (self.height[rows] - stature)
+        q, height = self.parameters, self.height[rows]
+        spread, total = q.stature_sigma**2, q.stature_sigma**2 + self.error[rows] ** 2
+        inlier, likelihood = _height_likelihood(height - q.stature, total, height, q)
+        _, share = _normalized(self.edge[rows] * likelihood, self.step)
+        # The height of a box corrects the stature.
+        gain = inlier / np.maximum(likelihood, 1e-300) * spread / total
+        after = q.stature + gain * (height - q.stature)
         mean = np.stack([share @ self.distance, (share * after).sum(axis=1)], axis=1)
         apart = np.stack([self.distance - mean[:, :1], after - mean[:, 1:]], axis=1)
         covariance = np.einsum("mk,mik,mjk->mij", share, apart, apart)

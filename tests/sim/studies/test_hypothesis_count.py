@@ -43,7 +43,6 @@ def test_panels_and_summary() -> None:
     assert "does not fall" in hypothesis_count.summary(cells(0.0))
 
 
-@pytest.mark.slow
 def test_a_cell_is_reproducible_and_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hypothesis_count, "K_H", (1, 3))
     monkeypatch.setattr(hypothesis_count, "I_BLS_MAX", (200,))

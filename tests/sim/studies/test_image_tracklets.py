@@ -47,7 +47,7 @@ def test_a_bad_folder_is_refused_before_the_first_run(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.render
 def test_a_run_is_reproducible_and_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(image_tracklets, "CROWD", replace(image_tracklets.CROWD, people=4, robots=1, width=256))
     monkeypatch.setattr(image_tracklets, "SETTINGS", {name: SETTINGS[name] for name in ("no images", "the paper's")})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.detections.range_likelihood import MIN_SIGMA, BoxEdges, RangeLikelihood, RangeLikelihoodParameters, RangePrior, infer_ranges
+from tracker.detections.range_likelihood import MIN_SIGMA, BoxEdges, RangeLikelihood, RangeLikelihoodParameters, infer_ranges
 from tracker.geometry import Array, bearing_from_angles
 from tracker.geometry.ground import Flat, Grid
 
@@ -130,20 +130,3 @@ def test_a_person_under_an_arch_is_possible_though_the_map_has_only_its_top() ->
     tops[:, 125:127] = 3.0  # 5 m ahead: what the grid takes for a wall
     found = ranges_of(Flat(), grid(tops), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.arctan([-1.5 / 8.0]), np.arctan([0.22 / 8.0])))
     assert found.mean[0] == pytest.approx(8.0, abs=0.2)
-
-
-def test_the_posterior_is_that_of_two_measurements() -> None:
-    found = ranges_of(Flat(), Flat(), np.array([0.0, 0.0, 1.5]), np.zeros(1), (np.arctan([-1.5 / 8.0]), np.arctan([0.22 / 8.0])))
-
-    def posterior(away: float, variance: float) -> tuple[float, Array, Array]:
-        usual = RangePrior(np.array([[away, PARAMETERS.stature]]), np.diag([variance, PARAMETERS.stature_sigma**2])[None])
-        box = np.zeros(1, dtype=np.int64)
-        (mean,), (covariance,) = found.posterior(box, usual)
-        return float(found.density(box, usual)[0]), mean, covariance
-
-    density, mean, covariance = posterior(8.6, 0.25)
-    _, before, spread = posterior(8.0, 1e6)
-    weight = 0.25 / (0.25 + spread[0, 0])
-    assert mean[0] == pytest.approx(8.6 + weight * (before[0] - 8.6), abs=0.02)
-    assert covariance[0, 0] == pytest.approx(0.25 * (1 - weight), rel=0.05)
-    assert posterior(11.0, 0.25)[0] < 1e-3 * density

@@ -17,6 +17,7 @@ def double(x):
 print(double(21))
 """
 ROOT = Path(__file__).parents[3]
+pytestmark = pytest.mark.command
 
 
 def run(folder: Path, **environment: str) -> str:

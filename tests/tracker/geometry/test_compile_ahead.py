@@ -67,6 +67,7 @@ print(json.dumps([before, codes, len(none), sum(kernel.stats.cache_hits.values()
 """
 
 
+@pytest.mark.command
 def test_another_process_compiles_what_is_missing_and_this_one_finds_it(tmp_path: Path) -> None:
     assert run(PROCESSES, tmp_path / "cache", str(SMALL)) == [True, [0], 0, 1, 0]
 
@@ -82,6 +83,7 @@ print(json.dumps([running, [process.returncode for process in processes]]))
 """
 
 
+@pytest.mark.command
 def test_processes_end_with_the_context(tmp_path: Path) -> None:
     running, codes = run(KILLED, tmp_path / "cache")
     assert running == [True, True]
@@ -103,7 +105,7 @@ print(json.dumps(in_use()))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_all_kernels_of_a_demo_are_listed(tmp_path: Path) -> None:
     demo = ("demo", "--frames", "16", "--width", "256", "--seed", "3", "--out")
     # Where nothing was compiled before, the first run lists the kernels that others call, too.

@@ -20,14 +20,12 @@ from tracker.geometry import Array, angles_from_bearing
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
 from tracker.sequence.results import Results
-from tracker.tracks.detection_rates import DetectionRateParameters
-from tracker.tracks.parameters import MhtParameters
 from tracker.types import Detections, Estimate, Setup, Tick, TicksInMemory
 
 FRAMES = 400
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("views", "poor", "degrade", "mota", "idf1"),
     [
@@ -72,12 +70,6 @@ def test_unconfident_boxes_neither_initiate_nor_sustain_a_track() -> None:
     assert len(estimates[-1].target_id) == 0
 
 
-def test_one_number_for_all_confidences_is_enough_where_they_are_learned() -> None:
-    setup, ticks = standing([(-2.0, -2.0)], 30, np.random.default_rng(1))
-    learned = Parameters(targets=MhtParameters(detection_rates=DetectionRateParameters(learned=True)))
-    assert all(len(e.target_id) == 1 for e in list(track(setup, [with_confidence(tick, 0.5) for tick in ticks], learned))[10:])
-
-
 PEOPLE = np.array([[-2.0, -2.0], [2.0, 1.0], [0.0, 3.0], [3.0, -3.0]])
 
 
@@ -115,19 +107,6 @@ def test_false_boxes_of_low_confidence_make_no_tracks_and_cost_nobody_theirs() -
     estimates = list(track(setup, ticks))[20:]
     assert all(reported(e, place) for e in estimates for place in PEOPLE)
     assert np.mean([len(e.target_id) for e in estimates]) < len(PEOPLE) + 0.1
-
-
-@pytest.mark.parametrize("scale", [np.square, np.sqrt, lambda c: 0.3 + 0.7 * c, lambda c: -np.log(1 - c)], ids=["square", "root", "narrow", "odds"])
-def test_the_order_of_learned_confidences_matters_alone(scale: Callable[[Array], Array]) -> None:
-    learned = Parameters(targets=MhtParameters(detection_rates=DetectionRateParameters(learned=True)))
-    setup, ticks = among_false_boxes(20, np.random.default_rng(2))
-    others = []
-    for tick in ticks:
-        boxes = ((v, v.detections) for v in tick.views)
-        others.append(replace(tick, views=tuple(replace(v, detections=replace(d, confidence=scale(d.confidence))) for v, d in boxes)))
-    for one, other in zip(track(setup, ticks, learned), track(setup, others, learned), strict=True):
-        np.testing.assert_array_equal(one.target_id, other.target_id)
-        np.testing.assert_array_equal(one.position, other.position)
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3, 4])

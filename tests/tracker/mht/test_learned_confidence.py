@@ -83,7 +83,7 @@ def test_people_keep_their_tracks_whose_boxes_become_like_false_ones() -> None:
     assert all(set(e.target_id.tolist()) == ids for e in found[60:])
 
 
-@pytest.mark.slow
+@pytest.mark.data
 @pytest.mark.parametrize(("source", "cameras"), [("cmc/CMC2", ()), ("pets2009/S2.L1", ("1", "5", "7"))])
 def test_recordings_are_tracked_alike_on_any_scale(source: str, cameras: tuple[str, ...]) -> None:
     sequence = open_sequence(DATA / source, SourceOptions(cameras=cameras, frames=(0, 60)))

@@ -11,7 +11,6 @@ from tests.tracker.detections.test_range_likelihood import NOISE, PARAMETERS, bo
 from tracker.detections.cross_view import CrossViewGroup
 from tracker.detections.ground_points import FusionParameters, GroundDetections, project_to_ground
 from tracker.detections.occlusion import Bodies
-from tracker.detections.range_likelihood import RangePrior
 from tracker.geometry import Array, Pose, bearing_from_angles
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat, Grid
@@ -108,27 +107,6 @@ def across(state: State, feet: GroundDetections) -> tuple[float, float, State]:
     S = H @ state.P @ H + feet.covariance[0, 0, 0] * distance**2 + SPREAD**2
     K = state.P @ H / S
     return cross, S, State(state.x - K * cross, state.P - np.outer(K, K) * S)
-
-
-def test_the_compiled_update_is_that_of_the_range_likelihood() -> None:
-    rng = np.random.default_rng(0)
-    for feet in ambiguous_boxes(rng, 30):
-        before = near(rng, feet)
-        cross, S, state = across(before, feet)
-        u = feet.direction[0, :2] / np.hypot(*feet.direction[0, :2])
-        A = np.zeros((2, 5))
-        A[0, :2], A[1, 4] = u, 1.0
-        mean, P = A @ state.x - [u @ feet.origin[:2], 0.0], A @ state.P @ A.T
-        prior, row = RangePrior(mean[None], P[None]), np.zeros(1, dtype=np.int64)
-        assert feet.ranges is not None
-        density, (then,), (covariance,) = feet.ranges.density(row, prior)[0], *feet.ranges.posterior(row, prior)
-        G = np.linalg.solve(P, A @ state.P).T
-        after = updated(before, feet)
-        np.testing.assert_allclose(after.x, state.x + G @ (then - mean), atol=1e-4)
-        np.testing.assert_allclose(after.P, state.P + G @ (covariance - P) @ G.T, atol=1e-4)
-        distance = u @ (before.x[:2] - feet.origin[:2])
-        expected = np.log(distance) - 0.5 * (cross**2 / S + np.log(2 * np.pi * S)) + np.log(density)
-        assert log_density(before, feet) == pytest.approx(expected, abs=1e-3)
 
 
 def test_the_compiled_update_is_the_integral_over_place_and_stature() -> None:

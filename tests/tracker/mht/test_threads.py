@@ -32,7 +32,7 @@ def people(threads: int) -> Array:
     return np.asarray(np.load(io.BytesIO(done.stdout)))
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_ids_are_the_same_with_one_and_two_threads() -> None:
     one, two = people(1), people(2)
     assert len(one) > 300

@@ -13,7 +13,7 @@ def taught(share: float, false: float, ticks: int = 600) -> DetectionRates:
     for _ in range(ticks):
         found = np.full(rng.binomial(10, share), 0.99)
         other = np.full(rng.poisson(false), 0.99)
-        rates.learn("c", found, 10.0, (other, np.ones(len(other))))
+        rates.learn("c", found, 10.0, other, np.ones(len(other)))
     return rates
 
 
@@ -44,7 +44,7 @@ def test_rates_stay_within_bounds() -> None:
 def test_weighted_boxes_count_by_their_weight() -> None:
     rates = DetectionRates(DetectionRateParameters(), GROUND_AREA)
     for _ in range(2000):
-        rates.learn("c", np.full(9, 0.99), 10.0, (np.full(2, 0.99), np.full(2, 0.5)))
+        rates.learn("c", np.full(9, 0.99), 10.0, np.full(2, 0.99), np.full(2, 0.5))
     expected = np.log(0.9 / (1.0 / GROUND_AREA))
     assert abs(rates.log_ratio("c", np.array([0.99]))[0] - expected) < 0.1
 

@@ -44,13 +44,13 @@ def false_positives(recording: Recording, enabled: bool) -> float:
     return float(scores["false_positives"])
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_what_one_view_keeps_seeing_now_and_then_is_no_person() -> None:
     recording = hall(200, 0.5).choose(["A", "B"])
     assert false_positives(recording, True) < 0.2 * false_positives(recording, False)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_two_views_contradict_a_third() -> None:
     assert false_positives(hall(200, 1.0), True) == 0
 
