@@ -137,20 +137,22 @@ def moves_of(graph: Graph, q: MhtParameters) -> int:
 
 
 def written_to(folder: Path, solver: CliqueSolver | None = None) -> CliqueSolver:
-    """A solver that also writes each graph, so that other solvers can be compared.
-
-    `folder`/NAME.clq is the graph (DIMACS, weighted), NAME.txt has the vertices of the chosen clique, counted from 1.
-    """
+    """A solver that also writes each graph and its clique into a folder, as `dump` does."""
     inner = solver or proved_cliques
 
     def solve(component: Component, q: MhtParameters) -> list[Ints]:
         optima = inner(component, q)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_graph(folder / f"{component.name}.clq", component.graph)
-        (folder / f"{component.name}.txt").write_text(" ".join(str(v + 1) for v in optima[0].tolist()) + "\n", encoding="utf-8")
+        dump(folder, component.name, component.graph, optima[0])
         return optima
 
     return solve
+
+
+def dump(folder: Path, name: str, graph: Graph, chosen: Ints) -> None:
+    """Write `graph` as folder/NAME.clq (DIMACS, weighted), and the vertices of the chosen clique, counted from 1, as folder/NAME.txt."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_graph(folder / f"{name}.clq", graph)
+    (folder / f"{name}.txt").write_text(" ".join(str(v + 1) for v in chosen.tolist()) + "\n", encoding="utf-8")
 
 
 def warm_start(graph: Graph, start: Mask) -> Ints:
