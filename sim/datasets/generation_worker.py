@@ -15,7 +15,7 @@ from sim.datasets.presets import Preset, confine, provenance
 from sim.parallel.pool import drawing_alone
 from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
 from sim.recording.frame_journal import NAME as JOURNAL
-from sim.recording.record import Recording, write_recording
+from sim.recording.record import SimulatedSequence, write_sequence
 from sim.simulation.simulation import Simulation, furnished
 from tracker.io.atomic import partial_path
 from tracker.io.file_lock import Locked, file_lock
@@ -33,7 +33,7 @@ class SequenceTask:
     """A sequence to generate: its folder, the name and value of its preset, and the form of its images.
 
     parent: id of the process that needs it, or None. The worker ends when that process has ended.
-    workers: number of processes that draw. cluster: as of Recording.
+    workers: number of processes that draw. cluster: as of SimulatedSequence.
     """
 
     folder: Path
@@ -86,9 +86,9 @@ class SequenceTask:
             if not self.complete:
                 count = min(self.workers, self.preset.scenario.frames) if self.cluster is None else 1
                 with drawing_workers(count) as drawing:
-                    write_recording(self._recording(drawing), self.folder)
+                    write_sequence(self._recording(drawing), self.folder)
 
-    def _recording(self, drawing: DrawingWorkers | None) -> Recording:
+    def _recording(self, drawing: DrawingWorkers | None) -> SimulatedSequence:
         scenario = self.preset.scenario
         world = catalogue.build(scenario.world, scenario.stream("world"), scenario.difficulty)
         world = confine(world, self.preset.ground, scenario.stream("world/confined"))
@@ -96,7 +96,7 @@ class SequenceTask:
         place = corner_cameras if self.preset.corners else place_cameras
         fixed = place(world, self.preset.views, scenario.view_width)
         simulation, made_by = Simulation(scenario, world=world), provenance(self.name, self.preset)
-        return Recording(scenario, simulation, fixed, made_by, self.form, drawing, self.cluster)
+        return SimulatedSequence(scenario, simulation, fixed, made_by, self.form, drawing, self.cluster)
 
 
 def _exit_with_parent(parent: int) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from sim.crowd.replay import Paths
 from sim.datasets.presets import within
 from sim.pedestrian.skeleton import ADULTS
-from sim.recording.record import Recording
+from sim.recording.record import SimulatedSequence
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import INDEPENDENT, Scenario
 from sim.simulation.simulation import Simulation
@@ -83,7 +83,7 @@ def annotations_of(folder: Path) -> Path:
     return whole[0]
 
 
-def recording_of(twin: Twin, world: World | None = None) -> Recording:
+def recording_of(twin: Twin, world: World | None = None) -> SimulatedSequence:
     """The twin at its first frame. The cameras are robots that never move. world: replaces `campus` at difficulty 0.
 
     Raises ValueError, in one line, for missing or invalid files, for an unknown view, and for paths outside the free space of the world.
@@ -106,7 +106,7 @@ def recording_of(twin: Twin, world: World | None = None) -> Recording:
     site = catalogue.build(WORLD, scenario.stream("world"), 0.0) if world is None else world
     paths = Paths(walkers.id, scenario.period * np.arange(scenario.frames, dtype=np.float64), walkers.position, walkers.stature)
     simulation = Simulation(scenario, world=confine_rovers(site, walkers.position), paths=paths)
-    return Recording(scenario, simulation, fixed, _provenance(twin, scenario))
+    return SimulatedSequence(scenario, simulation, fixed, _provenance(twin, scenario))
 
 
 def _fixed(calibration: Path, number: int) -> FixedCamera:

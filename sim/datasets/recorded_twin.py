@@ -17,7 +17,7 @@ import numpy as np
 
 from sim.crowd.replay import Paths
 from sim.datasets.pets_twin import LARGEST_ID, confine_rovers
-from sim.recording.record import Recording as RecordingToWrite
+from sim.recording.record import SimulatedSequence
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import BOUNDS, INDEPENDENT, Scenario
 from sim.simulation.simulation import Simulation, furnished
@@ -179,7 +179,7 @@ def _at_least(extent: Array, side: float) -> Array:
     return np.array([extent[0] - missing, extent[1] + missing])
 
 
-def recording_of(twin: RecordedTwin, motion: TrueMotion | None = None) -> RecordingToWrite:
+def recording_of(twin: RecordedTwin, motion: TrueMotion | None = None) -> SimulatedSequence:
     """The twin at its first frame. Raises ValueError as `true_motion`, and for paths that are not free in the world."""
     motion = true_motion(twin) if motion is None else motion
     ids, position = motion.ids, motion.position
@@ -203,7 +203,7 @@ def recording_of(twin: RecordedTwin, motion: TrueMotion | None = None) -> Record
     paths = Paths(people, scenario.period * np.arange(scenario.frames, dtype=np.float64), position)
     simulation = Simulation(scenario, world=confine_rovers(world, position) if twin.robots else world, paths=paths)
     origin = {"source": twin.source.resolve().name, "cameras": list(motion.cameras)} | ({} if kept else {"ids": ids.tolist()})
-    return RecordingToWrite(scenario, simulation, motion.cameras, json.loads(scenario.to_json()) | {"twin": origin})
+    return SimulatedSequence(scenario, simulation, motion.cameras, json.loads(scenario.to_json()) | {"twin": origin})
 
 
 def _world_of(scenario: Scenario, difficulty: float) -> World:

@@ -18,8 +18,7 @@ from sim.datasets.twin_picture import draw_pets_twin, draw_recorded_twin
 from sim.parallel.pool import Pool, usable_cores
 from sim.recording.drawing_workers import drawing_workers
 from sim.recording.frames import raycast_frames
-from sim.recording.record import Recording as RecordingToWrite
-from sim.recording.record import check_absent, write_recording
+from sim.recording.record import SimulatedSequence, check_absent, write_sequence
 from sim.recording.tracker_setup import make_setup
 from tracker.datasets.opening import format_of
 from tracker.datasets.pets2009 import PETS_AREA, calibration_of
@@ -30,7 +29,7 @@ from tracker.io.file_lock import folder_lock
 from tracker.io.json_files import json_text
 from tracker.io.progress import progress_bar
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
-from tracker.recordings.folder import write_recording as write_folder
+from tracker.recordings.folder import write_recording
 
 PETS = "pets2009"
 README = """# A twin without images, by pilsim
@@ -114,15 +113,15 @@ def _generate_pets(order: TwinOrder, twin: Twin, workers: int, out: Path) -> Ite
         yield f"overlap of {len(alike)} annotated boxes with the twin's in View_001: median IoU {median:.3f} (twin.png shows a frame)"
 
 
-def _write(made: RecordingToWrite, render: bool, area: Array | None, workers: int, out: Path) -> None:
+def _write(made: SimulatedSequence, render: bool, area: Array | None, workers: int, out: Path) -> None:
     if not render:
         _write_without_images(made, out, area)
         return
     with drawing_workers(min(workers, made.scenario.frames)) as drawing:
-        write_recording(dataclasses.replace(made, workers=drawing), out, partial(progress_bar, desc="frames", unit="frame"))
+        write_sequence(dataclasses.replace(made, workers=drawing), out, partial(progress_bar, desc="frames", unit="frame"))
 
 
-def _write_without_images(made: RecordingToWrite, folder: Path, area: Array | None) -> None:
+def _write_without_images(made: SimulatedSequence, folder: Path, area: Array | None) -> None:
     """Write the twin as a recording: its boxes, by ray casting, and its truth. It has fixed cameras only, since the SLAM of rovers needs images.
 
     area (2, 2): lowest and highest x, y, m, in which people are reported, or None.
@@ -156,7 +155,7 @@ def _write_without_images(made: RecordingToWrite, folder: Path, area: Array | No
         visible=visible,
     )
     with new_folder(folder) as unfinished:
-        write_folder(unfinished, recording)
+        write_recording(unfinished, recording)
         write_text(unfinished / "scenario.json", json_text(made.provenance, indent=1) + "\n")
         write_text(unfinished / "README.md", README)
 

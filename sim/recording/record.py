@@ -56,7 +56,7 @@ def _truth(simulation: Simulation, poses: Mapping[str, Pose], people: Mapping[st
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class SimulatedSequence:
     """A sequence to be written: a simulation at its first frame, and fixed cameras by name.
 
     provenance: JSON values that describe how it was made. form: which images are written, and how.
@@ -73,8 +73,8 @@ class Recording:
     cluster: str | None = None
 
     @staticmethod
-    def of(scenario: Scenario, workers: DrawingWorkers | None = None) -> Recording:
-        return Recording(scenario, Simulation(scenario), {}, json.loads(scenario.to_json()), workers=workers)
+    def of(scenario: Scenario, workers: DrawingWorkers | None = None) -> SimulatedSequence:
+        return SimulatedSequence(scenario, Simulation(scenario), {}, json.loads(scenario.to_json()), workers=workers)
 
 
 def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int = 1) -> None:
@@ -88,7 +88,7 @@ def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int 
     """
     check_absent(folder)
     with drawing_workers(min(workers, scenario.frames)) as drawing:
-        write_recording(Recording.of(scenario, drawing), folder, progress)
+        write_sequence(SimulatedSequence.of(scenario, drawing), folder, progress)
 
 
 def check_absent(folder: Path) -> None:
@@ -97,8 +97,8 @@ def check_absent(folder: Path) -> None:
         raise ValueError(f"{folder}: is there already")
 
 
-def write_recording(recording: Recording, folder: Path, progress: Any = None) -> None:
-    """As `record`, for a prepared Recording."""
+def write_sequence(recording: SimulatedSequence, folder: Path, progress: Any = None) -> None:
+    """As `record`, for a prepared SimulatedSequence."""
     check_absent(folder)
     scenario, simulation, form = recording.scenario, recording.simulation, recording.form
     setup = make_setup(scenario, simulation, recording.fixed)
@@ -126,7 +126,7 @@ def write_recording(recording: Recording, folder: Path, progress: Any = None) ->
 class _Frames:
     """The frames of a recording that is being written, from its simulation at frame 0."""
 
-    def __init__(self, recording: Recording, setup: Setup, journal: FrameJournal) -> None:
+    def __init__(self, recording: SimulatedSequence, setup: Setup, journal: FrameJournal) -> None:
         self._recording, self._setup, self._journal = recording, setup, journal
         scenario, simulation = recording.scenario, recording.simulation
         self._plan, self._assembler = ShotPlan(scenario, simulation, setup), FrameAssembler(scenario, simulation, setup)

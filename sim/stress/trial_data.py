@@ -15,7 +15,7 @@ from sim.datasets.pets_twin import Twin, annotations_of, recording_of
 from sim.datasets.presets import PRESETS
 from sim.policies.driven_simulation import PolicySimulation
 from sim.recording.frames import Frame, raycast_frames
-from sim.recording.record import Recording, rendered_frames
+from sim.recording.record import SimulatedSequence, rendered_frames
 from sim.recording.tracker_setup import make_setup, told_setup
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
@@ -110,16 +110,16 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
     return TrialData(case, setup, recorded, truth, views, case.faults.degraded_setup(told), ticks, person, landmarks)
 
 
-def _recording_of(case: Case) -> Recording:
+def _recording_of(case: Case) -> SimulatedSequence:
     """The simulation of a case, ready to record."""
     if case.source == "twin":
         return _twin_recording(case)
     if case.source == ROOM:
-        made = Recording.of(case.scenario)
+        made = SimulatedSequence.of(case.scenario)
         return replace(made, fixed=corner_cameras(made.simulation.world, PRESETS[ROOM].views, case.scenario.view_width))
     if not case.policy:
-        return Recording.of(case.scenario)
-    return Recording(case.scenario, PolicySimulation(case.scenario, "" if case.policy == OWN_GOALS else case.policy), {}, {})
+        return SimulatedSequence.of(case.scenario)
+    return SimulatedSequence(case.scenario, PolicySimulation(case.scenario, "" if case.policy == OWN_GOALS else case.policy), {}, {})
 
 
 def _with_fixed_cameras_only(setup: Setup) -> Setup:
@@ -161,7 +161,7 @@ def _read_recording(case: Case) -> TrialData:
     return TrialData(case, sequence.setup, recorded, sequence.truth, [{} for _ in ticks], sequence.setup, ticks, {})
 
 
-def _twin_recording(case: Case) -> Recording:
+def _twin_recording(case: Case) -> SimulatedSequence:
     """The twin of the sequence, as the same cameras see it."""
     folder, scenario = Path(case.folder), case.scenario
     return recording_of(

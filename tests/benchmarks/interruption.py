@@ -19,7 +19,7 @@ from pathlib import Path
 
 from sim.recording.drawing_workers import drawing_workers
 from sim.recording.frame_journal import NAME
-from sim.recording.record import Recording, write_recording
+from sim.recording.record import SimulatedSequence, write_sequence
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tracker.io.atomic import partial_path
@@ -40,7 +40,7 @@ def start(simulation: Simulation, folder: Path, workers: int) -> int:
     try:
         os.setsid()
         with drawing_workers(workers) as drawing:
-            write_recording(Recording(SCENARIO, simulation, {}, json.loads(SCENARIO.to_json()), workers=drawing), folder)
+            write_sequence(SimulatedSequence(SCENARIO, simulation, {}, json.loads(SCENARIO.to_json()), workers=drawing), folder)
         code = 0
     except KeyboardInterrupt:
         code = 130

@@ -11,7 +11,7 @@ from pathlib import Path
 from sim.datasets.fixed_cameras import place_cameras
 from sim.datasets.generation import Plan, generate
 from sim.datasets.presets import PRESETS
-from sim.recording.record import Recording, rendered_frames, versions
+from sim.recording.record import SimulatedSequence, rendered_frames, versions
 from sim.recording.tracker_setup import make_setup
 from sim.simulation.simulation import Simulation
 from tracker.geometry.ground import Grid
@@ -28,7 +28,7 @@ def writing(folder: Path) -> None:
         for written in (False, True):
             simulation = Simulation(scenario)
             fixed = place_cameras(simulation.world, 4, 768)
-            recording = Recording(scenario, simulation, fixed, {}, form)
+            recording = SimulatedSequence(scenario, simulation, fixed, {}, form)
             setup = make_setup(scenario, simulation, fixed)
             assert isinstance(setup.occluders, Grid)
             frames = rendered_frames(scenario, simulation, setup)

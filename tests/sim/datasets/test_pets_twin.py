@@ -11,7 +11,7 @@ import pytest
 
 from sim.datasets.pets_twin import Twin, box_overlaps, confine_rovers, recording_of, walkers_of
 from sim.datasets.twin_picture import draw_pets_twin
-from sim.recording.record import write_recording
+from sim.recording.record import write_sequence
 from tests.commands import pilsim
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
@@ -72,7 +72,7 @@ def test_rovers_are_confined_to_the_area_of_the_paths() -> None:
 
 @pytest.mark.render
 def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> None:
-    write_recording(recording_of(replace(pets, frames=6), plaza()), tmp_path / "twin")
+    write_sequence(recording_of(replace(pets, frames=6), plaza()), tmp_path / "twin")
     sequence = read_sequence(tmp_path / "twin")
     assert list(sequence.setup.mounts) == ["robot_0_camera", "View_001"]
     assert isinstance(sequence.setup.mounts["robot_0_camera"].camera, Panorama)
@@ -98,7 +98,7 @@ def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> N
 @pytest.mark.render
 def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path], tmp_path: Path) -> None:
     pets = Twin(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1.xml"), data("pets2009", "calibration"), frames=10, robots=1, width=128)
-    write_recording(recording_of(pets, plaza()), tmp_path / "twin")
+    write_sequence(recording_of(pets, plaza()), tmp_path / "twin")
     overlaps = box_overlaps(pets, tmp_path / "twin")
     assert len(overlaps) == 30
     assert np.median(overlaps) >= 0.6
@@ -115,7 +115,7 @@ def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path]
 @pytest.mark.parametrize(("name", "frames"), [("S2.L1/annotations/PETS2009-S2L1.xml", 40), ("S1.L1/annotations/PETS2009-S1L1-1.xml", 20)])
 def test_boxes_overlap_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
     pets = Twin(data("pets2009", *name.split("/")), data("pets2009", "calibration"), (1, 5, 7), frames, robots=1, width=256)
-    write_recording(recording_of(pets), tmp_path / "twin")
+    write_sequence(recording_of(pets), tmp_path / "twin")
     assert np.median(box_overlaps(pets, tmp_path / "twin")) >= 0.6
 
 

@@ -20,7 +20,7 @@ from sim.recording.drawing import DrawnScene
 from sim.recording.drawing_workers import DrawingWorkers
 from sim.recording.frame_journal import NAME
 from sim.recording.frames import simulated_frames
-from sim.recording.record import Recording, record, write_recording
+from sim.recording.record import SimulatedSequence, record, write_sequence
 from sim.recording.shots import ShotPlan
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
@@ -113,7 +113,7 @@ def test_a_sequence_with_videos_starts_anew(tmp_path: Path) -> None:
     scenario = replace(SCENARIO, frames=2)
 
     def write(progress: Any = None) -> None:
-        write_recording(replace(Recording.of(scenario), form=ImageForm(video=True)), tmp_path / "s", progress)
+        write_sequence(replace(SimulatedSequence.of(scenario), form=ImageForm(video=True)), tmp_path / "s", progress)
 
     with pytest.raises(KeyboardInterrupt):
         write(interrupted)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim.recording.frames import Frame
-from sim.recording.record import Recording, rendered_frames, write_recording
+from sim.recording.record import SimulatedSequence, rendered_frames, write_sequence
 from sim.recording.tracker_setup import FixedCamera, make_setup
 from sim.scenario import Scenario
 from sim.sensors.keypoints import DEPTH_IN_BODY, image_points
@@ -37,8 +37,8 @@ pytestmark = pytest.mark.render
 LEGS = [k for k, name in enumerate(KEYPOINT_NAMES) if name.split("_")[-1] in ("hip", "knee", "ankle")]
 
 
-def stage() -> Recording:
-    return Recording(SCENARIO, Simulation(SCENARIO, world=yard()), FIXED, {})
+def stage() -> SimulatedSequence:
+    return SimulatedSequence(SCENARIO, Simulation(SCENARIO, world=yard()), FIXED, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Written:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
     folder = tmp_path_factory.mktemp("reprojection") / "s"
-    write_recording(stage(), folder)
+    write_sequence(stage(), folder)
     return Written(folder, read_sequence(folder).setup, read_views(folder), read_joints(folder))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.crowd.replay import Paths
 from sim.datasets.pets_twin import confine_rovers
-from sim.recording.record import Recording, write_recording
+from sim.recording.record import SimulatedSequence, write_sequence
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
@@ -49,4 +49,4 @@ def record(folder: Path, cameras: int = 3, seed: int = 11) -> None:
     simulation = Simulation(scenario, world=confine_rovers(plaza(), position), paths=paths)
     camera = pinhole(320, 240, 1.2)
     fixed = {f"view_{k}": FixedCamera(camera, looking(eye, (-5.0, -4.0, 0.5))) for k, eye in enumerate(EYES[:cameras])}
-    write_recording(Recording(scenario, simulation, fixed, json.loads(scenario.to_json())), folder)
+    write_sequence(SimulatedSequence(scenario, simulation, fixed, json.loads(scenario.to_json())), folder)
