@@ -3,9 +3,15 @@
 Both are counted by classes of confidence. So the less confident boxes of a good detector count in full, and a confident detector with many false
 boxes counts little. Counts fade exponentially and start from prior counts, which are the same for all views.
 
-A confidence is a probability as given, or it is learned what it says (confidence_calibration.py), so that no detector's scale matters.
+A confidence is a probability as given, or it is learned what it says, so that no detector's scale matters (`ConfidenceCalibration`). The odds of a
+box to be of a person grow with its confidence. They are the isotonic regression of the last boxes, each counted as of a person or false (pool
+adjacent violators: Barlow et al. 1972, Statistical inference under order restrictions). Only the order of confidences is used. So any increasing
+transform of all of them gives the same odds.
 
 Detection rates of partly visible people are counted by the share of the body that is covered, and by whether objects or people cover it.
+
+False boxes that stay are those of furniture, or of pictures of people. For each view a map of the ground says where boxes keep appearing that nobody
+takes (`StandingClutter`). Its counts fade in time, and fast where a person stands whom several views see.
 """
 
 from __future__ import annotations
@@ -14,9 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
-from tracker.geometry import Array
-from tracker.tracks.confidence_calibration import RANKS, ConfidenceCalibration
+from tracker.detections.ground_points import GroundDetections
+from tracker.geometry import Array, Ints
 
 LEVELS = np.array([0.5, 0.8, 0.9, 0.97])
 """Bounds between the classes of confidences that are probabilities."""
@@ -154,3 +161,128 @@ class DetectionRates:
         c.found = np.maximum(c.found, 0.002 * c.expected)
         if q.learned:
             self._calibrated(camera).learn(found, false, weight)
+
+
+RANKS = 8
+"""Number of ranks at which prior odds are given."""
+REMEMBERED = 1500
+"""Boxes of a view that are remembered, at most."""
+PRIOR_RANKS = 20
+"""Boxes that a rank in the middle counts for, while few boxes were seen."""
+LEAST_COUNT = 1e-3
+"""Least count of either kind in a pool, which keeps odds finite."""
+
+
+class ConfidenceCalibration:
+    """The boxes of one view. `memory`: ticks, time constant with which they fade."""
+
+    def __init__(self, memory: float) -> None:
+        self._fade = np.exp(-1 / memory)
+        self._seen = np.zeros(0)  # confidences of the last boxes, the latest last
+        self._ranked = self._seen  # the same, sorted
+        self._confidence, self._found, self._false = np.zeros(0), np.zeros(0), np.zeros(0)  # of boxes that were judged, sorted by confidence
+        self._age = np.zeros(0)
+
+    def observe(self, confidence: Array) -> None:
+        """Remember the confidences (n,) of a tick, among which boxes are ranked."""
+        self._seen = np.concatenate([self._seen, confidence])[-REMEMBERED:]
+        self._ranked = np.sort(self._seen)
+
+    def learn(self, found: Array, false: Array, weight: Array) -> None:
+        """Count the boxes of a tick: confidences of people's boxes (f,) and of others (n,), which are false with probability `weight` (n,)."""
+        new = np.concatenate([found, false])
+        keep = np.argsort(self._age, kind="stable")[: REMEMBERED - min(len(new), REMEMBERED)]
+        confidence = np.concatenate([self._confidence[keep], new])
+        order = np.argsort(confidence, kind="stable")
+        self._confidence = confidence[order]
+        self._found = np.concatenate([self._fade * self._found[keep], np.ones(len(found)), np.zeros(len(false))])[order]
+        self._false = np.concatenate([self._fade * self._false[keep], np.zeros(len(found)), weight])[order]
+        self._age = np.concatenate([self._age[keep] + 1, np.zeros(len(new))])[order]
+
+    def odds(self, confidence: Array, found: Array, false: Array) -> Array:
+        """Odds (n,) that boxes of such confidence (n,) are of people. found, false (RANKS,): prior counts, from the lowest to the highest rank."""
+        if not len(confidence):
+            return np.zeros(0)
+        ranked = self._ranked
+        # A prior count lies at a quantile of the boxes seen, drawn to the middle of the ranks where few were.
+        rank = (np.arange(RANKS) + 0.5) / RANKS
+        n = len(ranked)
+        at = np.clip(np.round(rank * (n + PRIOR_RANKS) - PRIOR_RANKS / 2), -1, n).astype(np.int64)
+        inside = (at >= 0) & (at < n)
+        where = np.where(inside, ranked[np.clip(at, 0, n - 1)], np.where(at < 0, -np.inf, np.inf))
+        values = np.concatenate([self._confidence, where])
+        order = np.argsort(values, kind="stable")
+        values, first = np.unique(values[order], return_index=True)
+        good = np.add.reduceat(np.concatenate([self._found, found])[order], first)
+        bad = np.add.reduceat(np.concatenate([self._false, false])[order], first)
+        fitted = _isotonic(good, bad)
+        # Between two values the mean of their logarithms holds.
+        below = np.clip(np.searchsorted(values, confidence, side="right") - 1, 0, None)
+        above = np.clip(np.searchsorted(values, confidence, side="left"), None, len(values) - 1)
+        return np.asarray(np.sqrt(fitted[below] * fitted[above]))
+
+
+def _isotonic(good: Array, bad: Array) -> Array:
+    """Odds (k,) of good over bad counts that do not fall; neighbours that would are pooled."""
+    total = np.maximum(good + bad, LEAST_COUNT**2)
+    first = isotonic_regression(good / total, weights=total).blocks[:-1]
+    odds = (np.add.reduceat(good, first) + LEAST_COUNT) / (np.add.reduceat(bad, first) + LEAST_COUNT)
+    return np.asarray(np.repeat(odds, np.diff(np.append(first, len(good)))))
+
+
+CELL = 0.5
+"""m: edge of a cell of the map."""
+AROUND = np.array([(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
+"""Cells over which a place is looked up: errors of feet are about as large as a cell."""
+LEAST_IN_CELL = 0.05
+"""Counts below which a cell is forgotten."""
+SURELY_FALSE = 0.5
+"""Probability to be false from which a box counts."""
+
+
+@dataclass(frozen=True)
+class StandingClutterParameters:
+    """How false boxes that stay are learned."""
+
+    memory: float = 60.0  # ticks, time constant with which counts fade
+    weight: float = 30.0  # ticks without a false box for which an unknown place counts
+    chance: float = 1.0  # boxes about a place that say nothing, as people are missed and false boxes come anew
+    seen_again: float = 0.8  # factor of the counts in a tick in which a person stands there whom several views see
+    enabled: bool = True
+
+
+class StandingClutter:
+    """The maps of all views."""
+
+    def __init__(self, parameters: StandingClutterParameters) -> None:
+        self.parameters = parameters
+        self._maps: dict[str, dict[tuple[int, int], float]] = {}
+
+    def density(self, feet: GroundDetections) -> Array:
+        """Density (n,) of false boxes that stay, a square metre and tick, at the boxes of a view."""
+        q, out, known = self.parameters, np.zeros(len(feet)), self._maps.get(feet.camera)
+        if not known:
+            return out
+        for k in np.flatnonzero(feet.grounded).tolist():
+            out[k] = sum(known.get((int(i), int(j)), 0.0) for i, j in _cell(feet.point[k, :2]) + AROUND)
+        return np.maximum(out - q.chance, 0.0) / (len(AROUND) * CELL**2 * (q.memory + q.weight))
+
+    def learn(self, feet: GroundDetections, false: Array, sure: Array) -> None:
+        """Count a tick of a view. false (n,): probability of each box to be false. sure (m, 2) m: places of people whom several views see."""
+        q, known = self.parameters, self._maps.setdefault(feet.camera, {})
+        fade = np.exp(-1 / q.memory)
+        for cell, count in list(known.items()):
+            known[cell] = fade * count
+            if known[cell] < LEAST_IN_CELL:
+                del known[cell]
+        for k in np.flatnonzero(feet.grounded & (false > SURELY_FALSE)).tolist():
+            i, j = _cell(feet.point[k, :2]).tolist()
+            known[i, j] = known.get((i, j), 0.0) + float(false[k])
+        for place in sure:
+            for i, j in (_cell(place) + AROUND).tolist():
+                if (i, j) in known:
+                    known[i, j] *= q.seen_again
+
+
+def _cell(place: Array) -> Ints:
+    return np.asarray(np.floor(place / CELL), dtype=np.int64)

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 
 from tracker.detections.ground_points import FusionParameters
 from tracker.tracks.calibration_bias import RegistrationBiasParameters
-from tracker.tracks.detection_rates import DetectionRateParameters
+from tracker.tracks.detection_rates import DetectionRateParameters, StandingClutterParameters
 from tracker.tracks.measurement_noise import MeasurementNoiseParameters
 from tracker.tracks.reidentification import ReidentificationParameters
-from tracker.tracks.standing_clutter import StandingClutterParameters
 from tracker.tracks.tracks import MotionParameters
 
 

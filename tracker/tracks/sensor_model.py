@@ -16,9 +16,8 @@ from tracker.detections.ground_points import GroundDetections
 from tracker.detections.occlusion import Bodies, Viewpoint
 from tracker.geometry import Array, Ints, Mask
 from tracker.tracks.calibration_bias import RegistrationBias
-from tracker.tracks.detection_rates import COVER_BOUNDS, DetectionRates
+from tracker.tracks.detection_rates import COVER_BOUNDS, DetectionRates, StandingClutter
 from tracker.tracks.parameters import MhtParameters
-from tracker.tracks.standing_clutter import StandingClutter
 from tracker.tracks.tracks import Tracks
 from tracker.types import Setup
 

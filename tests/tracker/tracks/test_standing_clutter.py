@@ -13,8 +13,8 @@ from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track
 from tracker.recordings import Recording, RecordingCamera
 from tracker.sequence.results import Results
+from tracker.tracks.detection_rates import StandingClutter, StandingClutterParameters
 from tracker.tracks.parameters import MhtParameters
-from tracker.tracks.standing_clutter import StandingClutter, StandingClutterParameters
 
 COAT_STAND = np.array([1.0, 1.0, 0.0])
 
