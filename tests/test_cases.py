@@ -16,7 +16,7 @@ import pytest
 from sim.cli.main import _parse
 from tests.commands import pilsim
 from tests.sim.cli.test_surroundings import BOXES, CAMERA
-from tests.tracker.formats.mrclam import write_set
+from tests.tracker.planar_slam.mrclam import write_set
 from tracker.planar_slam.utias_run import track_utias
 
 ROOT = Path(__file__).parent

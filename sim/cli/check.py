@@ -48,7 +48,7 @@ class Check:
     recordings {"cameras": […], "findings": [{"kind": …, "words": …}, …]}."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import is_pilsim
+        from tracker.formats.opening import is_pilsim
 
         # What is no folder, or nothing that is known, is told of by the check of datasets or by the opening.
         if is_pilsim(self.source):
@@ -85,7 +85,7 @@ class Check:
             print(f"{self.source}: {count} sequence{'s' * (count != 1)}, no fault")
 
     def _recording(self) -> None:
-        from tracker.datasets.opening import open_recording
+        from tracker.formats.opening import open_recording
         from tracker.recordings.calibration_check import LEGEND, check_calibration
 
         if self.picture is not None and self.picture.suffix.lower() != ".png":

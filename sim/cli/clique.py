@@ -37,8 +37,8 @@ class Clique:
 
     def run(self) -> None:
         from tracker.clique.branch_and_bound import exact
+        from tracker.clique.dimacs import read_graph
         from tracker.clique.local_search import Limits, search
-        from tracker.formats.dimacs import read_graph
 
         if self.seed < 0:
             raise ValueError(f"--seed is {self.seed}, needs at least 0")

@@ -43,8 +43,9 @@ class Detect:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import FORMATS, open_sequence
-        from tracker.datasets.source_options import SourceOptions
+        from tracker.formats.opening import open_sequence
+        from tracker.formats.source_options import SourceOptions
+        from tracker.formats.table import SOURCES
         from tracker.person_detector.detection_run import DetectionRun, write_detections
         from tracker.person_detector.detector import PersonDetector
         from tracker.person_detector.pictures import frames_of_pictures, frames_of_sequence, is_pictures, number_of_pictures
@@ -53,7 +54,7 @@ class Detect:
         check_output(self.out)
         how = DetectionRun(PersonDetector(self.model), True if self.panorama else None, self.pictures, self.video)
         run = {"source": str(self.source.resolve()), "cameras": self.cameras, "frames": self.frames}
-        if self.source.exists() and not any(form.matches(self.source) for form in FORMATS) and is_pictures(self.source):
+        if self.source.exists() and not any(form.matches(self.source) for form in SOURCES) and is_pictures(self.source):
             if self.cameras or self.frames:
                 raise ValueError(f"{self.source}: --cameras and --frames are for recordings and sequences")
             found = write_detections(frames_of_pictures(self.source), number_of_pictures(self.source), self.out, run, how)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -59,11 +59,10 @@ class Export:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import FORMATS, is_pilsim
-        from tracker.datasets.source_options import SourceOptions
-        from tracker.export.aicity import export_results, is_results
-        from tracker.export.exporting import ExportOptions, export
-        from tracker.export.recording import export_source
+        from tracker.formats.aicity.export import export_results, is_results
+        from tracker.formats.exporting import ExportOptions, export, export_source
+        from tracker.formats.opening import is_pilsim
+        from tracker.formats.table import SOURCES
         from tracker.io.progress import progress_bar
 
         def progress(frames: Iterable[int], name: str) -> Iterable[int]:
@@ -72,25 +71,18 @@ class Export:
         results = self.format == "aicity" and is_results(self.source)
         if self.scene is not None and not results:
             raise ValueError("--scene is for the results of `track` with --format aicity")
+        done: dict[str, Any] = {"out": str(self.out), "format": self.format}
         if results:
-            scene = export_results(self.source, self.out, self.scene)
-            print(
-                json_text({"out": str(self.out), "format": self.format, "scene": scene}) if self.json else f"{self.out}: track1.txt of scene {scene}"
-            )
-            return
-        if self.format == "recording" and self.source.is_dir() and not is_pilsim(self.source):
-            export_source(self.source, self.out, SourceOptions())
-            print(
-                json_text({"out": str(self.out), "format": self.format})
-                if self.json
-                else f"{self.out}: a recording; `pilsim track {self.out}` reads it"
-            )
-            return
-        if (form := next((form for form in FORMATS if form.matches(self.source)), None)) is not None and not is_pilsim(self.source):
-            raise ValueError(f"{self.source}: is {form.title}, which --format recording writes; {self.format} needs a sequence of pilsim")
-        options = ExportOptions(self.rectangles, self.epoch, self.faces)
-        found = export(self.source, self.format, self.out, progress, options)
-        if self.json:
-            print(json_text({"out": str(self.out), "format": self.format, "sequences": [str(path) for path in found]}))
+            done["scene"] = export_results(self.source, self.out, self.scene)
+            said = f"track1.txt of scene {done['scene']}"
+        elif self.format == "recording" and self.source.is_dir() and not is_pilsim(self.source):
+            export_source(self.source, self.out)
+            said = f"a recording; `pilsim track {self.out}` reads it"
         else:
-            print(f"{self.out}: {len(found)} sequence{'s' * (len(found) != 1)} as {self.format}; README.md in it explains every column")
+            other = next((form for form in SOURCES if form.matches(self.source)), None)
+            if other is not None and not is_pilsim(self.source):
+                raise ValueError(f"{self.source}: is {other.title}, which --format recording writes; {self.format} needs a sequence of pilsim")
+            found = export(self.source, self.format, self.out, progress, ExportOptions(self.rectangles, self.epoch, self.faces))
+            done["sequences"] = [str(path) for path in found]
+            said = f"{len(found)} sequence{'s' * (len(found) != 1)} as {self.format}; README.md in it explains every column"
+        print(json_text(done) if self.json else f"{self.out}: {said}")

@@ -29,7 +29,7 @@ class Info:
     """Print JSON alone; sizes are in MB."""
 
     def run(self) -> None:
-        from tracker.datasets.summary import summarize, summary_text
+        from tracker.formats.summary import summarize, summary_text
 
         found = summarize(self.source)
         print(json_text(found, indent=1) if self.json else summary_text(found))

@@ -49,8 +49,9 @@ class Score:
     """These options score one MOT15 file against another, in place of two folders."""
 
     def run(self) -> None:
-        from tracker.datasets.opening import UTIAS, format_of, open_sequence
-        from tracker.datasets.source_options import SourceOptions
+        from tracker.formats.opening import format_of, open_sequence
+        from tracker.formats.source_options import SourceOptions
+        from tracker.formats.table import UTIAS
         from tracker.metrics.evaluation import efficiency, evaluate, evaluate_files, table
         from tracker.planar_slam import trajectories, utias_run
         from tracker.sequence.results import read_results

@@ -97,7 +97,7 @@ class ScoreDetections:
         return WantedBodies((low, high), (self.min_visible, float("inf")))
 
     def _images(self) -> list[ImageBoxes]:
-        from tracker.datasets.source_options import SourceOptions
+        from tracker.formats.source_options import SourceOptions
         from tracker.io.progress import progress_bar
         from tracker.metrics.scored_images import images_of
 

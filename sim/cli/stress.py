@@ -170,8 +170,8 @@ class Stress:
 
     def _cases(self) -> list[Case]:
         from sim.stress.sweeps import cases, default_scenario, pets_cases, recording_cases
-        from tracker.datasets.opening import open_recording
         from tracker.detector_models.model import INDEPENDENT, chosen_model
+        from tracker.formats.opening import open_recording
 
         if self.pets is not None and not self.pets.is_dir():
             raise ValueError(f"{self.pets}: no such folder")

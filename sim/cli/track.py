@@ -12,7 +12,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from sim.cli.options import Out, options_of, unset
 
 if TYPE_CHECKING:
-    from tracker.datasets.source_options import SourceOptions
+    from tracker.formats.source_options import SourceOptions
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SourceChoice:
 
     def options(self, images: bool, pixels: bool = False) -> SourceOptions:
         """How the source is read. images: whether images are read, too. Raises ValueError as SourceOptions.parse."""
-        from tracker.datasets.source_options import SourceOptions
+        from tracker.formats.source_options import SourceOptions
 
         return SourceOptions.parse(self.detections, self.degrade, self.seed, self.cameras, self.frames, images, self.project, pixels)
 
@@ -148,8 +148,9 @@ class Track:
 
     def run(self) -> None:
         from sim.parallel.pool import usable_cores
-        from tracker.datasets.opening import PILSIM, UTIAS, format_of, open_sequence
         from tracker.detections.rejections import explain_few_people
+        from tracker.formats.opening import format_of, open_sequence
+        from tracker.formats.table import PILSIM, UTIAS
         from tracker.options import OPTIONS, parameters_from
         from tracker.person_detector.detected_ticks import detected_in_images
         from tracker.person_detector.network import PersonNetwork

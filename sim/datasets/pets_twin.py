@@ -22,13 +22,13 @@ from sim.recording.record import SimulatedSequence
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import INDEPENDENT, Scenario
 from sim.simulation.simulation import Simulation
-from tracker.datasets.pets2009 import PETS_RATE
-from tracker.formats.pets2009 import Annotations, ground_truth, read_annotations, read_camera
+from tracker.formats.pets2009 import PETS_RATE, Annotations, ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Flat
 from tracker.geometry.image_boxes import box_overlaps as overlaps
 from tracker.io.resume import checksum
+from tracker.io.tsai_xml import read_camera
 from tracker.sequence.truth_tables import read_boxes
 from tracker.types import Boxes
 from worlds import catalogue

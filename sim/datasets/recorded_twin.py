@@ -21,8 +21,9 @@ from sim.recording.record import SimulatedSequence
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import BOUNDS, INDEPENDENT, Scenario
 from sim.simulation.simulation import Simulation, furnished
-from tracker.datasets.opening import PILSIM, format_of, open_recording
-from tracker.datasets.source_options import SourceOptions, camera_named
+from tracker.formats.opening import format_of, open_recording
+from tracker.formats.source_options import SourceOptions, camera_named
+from tracker.formats.table import PILSIM
 from tracker.geometry import Array, Ints
 from tracker.geometry.ground import Flat
 from tracker.recordings.images import ImageSource

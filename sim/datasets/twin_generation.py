@@ -20,9 +20,9 @@ from sim.recording.drawing_workers import drawing_workers
 from sim.recording.frames import raycast_frames
 from sim.recording.record import SimulatedSequence, check_absent, write_sequence
 from sim.recording.tracker_setup import make_setup
-from tracker.datasets.opening import format_of
-from tracker.datasets.pets2009 import PETS_AREA, calibration_of
 from tracker.detections.boxes import boxes_of_detections
+from tracker.formats.opening import format_of
+from tracker.formats.pets2009 import PETS_AREA, calibration_of
 from tracker.geometry import Array, Ints
 from tracker.io.atomic import new_folder, write_text
 from tracker.io.file_lock import folder_lock

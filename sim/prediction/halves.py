@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tracker.datasets.opening import open_recording
-from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.fit import fit
 from tracker.detector_models.fitting import Source
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import true_people
 from tracker.detector_models.places import at_its_places, fit_view
 from tracker.detector_models.shared_errors import SharedErrors, agreed
+from tracker.formats.opening import open_recording
+from tracker.formats.source_options import SourceOptions
 from tracker.recordings import Recording
 
 LEAST_FRAMES = 2

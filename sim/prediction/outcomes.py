@@ -10,8 +10,9 @@ from sim.stress.sweeps import RECORDED, Case, default_scenario
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial_data import TrialData
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import evaluated_people, matching_frames
+from tracker.metrics.evaluation import matching_frames
 from tracker.recordings import Recording
+from tracker.types.truth import evaluated_people
 
 FIGURES = ("mota", "idf1", "hota", "misses", "false_positives", "switches", "motp_m", "truths")
 """Names of the scores of a run."""

@@ -15,10 +15,10 @@ from sim.prediction.halves import FittedViews, Frames, Halves, fit_views, open_h
 from sim.prediction.outcomes import FIGURES, Outcome, outcome
 from sim.prediction.twins import Models, twin
 from sim.stress.tracker_under_test import TrackerUnderTest
-from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.fitting import Source
 from tracker.detector_models.model import INDEPENDENT, model_of
 from tracker.detector_models.shared_errors import SharedErrors
+from tracker.formats.source_options import SourceOptions
 
 BOUNDS: dict[str, tuple[float, float]] = {"mota": (-np.inf, 1.0), "idf1": (0.0, 1.0), "hota": (0.0, 1.0)}
 """Least and greatest value of figures; others are counts and distances of at least 0."""

@@ -24,10 +24,9 @@ from scipy.special import ellipe
 
 from sim.stress.trial_data import TrialData
 from tracker.clique.branch_and_bound import exact
+from tracker.clique.dimacs import read_graph
 from tracker.ekf.measurement_models import CameraPose, jacobians, robot_jacobians
-from tracker.formats.dimacs import read_graph
 from tracker.geometry import Array, Ints, Pose, skew, tangent_basis
-from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.landmark_map import MapScore, score_map
 from tracker.metrics.trajectory import align
 from tracker.sequence.results import Results
@@ -35,6 +34,7 @@ from tracker.slam import cramer_rao
 from tracker.slam.cramer_rao import bound_step
 from tracker.tracks.tracks import MotionParameters, transition
 from tracker.types import LandmarkHistory, Mount, Odometry, RobotDetections, Sightings, View
+from tracker.types.truth import evaluated_people
 
 EVALUATIONS = 5
 """Frames, evenly spread, at which the bound of the robots is evaluated; the error of a run is the root mean square over them."""

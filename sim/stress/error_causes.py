@@ -14,10 +14,10 @@ import numpy as np
 from sim.stress.trial_data import TrialData
 from tracker.detections.ground_points import FusionParameters, project_to_ground
 from tracker.geometry import Array, Ints, Pose
-from tracker.metrics.evaluation import VISIBLE_FRACTION
 from tracker.metrics.matching import Comparison, Matches, MatchingFrame, compare, match_frames, planar_distance, without_ignored
 from tracker.sequence.results import Results
 from tracker.types import Tick, View
+from tracker.types.truth import VISIBLE_FRACTION
 
 MISSES = ("nobody saw it", "occluded", "detector missed", "not yet believed", "gated out", "pose error", "merged")
 FALSE_POSITIVES = ("clutter", "duplicate", "coasting", "misplaced", "pose error")

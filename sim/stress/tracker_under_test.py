@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.motchallenge import read_mot15
 from tracker.geometry import Pose
+from tracker.io.mot15 import read_mot15
 from tracker.options import parameters_from
 from tracker.pipeline import track
 from tracker.sequence.results import Results

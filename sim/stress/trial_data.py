@@ -19,18 +19,18 @@ from sim.recording.record import SimulatedSequence, rendered_frames
 from sim.recording.tracker_setup import make_setup, told_setup
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
-from tracker.datasets.opening import open_recording, open_sequence
-from tracker.datasets.pets2009 import PETS_AREA, PETS_VIEWS, calibration_of
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import open_recording, open_sequence
+from tracker.formats.pets2009 import PETS_AREA, PETS_VIEWS, calibration_of
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array, Ints, Mask, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
-from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.matching import MatchingFrame
 from tracker.person_detector.detected_ticks import sites_of, with_found_people
 from tracker.person_detector.detector import PersonDetector
 from tracker.recordings.degradation import Degradation
 from tracker.sequence.results import Results
 from tracker.types import Boxes, Detections, Setup, Tick, TicksInMemory, Truth, ViewTruth
+from tracker.types.truth import evaluated_people
 
 EDGE_TOLERANCE = np.radians(1.5)
 """A detection is false where an edge is off by more than this and four standard deviations, rad."""

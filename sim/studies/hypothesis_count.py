@@ -19,9 +19,9 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import PETS_VIEWS
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import open_sequence
+from tracker.formats.pets2009 import PETS_VIEWS
+from tracker.formats.source_options import SourceOptions
 from tracker.io.atomic import new_file
 from tracker.io.text_files import read_lines
 from tracker.metrics.clear_mot import score

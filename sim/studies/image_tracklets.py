@@ -18,19 +18,19 @@ import numpy as np
 from sim.recording.record import record
 from sim.scenario import Scenario
 from sim.studies.hypothesis_count import resumed
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import PETS_VIEWS
-from tracker.datasets.source_options import SourceOptions
 from tracker.detections.front_end import ImageParameters
 from tracker.detections.optical_flow import TrackletParameters
+from tracker.formats.opening import open_sequence
+from tracker.formats.pets2009 import PETS_VIEWS
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.io.atomic import new_file
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import evaluated_people
 from tracker.metrics.matching import MatchingFrame
 from tracker.pipeline import Parameters, track
 from tracker.sequence.reader import read_sequence
 from tracker.types import Sequence
+from tracker.types.truth import evaluated_people
 
 PAPER = TrackletParameters()
 SETTINGS: dict[str, TrackletParameters | None] = {

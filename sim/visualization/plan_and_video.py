@@ -21,9 +21,9 @@ from tracker.geometry import Array, Image, Pose
 from tracker.geometry.ground import Grid
 from tracker.io.atomic import new_file
 from tracker.io.video_files import check_frames
-from tracker.metrics.evaluation import dead_reckoning
 from tracker.sequence.results import Results
 from tracker.types import Sequence, Setup, Tick
+from tracker.types.sequence import dead_reckoning
 
 BAND = (28.0, -51.0)
 """Highest and lowest elevation of panoramas in the video, degrees."""

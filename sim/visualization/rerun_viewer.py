@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from sim.visualization.rerun_scene import RerunScene, SceneFrame
-from tracker.datasets.opening import format_of, open_recording, open_sequence
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import format_of, open_recording, open_sequence
+from tracker.formats.source_options import SourceOptions
 from tracker.io.atomic import new_file
 from tracker.io.file_lock import output_file_lock
 from tracker.io.progress import progress_bar

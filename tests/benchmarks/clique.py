@@ -16,8 +16,8 @@ import numpy as np
 
 from tests.conftest import DATA
 from tracker.clique.branch_and_bound import exact
+from tracker.clique.dimacs import read_graph
 from tracker.clique.local_search import Graph, Limits, search
-from tracker.formats.dimacs import read_graph
 
 LIMIT = float(os.environ.get("PILSIM_CLIQUE_SECONDS", "10"))
 SEEDS = 10

@@ -6,12 +6,12 @@ The frames of the fit are 0:130 of CMC and 0:400 of PETS 2009; those of the test
 from __future__ import annotations
 
 from tests.conftest import DATA
-from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.comparison import distances, table
 from tracker.detector_models.fitting import agreed_source, open_source
 from tracker.detector_models.model import named_model
 from tracker.detector_models.samples import joined
 from tracker.detector_models.simulation import independent_detections, simulated_detections
+from tracker.formats.source_options import SourceOptions
 
 SEEDS = (1, 2, 3)
 CMC, PETS = [DATA / "cmc" / "CMC1", DATA / "cmc" / "CMC2"], [DATA / "pets2009" / "S2.L1"]

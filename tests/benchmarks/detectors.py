@@ -29,10 +29,10 @@ import numpy as np
 
 from tests.benchmarks import seam
 from tests.conftest import DATA
-from tracker.datasets.opening import open_recording
-from tracker.datasets.source_options import SourceOptions
-from tracker.formats.motchallenge import read_mot15, rows_from_boxes, write_mot15
+from tracker.formats.opening import open_recording
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array, Image
+from tracker.io.mot15 import read_mot15, rows_from_boxes, write_mot15
 from tracker.metrics.box_detection import IOUS, ImageBoxes, best_moda, count_boxes, judge
 from tracker.metrics.scored_images import images_of
 from tracker.person_detector.detector import CameraPlace, PersonDetector

@@ -36,8 +36,8 @@ from sim.rendering.panorama import PanoramaRenderer
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tests.benchmarks.throughput import per_frame
-from tracker.datasets.summary import summarize
 from tracker.datasets.validation import validate
+from tracker.formats.summary import summarize
 from tracker.geometry.cameras import Panorama
 from tracker.io.atomic import write_text
 

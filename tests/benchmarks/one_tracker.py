@@ -30,17 +30,18 @@ from sim.stress.sweeps import Case
 from sim.stress.trial_data import TrialData, simulate_case
 from tests.benchmarks.room import room
 from tests.conftest import DATA
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import open_sequence
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.io.json_files import json_text
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import evaluated_people, matching_frames
+from tracker.metrics.evaluation import matching_frames
 from tracker.options import CHOICES, OPTIONS, REAL, WHOLE, parameters_from
 from tracker.pipeline import Parameters, track
 from tracker.recordings.degradation import BoxNoise, Degradation
 from tracker.sequence.results import Results
 from tracker.types import Sequence, Tick, TicksInMemory
+from tracker.types.truth import evaluated_people
 
 DELAY, ROOM_DELAY = 10, 5
 """Frames by which output lags: by default, and always in real rooms and squares."""

@@ -23,11 +23,11 @@ from sim.prediction.predict import FITTED, Prediction, PredictionPlan, predict
 from sim.prediction.twins import twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.conftest import DATA
-from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.comparison import distances
 from tracker.detector_models.model import INDEPENDENT
 from tracker.detector_models.samples import joined
 from tracker.detector_models.simulation import independent_detections
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.io.json_files import json_text
 

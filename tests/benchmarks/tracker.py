@@ -19,11 +19,11 @@ import numpy as np
 
 from tests.conftest import DATA
 from tracker.clique.branch_and_bound import exact
+from tracker.clique.dimacs import read_graph
 from tracker.clique.local_search import Graph
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.source_options import SourceOptions
-from tracker.formats.dimacs import read_graph
+from tracker.formats.opening import open_sequence
+from tracker.formats.source_options import SourceOptions
 from tracker.pipeline import Parameters, track
 from tracker.tracks.parameters import MhtParameters
 from tracker.types import Setup, Tick

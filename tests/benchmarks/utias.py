@@ -18,11 +18,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tests.conftest import DATA
-from tracker.formats.utias import UtiasDataset, read_utias
 from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, filter_input
 from tracker.planar_slam.filter import OUTPUT, SCAN, STEP
 from tracker.planar_slam.motion_model import Sensors
 from tracker.planar_slam.trajectories import PlanarTrajectories, score_trajectories
+from tracker.planar_slam.utias_files import UtiasDataset, read_utias
 from tracker.planar_slam.utias_run import track_utias
 
 Array = NDArray[np.float64]

@@ -21,17 +21,21 @@ from sim.report.summary import headline, moments, summary
 from sim.stress.runner import _read_rows
 from sim.studies.hypothesis_count import Cell, read_cells
 from tests.fuzz import samples
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.summary import summarize, summary_text
+from tracker.clique.dimacs import read_graph
 from tracker.datasets.validation import validate
-from tracker.export.recorded_sequence import RecordedSequence
-from tracker.formats import aicity, coco, jrdb, motchallenge, pets2009, pom, wildtrack
-from tracker.formats.dimacs import read_graph
-from tracker.formats.tum import read_tum
-from tracker.formats.utias import read_utias
+from tracker.formats import pets2009
+from tracker.formats.aicity import files as aicity
+from tracker.formats.exported_sequence import RecordedSequence
+from tracker.formats.jrdb import files as jrdb
+from tracker.formats.opening import open_sequence
+from tracker.formats.summary import summarize, summary_text
+from tracker.formats.wildtrack import files as wildtrack
 from tracker.io.image_files import decode_image
+from tracker.io.mot15 import read_detections, read_mot15
 from tracker.io.terrain_file import read_terrain
+from tracker.io.tsai_xml import read_camera
 from tracker.planar_slam.trajectories import read_trajectories
+from tracker.planar_slam.utias_files import read_utias
 from tracker.recordings.images import VideoFile
 from tracker.sequence.dataset import read_dataset
 from tracker.sequence.manifest import manifest_checksum, read_manifest
@@ -68,16 +72,6 @@ def _opened(folder: Path) -> object:
 def _wildtrack_camera(folder: Path) -> object:
     found = wildtrack.read_calibration(folder, "Camera1")
     return found.pixels(found.tvec[None] + [[0.0, 0.0, 5.0]]), found.depths(found.tvec[None])
-
-
-def _coco(file: Path) -> object:
-    content = coco.read_coco(file)
-    try:
-        return [coco.person_annotation(entry).mask.decode() for entry in content.annotations]
-    except ValueError as error:
-        if type(error) is not ValueError:
-            raise
-        raise ValueError(f"{file}: {error}") from None
 
 
 def _contents(folder: Path) -> object:
@@ -215,7 +209,6 @@ FOLDERS = (
     Reader("WILDTRACK intrinsics", samples.wildtrack_folder, "intrinsic/intr_Camera1.xml", _wildtrack_camera),
     Reader("WILDTRACK extrinsics", samples.wildtrack_folder, "extrinsic/extr_Camera1.xml", _wildtrack_camera),
     Reader("WILDTRACK config.json", samples.wildtrack_folder, "config.json", lambda folder: wildtrack.read_ground_grid(folder / "config.json")),
-    Reader("POM", samples.wildtrack_folder, "rectangles.pom", lambda folder: pom.read_rectangles(folder / "rectangles.pom", 1, 20), "lines"),
     Reader("JRDB 2-D", samples.jrdb_files, "2d.json", lambda folder: jrdb.read_labels_2d(folder / "2d.json")),
     Reader("JRDB 3-D", samples.jrdb_files, "3d.json", lambda folder: jrdb.read_labels_3d(folder / "3d.json")),
     Reader("stress report", samples.stress, "results.jsonl", _report),
@@ -225,18 +218,13 @@ FOLDERS = (
 )
 FILES = (
     _single("CVML", "a.xml", samples.annotations, pets2009.read_annotations),
-    _single("Tsai", "View_001.xml", samples.tsai, pets2009.read_camera),
-    _single("pinhole as Tsai", "View_002.xml", samples.plain_camera, pets2009.read_camera),
-    _single("MOT15 truth", "gt.txt", samples.mot15, partial(motchallenge.read_mot15, tracks=True), "lines"),
-    _single("MOT15 detections", "det.txt", partial(samples.mot15, detections=True), pets2009.read_detections, "lines"),
-    _single("MOT17", "gt.txt", partial(samples.mot17, positions=False), motchallenge.read_mot17, "lines"),
-    _single("MOTSynth", "gt.txt", partial(samples.mot17, positions=True), motchallenge.read_mot17, "lines"),
+    _single("Tsai", "View_001.xml", samples.tsai, read_camera),
+    _single("pinhole as Tsai", "View_002.xml", samples.plain_camera, read_camera),
+    _single("MOT15 truth", "gt.txt", samples.mot15, partial(read_mot15, tracks=True), "lines"),
+    _single("MOT15 detections", "det.txt", partial(samples.mot15, detections=True), read_detections, "lines"),
     _single("AI City results", "track1.txt", samples.aicity_results, aicity.read_results, "lines"),
-    _single("seqinfo.ini", "seqinfo.ini", samples.seqinfo, motchallenge.read_seqinfo),
     _single("terrain.npz", "terrain.npz", samples.terrain, read_terrain, "binary"),
-    _single("TUM", "robot.txt", samples.tum, read_tum, "lines"),
     _single("DIMACS", "g.clq", samples.dimacs, read_graph, "lines"),
-    _single("COCO", "instances.json", samples.coco_file, _coco),
     _single("settings TOML", "settings.toml", samples.settings_toml, _settings),
     _single("settings JSON", "settings.json", samples.settings_json, _settings),
     _single("JPEG", "a.jpg", samples.image, _image, "binary"),

@@ -13,14 +13,18 @@ from sim.datasets.presets import PRESETS
 from sim.policies.training import Curve
 from tests.sim import stress_rows
 from tests.tracker import disc_sequence, sequences
-from tests.tracker.formats.mrclam import write_set
+from tests.tracker.planar_slam.mrclam import write_set
 from tracker.clique import Graph
-from tracker.formats import aicity, coco, jrdb, motchallenge, pets2009, pom, wildtrack
-from tracker.formats.dimacs import write_graph
-from tracker.formats.tum import write_tum
+from tracker.clique.dimacs import write_graph
+from tracker.formats import pets2009
+from tracker.formats.aicity import files as aicity
+from tracker.formats.jrdb import files as jrdb
+from tracker.formats.wildtrack import files as wildtrack
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import Panorama, Pinhole, Tsai, pinhole
 from tracker.geometry.ground import Flat, Grid
+from tracker.io.mot15 import Mot15Rows, write_mot15
+from tracker.io.tsai_xml import write_camera
 from tracker.io.video_files import VideoWriters
 from tracker.planar_slam.trajectories import PlanarTrajectories, write_trajectories
 from tracker.recordings import Recording, RecordingCamera, RecordingRobot
@@ -51,18 +55,10 @@ def mot15(file: Path, detections: bool = False, boxes: bool = True) -> None:
     box = np.column_stack([rng.uniform(12, 75, 9), rng.uniform(20, 50, 9), np.full(9, 5.0), np.full(9, 12.0)])
     place = np.column_stack([rng.uniform(-5, 4, (9, 2)), np.zeros(9)])
     ids = np.full(9, -1) if detections else person
-    rows = motchallenge.Mot15Rows(
+    rows = Mot15Rows(
         frame, ids, box if boxes else np.full((9, 4), -1.0), rng.uniform(0.5, 1, 9), np.full((9, 3), -1.0) if detections else place
     )
-    motchallenge.write_mot15(file, rows)
-
-
-def mot17(file: Path, positions: bool) -> None:
-    frame, person = np.repeat(np.arange(1, 4), 2), np.tile([4, 9], 3)
-    box = np.tile([10.0, 20.0, 30.0, 40.0], (6, 1))
-    place = np.tile([1.0, 2.0, 0.5], (6, 1)) if positions else None
-    flags = np.ones(6, dtype=np.int64)
-    motchallenge.write_mot17(file, motchallenge.Mot17Rows(frame, person, box, flags, flags, np.full(6, 0.5), place))
+    write_mot15(file, rows)
 
 
 def annotations(file: Path) -> None:
@@ -86,14 +82,10 @@ def pets(folder: Path) -> None:
     """A PETS 2009 folder with one view."""
     for name in ("calibration", "detections", "annotations"):
         (folder / name).mkdir()
-    pets2009.write_camera(folder / "calibration" / "View_001.xml", "View_001", camera(), pose())
+    write_camera(folder / "calibration" / "View_001.xml", "View_001", camera(), pose())
     mot15(folder / "detections" / "View_001.txt", detections=True)
     annotations(folder / "annotations" / "PETS-cropped.xml")
     site(folder)
-
-
-def tum(file: Path) -> None:
-    write_tum(file, [0.0, 0.5, 1.0], [Pose.planar(k, 2.0, 0.3 * k) for k in range(3)])
 
 
 def dimacs(file: Path) -> None:
@@ -101,7 +93,7 @@ def dimacs(file: Path) -> None:
 
 
 def wildtrack_folder(folder: Path) -> None:
-    """Annotation, calibration, configuration and rectangles of two views."""
+    """Annotation, calibration, and configuration of two views."""
     grid = wildtrack.GroundGrid(np.array([-3.0, -2.0]), 5, 4, 0.5)
     boxes = np.array([[10, 20, 30, 40], [-1, -1, -1, -1]])
     people = [wildtrack.WildtrackPosition(7, 3, boxes, np.array([1.0, 2.0, 0.0])), wildtrack.WildtrackPosition(9, 8, boxes[::-1])]
@@ -109,19 +101,6 @@ def wildtrack_folder(folder: Path) -> None:
     eye = wildtrack.OpenCvCamera.of(camera(), pose())[0]
     wildtrack.write_calibration(folder, "Camera1", eye)
     wildtrack.write_config(folder / "config.json", grid, 1, 3, (72, 96))
-    pom.write_rectangles(folder / "rectangles.pom", grid, [eye], (72, 96), lambda points: np.zeros(len(points)))
-
-
-def coco_file(file: Path) -> None:
-    """One image with two people."""
-    content = coco.CocoFile()
-    image = content.add_image(content.add_video("a", "view_1", "s"), "images/000000.jpg", (8, 6), 0)
-    instances = np.zeros((6, 8), np.uint16)
-    instances[1:4, 2:5], instances[2:6, 5:7] = 4, 9
-    for person, mask in coco.encode_masks(instances).items():
-        box = np.array([2.0, 1.0, 3.0, 3.0])
-        content.add(image, coco.PersonAnnotation(person, box, box, 0.5, 3.25, mask, np.ones((17, 2)), np.arange(17) % 3))
-    coco.write_coco(file, content, "sample")
 
 
 def jrdb_files(folder: Path) -> None:
@@ -282,13 +261,9 @@ def curve(file: Path) -> None:
     out.write(file)
 
 
-def seqinfo(file: Path) -> None:
-    motchallenge.write_seqinfo(file, motchallenge.SeqInfo("MOT17-02", 30.0, 600, 1920, 1080))
-
-
 def tsai(file: Path) -> None:
-    pets2009.write_camera(file, "View_001", camera(), pose())
+    write_camera(file, "View_001", camera(), pose())
 
 
 def plain_camera(file: Path) -> None:
-    pets2009.write_camera(file, "View_002", pinhole(320, 240, 1.2), pose())
+    write_camera(file, "View_002", pinhole(320, 240, 1.2), pose())

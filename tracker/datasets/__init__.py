@@ -1,4 +1,4 @@
-"""Data sets on disk: opening them, degrading their detections, validating, summarizing and describing them.
+"""Datasets of pilsim on disk: validating and describing them, and synthetic crowds for tests and studies.
 
-Read `opening.py` first.
+Read `validation.py` first.
 """

@@ -15,10 +15,10 @@ import numpy as np
 
 from tracker.datasets.validation_sensors import sensor_faults
 from tracker.datasets.validation_tables import inconsistencies
-from tracker.formats.pets2009 import read_camera
 from tracker.geometry.cameras import Tsai
 from tracker.io.atomic import is_temporary
 from tracker.io.json_files import read_json
+from tracker.io.tsai_xml import read_camera
 from tracker.sequence import dataset
 from tracker.sequence.dataset import FILE, MANIFEST, read_dataset
 from tracker.sequence.manifest import check_file, manifest_checksum, read_manifest

@@ -8,8 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tracker.datasets.opening import open_recording
-from tracker.datasets.source_options import SourceOptions
 from tracker.detector_models.comparison import distances
 from tracker.detector_models.fit import fit
 from tracker.detector_models.model import DetectorModel
@@ -17,6 +15,8 @@ from tracker.detector_models.observations import TruePeople, observed, true_peop
 from tracker.detector_models.samples import Samples, joined, samples_of
 from tracker.detector_models.shared_errors import agreed
 from tracker.detector_models.simulation import Simulated, independent_detections, simulated_detections
+from tracker.formats.opening import open_recording
+from tracker.formats.source_options import SourceOptions
 from tracker.io.resume import checksum
 from tracker.recordings import Recording
 

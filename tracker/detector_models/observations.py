@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tracker.datasets.opening import format_of
 from tracker.detector_models.bodies import TrueBodies, bodies_in_view
 from tracker.detector_models.overlaps import MATCH, nearest_overlap
+from tracker.formats.opening import format_of
 from tracker.formats.pets2009 import ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import Camera

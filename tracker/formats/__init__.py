@@ -1,4 +1,4 @@
-"""File formats of other projects, one per module, with reader and writer side by side.
+"""The formats of others, one module or package each: reader, writer, opening of a folder, and export of a sequence of pilsim.
 
-Read `motchallenge.py` first.
+Read `table.py` first: the table of all formats.
 """

@@ -1,4 +1,4 @@
-"""COCO (Lin et al. 2014): run-length masks, boxes, key points and tracks over videos; writer and reader.
+"""COCO (Lin et al. 2014): run-length masks, boxes, key points and tracks over videos; the export of a sequence.
 
 Boxes are in pixels from the corner of the image: a whole image is [0, 0, W, H]. Key points are in pixels from the centre of the first pixel.
 A box in a panorama may exceed the width, where a body lies over the seam: its annotation has `wraps` true.
@@ -9,17 +9,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
 from tracker.geometry import Array, Ints
 from tracker.io.atomic import write_text
-from tracker.io.json_files import read_json
-from tracker.types import KEYPOINT_NAMES
+from tracker.types import KEYPOINT_NAMES, Boxes, ViewTruth
 
 SKELETON = (
     (16, 14), (14, 12), (17, 15), (15, 13), (12, 13), (6, 12), (7, 13), (6, 7), (6, 8), (7, 9), (8, 10), (9, 11), (2, 3), (1, 2), (1, 3), (2, 4),
@@ -30,8 +29,6 @@ PERSON = 1
 """Category id."""
 CENTRE = 0.5
 """px: centre of the first pixel, from the corner of the image."""
-MOST_PIXELS = 1 << 27
-"""Of a mask."""
 LARGEST = 2**53
 """Ids from here on are not exact in JSON readers that use floats."""
 
@@ -48,15 +45,6 @@ class Rle:
     def area(self) -> int:
         """Number of pixels that are on."""
         return sum(self.counts[1::2])
-
-    def decode(self) -> NDArray[np.bool_]:
-        """The mask (height, width). Raises ValueError where the counts do not fit the size."""
-        if not 0 <= self.height * self.width <= MOST_PIXELS:
-            raise ValueError(f"mask is {self.height} x {self.width}, needs at most {MOST_PIXELS} pixels")
-        if sum(self.counts) != self.height * self.width or min(self.counts, default=0) < 0:
-            raise ValueError(f"run lengths add up to {sum(self.counts)}, need {self.height} x {self.width} and none below 0")
-        flat = np.repeat(np.arange(len(self.counts)) % 2 == 1, self.counts)
-        return np.asarray(flat.reshape(self.width, self.height).T)
 
 
 def encode_masks(instances: NDArray[np.uint16]) -> dict[int, Rle]:
@@ -90,26 +78,6 @@ def encode_counts(counts: Iterable[int]) -> str:
             more = x != (-1 if low & 0x10 else 0)
             out.append(chr(low + (0x20 if more else 0) + 48))
     return "".join(out)
-
-
-def decode_counts(text: str) -> tuple[int, ...]:
-    """The counts that `encode_counts` wrote. Raises ValueError for other text."""
-    out: list[int] = []
-    x = shift = 0
-    for character in text:
-        digit = ord(character) - 48
-        if not 0 <= digit < 64 or shift > 60:
-            raise ValueError(f"run lengths hold {character!r}, need characters from '0' to 'o'")
-        x |= (digit & 0x1F) << shift
-        shift += 5
-        if not digit & 0x20:
-            if digit & 0x10:
-                x -= 1 << shift
-            out.append(x + (out[-2] if len(out) > 2 else 0))
-            x = shift = 0
-    if shift:
-        raise ValueError("run lengths end within a number")
-    return tuple(out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,38 +161,58 @@ def write_coco(path: Path, content: CocoFile, description: str) -> None:
     write_text(path, json.dumps(whole, allow_nan=False) + "\n")
 
 
-def read_coco(path: Path) -> CocoFile:
-    """The file that write_coco wrote. Raises ValueError with the path for missing fields, repeated ids and unknown images."""
-    whole = read_json(path)
-    try:
-        content = CocoFile(list(whole["videos"]), list(whole["images"]), list(whole["annotations"]))
-        for name, entries in (("video", content.videos), ("image", content.images), ("annotation", content.annotations)):
-            ids = sorted(entry["id"] for entry in entries)
-            if any(a == b for a, b in pairwise(ids)):
-                raise ValueError(f"an id of the {name}s occurs twice")
-        images = {image["id"] for image in content.images}
-        for annotation in content.annotations:
-            if annotation["image_id"] not in images:
-                raise ValueError(f"annotation {annotation['id']} is of image {annotation['image_id']}, which is missing")
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path}: field {error} is missing or of the wrong kind") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    return content
+README = """
+    images/SEQUENCE/CAMERA/000000.jpg  images, RGB, frames from 0
+    annotations/SEQUENCE.json          all annotations of a sequence
+
+A file of annotations has videos (one a view: id, name, camera, sequence), images (id, width, height [px], file_name below images/, video_id,
+frame_id from 0), one category (1, person, with the names of its key points and its skeleton) and annotations. Ids of videos, images and
+annotations count from 1 in every file. Who shows no pixel in an image has no annotation in it. An annotation has, beside its ids:
+
+* track_id: the person's id, pilsim's: the same in all views of a sequence and at all times. In another sequence it is somebody else.
+* bbox: left, top, width, height [px] of what is seen, counted from the image's corner (0-based: a whole image is [0, 0, W, H]). In a panorama, where
+  a body lies over the seam, left + width passes W; `wraps` is true there. Modulo W is where the box goes on.
+* segmentation: the mask of what is seen, run lengths down the columns, compressed as pycocotools does; area [px]: its pixels. iscrowd: 0.
+* keypoints: 17 times u, v [px] to 0.01, and v: 2 visible, 1 hidden by something or by the own body, 0 not in the image (u = v = 0). Counted from the
+  middle of the first pixel, as COCO's own key points are: the image's edges lie at −0.5. num_keypoints: those that are not 0.
+* bbox_full: as bbox, of the whole body, as if nothing were before it (in pinhole views the part in the image). visibility in [0, 1]: pixels seen /
+  pixels that the body would cover alone. range [m]: from the camera to the middle between the hips.
+"""
 
 
-def person_annotation(annotation: dict[str, Any]) -> PersonAnnotation:
-    """Parse an annotation that CocoFile.add made. Raises ValueError for missing fields."""
-    try:
-        segmentation = annotation["segmentation"]
-        height, width = map(int, segmentation["size"])
-        mask = Rle(height, width, decode_counts(segmentation["counts"]))
-        points = np.array(annotation["keypoints"], dtype=np.float64).reshape(len(KEYPOINT_NAMES), 3)
-        if not np.isfinite(points).all() or not np.isin(points[:, 2], (0, 1, 2)).all():
-            raise ValueError("keypoints: needs finite numbers, each third one of 0, 1 and 2")
-        visibility = points[:, 2].astype(np.int64)
-        pixels = np.where(visibility[:, None] > 0, points[:, :2] + CENTRE, 0.0)
-        box, full = (np.array(annotation[name], dtype=np.float64) for name in ("bbox", "bbox_full"))
-        return PersonAnnotation(int(annotation["track_id"]), box, full, annotation["visibility"], annotation["range"], mask, pixels, visibility)
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"annotation {annotation.get('id')}: field {error} is missing or of the wrong kind") from None
+def export_coco(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write images and one annotation file per sequence. Raises ValueError where instances and boxes of a view disagree."""
+    (out / "annotations").mkdir()
+    for recording in recordings:
+        content, videos = CocoFile(), {}
+        for camera in recording.cameras:
+            (out / "images" / recording.name / camera).mkdir(parents=True)
+            videos[camera] = content.add_video(f"{recording.name}-{camera}", camera, recording.name)
+        for k in recording.frames():
+            for camera, size in recording.cameras.items():
+                file = f"{recording.name}/{camera}/{k:06d}.jpg"
+                (out / "images" / file).write_bytes(recording.image(k, camera))
+                image = content.add_image(videos[camera], file, (size.width, size.height), k)
+                for person in people_in_image(recording, k, camera):
+                    content.add(image, person)
+        write_coco(out / "annotations" / f"{recording.name}.json", content, f"{recording.name}: synthetic people by pilsim")
+    return []
+
+
+def people_in_image(recording: RecordedSequence, frame: int, camera: str) -> list[PersonAnnotation]:
+    """The people with visible pixels in an image, in the order of the boxes."""
+    view: ViewTruth | None = recording.views.get((frame, camera))
+    found = encode_masks(recording.instances(frame, camera))
+    boxes = view.boxes if view else Boxes.none()
+    rows = [k for k, visible in enumerate(boxes.visible) if visible > 0]
+    if sorted(boxes.person[rows].tolist()) != list(found):
+        raise ValueError(f"{recording.folder}: instances of {camera} in frame {frame} show {list(found)}, the boxes {boxes.person[rows].tolist()}")
+    people = []
+    for k in rows:
+        person = int(boxes.person[k])
+        assert view is not None
+        point = int(np.flatnonzero(view.keypoints.person == person)[0])
+        pixels, visibility = view.keypoints.pixels[point], view.keypoints.visibility[point]
+        seen, full = ltwh_from_edges(boxes.seen[[k]])[0], ltwh_from_edges(boxes.full[[k]])[0]
+        people.append(PersonAnnotation(person, seen, full, float(boxes.visible[k]), float(boxes.range[k]), found[person], pixels, visibility))
+    return people

@@ -1,290 +1,39 @@
-"""MOTChallenge files: 2015 (2-D and 3-D, ten values a row), the truth of 2016 to 2020 (nine or twelve values a row), and what lies beside it.
+"""MOTChallenge: MOT15 as tracker/io/mot15.py has it, the truth of MOT17, and what lies beside them; the export of a sequence.
 
-Frames count from 1 in all files; the index of a Tick is the frame less 1. The files are CSV without a header.
-
-MOT15 (read_mot15): frame, id, left, top, width, height (pixels), confidence, x, y, z (m). The id is −1 in detections. All four values of the box
-are −1 where there is no box, and x, y, z are −1 where there is no position. A truth row with confidence 0 does not count.
-
-MOT16, MOT17, MOT20 (read_mot17): frame, id, left, top, width, height (pixels, the first is 1), consider, class, visibility in [0, 1].
-A row with consider 0 does not count, and class 1 is a pedestrian. MOTSynth adds x, y, z of the feet (m). Detections and results are MOT15 files.
+MOT17 truth: frame, id, left, top, width, height (pixels, the first is 1), consider, class, visibility in [0, 1].
+A row with consider 0 does not count, and class 1 is a pedestrian. Frames count from 1. Detections and results are MOT15 files.
 """
 
 from __future__ import annotations
 
-import configparser
-import os
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from tracker.geometry import Array, Ints, Mask, set_array, set_ints
+from tracker.formats.exported_sequence import RecordedSequence, ltwh_from_edges
+from tracker.geometry import Array, Ints
 from tracker.io.atomic import write_text
-from tracker.io.text_files import LONGEST_SHOWN, parse_integer, parse_number, read_lines, read_text
-from tracker.io.time_order import say_repeated
-
-COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
-
-ABSENT = -1.0
-
-ZERO_SUBSTITUTE = 1e-9
-"""m: written for an x or y of exactly 0, which the evaluation kit of the 3-D challenge takes for an absent position."""
-
-LARGEST = 2**53
-"""Readers of this format hold numbers as floats, which are exact for whole numbers below this."""
-
-
-@dataclass(frozen=True, eq=False)
-class Mot15Rows:
-    """The rows of a MOT15 file: frame (n,) from 1, id (n,), box (n, 4) left, top, width, height px, confidence (n,), position (n, 3) m.
-
-    Raises ValueError for a frame below 1, a negative width or height, NaN, and for an id that occurs twice in a frame.
-    Absent boxes and ids of −1 are allowed.
-    """
-
-    frame: Ints
-    id: Ints
-    box: Array
-    confidence: Array
-    position: Array
-
-    def __post_init__(self) -> None:
-        n = len(self.frame)
-        for name, shape in (("box", (n, 4)), ("confidence", (n,)), ("position", (n, 3))):
-            set_array(self, name, shape)
-        for name in ("frame", "id"):
-            set_ints(self, name, (n,))
-        fault = first_fault(self.frame, self.id, self.box)
-        if fault is not None:
-            raise ValueError(f"row {fault[0]}: {fault[1]}")
-
-    def __len__(self) -> int:
-        return len(self.frame)
-
-    @property
-    def has_position(self) -> Mask:
-        """(n,) whether each row has a position: x, y, z are not all −1."""
-        return np.asarray((self.position != ABSENT).any(axis=1))
-
-    @property
-    def has_box(self) -> Mask:
-        """(n,) whether each row has a box: its values are not all −1."""
-        return _has_box(self.box)
-
-    def by_frame(self) -> dict[int, Ints]:
-        """Frame → indices of its rows, frames ascending, rows in the order of the file."""
-        if not len(self):
-            return {}
-        order = np.argsort(self.frame, kind="stable")
-        frames, first = np.unique(self.frame[order], return_index=True)
-        return {int(f): rows for f, rows in zip(frames, np.split(order, first[1:]), strict=True)}
-
-
-def _has_box(box: Array) -> Mask:
-    return np.asarray((box != ABSENT).any(axis=1))
-
-
-def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
-    """The first invalid row, from 0, and the reason; None where all rows are valid."""
-    faults: list[tuple[int, str]] = []
-    for name, values, bad, bound in (
-        ("frame", frame, frame < 1, "at least 1"),
-        ("id", ids, np.abs(ids) >= LARGEST, "less than 2^53"),
-        ("width", box[:, 2], _has_box(box) & (box[:, 2] < 0), "at least 0"),
-        ("height", box[:, 3], _has_box(box) & (box[:, 3] < 0), "at least 0"),
-    ):
-        if bad.any():
-            k = int(np.argmax(bad))
-            faults.append((k, f"{name} is {values[k]}, needs {bound}"))
-    seen: set[tuple[int, int]] = set()
-    for k, key in enumerate(zip(frame.tolist(), ids.tolist(), strict=True)):
-        if key in seen:
-            faults.append((k, f"frame {key[0]} holds id {key[1]} twice"))
-            break
-        if key[1] != -1:
-            seen.add(key)
-    return min(faults, default=None)
-
-
-def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
-    """Read a MOT15 file: truth, detections or results. Blank lines are skipped. tracks: whether every row needs an id, as truth and results have.
-
-    Raises ValueError with file and line for a row without ten finite numbers, and for a frame or id that is no whole number.
-    Raises ValueError as Mot15Rows, and OSError where the file cannot be read.
-    """
-    table = read_rows(path, COLUMNS, tracks=tracks)
-    frame, ids = table[:, :2].astype(np.int64).T
-    return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
-
-
-def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: tuple[str, ...] = ("frame", "id"), tracks: bool = False) -> Array:
-    """Read a file with these columns, of which frame, id and box are the first → (n, columns). integers: columns of whole numbers.
-
-    A row that equals one before it in every column is left out; their number is logged. Raises ValueError as read_mot15.
-    """
-    values: dict[tuple[float, ...], int] = {}  # row → line
-    repeated = 0
-    for count, line in read_lines(path):
-        repeated += values.setdefault(tuple(_values(line, f"{path}:line {count}", columns, integers)), count) != count
-    say_repeated(path, repeated)
-    lines = list(values.values())
-    table = np.array(list(values), dtype=np.float64).reshape(-1, len(columns))
-    frame, ids = table[:, :2].astype(np.int64).T
-    if tracks and (ids < 0).any():
-        k = int(np.argmax(ids < 0))
-        raise ValueError(f"{path}:line {lines[k]}: id is {ids[k]}, needs at least 0; detections, whose ids are -1, are no tracks")
-    fault = first_fault(frame, ids, table[:, 2:6])
-    if fault is not None:
-        raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")
-    return table
-
-
-def place_of_row(path: str | os.PathLike[str], row: int) -> str:
-    """The place of a row of read_rows, counted from 0, for an error message: "path:line N". The file is read again."""
-    first: dict[tuple[float, ...], int] = {}
-    for count, line in read_lines(path):
-        first.setdefault(tuple(map(float, line.split(","))), count)
-    return f"{path}:line {list(first.values())[row]}"
-
-
-def _values(line: str, where: str, columns: tuple[str, ...], integers: tuple[str, ...]) -> list[float]:
-    parts = line.split(",")
-    if len(parts) != len(columns):
-        raise ValueError(f"{where}: {len(parts)} values, needs {len(columns)}")
-    out: list[float] = []
-    for name, part in zip(columns, parts, strict=True):
-        value = parse_number(part, f"{where}: {name}")
-        if name in integers and (value != round(value) or abs(value) >= LARGEST):
-            raise ValueError(f"{where}: {name} is {part.strip()[:LONGEST_SHOWN]}, needs a whole number below 2^53")
-        out.append(value)
-    return out
-
-
-def write_mot15(path: str | os.PathLike[str], rows: Mot15Rows) -> None:
-    """Write `rows` atomically, sorted by frame, then id. Every number reads back the same.
-
-    The exception is an x or y of exactly 0 in a row with a position: it is written as ZERO_SUBSTITUTE.
-    """
-    position = np.array(rows.position)
-    planar = position[:, :2]
-    planar[(planar == 0) & rows.has_position[:, None]] = ZERO_SUBSTITUTE
-    out = []
-    for k in np.lexsort((rows.id, rows.frame)):
-        numbers = [*rows.box[k], rows.confidence[k], *position[k]]
-        out.append(",".join([str(int(rows.frame[k])), str(int(rows.id[k])), *(number(x) for x in numbers)]) + "\n")
-    write_text(Path(path), "".join(out))
-
-
-def number(value: float) -> str:
-    """The shortest text that reads back as the same number; whole numbers have no decimal point."""
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
-
-
-def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Mot15Rows:
-    """Tracks as rows without boxes, confidence 1. tracks: frame (from 1) → ids (k,) and positions (k, 3) m."""
-    columns: dict[str, list[float]] = defaultdict(list)
-    positions: list[Array] = []
-    for frame, (ids, position) in sorted(tracks.items()):
-        columns["frame"] += [frame] * len(ids)
-        columns["id"] += np.asarray(ids).tolist()
-        positions.append(np.asarray(position, dtype=np.float64).reshape(-1, 3))
-    n = len(columns["id"])
-    return Mot15Rows(
-        np.array(columns["frame"], dtype=np.int64),
-        np.array(columns["id"], dtype=np.int64),
-        np.full((n, 4), ABSENT),
-        np.ones(n),
-        np.concatenate([np.zeros((0, 3)), *positions]),
-    )
-
-
-def rows_from_boxes(boxes: Mapping[int, tuple[Array, Array]]) -> Mot15Rows:
-    """Detections as rows without ids and positions. boxes: frame (from 1) → boxes (k, 4) px and confidence (k,)."""
-    frame = np.repeat(np.array(list(boxes), dtype=np.int64), [len(box) for box, _ in boxes.values()])
-    box = np.concatenate([np.zeros((0, 4)), *(box for box, _ in boxes.values())])
-    confidence = np.concatenate([np.zeros(0), *(confidence for _, confidence in boxes.values())])
-    return Mot15Rows(frame, np.full(len(frame), -1), box, confidence, np.full((len(frame), 3), ABSENT))
-
-
-MOT17_COLUMNS = ("frame", "id", "left", "top", "width", "height", "consider", "class", "visibility")
-
-POSITION_COLUMNS = ("x", "y", "z")
-
-INTEGER_COLUMNS = ("frame", "id", "consider", "class")
+from tracker.io.mot15 import ABSENT, Mot15Rows, number, write_mot15
+from tracker.types import Boxes, ViewTruth
+from tracker.types.truth import evaluated_people
 
 PEDESTRIAN = 1
-
-LARGEST_SEQINFO = 1 << 16
-"""Bytes."""
-
-CLASSES = 13
-"""Number of classes in MOT16, counted from 1."""
-
-MOT17_BOUNDS = {"consider": (0, 1), "category": (1, CLASSES), "visibility": (0, 1)}
-"""Lowest and highest value of each, both included."""
+"""Number of the class."""
 
 
-@dataclass(frozen=True, eq=False)
-class Mot17Rows:
-    """The rows of a truth file of MOT16 to MOT20: frame (n,) from 1, id (n,).
+def write_mot17(path: Path, frame: Ints, boxes: Boxes) -> None:
+    """Write truth, sorted by frame, then id: people who all count, with the box of the whole body. Every number reads back the same.
 
-    box (n, 4) left, top, width, height px from 1. consider (n,) 0 or 1. category (n,) from 1 to CLASSES. visibility (n,) in [0, 1].
-    position (n, 3) m or None. Raises ValueError for a value out of bounds, a negative size, or an id that occurs twice in a frame.
+    frame (n,): from 1, of each of the n boxes, whose pixels count from the corner of the image.
     """
-
-    frame: Ints
-    id: Ints
-    box: Array
-    consider: Ints
-    category: Ints
-    visibility: Array
-    position: Array | None = None
-
-    def __post_init__(self) -> None:
-        n = len(self.frame)
-        set_array(self, "box", (n, 4))
-        set_array(self, "visibility", (n,))
-        if self.position is not None:
-            set_array(self, "position", (n, 3))
-        for name in ("frame", "id", "consider", "category"):
-            set_ints(self, name, (n,))
-        fault = first_fault(self.frame, self.id, self.box)
-        if fault is not None:
-            raise ValueError(f"row {fault[0]}: {fault[1]}")
-        for name, (low, high) in MOT17_BOUNDS.items():
-            values = getattr(self, name)
-            bad = (values < low) | (values > high)
-            if bad.any():
-                raise ValueError(f"row {int(np.argmax(bad))}: {name} is {values[np.argmax(bad)]}, needs {low} to {high}")
-
-    def __len__(self) -> int:
-        return len(self.frame)
-
-
-def write_mot17(path: Path, rows: Mot17Rows) -> None:
-    """Write `rows` atomically, sorted by frame, then id: nine values, twelve with positions. Every number reads back the same."""
-    out = []
-    for k in np.lexsort((rows.id, rows.frame)):
-        position = [] if rows.position is None else [number(x) for x in rows.position[k]]
-        flags = str(int(rows.consider[k])), str(int(rows.category[k])), number(float(rows.visibility[k]))
-        out.append(",".join([str(int(rows.frame[k])), str(int(rows.id[k])), *(number(x) for x in rows.box[k]), *flags, *position]) + "\n")
-    write_text(path, "".join(out))
-
-
-def read_mot17(path: str | os.PathLike[str]) -> Mot17Rows:
-    """Read a truth file of nine or twelve values a row, as in the first row. Raises ValueError as read_mot15."""
-    values = next((line.count(",") + 1 for _, line in read_lines(path)), 0)
-    columns = MOT17_COLUMNS + POSITION_COLUMNS if values == len(MOT17_COLUMNS + POSITION_COLUMNS) else MOT17_COLUMNS
-    table = read_rows(path, columns, INTEGER_COLUMNS)
-    frame, ids, consider, category = table[:, [0, 1, 6, 7]].astype(np.int64).T
-    for name, (low, high) in MOT17_BOUNDS.items():
-        values = {"consider": consider, "category": category, "visibility": table[:, 8]}[name]
-        bad = (values < low) | (values > high)
-        if bad.any():
-            raise ValueError(f"{place_of_row(path, int(np.argmax(bad)))}: {name} is {values[np.argmax(bad)]}, needs {low} to {high}")
-    return Mot17Rows(frame, ids, table[:, 2:6], consider, category, table[:, 8], table[:, 9:] if len(columns) > len(MOT17_COLUMNS) else None)
+    left, top, width, height = (ltwh_from_edges(boxes.full) + np.array([FIRST, FIRST, 0, 0])).T
+    rows = []
+    for k in np.lexsort((boxes.person, frame)):
+        box = ",".join(number(x) for x in (left[k], top[k], width[k], height[k]))
+        rows.append(f"{frame[k]},{boxes.person[k]},{box},1,{PEDESTRIAN},{number(float(boxes.visible[k]))}\n")
+    write_text(path, "".join(rows))
 
 
 @dataclass(frozen=True)
@@ -301,7 +50,7 @@ class SeqInfo:
 
 
 def write_seqinfo(path: Path, info: SeqInfo) -> None:
-    """Write seqinfo.ini with the keys of MOTChallenge; read_seqinfo reads it."""
+    """Write seqinfo.ini with the keys of MOTChallenge."""
     lines = [
         "[Sequence]",
         f"name={info.name}",
@@ -315,28 +64,128 @@ def write_seqinfo(path: Path, info: SeqInfo) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def read_seqinfo(path: Path) -> SeqInfo:
-    """Read seqinfo.ini. Raises ValueError with the path where the file or a field is missing, or the file is no INI file."""
-    parser = configparser.ConfigParser(interpolation=None)
-    try:
-        parser.read_string(read_text(path, LARGEST_SEQINFO), str(path))
-        s = parser["Sequence"]
-        frames, width, height = (parse_integer(s[key], f"{path}: {key}", 31) for key in ("seqLength", "imWidth", "imHeight"))
-        return SeqInfo(s["name"], parse_number(s["frameRate"], f"{path}: frameRate"), frames, width, height, s["imExt"], s["imDir"])
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except KeyError as error:
-        raise ValueError(f"{path}: {error} is missing") from None
-    except configparser.Error as error:
-        raise ValueError(f"{path}: is no INI file ({_first_words(error)})") from None
-
-
-def _first_words(error: configparser.Error) -> str:
-    """The message of an error on one line, with the line of the file, without its text."""
-    place = getattr(error, "lineno", None) or next((number for number, _ in getattr(error, "errors", ())), None)
-    return type(error).__name__ + (f" in line {place}" if place else "")
-
-
 def write_seqmap(path: Path, names: Iterable[str]) -> None:
     """Write the list of sequences that TrackEval reads; its first line is `name`."""
     write_text(path, "\n".join(["name", *names]) + "\n")
+
+
+FIRST = 1.0
+"""Number of the first pixel: a box at the left edge of the image has left = 1."""
+
+LAYOUT = """
+    {era}-train/SEQUENCE-CAMERA/img1/000001.jpg  images, RGB; file 000001 is frame 0 of the pilsim sequence
+    {era}-train/SEQUENCE-CAMERA/gt/gt.txt        truth
+    {era}-train/SEQUENCE-CAMERA/det/det.txt      detections
+    {era}-train/SEQUENCE-CAMERA/seqinfo.ini      frame rate [1/s], number of frames, size of the images [px]
+    seqmaps/{era}-train.txt                      names of all sequences, after a line `name`
+
+TrackEval reads it: GT_FOLDER is this folder, BENCHMARK {era}, SPLIT_TO_EVAL train.
+
+Pixels: u to the right, v down, counted from 1: the first pixel is 1, so a box with left 1 and width W covers the whole image.
+Frames count from 1. Ids are pilsim's, the same person has the same id in all views and at all times. Lines end with \\n, no header.
+In a panorama left lies in [1, W + 1), and left + width − 1 may pass the width W where a body lies over the seam: modulo W is where it goes on.
+"""
+DETECTIONS = """
+det.txt: frame, −1, left, top, width, height [px], confidence in [0, 1], −1, −1, −1. What pilsim's simulated detector reported.
+"""
+README17 = (
+    LAYOUT.format(era="MOT17")
+    + """
+gt.txt, nine values: frame; id; left, top, width, height [px] of the whole body, as if nothing were before it (in pinhole views the part in
+the image); consider: always 1; class: always 1, pedestrian; visibility in [0, 1]: pixels seen / pixels that the body would cover alone.
+"""
+    + DETECTIONS
+)
+README15 = (
+    LAYOUT.format(era="MOT15")
+    + """
+gt.txt, ten values: frame; id; left, top, width, height [px] of the whole body, as if nothing were before it (in pinhole views the part in the
+image); confidence: 1, or 0 where no pixel of the body is seen (the row does not count); x, y, z [m]: the ground under the middle of the body
+in pilsim's world (right-handed, z up, its own origin). An x or y of exactly 0 is written as 1e-9, because 0 means absent to the 3-D kit.
+"""
+    + DETECTIONS
+    + """
+MOT15-3D/SEQUENCE/gt/gt.txt: all people of the world, whichever view sees them: frame, id, −1, −1, −1, −1, confidence (0: seen by no camera, at
+least a fifth of the body, for 9/7 s: does not count), x, y, z [m]. `pilsim score --truth gt.txt --result mine.txt` scores places within 1 m.
+"""
+)
+
+
+def export_mot17(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write MOT17 sequences with truth of nine values. Returns no notes."""
+    names = []
+    for recording in recordings:
+        for camera in recording.cameras:
+            root = _view_folder(out / "MOT17-train", recording, camera)
+            names.append(root.name)
+            frame, boxes = _stacked(recording, camera)
+            write_mot17(root / "gt" / "gt.txt", frame, boxes)
+        _write_views(out / "MOT17-train", recording)
+    write_seqmap(_made(out / "seqmaps") / "MOT17-train.txt", names)
+    return []
+
+
+def export_mot15(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write MOT15 sequences with truth of ten values, and the ground positions of each sequence. Returns no notes."""
+    names = []
+    for recording in recordings:
+        feet = {(t.index, p): position for t in recording.truth for p, position in zip(t.person_id.tolist(), t.feet, strict=True)}
+        for camera in recording.cameras:
+            root = _view_folder(out / "MOT15-train", recording, camera)
+            names.append(root.name)
+            frame, boxes = _stacked(recording, camera)
+            positions = np.array([feet[k - 1, p] for k, p in zip(frame.tolist(), boxes.person.tolist(), strict=True)]).reshape(-1, 3)
+            full = ltwh_from_edges(boxes.full) + np.array([FIRST, FIRST, 0, 0])
+            write_mot15(root / "gt" / "gt.txt", Mot15Rows(frame, boxes.person, full, (boxes.visible > 0).astype(float), positions))
+        _write_views(out / "MOT15-train", recording)
+        write_mot15(_made(out / "MOT15-3D" / recording.name / "gt") / "gt.txt", ground_positions(recording))
+    write_seqmap(_made(out / "seqmaps") / "MOT15-train.txt", names)
+    return []
+
+
+def ground_positions(recording: RecordedSequence) -> Mot15Rows:
+    """Ground positions of all people as rows without boxes. Confidence is 0 where a person does not count (evaluated_people)."""
+    counts = evaluated_people(recording.truth, recording.setup.period)
+    n = sum(len(t.person_id) for t in recording.truth)
+    return Mot15Rows(
+        np.concatenate([np.full(len(t.person_id), t.index + 1) for t in recording.truth]),
+        np.concatenate([t.person_id for t in recording.truth]),
+        np.full((n, 4), ABSENT),
+        np.concatenate(counts).astype(float),
+        np.concatenate([t.feet for t in recording.truth]).reshape(-1, 3),
+    )
+
+
+def _stacked(recording: RecordedSequence, camera: str) -> tuple[Ints, Boxes]:
+    """Frames (n,) from 1 and boxes of all people in one camera over all frames."""
+    views: list[tuple[int, ViewTruth]] = [(k, recording.views[k, camera]) for k in range(len(recording.truth)) if (k, camera) in recording.views]
+    all_boxes = [view.boxes for _, view in views]
+
+    def joined(name: str, shape: tuple[int, ...]) -> Array:
+        return np.concatenate([np.zeros((0, *shape)), *(getattr(boxes, name) for boxes in all_boxes)])
+
+    frame = np.concatenate([np.zeros(0, dtype=np.int64), *(np.full(len(v.boxes.person), k + 1) for k, v in views)])
+    person = np.concatenate([np.zeros(0, dtype=np.int64), *(boxes.person for boxes in all_boxes)])
+    return frame, Boxes(person, joined("seen", (4,)), joined("full", (4,)), joined("visible", ()), joined("range", ()))
+
+
+def _view_folder(split: Path, recording: RecordedSequence, camera: str) -> Path:
+    """Make the folder of one view with seqinfo.ini and det.txt."""
+    root = _made(split / f"{recording.name}-{camera}")
+    for name in ("img1", "gt", "det"):
+        _made(root / name)
+    size = recording.cameras[camera]
+    write_seqinfo(root / "seqinfo.ini", SeqInfo(root.name, recording.rate, len(recording.truth), size.width, size.height))
+    write_mot15(root / "det" / "det.txt", recording.detection_rows(camera, FIRST))
+    return root
+
+
+def _write_views(split: Path, recording: RecordedSequence) -> None:
+    for k in recording.frames():
+        for camera in recording.cameras:
+            (split / f"{recording.name}-{camera}" / "img1" / f"{k + 1:06d}.jpg").write_bytes(recording.image(k, camera))
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

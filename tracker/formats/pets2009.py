@@ -1,8 +1,7 @@
-"""PETS 2009: camera calibrations (XML, Tsai's model), annotations (XML, CVML), detections (MOT15 text), and the site (site.json).
+"""PETS 2009: annotations (XML, CVML) and the site (site.json); a folder of them as a recording; the export of a sequence.
 
-Camera files are in mm and radians: R = Rz Ry Rx, optical = R · world + t. All values here are in metres.
-Annotations are those of PETS 2009 and CAVIAR: boxes by their centres in the image of one camera, frames from 0. Detections count frames from 1.
-Pixels are those of the calibration: pixel centres lie at whole numbers.
+Annotations are those of PETS 2009 and CAVIAR: boxes by their centres in the image of one camera, frames from 0. Detections are MOT15 files,
+with frames from 1. Calibrations are tracker/io/tsai_xml.py's. Pixels are those of the calibration: pixel centres lie at whole numbers.
 
 site.json lies beside the annotations. It holds what PETS 2009 does not record: frame rate, tracking area, ground and occluding pillars. Its fields:
 rate [1/s]; area [[x, y], [x, y]] m, the lowest and the highest corner; terrain, the name of a file of heights, or null for the plane z = 0.
@@ -13,6 +12,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,141 +21,29 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from tracker.formats.motchallenge import number, place_of_row, read_mot15
+from tracker.formats.exported_sequence import FixedView, RecordedSequence, ltwh_from_edges
+from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.geometry import Array, Ints, Pose
-from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Tsai
-from tracker.geometry.ground import Flat, Ground
+from tracker.geometry.cameras import Camera, Tsai
+from tracker.geometry.ground import Flat, Grid, Ground
+from tracker.geometry.tsai import tsai_of
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
+from tracker.io.mot15 import LARGEST_PIXEL, MAX_FRAME, number, write_mot15
+from tracker.io.resume import checksum
 from tracker.io.terrain_file import read_terrain
 from tracker.io.text_files import shown
 from tracker.io.time_order import say_repeated
+from tracker.io.tsai_xml import read_camera, write_camera
 from tracker.io.xml_files import Element, parse
-
-MM = 1e-3
-"""m."""
+from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings.folder import read_boxes
+from tracker.recordings.images import VideoFile
+from tracker.recordings.recording import MAX_FRAMES
+from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 
 MAX_RANGE = 500.0
 """m: a ray longer than this does not meet the ground."""
-
-LARGEST, SMALLEST = 1e9, 1e-9
-"""Bounds of the numbers of a camera and of a box in their units. Beyond them squares and cubes are no numbers."""
-_ABOVE_ZERO = ("dpx", "dpy", "focal", "sx")
-
-FOLD_SAMPLES = 1 << 22
-"""Most pixels in which the distortion is tested."""
-
-MAX_RATE, MIN_RATE = 1e4, 1e-4
-"""Frames per second. A period beyond these bounds overflows what the tracker computes from it."""
-
-MAX_FRAME = 200_000
-"""Highest number of a frame. Sequences hold a value for each frame up to the last, about 1 kB, also where nobody is."""
-
-MAX_FOLDED_SHARE = 0.01
-"""Largest share of the image that may lie where the distortion has no inverse. In View_007 it is 0.5 %, in the left corners."""
-
-
-def read_camera(path: str | os.PathLike[str]) -> tuple[str, Tsai, Pose]:
-    """Read a calibration file → name of the camera, its Tsai model and T_world_camera (metres; x forward, y left, z up).
-
-    Raises ValueError with file, line and field where a field is missing, is no finite number, or is invalid.
-    Raises ValueError where the distortion has no inverse in more than MAX_FOLDED_SHARE of the image.
-    """
-    camera = parse(path, "Camera")
-    geometry, intrinsic, extrinsic = camera.find("Geometry"), camera.find("Intrinsic"), camera.find("Extrinsic")
-    for element, names in ((geometry, ("dpx", "dpy")), (intrinsic, ("focal", "kappa1", "cx", "cy", "sx")), (extrinsic, ("tx", "ty", "tz"))):
-        for name in names:
-            _check_size(element, name)
-    try:
-        model = Tsai(
-            width=geometry.integer("width"),
-            height=geometry.integer("height"),
-            focal=intrinsic.number("focal"),
-            kappa1=intrinsic.number("kappa1"),
-            cx=intrinsic.number("cx"),
-            cy=intrinsic.number("cy"),
-            sx=intrinsic.number("sx"),
-            dpx=geometry.number("dpx"),
-            dpy=geometry.number("dpy"),
-        )
-    except ValueError as error:
-        raise ValueError(str(error) if str(error).startswith(f"{path}:") else f"{path}: field {error}") from None
-    _check_fold(path, intrinsic.line, model)
-    rx, ry, rz = (extrinsic.number(name) for name in ("rx", "ry", "rz"))
-    t = np.array([extrinsic.number(name) for name in ("tx", "ty", "tz")]) * MM
-    R = _rotation(rx, ry, rz)
-    return camera.text("name"), model, Pose(R.T @ OPTICAL_FROM_CAMERA, -R.T @ t)
-
-
-def _check_size(element: Element, name: str) -> None:
-    """Raises ValueError with file and line for a number out of LARGEST and SMALLEST."""
-    value = element.number(name)
-    if abs(value) > LARGEST or (name in _ABOVE_ZERO and 0 < value < SMALLEST):
-        raise ValueError(f"{element.where}:line {element.line}: field {element.tag}.{name} is {value:g}, needs {SMALLEST:g} to {LARGEST:g}")
-
-
-def _check_fold(path: str | os.PathLike[str], line: int, model: Tsai) -> None:
-    # Of a large image only some pixels are tested, evenly spread, to bound memory and time.
-    step = max(1, int(np.ceil(np.sqrt(model.width * model.height / FOLD_SAMPLES))))
-    u, v = np.meshgrid(np.arange(0, model.width, step), np.arange(0, model.height, step))
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    folded = model.folded(pixels)
-    if folded.mean() > MAX_FOLDED_SHARE:
-        u0, v0 = pixels[folded][np.argmin(np.hypot(*(pixels[folded] - [model.cx, model.cy]).T))]
-        raise ValueError(
-            f"{path}:line {line}: field Intrinsic.kappa1 is {model.kappa1:g}: beyond {model.fold:.3g} mm from the axis, from pixel ({u0}, {v0})"
-            f" on, the distortion cannot be inverted in {folded.mean():.1%} of the image, needs at most {MAX_FOLDED_SHARE:.0%}"
-        )
-
-
-def write_camera(path: str | os.PathLike[str], name: str, camera: Tsai, T_world_camera: Pose) -> None:
-    """Write a calibration file; read_camera reads it. dx equals dpx, as in a camera that samples each sensor element once (ncx = nfx)."""
-    rx, ry, rz = _angles(OPTICAL_FROM_CAMERA @ T_world_camera.rotation.T)
-    t = -OPTICAL_FROM_CAMERA @ T_world_camera.rotation.T @ T_world_camera.translation / MM
-    c = camera
-    geometry = {"width": c.width, "height": c.height, "ncx": c.width, "nfx": c.width, "dx": c.dpx, "dy": c.dpy, "dpx": c.dpx, "dpy": c.dpy}
-    intrinsic = {"focal": c.focal, "kappa1": c.kappa1, "cx": c.cx, "cy": c.cy, "sx": c.sx}
-    extrinsic = {"tx": t[0], "ty": t[1], "tz": t[2], "rx": rx, "ry": ry, "rz": rz}
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f"<Camera name={quoteattr(name)}>"]
-    for tag, values in (("Geometry", geometry), ("Intrinsic", intrinsic), ("Extrinsic", extrinsic)):
-        lines.append(f"  <{tag} " + " ".join(f'{key}="{number(float(value))}"' for key, value in values.items()) + "/>")
-    Path(path).write_text("\n".join([*lines, "</Camera>", ""]), encoding="utf-8")
-
-
-def _rotation(rx: float, ry: float, rz: float) -> Array:
-    """R_optical_world = Rz Ry Rx."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos([rx, ry, rz]), np.sin([rx, ry, rz])
-    Rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    Ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-    Rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    return np.asarray(Rz @ Ry @ Rx)
-
-
-def _angles(R: Array) -> tuple[float, float, float]:
-    """rx, ry, rz with R = Rz Ry Rx. Where ry is a right angle, only the sum of rx and rz is determined."""
-    ry = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    rz = np.arctan2(R[1, 0], R[0, 0])
-    # rx is computed relative to this rz, so that their sum is right even near the singularity, where rz is arbitrary.
-    c, s = np.cos(rz), np.sin(rz)
-    rx = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    return float(rx), float(ry), float(rz)
-
-
-def read_detections(path: str | os.PathLike[str]) -> dict[int, tuple[Array, Array]]:
-    """Read a MOT15 file: frame (from 1) → boxes (n, 4) left, top, width, height px and confidence (n,).
-
-    Frames without detections have no entry. Raises ValueError as motchallenge.read_mot15, and with the frame of a detection without a box.
-    """
-    rows = read_mot15(path)
-    if not rows.has_box.all():
-        row = int(np.argmin(rows.has_box))
-        raise ValueError(f"{place_of_row(path, row)}: frame {rows.frame[row]} has a detection without a box, needs width and height")
-    large = np.abs(rows.box).max(axis=1, initial=0.0)
-    if len(rows) and large.max() > LARGEST:
-        raise ValueError(f"{place_of_row(path, int(np.argmax(large)))}: box is {rows.box[np.argmax(large)].tolist()}, needs pixels up to {LARGEST:g}")
-    if len(rows) and rows.frame.max() > MAX_FRAME:
-        raise ValueError(f"{place_of_row(path, int(np.argmax(rows.frame)))}: frame is {rows.frame.max()}, needs at most {MAX_FRAME}")
-    return {frame: (rows.box[k], rows.confidence[k]) for frame, k in rows.by_frame().items()}
 
 
 def ground_truth(annotations: Annotations, camera: Camera, T_world_camera: Pose, ground: Ground) -> dict[int, tuple[Ints, Array]]:
@@ -211,8 +100,8 @@ def _box(box: Element) -> list[float]:
         if not size > 0:
             raise ValueError(f"{box.where}:line {box.line}: field box.{name} is {size}, needs more than 0")
     x, y = box.number("xc", "x"), box.number("yc", "y")
-    if max(abs(x), abs(y), w, h) > LARGEST:
-        raise ValueError(f"{box.where}:line {box.line}: field box is {x:g}, {y:g}, {w:g}, {h:g}, needs pixels up to {LARGEST:g}")
+    if max(abs(x), abs(y), w, h) > LARGEST_PIXEL:
+        raise ValueError(f"{box.where}:line {box.line}: field box is {x:g}, {y:g}, {w:g}, {h:g}, needs pixels up to {LARGEST_PIXEL:g}")
     return [x - w / 2, y - h / 2, w, h]
 
 
@@ -232,13 +121,13 @@ def write_annotations(path: Path, name: str, annotations: Annotations) -> None:
 
 FILE, TERRAIN = "site.json", "terrain.npz"
 
-AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
+PETS_AREA = ((-14.0696, -14.2740), (4.9813, 1.7335))
 """m: tracking area of the cropped annotations of PETS 2009 (Milan's ground truth)."""
 
 PILLARS = ((-13.708, -10.623, 0.07, 0.0, 2.4), (-13.708, -10.623, 0.24, 2.4, 3.03))
 """m: the lamp post of PETS 2009 and its sign, which occlude people in View_001; measured in its first frame by its calibration."""
 
-RATE = 7.0
+PETS_RATE = 7.0
 """Frames per second of PETS 2009."""
 
 
@@ -257,7 +146,7 @@ def read_site(folder: Path) -> Site:
     """Read site.json of a folder; without the file, the site of PETS 2009. Raises ValueError with the path for an invalid file."""
     path = folder / FILE
     if not path.is_file():
-        return Site(RATE, np.array(AREA), Flat(), pillars=np.array(PILLARS))
+        return Site(PETS_RATE, np.array(PETS_AREA), Flat(), pillars=np.array(PILLARS))
     try:
         content = read_json(path)
         if not isinstance(content, dict):
@@ -295,3 +184,210 @@ def write_site(folder: Path, site: Site, terrain: Path | None) -> None:
         (folder / TERRAIN).write_bytes(terrain.read_bytes())
     content = {"rate": site.rate, "area": site.area.tolist(), "terrain": TERRAIN if terrain is not None else None, "pillars": site.pillars.tolist()}
     write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+PETS_VIEWS = (1, 5, 7)
+"""Numbers of the views of S2.L1 that the literature uses."""
+
+
+def is_pets(path: Path) -> bool:
+    """Whether a folder is laid out as PETS 2009: detections or annotations, and calibrations as View_00N.xml in it or beside it."""
+    folder = calibration_of(path)
+    named = folder is not None and any(folder.glob("View_*.xml"))
+    return named and ((path / "annotations").is_dir() or (path / "detections").is_dir())
+
+
+def calibration_of(path: Path) -> Path | None:
+    """The folder calibration/ in a PETS 2009 folder or beside it, or None."""
+    return next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
+
+
+def read_pets(path: Path, options: SourceOptions) -> Recording:
+    """Read a PETS 2009 folder; calibration/ lies in it or beside it. Of `options`, cameras and the names in detections count here.
+
+    A camera whose detections are replaced needs no file of its own. Raises ValueError with the path for missing or invalid content.
+    """
+    calibration = calibration_of(path)
+    if calibration is None:
+        raise ValueError(f"{path}: no calibration/ in it or beside it")
+    found = _detection_files(path, calibration, options)
+    cameras, detections = {}, dict[str, FrameBoxes]()
+    for name, file in found.items():
+        _, camera, pose = read_camera(calibration / f"{name}.xml")
+        cameras[name] = RecordingCamera(camera, pose)
+        if file is not None:
+            detections[name] = read_boxes(file)
+    site = read_site(path)
+    truth = _pets_truth(path, calibration, site)
+    files = [file for file in found.values() if file is not None] + sorted((path / "annotations").glob("*-cropped.xml"))
+    files += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]
+    sums = {file.name: checksum(file) for file in files}
+    videos = {name: path / "video" / f"{name}.mp4" for name in cameras}
+    return Recording(
+        site.rate,
+        cameras,
+        detections,
+        truth,
+        area=site.area,
+        ground=site.ground,
+        occluders=site.occluders,
+        pillars=site.pillars,
+        images={name: VideoFile(video) for name, video in videos.items() if video.is_file()},
+        source={"source": "PETS 2009", "views": list(cameras), "files": sums},
+    )
+
+
+def _detection_files(path: Path, calibration: Path, options: SourceOptions) -> dict[str, Path | None]:
+    """Camera → file of its detections, None where `options` replace it. Raises ValueError where the file of a wanted view is missing."""
+    found: dict[str, Path | None] = {}
+    for file in sorted((path / "detections").glob("*.txt")):
+        if match := re.fullmatch(r"View_0*(\d+)\.txt", file.name):
+            found[f"View_{int(match[1]):03d}"] = file
+    calibrated = [file.stem for file in sorted(calibration.glob("View_*.xml"))]
+    if options.pixels:
+        found |= {name: None for name in calibrated if name not in found and (path / "video" / f"{name}.mp4").is_file()}
+    wanted = [camera_named(text, calibrated) for text in options.cameras]
+    for text in filter(None, options.detections):
+        name = camera_named(text, calibrated)
+        if wanted and name not in wanted:
+            raise ValueError(f"--detections names {name}, --cameras has {','.join(options.cameras)}")
+        found[name] = None
+    for name in wanted:
+        if name not in found and not options.detections.get(""):
+            raise ValueError(f"{path / 'detections' / name}.txt: no such file; there are {', '.join(found) or 'none'}")
+    if not found:
+        raise ValueError(f"{path / 'detections'}: no View_00N.txt")
+    return {name: found.get(name) for name in wanted or found}
+
+
+def _pets_truth(path: Path, calibration: Path, site: Site) -> dict[int, tuple[Ints, Array]] | None:
+    """Ground truth from the cropped annotation, which is in the image of View_001: frame from 0 → ids and feet; None without annotation."""
+    files = sorted((path / "annotations").glob("*-cropped.xml"))
+    if not files:
+        return None
+    if len(files) > 1:
+        raise ValueError(f"{path / 'annotations'}: {len(files)} files *-cropped.xml, needs one")
+    _, camera, pose = read_camera(calibration / "View_001.xml")
+    annotations = read_annotations(files[0])
+    try:
+        people = ground_truth(annotations, camera, pose, site.ground)
+    except ValueError as error:
+        raise ValueError(f"{files[0]}: {error}") from None
+    if max(people, default=-1) >= MAX_FRAMES:
+        raise ValueError(f"{files[0]}: frame {max(people)}, needs less than {MAX_FRAMES}")
+    return people
+
+
+MAX_FEET_ERROR = 0.05
+"""m: the cropped annotation holds people whose feet, projected to the ground, are this close to the truth."""
+_PETS = re.compile(r"View_\d{3}")
+
+README = """
+    SEQUENCE/View_001/frame_0000.jpg           images, RGB, frames from 0
+    SEQUENCE/annotations/SEQUENCE.xml          truth in the image of View_001 (CVML)
+    SEQUENCE/annotations/SEQUENCE-cropped.xml  the same, of those whose feet can be cast to the ground from there (see below)
+    SEQUENCE/detections/View_001.txt           detections (MOTChallenge 2015)
+    SEQUENCE/calibration/View_001.xml          Tsai's model of the camera
+    SEQUENCE/site.json, terrain.npz            frame rate [1/s], area [m] and ground, where they are not those of PETS 2009
+
+`pilsim track SEQUENCE` and `pilsim score` take such a folder.
+
+Pixels: u to the right, v down; the first pixel's *centre* is (0, 0), as the calibrations of PETS 2009 have it, so the image's edges lie at −0.5.
+Truth: frame number from 0; object id: pilsim's, kept when a person comes back; box h, w, xc, yc [px]: height, width and centre. Everybody who
+covers a pixel of the view, occluded or not, is there. The middle of a box's lower edge is the ground under the middle of the body, its upper edge and
+its width are those of the whole body in the image (where the feet would lie above that edge, the box is the body's).
+Cropped: without those whose feet, cast to the ground from the camera, come to lie elsewhere by more than 0.05 m: behind a crest, or too far away.
+Detections: frame (from 1!), −1, left, top, width, height [px], confidence in [0, 1], −1, −1, −1. What pilsim's simulated detector reported.
+Calibration: focal [mm], kappa1 [1/mm²], cx, cy [px], dpx, dpy [mm/px], translation [mm], angles [rad]; R = Rz Ry Rx, camera = R world + t,
+undistorted = distorted (1 + kappa1 r²). The world is pilsim's: right-handed, z up, its own origin; people stand on its terrain, which need not be
+z = 0.
+terrain.npz: heights [m] (rows, columns), row 0 at the lowest y, origin x, y [m] of heights[0, 0], spacing [m]; tops: with walls and furniture on it.
+"""
+
+
+def export_pets(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write the sequences. The notes map views to cameras. Raises ValueError where a sequence has no fixed pinhole camera."""
+    notes = []
+    for recording in recordings:
+        names = view_names(list(recording.require_fixed("pets")))
+        root = out / recording.name
+        for folder in ("annotations", "detections", "calibration", *names.values()):
+            (root / folder).mkdir(parents=True)
+        for camera, view in recording.fixed.items():
+            write_camera(root / "calibration" / f"{names[camera]}.xml", names[camera], _calibration(recording, camera), view.T_world_camera)
+            rows = recording.detection_rows(camera, recording.cameras[camera].pixel_centre - 0.5)
+            write_mot15(root / "detections" / f"{names[camera]}.txt", rows)
+        first = next(camera for camera, name in names.items() if name == "View_001")
+        annotations = annotations_of(recording, first)
+        write_annotations(root / "annotations" / f"{recording.name}.xml", recording.name, annotations)
+        write_annotations(root / "annotations" / f"{recording.name}-cropped.xml", recording.name, _cropped(recording, first, annotations))
+        _write_site(root, recording)
+        for k in recording.frames():
+            for camera, name in names.items():
+                (root / name / f"frame_{k:04d}.jpg").write_bytes(recording.image(k, camera))
+        renamed = [f"{name} is {camera}" for camera, name in names.items() if name != camera]
+        notes += [f"{recording.name}: {', '.join(renamed)}."] if renamed else []
+    return notes
+
+
+def _calibration(recording: RecordedSequence, camera: str) -> Tsai:
+    try:
+        return tsai_of(recording.fixed[camera].camera)
+    except ValueError as error:
+        raise ValueError(f"{recording.folder}: {camera}: {error}, which pets can hold") from None
+
+
+def view_names(cameras: list[str]) -> dict[str, str]:
+    """Camera → View_00N. Names of PETS 2009 are kept where View_001 is among them; otherwise views are numbered in order."""
+    if "View_001" in cameras and all(_PETS.fullmatch(camera) for camera in cameras):
+        return {camera: camera for camera in cameras}
+    return {camera: f"View_{number:03d}" for number, camera in enumerate(cameras, 1)}
+
+
+def annotations_of(recording: RecordedSequence, camera: str) -> Annotations:
+    """Frame → ids (m,) and boxes (m, 4) left, top, width, height px. The middle of the lower edge is the ground under the person."""
+    view = recording.fixed[camera]
+    shift = 0.5 - view.camera.pixel_centre
+    out: Annotations = {}
+    for truth in recording.truth:
+        shown = recording.views[truth.index, camera].boxes
+        body = ltwh_from_edges(shown.full) - np.array([shift, shift, 0, 0])
+        feet, _ = view.camera.pixels_from_bearings(view.T_world_camera.inverse().apply(_feet(truth.person_id, truth.feet, shown.person)))
+        box = np.column_stack([feet[:, 0] - body[:, 2] / 2, body[:, 1], body[:, 2], feet[:, 1] - body[:, 1]])
+        fits = np.isfinite(box).all(axis=1) & (box[:, 3] > 0)
+        out[truth.index] = shown.person, np.where(fits[:, None], box, body)
+    return out
+
+
+def _feet(present: Ints, feet: Array, wanted: Ints) -> Array:
+    order = np.argsort(present)
+    return feet[order[np.searchsorted(present[order], wanted)]].reshape(-1, 3)
+
+
+def _cropped(recording: RecordedSequence, camera: str, annotations: Annotations) -> Annotations:
+    """The annotations whose boxes project to the true feet."""
+    view = recording.fixed[camera]
+    out: Annotations = {}
+    for truth in recording.truth:
+        ids, boxes = annotations[truth.index]
+        feet = _feet(truth.person_id, truth.feet, ids)
+        kept = np.array([_projects_to_feet(recording, view, box, position) for box, position in zip(boxes, feet, strict=True)], dtype=bool)
+        out[truth.index] = ids[kept], boxes[kept]
+    return out
+
+
+def _projects_to_feet(recording: RecordedSequence, view: FixedView, box: Array, feet: Array) -> bool:
+    one = {0: (np.zeros(1, dtype=np.int64), box[None])}
+    try:
+        cast = ground_truth(one, view.camera, view.T_world_camera, recording.setup.ground)[0][1][0]
+    except ValueError:
+        return False
+    return float(np.linalg.norm(cast - feet)) <= MAX_FEET_ERROR
+
+
+def _write_site(root: Path, recording: RecordedSequence) -> None:
+    """Write site.json, with the annotations terrain as area."""
+    ground = recording.setup.ground
+    assert isinstance(ground, Grid)
+    size = ground.spacing * (np.array(ground.heights.shape[::-1]) - 1)
+    write_site(root, Site(recording.rate, np.stack([ground.origin, ground.origin + size]), ground), recording.folder / TERRAIN)

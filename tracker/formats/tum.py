@@ -3,52 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from tracker.geometry import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from tracker.formats.exported_sequence import RecordedSequence
+from tracker.geometry import Array, Pose, quaternion_from_rotation
 from tracker.io.atomic import write_text
-from tracker.io.text_files import parse_number, read_lines
-from tracker.io.time_order import LARGEST_STEP_BACK, first_large_step_back, say, time_order
+from tracker.types.sequence import dead_reckoning
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-
-
-def read_tum(path: str | os.PathLike[str]) -> tuple[Array, list[Pose]]:
-    """Read times (n,) s, strictly ascending, and n poses.
-
-    Rows a little out of order are sorted and repeated rows merged, as in tracker/io/time_order.py; their numbers are logged.
-    Raises ValueError with file and line for an invalid row, a large step back, and two poses of one time.
-    """
-    lines: list[int] = []
-    rows: list[Array] = []
-    for number, line in read_lines(path):
-        content = line.partition("#")[0].split()
-        if content:
-            rows.append(_row(content, f"{path}:line {number}"))
-            lines.append(number)
-    table = np.array(rows).reshape(-1, len(COLUMNS))
-    if fault := first_large_step_back(table[:, 0]):
-        k, before = fault
-        steps = f"timestamp is {table[k, 0]} after {table[before, 0]} in line {lines[before]}"
-        raise ValueError(f"{path}:line {lines[k]}: {steps}, needs steps back of less than {LARGEST_STEP_BACK} s")
-    order = time_order(table)
-    table = table[order.rows]
-    for k in (np.flatnonzero(np.diff(table[:, 0]) <= 0) + 1)[:1]:
-        raise ValueError(f"{path}:line {lines[order.rows[k]]}: timestamp is {table[k, 0]} for a second time, with another pose")
-    say(order.note(str(path)))
-    return table[:, 0], [Pose(rotation_from_quaternion(row[[7, 4, 5, 6]]), row[1:4]) for row in table]
-
-
-def _row(parts: list[str], where: str) -> Array:
-    if len(parts) != len(COLUMNS):
-        raise ValueError(f"{where}: {len(parts)} values, needs {len(COLUMNS)}")
-    values = np.array([parse_number(part, f"{where}: {name}") for name, part in zip(COLUMNS, parts, strict=True)])
-    if not abs(np.linalg.norm(values[4:]) - 1) < 1e-3:
-        raise ValueError(f"{where}: the quaternion has length {np.linalg.norm(values[4:]):.6g}, needs 1")
-    return values
 
 
 def write_tum(path: str | os.PathLike[str], times: Sequence[float] | Array, poses: Sequence[Pose]) -> None:
@@ -60,3 +23,37 @@ def write_tum(path: str | os.PathLike[str], times: Sequence[float] | Array, pose
         w, x, y, z = quaternion_from_rotation(pose.rotation)
         lines.append(" ".join(repr(float(value)) for value in (time, *pose.translation, x, y, z, w)) + "\n")
     write_text(Path(path), "".join(lines))
+
+
+README = """
+    SEQUENCE/ROBOT.txt           true poses of the robot's body
+    SEQUENCE/ROBOT_odometry.txt  what odometry alone makes of its start pose: an estimate to begin with
+    SEQUENCE/CAMERA_camera.txt   true poses of the camera, of those that move
+
+A line is `timestamp tx ty tz qx qy qz qw`: seconds from the first frame (frame · period, frames from 0), metres, and a unit quaternion, w last.
+It is T_world_body: it maps points of the body (x forward, y left, z up) to pilsim's world (right-handed, z up, its own origin). `#` begins a
+comment. `evo_ape tum SEQUENCE/robot_0.txt SEQUENCE/robot_0_odometry.txt` gives the error of position. Fixed cameras do not move and have no file.
+"""
+
+
+def export_tum(out: Path, recordings: Iterable[RecordedSequence]) -> list[str]:
+    """Write trajectories of all moving robots. Raises ValueError where a sequence has none."""
+    for recording in recordings:
+        moving = {m.robot for name, m in recording.setup.mounts.items() if name not in recording.fixed}
+        robots = [robot for robot in recording.setup.starts if robot in moving]
+        if not robots:
+            raise ValueError(f"{recording.folder}: has no robot that moves, which tum needs")
+        folder = out / recording.name
+        folder.mkdir(parents=True)
+        times = [k * recording.setup.period for k in recording.frames()]
+        odometry_poses = dead_reckoning(recording.sequence)
+        for robot in robots:
+            write_tum(folder / f"{robot}.txt", times, [t.T_world_robot[robot] for t in recording.truth])
+            poses = [pose for pose in odometry_poses.get(robot, []) if pose is not None]
+            if len(poses) == len(times):
+                write_tum(folder / f"{robot}_odometry.txt", times, poses)
+        for camera, mount in recording.setup.mounts.items():
+            if mount.robot in robots:
+                poses = [t.T_world_robot[mount.robot] @ mount.T_body_camera for t in recording.truth]
+                write_tum(folder / f"{camera.removesuffix('_camera')}_camera.txt", times, poses)
+    return []

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.aicity import CLASSES, PERSON, read_ground_truth, read_results
-from tracker.formats.motchallenge import read_mot15
+from tracker.formats.aicity.files import CLASSES, PERSON, read_ground_truth, read_results
+from tracker.formats.aicity.person_boxes import boxes_of_tracks
 from tracker.geometry import Array, Ints, Mask, Pose
-from tracker.metrics.boxes_3d import BOX, boxes_of_tracks, hota_3d
+from tracker.io.mot15 import read_mot15
+from tracker.metrics.boxes_3d import BOX, hota_3d
 from tracker.metrics.clear_mot import score, score_boxes
 from tracker.metrics.ground_detection import score_ground_detections
 from tracker.metrics.hota import HotaSums
@@ -19,28 +20,15 @@ from tracker.metrics.matching import MatchingFrame
 from tracker.metrics.trajectory import score_each, score_robots
 from tracker.sequence.results import Results
 from tracker.slam.cramer_rao import bound_of_map
-from tracker.types import Sequence, Truth
+from tracker.types import Sequence
+from tracker.types.sequence import dead_reckoning
+from tracker.types.truth import evaluated_people
 
-VISIBLE_FRACTION = 0.2  # visible fraction above which a person counts as seen
-VISIBILITY_MEMORY = 9 / 7  # s: people are evaluated for this time after they were seen (δ_a, 9 frames at 7 frames/s)
 PETS = "PETS 2009"
 GRID_TRUTH = "annotations_positions"
 """The truth of WILDTRACK, MultiviewX and GMVD by its name in a provenance: these are scored as detections too, by the rules of their kit."""
 TRUTH_FILES = "truth.txt (PETS 2009: annotations/*-cropped.xml; WILDTRACK: annotations_positions/; JRDB: labels_3d/; AI City: ground_truth.json)"
 Tracks = dict[int, tuple[Ints, Array]]
-
-
-def evaluated_people(truth: tuple[Truth, ...], period: float) -> list[Mask]:
-    """Masks (m,) of each frame: the people seen by a camera with at least VISIBLE_FRACTION, in this frame or at most VISIBILITY_MEMORY before."""
-    memory = round(VISIBILITY_MEMORY / period)
-    last: dict[int, int] = {}
-    out = []
-    for frame in truth:
-        for person, visible in zip(frame.person_id.tolist(), frame.visible, strict=True):
-            if visible.size and visible.max() >= VISIBLE_FRACTION:
-                last[person] = frame.index
-        out.append(np.array([frame.index - last.get(p, -memory - 1) <= memory for p in frame.person_id.tolist()], dtype=bool))
-    return out
 
 
 def evaluate(sequence: Sequence, results: Results, area: Array | None = None) -> dict[str, Any]:
@@ -178,18 +166,6 @@ def evaluate_aicity(truth: Path, result: Path, area: Array | None = None) -> dic
     frames = _scored(matching_frames(true, estimated), area)
     targets = score(frames).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None, "hota_3d": hota_values(hota_3d(frames))}
-
-
-def dead_reckoning(sequence: Sequence) -> dict[str, list[Pose | None]]:
-    """The start poses propagated by odometry alone."""
-    poses = {robot: start.T_world_robot for robot, start in sequence.setup.starts.items() if start}
-    out: dict[str, list[Pose | None]] = {robot: [] for robot in poses}
-    for odometry in sequence.ticks.odometry():
-        for robot in poses:
-            if robot in odometry:
-                poses[robot] = poses[robot] @ odometry[robot].T_before_now
-            out[robot].append(poses[robot])
-    return out
 
 
 def table(scores: dict[str, Any]) -> str:

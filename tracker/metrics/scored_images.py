@@ -11,16 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.datasets.opening import PILSIM, UTIAS, format_of, open_recording
-from tracker.datasets.source_options import SourceOptions, camera_named
 from tracker.detector_models.bodies import bodies_in_view
 from tracker.detector_models.observations import judged, true_people
-from tracker.formats.motchallenge import Mot15Rows, read_mot15
+from tracker.formats.opening import format_of, open_recording
+from tracker.formats.source_options import SourceOptions, camera_named
+from tracker.formats.table import PILSIM, UTIAS
 from tracker.geometry import Array, Mask, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Ground
 from tracker.geometry.image_boxes import clipped
 from tracker.io.json_files import read_json
+from tracker.io.mot15 import Mot15Rows, read_mot15
 from tracker.metrics.box_detection import ImageBoxes
 from tracker.recordings import FrameBoxes, Recording
 from tracker.sequence.reader import read_sequence

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from tracker.clique.clique_cover import component_labels
+from tracker.clique.dimacs import write_graph
 from tracker.clique.local_search import Graph, Limits, Options, Tuning, search
 from tracker.clique.set_packing import Effort, heaviest_clique
-from tracker.formats.dimacs import write_graph
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.compilation import njit
 from tracker.mht.conflicts import Conflicts

@@ -12,10 +12,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.formats.motchallenge import rows_from_boxes, write_mot15
 from tracker.geometry import Array, Image
 from tracker.io.atomic import Kept, begin_folder, discard_folder, finish_folder, unfinished_path, write_text
 from tracker.io.json_files import json_text, read_json
+from tracker.io.mot15 import rows_from_boxes, write_mot15
 from tracker.io.progress import progress_bar
 from tracker.io.resume import Journal, check_same, holds_run, json_value, program_version, same_or_new
 from tracker.io.video_files import VideoWriters

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.formats.utias import LONG_GAP, UtiasDataset, UtiasRobot
 from tracker.geometry import Array
 from tracker.planar_slam.filter import EVENT, MODES, OUTPUT, ROBOT, SCAN, STEP, EventSchedule, FilterSettings, PlanarState, run_events
 from tracker.planar_slam.motion_model import Sensors, integrate, sighting_sigma, step_noise
+from tracker.planar_slam.utias_files import LONG_GAP, UtiasDataset, UtiasRobot
 
 GRID = 0.02  # s between output times
 MAX_SECONDS = 6 * 3600.0

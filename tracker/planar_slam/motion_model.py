@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from tracker.formats.utias import LONG_GAP
 from tracker.geometry import Array
+from tracker.planar_slam.utias_files import LONG_GAP
 
 FINE = 0.01  # s: commands are sampled on this grid before they are delayed
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.formats.utias import UtiasDataset, UtiasRobot
 from tracker.geometry import Array, Ints, rotation_onto
 from tracker.io.atomic import new_folder
 from tracker.io.csv_tables import read_numbered_table
 from tracker.io.json_files import read_json
 from tracker.io.resume import program_version
+from tracker.planar_slam.utias_files import UtiasDataset, UtiasRobot
 
 SCHEMA = 1
 ROBOTS = "timestamp,robot,tx,ty,heading,cxx,cxy,cxh,cyy,cyh,chh"

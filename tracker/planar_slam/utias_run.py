@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.utias import UtiasDataset, read_utias
 from tracker.geometry import Array
 from tracker.io.atomic import write_or_rescue
 from tracker.io.resume import check_same, checksums, holds_run, json_value, same_or_new
@@ -15,6 +14,7 @@ from tracker.planar_slam.event_schedule import FilterInput, PlanarParameters, fi
 from tracker.planar_slam.filter import INFLATED, MATCHED, OUTLIER, ROBOT, SCAN, STARTED
 from tracker.planar_slam.motion_model import Sensors
 from tracker.planar_slam.trajectories import PlanarTrajectories, read_trajectories, score_trajectories, write_trajectories
+from tracker.planar_slam.utias_files import UtiasDataset, read_utias
 from tracker.sequence.results import RUN
 
 

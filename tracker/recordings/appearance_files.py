@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.formats.motchallenge import read_mot15
 from tracker.geometry import Array, Mask
 from tracker.io.atomic import new_file
+from tracker.io.mot15 import read_mot15
 
 LONGEST = 4096
 """Most numbers of a vector."""

@@ -26,13 +26,12 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.motchallenge import Mot15Rows, place_of_row, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
-from tracker.formats.pets2009 import read_detections
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import write_text
 from tracker.io.csv_tables import rows_by_frame, write_table
 from tracker.io.json_files import read_json
+from tracker.io.mot15 import Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
 from tracker.io.resume import checksums
 from tracker.io.terrain_file import read_terrain
 from tracker.recordings.appearance_files import read_appearances, write_appearances

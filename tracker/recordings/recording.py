@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tracker.detections.boxes import detections_from_boxes
-from tracker.formats.pets2009 import MAX_FRAME, MAX_RATE, MIN_RATE
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
 from tracker.geometry.ground import Flat, Ground
+from tracker.io.mot15 import MAX_FRAME
 from tracker.recordings.appearance_files import FrameVectors
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
+from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 from tracker.types import Detections, Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
 
 FrameBoxes = Mapping[int, tuple[Array, Array]]

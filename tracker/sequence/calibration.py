@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.pets2009 import MAX_RATE, MIN_RATE
 from tracker.geometry import Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, Tsai
 from tracker.geometry.ground import Ground
 from tracker.types import Mount, Setup, Start
 
+MAX_RATE, MIN_RATE = 1e4, 1e-4
+"""Frames per second. A period beyond these bounds overflows what the tracker computes from it."""
 MODELS: dict[str, type[Panorama | Cylinder | Pinhole | Fisheye | Tsai]] = {
     "panorama": Panorama,
     "tsai": Tsai,

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from tracker.formats.motchallenge import place_of_row, read_mot15, rows_from_tracks, write_mot15
 from tracker.geometry import Array, Ints, Pose, quaternion_from_rotation, rotation_from_quaternion
 from tracker.io.atomic import new_folder
 from tracker.io.csv_tables import read_numbered_table, read_table, write_table
 from tracker.io.json_files import read_json
+from tracker.io.mot15 import place_of_row, read_mot15, rows_from_tracks, write_mot15
 from tracker.io.resume import program_version
 from tracker.sequence.schema import POSE, UPPER_TRIANGLE
 from tracker.types import Estimate, LandmarkHistory

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.formats.pets2009 import write_camera
 from tracker.geometry import Image
 from tracker.geometry.cameras import Tsai
 from tracker.geometry.ground import Grid
 from tracker.io.atomic import Kept, begin_folder, discard_folder, finish_folder, unfinished_path
 from tracker.io.csv_tables import write_arrays, write_table
 from tracker.io.image_files import JPEG, PNG, PNG_RUN_LENGTH, RANGE, ImageWriter, range_counts
+from tracker.io.tsai_xml import write_camera
 from tracker.io.video_files import VideoWriters
 from tracker.sequence.calibration import calibration_of, pose_row
 from tracker.sequence.manifest import manifest_checksum

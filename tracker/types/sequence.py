@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from tracker.geometry import Pose
 from tracker.types.setup import Mount, Setup
 from tracker.types.ticks import Odometry, Tick
 from tracker.types.truth import Truth
@@ -66,3 +67,15 @@ def without_starts(sequence: Sequence, robots: Collection[str]) -> Sequence:
     if not robots:
         return sequence
     return replace(sequence, setup=replace(sequence.setup, starts={name: None if name in robots else start for name, start in starts.items()}))
+
+
+def dead_reckoning(sequence: Sequence) -> dict[str, list[Pose | None]]:
+    """The start poses propagated by odometry alone."""
+    poses = {robot: start.T_world_robot for robot, start in sequence.setup.starts.items() if start}
+    out: dict[str, list[Pose | None]] = {robot: [] for robot in poses}
+    for odometry in sequence.ticks.odometry():
+        for robot in poses:
+            if robot in odometry:
+                poses[robot] = poses[robot] @ odometry[robot].T_before_now
+            out[robot].append(poses[robot])
+    return out

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.geometry import Array, Ints, Pose, set_array, set_ints
+from tracker.geometry import Array, Ints, Mask, Pose, set_array, set_ints
 
 KEYPOINT_NAMES = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
@@ -19,6 +19,12 @@ KEYPOINT_COUNT = len(KEYPOINT_NAMES)
 
 HIDDEN, VISIBLE = 1, 2
 """Visibility flags of key points in COCO; 0 is not in the image."""
+
+VISIBLE_FRACTION = 0.2
+"""Visible fraction above which a person counts as seen."""
+
+VISIBILITY_MEMORY = 9 / 7
+"""s: people are evaluated for this time after they were seen (δ_a, 9 frames at 7 frames/s)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,3 +130,16 @@ class Truth:
         out = copy(self)
         object.__setattr__(out, "index", index)
         return out
+
+
+def evaluated_people(truth: tuple[Truth, ...], period: float) -> list[Mask]:
+    """Masks (m,) of each frame: the people seen by a camera with at least VISIBLE_FRACTION, in this frame or at most VISIBILITY_MEMORY before."""
+    memory = round(VISIBILITY_MEMORY / period)
+    last: dict[int, int] = {}
+    out = []
+    for frame in truth:
+        for person, visible in zip(frame.person_id.tolist(), frame.visible, strict=True):
+            if visible.size and visible.max() >= VISIBLE_FRACTION:
+                last[person] = frame.index
+        out.append(np.array([frame.index - last.get(p, -memory - 1) <= memory for p in frame.person_id.tolist()], dtype=bool))
+    return out

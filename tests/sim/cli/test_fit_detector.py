@@ -7,7 +7,7 @@ import pytest
 from sim.cli.main import main
 from tests.tracker.recordings.walked_room import walked_room
 from tracker.detector_models.model import read_model
-from tracker.export.recording import write_recording
+from tracker.formats.recording_export import write_recording
 
 
 def command(monkeypatch, *words):

@@ -11,7 +11,7 @@ import pytest
 
 from sim.cli.main import COMMANDS, main
 from tests.tracker import sequences
-from tests.tracker.formats.mrclam import write_set
+from tests.tracker.planar_slam.mrclam import write_set
 from tracker.metrics.trajectory import MEASURES
 
 TARGET_KEYS = """mota motp_m motp_percent false_positives misses switches fragments mostly_tracked mostly_lost truths idf1 hota moda modp"""

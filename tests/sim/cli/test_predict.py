@@ -13,8 +13,8 @@ from sim.prediction.predict import BOUNDS, Predicted
 from sim.prediction.twins import twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.recordings.walked_room import walked_room
-from tracker.datasets.source_options import SourceOptions
-from tracker.export.recording import write_recording
+from tracker.formats.recording_export import write_recording
+from tracker.formats.source_options import SourceOptions
 
 
 def command(monkeypatch, *words):

@@ -7,8 +7,8 @@ import pytest
 
 from sim.cli.main import main
 from tests.tracker.recordings.walked_room import walked_room
-from tracker.export.recording import write_recording
-from tracker.formats.motchallenge import rows_from_boxes, write_mot15
+from tracker.formats.recording_export import write_recording
+from tracker.io.mot15 import rows_from_boxes, write_mot15
 from tracker.recordings.degradation import projected_boxes
 
 

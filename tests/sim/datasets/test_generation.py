@@ -18,8 +18,8 @@ import pytest
 import tyro
 
 from sim.cli.generate import Generate
-from tracker.datasets.summary import summarize, summary_text
 from tracker.datasets.validation import validate
+from tracker.formats.summary import summarize, summary_text
 from tracker.io.file_lock import file_lock
 from tracker.sequence.dataset import sequences
 

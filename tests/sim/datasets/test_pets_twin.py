@@ -15,9 +15,10 @@ from sim.recording.record import write_sequence
 from tests.commands import pilsim
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
-from tracker.formats.pets2009 import read_annotations, read_camera
+from tracker.formats.pets2009 import read_annotations
 from tracker.geometry import Array
 from tracker.geometry.cameras import Panorama, Tsai
+from tracker.io.tsai_xml import read_camera
 from tracker.pipeline import track
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_views

@@ -12,7 +12,7 @@ import pytest
 
 from sim.datasets.recorded_twin import RecordedTwin, plan_of, recording_of, true_motion
 from sim.datasets.twin_generation import TwinOrder, generate_twin
-from tracker.datasets.opening import open_recording
+from tracker.formats.opening import open_recording
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import pinhole
 from tracker.geometry.ground import Flat

@@ -17,7 +17,7 @@ from sim.prediction.record import content, read_prediction
 from sim.report.prediction_page import plots, write_prediction_page
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.sim.browser import CHROMIUM, Browser
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.source_options import SourceOptions
 from tracker.io.json_files import json_text
 
 

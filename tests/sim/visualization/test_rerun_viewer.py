@@ -12,7 +12,7 @@ import pytest
 from sim.visualization.rerun_scene import FRUSTUM, SIGMAS, ellipsoid, lines_of_sight, mesh
 from sim.visualization.rerun_viewer import show
 from tests.tracker import sequences
-from tests.tracker.datasets import small_sources
+from tests.tracker.formats import small_sources
 from tracker.geometry import Pose, rotation_from_quaternion, rotation_z
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama
 from tracker.geometry.ground import Grid

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from tracker.clique.branch_and_bound import exact
 from tracker.clique.clique_cover import component_labels
+from tracker.clique.dimacs import read_graph
 from tracker.clique.local_search import Graph, Limits, Options, search
-from tracker.formats.dimacs import read_graph
 
 
 def random_graph(seed: int, most: int) -> Graph:

@@ -11,7 +11,7 @@ from tests.tracker import disc_sequence
 from tests.tracker.datasets.test_validation import faults, replaced, sealed
 from tracker.datasets.croissant import TABLES, croissant_of, describe
 from tracker.datasets.dataset_card import card_of
-from tracker.datasets.summary import summarize, summary_text
+from tracker.formats.summary import summarize, summary_text
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tracker.detections.boxes import approximate_pixel_boxes, detections_from_boxes
-from tracker.export.recorded_sequence import boxes_of_detections
+from tracker.formats.exported_sequence import boxes_of_detections
 from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole, pinhole
 
 CYLINDER = Cylinder(3760, 480, 210.7, 481.0)

@@ -1,150 +1,167 @@
-"""MOT15 files: round trips and errors."""
+"""MOTChallenge export: TrackEval reads and scores it, and its values equal the sequence."""
 
-from __future__ import annotations
-
-import tempfile
+import configparser
+import contextlib
+import io
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.formats.motchallenge import Mot15Rows, place_of_row, read_mot15, rows_from_tracks, write_mot15
+from tests.tracker.formats.scene import FRAMES, PEOPLE, RATE
+from tracker.detections.boxes import detections_from_boxes
+from tracker.formats.motchallenge import write_mot17, write_seqmap
+from tracker.io.mot15 import Mot15Rows, read_mot15, rows_from_tracks, write_mot15
+from tracker.metrics.evaluation import evaluate, evaluate_files
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import Results
+from tracker.sequence.truth_tables import read_boxes
+from tracker.types import Boxes
 
-GOOD = "1,3,10.5,20,30,40,1,1.5,-2.5,0\n"
-
-number = st.floats(-1e6, 1e6)
-size = st.floats(0, 1e6)
-row = st.tuples(st.integers(1, 10**6), st.integers(0, 10**9), number, number, size, size, number, number, number, number)
+Exported = Callable[[str], Path]
+VIEWS = ("robot_0_camera", "view_0", "view_1", "view_2")
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.lists(row, max_size=12, unique_by=lambda r: (r[0], r[1])))
-def test_round_trip(values: list[tuple[float, ...]]) -> None:
-    t = np.array(sorted(values), dtype=np.float64).reshape(-1, 10)
-    rows = Mot15Rows(t[:, 0].astype(int), t[:, 1].astype(int), t[:, 2:6], t[:, 6], t[:, 7:])
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "tracks.txt"
-        write_mot15(path, rows)
-        again = read_mot15(path)
-        assert [p.name for p in Path(folder).iterdir()] == ["tracks.txt"]
-    for name in ("frame", "id", "box", "confidence"):
-        assert_array_equal(getattr(again, name), getattr(rows, name))
-    # An x or y of exactly 0 means "absent" to the 3-D kit: it is written as 1e-9 m.
-    nudged = rows.position.copy()
-    nudged[:, :2][nudged[:, :2] == 0] = 1e-9
-    assert_array_equal(again.position, nudged)
-    assert_array_equal(again.has_position, rows.has_position)
+def scored(root: Path, era: str, tracker: Path) -> dict[str, Any]:
+    """TrackEval's numbers by its own program over a folder of results."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        trackeval = pytest.importorskip("trackeval")
+        quiet = {"PRINT_CONFIG": False, "PRINT_RESULTS": False, "OUTPUT_SUMMARY": False, "OUTPUT_DETAILED": False, "PLOT_CURVES": False}
+        evaluator = trackeval.Evaluator(quiet | {"TIME_PROGRESS": False, "BREAK_ON_ERROR": True})
+        data = {"GT_FOLDER": str(root), "TRACKERS_FOLDER": str(tracker), "BENCHMARK": era, "SPLIT_TO_EVAL": "train", "PRINT_CONFIG": False}
+        metrics = [trackeval.metrics.HOTA(), trackeval.metrics.CLEAR({"PRINT_CONFIG": False}), trackeval.metrics.Identity({"PRINT_CONFIG": False})]
+        results, _ = evaluator.evaluate([trackeval.datasets.MotChallenge2DBox(data)], metrics)
+    return results["MotChallenge2DBox"]["mine"]
+
+
+def mot17(path: Path) -> Mot15Rows:
+    """The rows of a truth file of MOT17, with the visibility as confidence."""
+    table = np.loadtxt(path, delimiter=",", ndmin=2)
+    assert (table[:, 6:8] == 1).all()
+    return Mot15Rows(table[:, 0], table[:, 1], table[:, 2:6], table[:, 8], np.full((len(table), 3), -1.0))
+
+
+def submit(tracker: Path, era: str, name: str, rows: Mot15Rows) -> None:
+    folder = tracker / f"{era}-train" / "mine" / "data"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_mot15(folder / f"{name}.txt", rows)
+
+
+@pytest.mark.parametrize("era", ["MOT15", "MOT17"])
+def test_trackeval_gives_the_truth_full_score(exported: Exported, tmp_path: Path, era: str) -> None:
+    root = exported(era.lower())
+    for view in VIEWS:
+        path = root / f"{era}-train" / f"plaza-{view}" / "gt" / "gt.txt"
+        truth = mot17(path) if era == "MOT17" else read_mot15(path)
+        n = len(truth)
+        submit(tmp_path, era, f"plaza-{view}", Mot15Rows(truth.frame, truth.id, truth.box, np.ones(n), np.full((n, 3), -1.0)))
+    found = scored(root, era, tmp_path)
+    assert set(found) == {f"plaza-{view}" for view in VIEWS} | {"COMBINED_SEQ"}
+    total = found["COMBINED_SEQ"]["pedestrian"]
+    assert total["CLEAR"]["MOTA"] == 1
+    assert total["Identity"]["IDF1"] == 1
+    assert_allclose(total["HOTA"]["HOTA"], 1)
+    assert total["CLEAR"]["CLR_TP"] > 50
+
+
+def test_trackeval_and_score_agree_on_a_bad_tracker(exported: Exported, tmp_path: Path) -> None:
+    root, rng = exported("mot17"), np.random.default_rng(5)
+    for view in VIEWS:
+        truth = mot17(root / "MOT17-train" / f"plaza-{view}" / "gt" / "gt.txt")
+        kept = rng.random(len(truth)) < 0.8
+        n = int(kept.sum())
+        box = truth.box[kept] + rng.normal(0, 0.5, (n, 4)) * [1, 1, 0, 0]
+        # Somebody is called by another name in the second half.
+        ids = truth.id[kept] + 1000 * ((truth.frame[kept] > FRAMES // 2) & (truth.id[kept] == PEOPLE[0]))
+        submit(tmp_path, "MOT17", f"plaza-{view}", Mot15Rows(truth.frame[kept], ids, box, np.ones(n), np.full((n, 3), -1.0)))
+    found = scored(root, "MOT17", tmp_path)
+    for view in VIEWS[1:]:
+        gt = mot17(root / "MOT17-train" / f"plaza-{view}" / "gt" / "gt.txt")
+        n = len(gt)
+        write_mot15(tmp_path / "gt.txt", Mot15Rows(gt.frame, gt.id, gt.box, np.ones(n), np.full((n, 3), -1.0)))
+        ours = evaluate_files(tmp_path / "gt.txt", tmp_path / "MOT17-train" / "mine" / "data" / f"plaza-{view}.txt", 0.5)["targets"]
+        theirs = found[f"plaza-{view}"]["pedestrian"]
+        assert_allclose([ours["mota"], ours["idf1"]], [theirs["CLEAR"]["MOTA"], theirs["Identity"]["IDF1"]], atol=1e-12)
+
+
+def test_truth_equals_the_sequence_counted_from_one(sequence: Path, exported: Exported) -> None:
+    boxes = read_boxes(sequence)
+    for view in VIEWS:
+        info = configparser.ConfigParser()
+        info.read(exported("mot17") / "MOT17-train" / f"plaza-{view}" / "seqinfo.ini")
+        found = info["Sequence"]
+        assert (found["name"], float(found["frameRate"]), int(found["seqLength"])) == (f"plaza-{view}", RATE, FRAMES)
+        new = mot17(exported("mot17") / "MOT17-train" / f"plaza-{view}" / "gt" / "gt.txt")
+        old = read_mot15(exported("mot15") / "MOT15-train" / f"plaza-{view}" / "gt" / "gt.txt")
+        assert_array_equal(new.box, old.box)
+        for frame in range(FRAMES):
+            true, rows = boxes[frame, view], new.frame == frame + 1
+            assert_array_equal(new.id[rows], true.person)
+            assert_array_equal(new.box[rows, :2] - 1, true.full[:, :2])
+            assert_array_equal(new.box[rows, :2] - 1 + new.box[rows, 2:], true.full[:, 2:])
+            assert_allclose(new.confidence[rows], true.visible)
+
+
+def test_images_are_copied_byte_for_byte(sequence: Path, exported: Exported) -> None:
+    for view in VIEWS:
+        for frame in range(FRAMES):
+            old = sequence / "images" / view / f"{frame:06d}.jpg"
+            assert (exported("mot17") / "MOT17-train" / f"plaza-{view}" / "img1" / f"{frame + 1:06d}.jpg").read_bytes() == old.read_bytes()
+
+
+def test_detections_have_the_directions_of_the_sequence(sequence: Path, exported: Exported) -> None:
+    source = read_sequence(sequence)
+    for tick in source.ticks:
+        for view in tick.views[1:]:
+            rows = read_mot15(exported("mot17") / "MOT17-train" / f"plaza-{view.camera}" / "det" / "det.txt")
+            mine = rows.frame == tick.index + 1
+            # The camera's first pixel has its centre at 0; here the image's edge is at 1.
+            box = rows.box[mine] - [1.5, 1.5, 0, 0]
+            found = detections_from_boxes(source.setup.mounts[view.camera].camera, box, rows.confidence[mine])
+            assert_allclose(found.bearing, view.detections.bearing, atol=1e-9)
+            assert_allclose(found.extent, view.detections.extent, atol=1e-9)
+            assert_array_equal(rows.id, -1)
+
+
+def test_ground_positions_score_as_the_sequence(sequence: Path, exported: Exported, tmp_path: Path) -> None:
+    """`score --truth MOT15-3D/…/gt.txt` and `score SEQUENCE RESULTS` are the same numbers."""
+    source, rng = read_sequence(sequence), np.random.default_rng(2)
+    tracks = {}
+    for truth in source.truth or ():
+        kept = rng.random(len(truth.person_id)) < 0.8
+        tracks[truth.index] = truth.person_id[kept], truth.feet[kept] + rng.normal(0, 0.2, (kept.sum(), 3)) * [1, 1, 0]
+    assert sum(len(ids) for ids, _ in tracks.values()) < sum(len(t.person_id) for t in source.truth or ())
+    robots = {"robot_0": [t.T_world_robot["robot_0"] for t in source.truth or ()]}
+    results = Results(FRAMES, tracks, robots, {"robot_0": [np.eye(6)] * FRAMES}, {})
+    write_mot15(tmp_path / "mine.txt", rows_from_tracks({k + 1: track for k, track in tracks.items()}))
+    ours = evaluate(source, results)["targets"]
+    from_files = evaluate_files(exported("mot15") / "MOT15-3D" / "plaza" / "gt" / "gt.txt", tmp_path / "mine.txt", None)["targets"]
+    assert ours.keys() == from_files.keys()
+    for name, value in ours.items():
+        # Files hold an exact 0 as 1e-9 m.
+        assert_allclose(value, from_files[name], atol=1e-6)
+
+
+def test_missing_sequence_lowers_the_score(exported: Exported, tmp_path: Path) -> None:
+    """That full marks can be lost: without one view's results TrackEval refuses, with empty ones it counts misses."""
+    root = tmp_path / "gt"
+    shutil.copytree(exported("mot17"), root)
+    none = Mot15Rows(np.zeros(0), np.zeros(0), np.zeros((0, 4)), np.zeros(0), np.zeros((0, 3)))
+    for view in VIEWS:
+        submit(tmp_path / "t", "MOT17", f"plaza-{view}", none)
+    assert scored(root, "MOT17", tmp_path / "t")["COMBINED_SEQ"]["pedestrian"]["CLEAR"]["CLR_TP"] == 0
 
 
 def test_rows_are_written_by_frame_then_id(tmp_path: Path) -> None:
-    rows = Mot15Rows([2, 1, 1], [1, 9, 4], np.full((3, 4), -1.0), np.ones(3), np.full((3, 3), -1.0))
-    write_mot15(tmp_path / "t.txt", rows)
-    again = read_mot15(tmp_path / "t.txt")
-    assert_array_equal(again.frame, [1, 1, 2])
-    assert_array_equal(again.id, [4, 9, 1])
-    assert not again.has_position.any()
-    assert not again.has_box.any()
-    assert {f: k.tolist() for f, k in again.by_frame().items()} == {1: [0, 1], 2: [2]}
+    edges = np.array([[0.0, 1, 2, 4], [4, 5, 10, 12], [8, 9, 18, 20]])
+    write_mot17(tmp_path / "gt.txt", np.array([2, 1, 1]), Boxes(np.array([1, 9, 4]), edges, edges, np.array([0.25, 1, 0]), np.ones(3)))
+    assert (tmp_path / "gt.txt").read_text() == "1,4,9,10,10,11,1,1,0\n1,9,5,6,6,7,1,1,1\n2,1,1,2,2,3,1,1,0.25\n"
 
 
-def test_tracks_become_rows() -> None:
-    rows = rows_from_tracks({2: (np.array([7, 5]), np.array([[1.0, 2, 3], [4, 5, 6]])), 1: (np.array([5]), np.zeros((1, 3)))})
-    assert_array_equal(rows.frame, [1, 2, 2])
-    assert_array_equal(rows.id, [5, 7, 5])
-    assert_array_equal(rows.position, [[0, 0, 0], [1, 2, 3], [4, 5, 6]])
-    assert not rows.has_box.any()
-    assert len(rows_from_tracks({})) == 0
-
-
-def test_an_empty_file_has_no_rows(tmp_path: Path) -> None:
-    (tmp_path / "t.txt").write_text("\n  \n")
-    rows = read_mot15(tmp_path / "t.txt")
-    assert len(rows) == 0
-    assert rows.by_frame() == {}
-
-
-def test_whole_numbers_as_floats_and_byte_order_marks_are_read(tmp_path: Path) -> None:
-    (tmp_path / "t.txt").write_bytes(b"\xef\xbb\xbf1.0, -1, 1e1,20,30,40,1,-1,-1,-1\r\n1,-1,10,20,30,40,0.5,-1,-1,-1\r\n")
-    rows = read_mot15(tmp_path / "t.txt")
-    assert_array_equal(rows.id, [-1, -1])
-    assert_array_equal(rows.box[0], rows.box[1])
-
-
-@pytest.mark.parametrize(
-    ("line", "text"),
-    [
-        ("1,2,3,4,5,6,7,8,9", "9 values, needs 10"),
-        ("1,2,3,4,5,6,7,8,9,10,11", "11 values, needs 10"),
-        ("1,2,3,4,nan,6,7,8,9,10", "width is nan"),
-        ("1,2,3,4,5,6,7,inf,9,10", "x is inf"),
-        ("1,2,3,4,5,six,7,8,9,10", "height is 'six'"),
-        ("1,2,3,4,5,,7,8,9,10", "height is ''"),
-        ("0,2,3,4,5,6,7,8,9,10", "frame is 0, needs at least 1"),
-        ("1.5,2,3,4,5,6,7,8,9,10", "frame is 1.5, needs a whole number"),
-        ("1,2.5,3,4,5,6,7,8,9,10", "id is 2.5, needs a whole number"),
-        ("1,2,3,4,-5,6,7,8,9,10", "width is -5.0, needs at least 0"),
-        ("1,2,3,4,5,-6,7,8,9,10", "height is -6.0, needs at least 0"),
-        ("1,3,3,4,5,6,7,8,9,10", "frame 1 holds id 3 twice"),
-    ],
-)
-def test_errors_name_file_and_line(tmp_path: Path, line: str, text: str) -> None:
-    path = tmp_path / "t.txt"
-    path.write_text(GOOD + "\n" + line + "\n" + GOOD.replace("1,3", "9,9"))
-    with pytest.raises(ValueError, match=r"needs|twice") as error:
-        read_mot15(path)
-    assert str(error.value).startswith(f"{path}:line 3: ")
-    assert text in str(error.value)
-
-
-def test_other_encodings_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "t.txt").write_bytes(GOOD.encode() + b"\xff\xfe")
-    with pytest.raises(ValueError, match="not UTF-8"):
-        read_mot15(tmp_path / "t.txt")
-    with pytest.raises(FileNotFoundError):
-        read_mot15(tmp_path / "absent.txt")
-
-
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"frame": [0]}, "row 0: frame is 0"),
-        ({"box": [[0.0, 0, -2, 1]]}, "row 0: width"),
-        ({"box": [[0.0, 0, np.nan, 1]]}, "box holds NaN"),
-        ({"position": [[0.0, 0]]}, "position has shape"),
-        ({"id": [1, 2]}, "id has shape"),
-    ],
-)
-def test_rows_are_checked(change: dict[str, Any], text: str) -> None:
-    good: dict[str, Any] = {"frame": [1], "id": [1], "box": [[0.0, 0, 1, 1]], "confidence": [1.0], "position": [[0.0, 0, 0]]}
-    Mot15Rows(**good)
-    with pytest.raises(ValueError, match=text):
-        Mot15Rows(**{**good, **change})
-
-
-def test_real_files_are_read(data: Any) -> None:
-    folder = data("pets2009", "S2.L1", "mot15")
-    lengths = {name: len(read_mot15(folder / name)) for name in ("gt.txt", "det.txt", "cem_result.txt")}
-    assert lengths == {"gt.txt": 4650, "det.txt": 4359, "cem_result.txt": 4477}
-    truth = read_mot15(folder / "gt.txt")
-    assert (truth.frame.min(), truth.frame.max(), len(np.unique(truth.id)), int((truth.confidence == 0).sum())) == (1, 795, 19, 174)
-
-
-def test_rows_that_stand_twice_are_merged_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = tmp_path / "t.txt"
-    path.write_text(
-        "2,-1,1,2,3,4,0.9,-1,-1,-1\n1,7,1,2,3,4,1,-1,-1,-1\n2,-1,1.0,2,3,4,0.90,-1,-1,-1\n\n1,7,1,2,3,4,1,-1,-1,-1\n1,8,1,2,3,4,1,-1,-1,-1\n"
-    )
-    rows = read_mot15(path)
-    assert_array_equal(rows.id, [-1, 7, 8])
-    assert caplog.messages == [f"{path}: 2 repeated rows merged"]
-    assert place_of_row(path, 2) == f"{path}:line 6"
-    # Two rows that differ in anything are two detections, or an error where they share an id.
-    path.write_text("2,-1,1,2,3,4,0.9,-1,-1,-1\n2,-1,1,2,3,4,0.8,-1,-1,-1\n")
-    assert len(read_mot15(path)) == 2
-    path.write_text("2,1,1,2,3,4,0.9,-1,-1,-1\n2,1,1,2,3,4,0.8,-1,-1,-1\n")
-    with pytest.raises(ValueError, match="line 2: frame 2 holds id 1 twice"):
-        read_mot15(path)
+def test_first_line_of_a_seqmap_is_name(tmp_path: Path) -> None:
+    write_seqmap(tmp_path / "map.txt", ["b", "a"])
+    assert (tmp_path / "map.txt").read_text() == "name\nb\na\n"

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.formats.motchallenge import read_mot15
-from tracker.formats.pets2009 import ground_truth, read_annotations, read_camera, read_detections, write_camera
+from tracker.formats.pets2009 import ground_truth, read_annotations
 from tracker.geometry import Pose
 from tracker.geometry.ground import Flat
+from tracker.io.mot15 import read_detections, read_mot15
+from tracker.io.tsai_xml import read_camera, write_camera
 
 # The tracking area of the cropped annotations, m.
 AREA = np.array([[-14.0696, -14.2740], [4.9813, 1.7335]])

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.formats.pets2009 import MAX_FRAME, read_annotations, write_annotations
+from tracker.formats.pets2009 import read_annotations, write_annotations
+from tracker.io.mot15 import MAX_FRAME
 
 box = st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(0.01, 1e4), st.floats(0.01, 1e4))
 frame = st.dictionaries(st.integers(0, 2**53 - 1), box, max_size=4)

@@ -1,69 +1,65 @@
-"""TUM trajectories."""
+"""TUM export: evo reads the files and computes the same errors."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tracker.formats.tum import read_tum, write_tum
-from tracker.geometry import Pose
+from tests.tracker.formats.scene import FRAMES, RATE
+from tracker.formats.tum import write_tum
+from tracker.geometry import Pose, rotation_from_quaternion
+from tracker.metrics.trajectory import score_robots
+from tracker.sequence.reader import read_sequence
+from tracker.types.sequence import dead_reckoning
+
+Exported = Callable[[str], Path]
 
 
-def test_round_trip(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    poses = [Pose.exp(rng.normal(0, 2, 6)) for _ in range(50)] + [Pose.identity(), Pose.exp([0, 0, 0, np.pi, 0, 0])]
-    times = np.cumsum(rng.uniform(0.01, 1, len(poses)))
-    write_tum(tmp_path / "t.tum", times, poses)
-    again, read = read_tum(tmp_path / "t.tum")
-    assert_array_equal(again, times)
-    for a, b in zip(read, poses, strict=True):
-        assert_array_equal(a.translation, b.translation)
-        assert_allclose(a.rotation, b.rotation, atol=1e-12)
-    assert [p.name for p in tmp_path.iterdir()] == ["t.tum"]
+def test_evo_computes_the_same_errors(sequence: Path, exported: Exported) -> None:
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    from evo.core import metrics, sync
+
+    root = exported("tum") / "plaza"
+    reference = file_interface.read_tum_trajectory_file(str(root / "robot_0.txt"))
+    estimate = file_interface.read_tum_trajectory_file(str(root / "robot_0_odometry.txt"))
+    reference, estimate = sync.associate_trajectories(reference, estimate)
+    assert reference.num_poses == FRAMES
+    source = read_sequence(sequence)
+    truth = {"robot_0": [t.T_world_robot["robot_0"] for t in source.truth or ()]}
+    ours = score_robots(truth, dead_reckoning(source))
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((reference, estimate))
+    assert_allclose(ape.get_statistic(metrics.StatisticsType.rmse), ours.ate_m, rtol=1e-9)
+    assert ours.ate_m > 0.001
+    rpe = metrics.RPE(metrics.PoseRelation.translation_part, delta=1, delta_unit=metrics.Unit.frames)
+    rpe.process_data((reference, estimate))
+    assert_allclose(rpe.get_statistic(metrics.StatisticsType.rmse), ours.rpe_m, rtol=1e-9)
+    estimate.align(reference, correct_scale=False)
+    ape.process_data((reference, estimate))
+    assert_allclose(ape.get_statistic(metrics.StatisticsType.rmse), ours.ate_aligned_m, rtol=1e-6)
 
 
-def test_the_quaternion_is_xyzw(tmp_path: Path) -> None:
-    (tmp_path / "t.tum").write_text("# comment\n0.5 1 2 3 0 0 1 0  # a half turn about z\n")
-    times, (pose,) = read_tum(tmp_path / "t.tum")
-    assert_array_equal(times, [0.5])
-    assert_array_equal(pose.translation, [1, 2, 3])
-    assert_allclose(pose.rotation, np.diag([-1, -1, 1]), atol=1e-15)
+def read(path: Path) -> tuple[np.ndarray, list[Pose]]:
+    """Times and poses; the quaternion is xyzw."""
+    table = np.loadtxt(path)
+    return table[:, 0], [Pose(rotation_from_quaternion(row[[7, 4, 5, 6]]), row[1:4]) for row in table]
 
 
-@pytest.mark.parametrize(
-    ("line", "text"),
-    [
-        ("1 2 3 4 0 0 0", "7 values, needs 8"),
-        ("1 2 3 4 0 0 0 one", "qw is 'one', needs a number"),
-        ("1 2 nan 4 0 0 0 1", "ty is nan, needs a finite number"),
-        ("1 2 3 4 0 0 0 0", "length 0, needs 1"),
-        ("-1 2 3 4 0 0 0 1", "timestamp is -1.0 after 0.0 in line 1, needs steps back of less than 0.5 s"),
-        ("0 2 3 4 0 0 0 1", "timestamp is 0.0 for a second time, with another pose"),
-    ],
-)
-def test_errors_name_file_and_line(tmp_path: Path, line: str, text: str) -> None:
-    path = tmp_path / "t.tum"
-    path.write_text("0 0 0 0 0 0 0 1\n\n" + line)
-    with pytest.raises(ValueError, match=text) as error:
-        read_tum(path)
-    assert str(error.value).startswith(f"{path}:line 3: ")
+def test_poses_equal_the_sequence(sequence: Path, exported: Exported) -> None:
+    source = read_sequence(sequence)
+    mount = source.setup.mounts["robot_0_camera"]
+    times, poses = read(exported("tum") / "plaza" / "robot_0.txt")
+    _, cameras = read(exported("tum") / "plaza" / "robot_0_camera.txt")
+    assert_allclose(times, np.arange(FRAMES) / RATE)
+    for truth, pose, camera in zip(source.truth or (), poses, cameras, strict=True):
+        assert_array_equal(pose.translation, truth.T_world_robot["robot_0"].translation)
+        assert_allclose(pose.rotation, truth.T_world_robot["robot_0"].rotation, atol=1e-12)
+        assert_allclose((camera.inverse() @ pose @ mount.T_body_camera).log(), 0, atol=1e-9)
+    assert sorted(p.name for p in (exported("tum") / "plaza").iterdir()) == ["robot_0.txt", "robot_0_camera.txt", "robot_0_odometry.txt"]
 
 
-def test_lengths_and_encoding_are_checked(tmp_path: Path) -> None:
+def test_lengths_are_checked(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="has 1 poses, needs 2"):
         write_tum(tmp_path / "t.tum", [0.0, 1.0], [Pose.identity()])
-    (tmp_path / "t.tum").write_bytes(b"\xff\xfe")
-    with pytest.raises(ValueError, match="not UTF-8"):
-        read_tum(tmp_path / "t.tum")
-
-
-def test_rows_a_little_out_of_order_are_sorted_and_repeated_rows_merged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = tmp_path / "t.tum"
-    path.write_text("".join(f"{t} {x} 0 0 0 0 0 1\n" for t, x in ((0, 0), (0.2, 2), (0.1, 1), (0.3, 3), (0.3, 3))))
-    times, poses = read_tum(path)
-    assert_array_equal(times, [0, 0.1, 0.2, 0.3])
-    assert_array_equal([pose.translation[0] for pose in poses], [0, 1, 2, 3])
-    assert caplog.messages == [f"{path}: 1 row out of order by up to 0.10 s sorted, 1 repeated row merged"]

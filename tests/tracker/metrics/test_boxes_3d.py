@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tracker.formats.aicity.person_boxes import PERSON, boxes_of_tracks, headings, person_boxes
 from tracker.geometry import Array
-from tracker.metrics.boxes_3d import PERSON, boxes_of_tracks, headings, hota_3d, overlap_3d, person_boxes
+from tracker.metrics.boxes_3d import hota_3d, overlap_3d
 from tracker.metrics.matching import MatchingFrame
 
 

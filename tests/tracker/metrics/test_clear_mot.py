@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tests.tracker.matching_frames import random_frames, table
-from tracker.formats.motchallenge import read_mot15
+from tracker.io.mot15 import read_mot15
 from tracker.metrics.clear_mot import TargetScore, score, score_boxes
 from tracker.metrics.matching import Comparison, MatchingFrame, Pairing, match_without_memory, overlap
 

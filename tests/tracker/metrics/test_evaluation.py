@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
-from tracker.formats.aicity import AiCityObject, AiCityRows, write_ground_truth, write_results
+from tracker.formats.aicity.files import AiCityObject, AiCityRows, write_ground_truth, write_results
 from tracker.geometry import Array, Ints, Pose
-from tracker.metrics.evaluation import dead_reckoning, efficiency, evaluate, evaluate_files, evaluated_people, table
+from tracker.metrics.evaluation import efficiency, evaluate, evaluate_files, table
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.results import Results
 from tracker.types import LandmarkHistory, Sequence, Start, Truth
+from tracker.types.sequence import dead_reckoning
+from tracker.types.truth import evaluated_people
 
 
 def test_a_person_is_evaluated_for_nine_frames_after_being_seen() -> None:

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import open_sequence
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array, angles_from_bearing
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from tracker.clique.branch_and_bound import exact
+from tracker.clique.dimacs import read_graph
 from tracker.clique.local_search import Graph
 from tracker.datasets import synthetic_crowd
-from tracker.formats.dimacs import read_graph
 from tracker.mht.global_hypothesis import HypothesisSearch, searched_cliques
 from tracker.pipeline import Parameters, Tracker, track
 from tracker.tracks.parameters import MhtParameters

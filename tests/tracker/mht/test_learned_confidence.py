@@ -8,8 +8,8 @@ import pytest
 
 from tests.conftest import DATA
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import open_sequence
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame

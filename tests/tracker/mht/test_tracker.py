@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tracker.datasets import synthetic_crowd
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.source_options import SourceOptions
 from tracker.detections.cross_view import CrossViewGroup
+from tracker.formats.opening import open_sequence
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.metrics.clear_mot import TargetScore, score
 from tracker.metrics.matching import MatchingFrame

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.person_detector.blob_network import HEIGHT, WIDTH, picture_with, write_blob_network
-from tracker.formats.motchallenge import read_mot15
+from tracker.io.mot15 import read_mot15
 from tracker.io.video_files import VideoWriters
 from tracker.person_detector.detection_run import DetectionRun, write_detections
 from tracker.person_detector.detector import CameraPlace, PersonDetector

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tests.benchmarks.slam import Row, drive, estimate, rows
-from tests.tracker.formats.mrclam import BEGIN, SECONDS, write_set
-from tracker.formats.utias import read_utias
+from tests.tracker.planar_slam.mrclam import BEGIN, SECONDS, write_set
 from tracker.planar_slam.event_schedule import PlanarParameters, filter_input, run_filter
 from tracker.planar_slam.filter import SCAN, STEP
 from tracker.planar_slam.motion_model import Sensors, integrate
+from tracker.planar_slam.utias_files import read_utias
 
 EKF = PlanarParameters("ekf", 1, correction=False, robust=np.inf, curvature=0.0)
 

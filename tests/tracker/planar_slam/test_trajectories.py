@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracker.formats.utias import UtiasDataset, UtiasRobot
 from tracker.planar_slam.trajectories import PlanarTrajectories, read_trajectories, score_trajectories, table, true_poses, write_trajectories
+from tracker.planar_slam.utias_files import UtiasDataset, UtiasRobot
 
 TIMES = np.arange(100) * 0.02
 

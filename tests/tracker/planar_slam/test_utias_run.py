@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.tracker.formats.mrclam import write_set
+from tests.tracker.planar_slam.mrclam import write_set
 from tracker.planar_slam.event_schedule import PlanarParameters
 from tracker.planar_slam.utias_run import evaluate_trajectories, track_utias
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tests.tracker.recordings.walked_room import CORNERS, planted, walked_room, with_extrinsics, with_frames
-from tracker.datasets.opening import open_recording
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import open_recording
+from tracker.formats.source_options import SourceOptions
 from tracker.recordings import Recording
 from tracker.recordings.calibration_check import CalibrationReport, check_calibration
 from tracker.recordings.calibration_timing import STRETCHES

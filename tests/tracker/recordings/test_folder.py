@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tracker.datasets.opening import format_of, open_recording, open_sequence
-from tracker.datasets.source_options import SourceOptions
+from tracker.formats.opening import format_of, open_recording, open_sequence
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama, Pinhole
 from tracker.geometry.ground import Flat, Grid

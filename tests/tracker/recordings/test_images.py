@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tracker.datasets.opening import open_sequence
-from tracker.datasets.pets2009 import read_pets
-from tracker.datasets.source_options import SourceOptions
 from tracker.detections.front_end import ImageParameters
 from tracker.detections.optical_flow import TrackletParameters
 from tracker.detections.silhouettes import SilhouetteParameters
+from tracker.formats.opening import open_sequence
+from tracker.formats.pets2009 import read_pets
+from tracker.formats.source_options import SourceOptions
 from tracker.io.video_files import VideoWriters
 from tracker.metrics.evaluation import evaluate
 from tracker.pipeline import Parameters, track

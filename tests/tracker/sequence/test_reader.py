@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tests.tracker import sequences
-from tracker.formats.pets2009 import read_camera
 from tracker.geometry import Pose
 from tracker.geometry.cameras import Tsai
 from tracker.geometry.ground import Grid
+from tracker.io.tsai_xml import read_camera
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes, read_joints, read_views
 from tracker.sequence.writer import Layers, SequenceWriter

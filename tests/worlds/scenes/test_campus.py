@@ -12,6 +12,7 @@ import pytest
 
 from tracker.formats import pets2009
 from tracker.geometry.ground import Flat
+from tracker.io import tsai_xml
 from worlds import catalogue
 from worlds.scenes import campus_plan
 from worlds.terrain.heightfield import Array
@@ -28,7 +29,7 @@ def campus(difficulty: float) -> World:
 @pytest.fixture(scope="module")
 def feet(data: Data) -> Array:
     """(n, 2) m: everywhere that somebody of the complete annotations stands."""
-    _, camera, T_world_camera = pets2009.read_camera(data("pets2009", "calibration", "View_001.xml"))
+    _, camera, T_world_camera = tsai_xml.read_camera(data("pets2009", "calibration", "View_001.xml"))
     found = []
     for name in ("S1.L1/annotations/PETS2009-S1L1-1.xml", "S2.L1/annotations/PETS2009-S2L1.xml"):
         annotations = pets2009.read_annotations(data("pets2009", *name.split("/")))
@@ -59,7 +60,7 @@ def test_without_difficulty_the_cameras_see_whom_they_saw(feet: Array, data: Dat
     mujoco.mj_forward(model, state)
     thin = np.array([class_.startswith("pole") for class_ in (model.geom(k).name for k in range(model.ngeom))])
     for view in range(1, 9):
-        _, camera, T_world_camera = pets2009.read_camera(data("pets2009", "calibration", f"View_{view:03d}.xml"))
+        _, camera, T_world_camera = tsai_xml.read_camera(data("pets2009", "calibration", f"View_{view:03d}.xml"))
         eye = T_world_camera.translation
         assert np.linalg.norm(campus_plan.CAMERAS[view - 1] - eye[:2]) < 0.02
         bodies = np.concatenate([np.column_stack([feet[::40], np.full(len(feet[::40]), z)]) for z in (0.1, 1.7)])

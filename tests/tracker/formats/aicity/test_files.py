@@ -1,0 +1,215 @@
+"""AI City track 1: calibration, truth and results read back what was written; every bad field is named with its file."""
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tracker.formats.aicity.files import (
+    AiCityCamera,
+    AiCityObject,
+    AiCityRows,
+    read_calibration,
+    read_ground_truth,
+    read_results,
+    write_calibration,
+    write_ground_truth,
+    write_results,
+)
+from tracker.geometry import exp_so3
+
+K = np.array([[1200.5, 0.0, 960.0], [0.0, 1190.0, 540.0], [0.0, 0.0, 1.0]])
+CAMERAS = [AiCityCamera(f"Camera_{k:02d}", K, exp_so3([1.9, 0.1 * k, 0.2]), np.array([1.0, 2.0, 8.0 + k]), 1920, 1080, 30.0) for k in range(2)]
+SENSOR = {
+    "type": "camera",
+    "id": "Camera",
+    "attributes": [{"name": "fps", "value": "30"}, {"name": "frameWidth", "value": 1920}, {"name": "frameHeight", "value": "1080"}],
+    "intrinsicMatrix": [[1000, 0, 960], [0, 1000, 540], [0, 0, 1]],
+    "extrinsicMatrix": [[1, 0, 0, 0], [0, 0, -1, 3], [0, 1, 0, 5]],
+}
+OBJECT = {
+    "object type": "Person",
+    "object id": 3,
+    "3d location": [1.0, 2.0, 0.9],
+    "3d bounding box scale": [0.5, 0.6, 1.8],
+    "3d bounding box rotation": [0.0, 0.0, 1.5],
+    "2d bounding box visible": {"Camera": [10, 20, 30, 90]},
+}
+
+
+def changed(value: Any, path: tuple[Any, ...], new: Any) -> Any:
+    out = copy.deepcopy(value)
+    inner = out
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = new
+    return out
+
+
+def test_calibration_reads_back_and_projects_as_opencv(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    write_calibration(path, CAMERAS)
+    points = np.random.default_rng(0).uniform([-3, -3, 0], [3, 3, 2], (20, 3))
+    for found, written, sensor in zip(read_calibration(path), CAMERAS, json.loads(path.read_text())["sensors"], strict=True):
+        assert (found.name, found.width, found.height, found.rate) == (written.name, 1920, 1080, 30.0)
+        for name in ("K", "R", "t"):
+            assert_allclose(getattr(found, name), getattr(written, name), atol=1e-12)
+        expected = cv2.projectPoints(points, cv2.Rodrigues(written.R)[0], written.t, K, np.zeros(5))[0][:, 0]
+        homogeneous = np.column_stack([points, np.ones(20)]) @ np.array(sensor["cameraMatrix"]).T
+        assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], expected, rtol=1e-9)
+        ground = np.column_stack([points[:, :2], np.ones(20)])
+        flat = ground @ np.array(sensor["homography"]).T
+        on_ground = cv2.projectPoints(points * [1, 1, 0], cv2.Rodrigues(written.R)[0], written.t, K, np.zeros(5))[0][:, 0]
+        assert_allclose(flat[:, :2] / flat[:, 2:], on_ground, rtol=1e-9)
+        assert_allclose([sensor["coordinates"][axis] for axis in "xyz"], -written.R.T @ written.t)
+
+
+def test_other_sensors_are_left_out_and_numbers_may_be_text(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps({"sensors": [SENSOR, {"type": "lidar", "id": "L"}]}))
+    (camera,) = read_calibration(path)
+    assert (camera.name, camera.width, camera.height, camera.rate) == ("Camera", 1920, 1080, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "new", "message"),
+    [
+        (("sensors",), None, "sensors is missing"),
+        (("sensors",), [], "sensors holds no camera"),
+        (("sensors", 0), 3, r"sensors\[0\]: id is missing"),
+        (("sensors", 0, "id"), "a/b", r"sensors\[0\] \(a/b\): id is 'a/b', needs a name"),
+        (("sensors", 0, "attributes"), {}, r"\(Camera\).attributes: needs a list"),
+        (("sensors", 0, "attributes", 1, "value"), "wide", "frameWidth is wide, needs a number"),
+        (("sensors", 0, "attributes", 1, "value"), 10**9, "frameWidth is 1000"),
+        (("sensors", 0, "attributes", 1, "value"), 19.5, "frameWidth and frameHeight are 19.5 x 1080.0, need whole numbers"),
+        (("sensors", 0, "attributes", 2, "value"), 0, "1920 x 0, need 1 to 100000"),
+        (("sensors", 0, "attributes", 0, "value"), -1, "fps is -1.0, needs more than 0"),
+        (("sensors", 0, "attributes", 0, "name"), "rate", "fps is None, needs a number"),
+        (("sensors", 0, "intrinsicMatrix"), [[1, 2], [3, 4]], "intrinsicMatrix is .*, needs 3 x 3 numbers"),
+        (("sensors", 0, "intrinsicMatrix", 0), [1, 2], "intrinsicMatrix is .*, needs 3 x 3 numbers"),
+        (("sensors", 0, "intrinsicMatrix", 0, 0), "x", "needs 3 x 3 numbers"),
+        (("sensors", 0, "intrinsicMatrix", 0, 0), -(2**63), "needs 3 x 3 numbers"),
+        (("sensors", 0, "intrinsicMatrix", 0, 0), -5, "with fx and fy above 0"),
+        (("sensors", 0, "intrinsicMatrix", 0, 1), 3, r"needs \[\[fx, 0, cx\]"),
+        (("sensors", 0, "extrinsicMatrix", 2, 1), 0.9, "differ from a rotation by 0.19, needs at most 0.001"),
+        (("sensors", 0, "extrinsicMatrix", 2, 1), -1, "differ from a rotation by 0, needs .* no mirror"),
+        (("sensors", 0, "extrinsicMatrix"), None, "extrinsicMatrix is None, needs 3 x 4 numbers"),
+        (("sensors",), [SENSOR, SENSOR], "name 'Camera' twice"),
+    ],
+)
+def test_bad_calibrations_are_refused(tmp_path: Path, path: tuple[Any, ...], new: Any, message: str) -> None:
+    file = tmp_path / "calibration.json"
+    file.write_text(json.dumps(changed({"sensors": [SENSOR]}, path, new)))
+    with pytest.raises(ValueError, match=f"calibration.json: .*{message}"):
+        read_calibration(file)
+
+
+def test_truth_reads_back(tmp_path: Path) -> None:
+    path = tmp_path / "ground_truth.json"
+    one = AiCityObject("Person", 7, np.array([1.0, -2.5, 0.875]), np.array([0.6, 0.6, 1.75]), np.array([0.0, 0.0, 2.0]), {"C": np.arange(4.0)})
+    other = AiCityObject("Forklift", 7, np.array([4.0, 5.0, 1.0]), np.array([1.0, 2.0, 2.0]), np.zeros(3))
+    write_ground_truth(path, {10: [], 2: [one, other]})
+    found = read_ground_truth(path)
+    assert list(found) == [2, 10]
+    for read, written in zip(found[2], (one, other), strict=True):
+        assert (read.kind, read.id, list(read.visible)) == (written.kind, written.id, list(written.visible))
+        for name in ("centre", "size", "rotation"):
+            assert_array_equal(getattr(read, name), getattr(written, name))
+    assert_array_equal(found[2][0].visible["C"], np.arange(4.0))
+
+
+@pytest.mark.parametrize(
+    ("path", "new", "message"),
+    [
+        (("5",), {}, "frame 5 is a dict, needs a list"),
+        (("x",), [], "frame is 'x', needs a whole number"),
+        (("-1",), [], "frame is '-1'"),
+        (("1000000",), [], "needs a whole number from 0 to less than 1000000"),
+        (("05",), [], "frame 5 stands twice"),
+        (("5", 0), 1, "frame 5: object 0 is a int, needs an object"),
+        (("5", 0, "object type"), None, "frame 5: object 0: object type is None"),
+        (("5", 0, "object id"), True, "object id is True, needs a whole number"),
+        (("5", 0, "object id"), 2**53, "object id is 9007199254740992"),
+        (("5", 0, "3d location"), [1, 2], "3d location is .*, needs 3 numbers"),
+        (("5", 0, "3d location", 0), 1e9, "3d location is .*, needs 3 numbers below 1e"),
+        (("5", 0, "3d bounding box scale", 1), 0, "3d bounding box scale is .*, needs sizes above 0"),
+        (("5", 0, "3d bounding box rotation"), "up", "3d bounding box rotation is up, needs 3 numbers"),
+        (("5", 0, "2d bounding box visible"), [], "2d bounding box visible is a list"),
+        (("5", 0, "2d bounding box visible", "Camera"), [30, 20, 10, 90], "needs the first x and y before the last"),
+        (("5",), [OBJECT, OBJECT], "frame 5 holds an object id of a class twice"),
+    ],
+)
+def test_bad_truth_is_refused(tmp_path: Path, path: tuple[Any, ...], new: Any, message: str) -> None:
+    file = tmp_path / "ground_truth.json"
+    file.write_text(json.dumps(changed({"5": [OBJECT]}, path, new)))
+    with pytest.raises(ValueError, match=f"ground_truth.json: .*{message}"):
+        read_ground_truth(file)
+
+
+@pytest.mark.parametrize("reader", [read_calibration, read_ground_truth])
+@pytest.mark.parametrize("text", ["", "[1]", "7", "{", '{"5": NaN}', '{"5": ' + "9" * 5000 + "}", "[" * 100_000])
+def test_other_json_is_refused_with_the_file(tmp_path: Path, reader: Callable[[Path], object], text: str) -> None:
+    file = tmp_path / "file.json"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=r"file\.json"):
+        reader(file)
+
+
+def rows() -> AiCityRows:
+    rng = np.random.default_rng(0)
+    n = 20
+    k = np.arange(n)
+    return AiCityRows(5 - k // 10, 0 * k, k % 5, k // 5, rng.uniform(-50, 50, (n, 3)), rng.uniform(0.1, 2, (n, 3)), rng.uniform(-3, 3, n))
+
+
+def test_results_read_back_sorted(tmp_path: Path) -> None:
+    path = tmp_path / "track1.txt"
+    write_results(path, rows())
+    found = read_results(path)
+    order = np.lexsort((rows().id, rows().category, rows().frame, rows().scene))
+    for name in ("scene", "category", "id", "frame"):
+        assert_array_equal(getattr(found, name), getattr(rows(), name)[order])
+    assert_allclose(found.boxes, rows().boxes[order], atol=6e-7)
+    assert path.read_text().splitlines()[0].split()[:4] == ["4", "0", "0", "2"]
+    write_results(path, read_results(path))
+    assert_array_equal(read_results(path).boxes, found.boxes)
+
+
+GOOD = "1 0 7 0 1 2 0.9 0.6 0.6 1.75 0.1"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("1 0 7 0 1 2 0.9 0.6 0.6 1.75", "10 values, needs 11: scene_id class_id"),
+        ("1 0 7 0.5 1 2 0.9 0.6 0.6 1.75 0", "frame_id is '0.5', needs a whole number"),
+        ("1 0 7 nan 1 2 0.9 0.6 0.6 1.75 0", "frame_id is 'nan', needs a whole number"),
+        ("1 0 -7 0 1 2 0.9 0.6 0.6 1.75 0", "object_id is -7, needs 0 to less than 9007199254740992"),
+        ("1 0 7 1000000 1 2 0.9 0.6 0.6 1.75 0", "frame_id is 1000000, needs 0 to less than 1000000"),
+        ("1 0 7 1 x 2 0.9 0.6 0.6 1.75 0", "x is 'x', needs a number"),
+        ("1 0 7 1 1 2 inf 0.6 0.6 1.75 0", "z is 'inf', needs a number below"),
+        ("1 0 7 1 1 2 0.9 0.6 0 1.75 0", "length is 0, needs more than 0"),
+        (GOOD, "frame 0 holds object 7 of class 0 twice"),
+    ],
+)
+def test_bad_results_are_refused_with_their_line(tmp_path: Path, line: str, message: str) -> None:
+    path = tmp_path / "track1.txt"
+    path.write_text(f"{GOOD}\n\n{line}\n")
+    with pytest.raises(ValueError, match=f"track1.txt:3: {message}"):
+        read_results(path)
+
+
+def test_results_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "track1.txt").write_bytes(b"1 0 \xff")
+    with pytest.raises(ValueError, match=r"track1\.txt:1: byte 4 is not UTF-8"):
+        read_results(tmp_path / "track1.txt")
+    with pytest.raises(ValueError, match=r"nothing\.txt: no such file"):
+        read_results(tmp_path / "nothing.txt")
+    (tmp_path / "track1.txt").write_text("")
+    assert len(read_results(tmp_path / "track1.txt")) == 0

@@ -1,4 +1,0 @@
-"""A recorded sequence in the formats of other projects.
-
-Read `exporting.py` first.
-"""

@@ -1,0 +1,114 @@
+"""Parameters of cameras as OpenCV, ROS, EuRoC and COLMAP have them, and cameras as pinhole images for formats that know no others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.formats.exported_sequence import RecordedSequence
+from tracker.geometry import Array, Pose
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Cylinder, Fisheye, Panorama, PanoramicCamera, Pinhole, Tsai
+from tracker.geometry.cube_faces import FACES, Resampling, face_camera
+from tracker.geometry.tsai import opencv_intrinsics
+
+OPTICAL = Pose(OPTICAL_FROM_CAMERA.T, np.zeros(3))
+"""T_camera_optical: from the optical frame (x right, y down, z ahead) to the camera's (x forward, y left, z up)."""
+
+
+@dataclass(frozen=True)
+class CameraParameters:
+    """A camera in numbers. The first pixel's centre is (0, 0).
+
+    model: pinhole, fisheye, equirectangular or cylindrical. fx, fy, cx, cy: px, of panoramas as in MODELS.
+    distortion: k1, k2, p1, p2, k3 of a pinhole, k1 to k4 of a fisheye, as OpenCV has them.
+    error: px, the largest error of these numbers over the image.
+    """
+
+    model: str
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    error: float = 0.0
+
+    @property
+    def intrinsics(self) -> tuple[float, float, float, float]:
+        return self.fx, self.fy, self.cx, self.cy
+
+    @staticmethod
+    def of(camera: Camera) -> CameraParameters:
+        """Raises ValueError for a camera of another class."""
+        if isinstance(camera, Fisheye):
+            return CameraParameters("fisheye", camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion)
+        across, middle = camera.width / (2 * np.pi), (camera.width - 1) / 2
+        if isinstance(camera, Panorama):
+            return CameraParameters("equirectangular", across, camera.height / np.pi, middle, (camera.height - 1) / 2)
+        if isinstance(camera, Cylinder):
+            return CameraParameters("cylindrical", across, camera.focal, middle, camera.horizon - 0.5)
+        K, distortion, error = opencv_intrinsics(camera)
+        numbers = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+        return CameraParameters("pinhole", *numbers, tuple(map(float, distortion)), error)
+
+
+PANORAMAS = """
+A panorama is no pinhole. Its azimuth (anticlockwise from straight ahead) and elevation [rad] follow from fx, fy, cx, cy and the pixel (u, v):
+equirectangular: u = cx − fx · azimuth, v = cy − fy · elevation, fx and fy in pixels per radian.
+cylindrical: u = cx − fx · azimuth, v = cy − fy · tan(elevation), fx in pixels per radian, fy in pixels.
+In the optical frame, azimuth = atan2(−x, z) and elevation = atan2(−y, √(x² + z²)). u counts modulo the width: the seam is behind.
+"""
+"""For README.md of an export: what the four numbers of a panorama mean."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedView:
+    """An image of an export that shows a camera of a sequence, as it is or resampled. T_camera_view: both x forward, y left, z up."""
+
+    source: str
+    name: str
+    camera: Camera
+    T_camera_view: Pose = field(default_factory=Pose.identity)
+    resampling: Resampling | None = None
+
+    def image(self, recording: RecordedSequence, frame: int, suffix: str, gray: bool = False) -> bytes:
+        """The image as the bytes of a JPEG or PNG file."""
+        if self.resampling is None and not gray:
+            return recording.image(frame, self.source, suffix)
+        pixels: NDArray[np.uint8] = recording.pixels(frame, self.source)
+        if gray:
+            pixels = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+        return recording.encoded(pixels if self.resampling is None else self.resampling.image(pixels), suffix)
+
+
+def faces(name: str, camera: Camera) -> list[ExportedView]:
+    """Six faces of a panorama, the four level ones of a cylinder, and any other camera as it is."""
+    if not isinstance(camera, PanoramicCamera):
+        return [ExportedView(name, name, camera)]
+    target = face_camera(camera)
+    level = [face for face in FACES if face not in ("up", "down")]
+    chosen = level if isinstance(camera, Cylinder) else list(FACES)
+    return [_resampled(name, f"{name}_{face}", camera, target, FACES[face]) for face in chosen]
+
+
+def straight(name: str, camera: Camera) -> ExportedView:
+    """The view of a camera as a pinhole without distortion: the front face of a panorama, else with the camera's focal lengths."""
+    if isinstance(camera, PanoramicCamera):
+        return faces(name, camera)[0]
+    parameters = CameraParameters.of(camera)
+    if not any(parameters.distortion) and parameters.model == "pinhole":
+        return ExportedView(name, name, camera)
+    target = Pinhole(camera.width, camera.height, *parameters.intrinsics)
+    return _resampled(name, name, camera, target, np.eye(3))
+
+
+def _resampled(source: str, name: str, camera: Camera, target: Camera, rotation: Array) -> ExportedView:
+    return ExportedView(source, name, target, Pose(rotation, np.zeros(3)), Resampling(camera, target, rotation))
+
+
+def pixel_errors(cameras: dict[str, Camera]) -> list[str]:
+    """Notes for README.md: the errors of cameras whose distortion was fitted."""
+    errors = {name: CameraParameters.of(camera).error for name, camera in cameras.items() if isinstance(camera, Tsai) and camera.kappa1}
+    return [f"{name}: its distortion is fitted to {error:.2g} px" for name, error in errors.items()]

@@ -1,0 +1,207 @@
+"""Reading a sequence of JRDB, or of the export `jrdb` of pilsim, as a recording in the frame of the robot.
+
+    labels/labels_3d/SEQ.json                           optional truth: boxes in space, metres.
+    labels/labels_2d_stitched/SEQ.json                  optional: boxes of the same people in the panorama.
+    detections/detections_2d_stitched/SEQ.json          optional: a detector's boxes; or detections/SEQ.txt, MOT15, frames from 1.
+    images/image_stitched/SEQ/000000.jpg                optional: panoramas.
+
+`labels/` and `detections_2d_stitched/` may be left out of the paths. The panorama of JRDB is a cylinder of 3760 x 480 px: feet on the floor at a
+range of r metres are in row 210.7 + 481 / r. Its focal length and its height above the floor enter as their product alone. Sizes of boxes tell
+them apart: a body of height h has rows 481 h / r. So the focal length is 481 px, and the camera is 1 m above the floor.
+
+People are tracked in the camera's frame, lowered to the floor: x ahead, y left, z up. The layout has no odometry. Where the robot moves, people
+who stand seem to move against it, and no path in a fixed frame can be had. Most people of JRDB sit: their boxes are 0.9 to 2.3 m high.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tracker.formats.jrdb.files import (
+    DETECTIONS,
+    LABELS_2D,
+    LABELS_3D,
+    Label2d,
+    Label3d,
+    PanoramaNote,
+    read_detections_2d,
+    read_labels_2d,
+    read_labels_3d,
+    read_note,
+)
+from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.cameras import Camera, Cylinder, Panorama
+from tracker.io.image_files import image_size
+from tracker.io.resume import checksum
+from tracker.recordings import FrameBoxes, Recording, RecordingCamera
+from tracker.recordings.folder import read_boxes
+from tracker.recordings.images import ImageFiles
+from tracker.recordings.recording import MAX_FRAMES, STATURE
+
+CAMERA = "panorama"
+"""Name of the only camera."""
+CYLINDER = Cylinder(3760, 480, 210.7, 481.0)
+ABOVE_FLOOR = 1.0
+"""m: height of JRDB's panorama."""
+RATE = 15.0
+"""Frames per second of JRDB's images; labels are of every n-th."""
+SEATED = (0.9, 2.3)
+"""m: band of heights of people who sit or stand."""
+IMAGES = "images/image_stitched"
+
+
+@dataclass(frozen=True)
+class JrdbSequence:
+    """The files of a sequence, each None where it is not there."""
+
+    name: str
+    labels_3d: Path | None
+    labels_2d: Path | None
+    detections: Path | None
+    boxes: Path | None
+    images: Path | None
+
+
+def is_jrdb(path: Path) -> bool:
+    """Whether a folder holds labels or detections of JRDB, or `path` is such a file of labels."""
+    root, _ = _root(path)
+    return any(True for folder in _folders(root, LABELS_3D, LABELS_2D, DETECTIONS) for _ in folder.glob("*.json"))
+
+
+def jrdb_sequence(path: Path) -> JrdbSequence:
+    """The sequence that a path means: a folder of one sequence, or the file of labels or the folder of images of one of several.
+
+    Raises ValueError where there is none, and with all names where there are several.
+    """
+    root, wanted = _root(path)
+    kinds = (LABELS_3D, LABELS_2D, DETECTIONS)
+    found = {kind: {file.stem: file for folder in _folders(root, kind) for file in sorted(folder.glob("*.json"))} for kind in kinds}
+    names = sorted({name for files in found.values() for name in files})
+    if wanted is None and len(names) != 1:
+        some = f"{len(names)} sequences ({', '.join(names[:3])}{', …' if len(names) > 3 else ''})" if names else "no sequence"
+        example = next((file for files in found.values() for file in files.values()), root / LABELS_3D / "SEQ.json")
+        raise ValueError(f"{path}: holds {some} of JRDB, needs one; name it by its file of labels, as {example}")
+    name = wanted or names[0]
+    boxes, images = root / "detections" / f"{name}.txt", root / IMAGES / name
+    return JrdbSequence(
+        name,
+        found[LABELS_3D].get(name),
+        found[LABELS_2D].get(name),
+        found[DETECTIONS].get(name),
+        boxes if boxes.is_file() else None,
+        images if images.is_dir() else None,
+    )
+
+
+def _root(path: Path) -> tuple[Path, str | None]:
+    """The root of a data set and the sequence that `path` means in it, None for the root itself."""
+    if path.suffix == ".json" and path.is_file():
+        above = path.parent.parent
+        return (above.parent if above.name == "labels" else above), path.stem
+    if path.parent.name == "image_stitched" and path.parent.parent.name == "images":
+        return path.parent.parent.parent, path.name
+    return path, None
+
+
+def _folders(root: Path, *kinds: str) -> list[Path]:
+    """The folders of these kinds that are there, with or without the folder above them."""
+    return [folder for kind in kinds for folder in (root / kind, root / Path(kind).name) if folder.is_dir()]
+
+
+def read_jrdb(path: Path, labels_as_detections: bool = False) -> Recording:
+    """Read a sequence; see jrdb_sequence for `path`. labels_as_detections: the labelled boxes, those of hidden people left out, are the detections.
+
+    The frames are the labelled ones: every n-th, from the first, at 15 / n frames/s. Without labels they are those of the detections.
+    Raises ValueError with file and field for missing or invalid content.
+    """
+    files = jrdb_sequence(path)
+    people = None if files.labels_3d is None else read_labels_3d(files.labels_3d)
+    labels = {} if files.labels_2d is None else read_labels_2d(files.labels_2d)
+    note = None if files.labels_2d is None else read_note(files.labels_2d)
+    detected = {} if files.detections is None else read_detections_2d(files.detections)
+    index, step = _index(people or labels or detected, path)
+    boxes: FrameBoxes = {index[number]: found for number, found in detected.items() if number in index}
+    if labels_as_detections:
+        boxes = {index[number]: _boxes(found) for number, found in labels.items() if number in index}
+    elif files.boxes is not None:
+        boxes = read_boxes(files.boxes)
+        _check_frames(boxes, index, files.boxes)
+    images = {index[int(file.stem)]: file for file in _pictures(files.images) if int(file.stem) in index}
+    above = note.above_ground if note else ABOVE_FLOOR
+    return Recording(
+        note.rate if note else RATE / step,
+        {CAMERA: RecordingCamera(_camera(note, images), Pose(np.eye(3), np.array([0.0, 0.0, above])))},
+        {CAMERA: boxes} if boxes else {},
+        None if people is None else {index[number]: _people(found, note) for number, found in people.items()},
+        frames=max([*index.values(), *boxes], default=-1) + 1,
+        height=STATURE if note else SEATED,
+        images={CAMERA: ImageFiles(images)} if images else {},
+        source={"source": "JRDB", "sequence": files.name, "labels_as_detections": labels_as_detections, "files": _checksums(files)},
+    )
+
+
+def _index(numbers: Iterable[int], path: Path) -> tuple[dict[int, int], int]:
+    """Numbers of images → frames from 0, and the step between them: the greatest with which all of them are frames."""
+    known = sorted(numbers)
+    step = math.gcd(*(number - known[0] for number in known)) or 1 if known else 1
+    if known and (known[-1] - known[0]) // step >= MAX_FRAMES:
+        raise ValueError(f"{path}: frames are {known[0]} to {known[-1]} in steps of {step}, needs less than {MAX_FRAMES} of them")
+    return {number: (number - known[0]) // step for number in known}, step
+
+
+def _check_frames(boxes: FrameBoxes, index: Mapping[int, int], file: Path) -> None:
+    """Raises ValueError for boxes after the last labelled frame: they are then numbered as the images, of which every n-th is labelled."""
+    last, labelled = max(boxes, default=-1), max(index.values(), default=-1)
+    if index and last > labelled:
+        raise ValueError(f"{file}: frame is {last + 1}, needs at most {labelled + 1}, the number of labelled frames; they count from 1 without gaps")
+
+
+def _people(labels: Iterable[Label3d], note: PanoramaNote | None) -> tuple[Ints, Array]:
+    """Ids and places (k, 3) m; of an id that occurs twice, the last. People of JRDB are on the floor, those of pilsim where the boxes end."""
+    found = {one.person: one for one in labels}.values()
+    ids = np.array([one.person for one in found], dtype=np.int64)
+    places = np.array([one.centre - [0.0, 0.0, one.size[2] / 2] for one in found]).reshape(-1, 3)
+    places[:, 2] = 0.0 if note is None else places[:, 2] + note.above_ground
+    return ids, places
+
+
+def _boxes(labels: Iterable[Label2d]) -> tuple[Array, Array]:
+    seen = [one.seen for one in labels if one.visible > 0]
+    return np.array(seen).reshape(-1, 4), np.ones(len(seen))
+
+
+def _camera(note: PanoramaNote | None, images: Mapping[int, Path]) -> Camera:
+    """The model of the images. Raises ValueError where the first image has another size."""
+    if note is None:
+        camera: Camera = CYLINDER
+    elif note.horizon is not None and note.focal is not None:
+        camera = Cylinder(note.width, note.height, note.horizon, note.focal)
+    else:
+        camera = Panorama(note.width, note.height)
+    if images:
+        first = images[min(images)]
+        size = image_size(first.read_bytes())
+        if size != (camera.height, camera.width):
+            there = "no JPEG or PNG" if size is None else f"{size[1]} x {size[0]} px"
+            raise ValueError(f"{first}: is {there}, needs {camera.width} x {camera.height} px")
+    return camera
+
+
+def _pictures(folder: Path | None) -> list[Path]:
+    return [] if folder is None else sorted(file for file in folder.glob("*.jpg") if re.fullmatch("[0-9]{1,12}", file.stem))
+
+
+def _checksums(files: JrdbSequence) -> dict[str, str]:
+    read = {
+        "labels_3d": files.labels_3d,
+        "labels_2d_stitched": files.labels_2d,
+        "detections_2d_stitched": files.detections,
+        "detections": files.boxes,
+    }
+    return {name: checksum(file) for name, file in read.items() if file is not None}

@@ -1,0 +1,183 @@
+"""Opening a folder by what lies in it, as tracker/formats/table.py lists the formats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from tracker.detections.boxes import detections_from_boxes
+from tracker.formats.source_options import SourceOptions, camera_named
+from tracker.formats.table import PILSIM, SOURCES, UTIAS, Format, is_sequence
+from tracker.io.resume import checksum
+from tracker.recordings import FrameBoxes, Recording
+from tracker.recordings.degradation import Degradation, degraded_boxes, noisy_boxes, projected_boxes
+from tracker.recordings.folder import read_boxes
+from tracker.recordings.images import VideoFile
+from tracker.sequence.dataset import FILE as DATASET
+from tracker.sequence.reader import read_sequence
+from tracker.types import Odometry, RobotDetections, Sequence, Setup, Tick, Ticks, Truth, View
+
+NAMED = 4
+"""Sequences of a dataset that an error names."""
+
+
+def is_pilsim(path: Path) -> bool:
+    """Whether a folder is a sequence of pilsim or a dataset of them."""
+    return is_sequence(path) or (path / DATASET).is_file()
+
+
+def format_of(path: Path) -> Format:
+    """The format of a folder, or of a file of labels of JRDB. Raises ValueError, which lists all formats, where it is none of them."""
+    if not path.exists():
+        raise ValueError(f"{path}: no such folder")
+    for form in SOURCES:
+        if form.matches(path):
+            return form
+    if (path / DATASET).is_file() and (names := sorted(found.name for found in path.iterdir() if is_sequence(found))):
+        raise ValueError(f"{path}: is a dataset, needs one of its sequences: {', '.join(names[:NAMED])}{', …' if len(names) > NAMED else ''}")
+    wrong = "is a file" if path.is_file() else "holds nothing that pilsim opens"
+    raise ValueError(f"{path}: {wrong}, needs the folder of one of: {'; '.join(form.title for form in SOURCES)}")
+
+
+def open_recording(path: Path, options: SourceOptions | None = None, strict: bool = True) -> Recording:
+    """Open a folder of any format but pilsim's own sequences and UTIAS sets.
+
+    strict: whether cameras must be above the ground; see also read_recording.
+    Raises ValueError for an unknown folder, invalid content, and for options that do not fit it.
+    """
+    options, form = options or SourceOptions(), format_of(path)
+    if form.read is None:
+        raise ValueError(f"{path}: is {form.title}, needs a source with cameras and boxes: {', '.join(f.name for f in SOURCES if f.read)}")
+    recording = form.read(path, options, strict)
+    if strict:
+        try:
+            recording.check_heights()
+        except ValueError as error:
+            raise ValueError(f"{path / form.calibration}: {error}") from None
+    return _with_options(path, recording, options)
+
+
+def open_sequence(path: Path, options: SourceOptions | None = None) -> Sequence:
+    """Open a folder of any format as the tracker takes it. Raises ValueError as open_recording, and for UTIAS sets, which have no cameras."""
+    options, form = options or SourceOptions(), format_of(path)
+    if form.name == UTIAS:
+        raise ValueError(f"{path}: is {form.title}, which has robots and no cameras; `track` and `score` read it")
+    if form.name == PILSIM:
+        if options.degradation != Degradation() or options.projected is not None:
+            raise ValueError(f"{path}: --degrade and --project are for recordings; generate the sequence with another detector")
+        return selected(read_sequence(path), options)
+    recording = open_recording(path, options)
+    if options.pixels:
+        recording = _of_images(path, recording)
+    try:
+        return recording.sequence(options.images)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _of_images(path: Path, recording: Recording) -> Recording:
+    """The cameras of a recording that have images, without boxes; a recording without boxes and truth is as long as its shortest video."""
+    if not recording.images:
+        raise ValueError(f"{path}: no images, neither video/CAMERA.mp4 nor images/CAMERA/, of {', '.join(recording.cameras)}")
+    recording = recording.choose([name for name in recording.cameras if name in recording.images])
+    if not recording.frames:
+        lengths = [source.frames() for source in recording.images.values() if isinstance(source, VideoFile)]
+        recording = replace(recording, frames=min(lengths, default=0))
+    return recording.with_detections({name: {} for name in recording.cameras})
+
+
+def _with_options(path: Path, recording: Recording, options: SourceOptions) -> Recording:
+    source = dict(recording.source)
+    files = options.detection_files(list(recording.cameras))
+    recording = recording.with_detections({name: read_boxes(file) for name, file in files.items()})
+    if files:
+        source["files"] = source.get("files", {}) | {file.name: checksum(file) for file in files.values()}
+    if options.projected is not None:
+        # JRDB has labelled boxes, of people who sit, too.
+        made = noisy_boxes if recording.source.get("labels_as_detections") else projected_boxes
+        recording = made(recording, options.projected, options.seed)
+        source = dict(recording.source)
+    if options.cameras:
+        recording = recording.choose([camera_named(text, recording.cameras) for text in options.cameras])
+    if options.frames is not None:
+        first, end = options.frames
+        if first >= recording.frames:
+            raise ValueError(f"--frames is {first}:{'' if end is None else end}, needs a first frame below {recording.frames}, all that {path} has")
+        recording = recording.cut(first, recording.frames if end is None else min(end, recording.frames))
+        source["frames"] = [first, first + recording.frames]
+    if options.degradation != Degradation():
+        try:
+            recording = degraded_boxes(recording, options.degradation, options.seed)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        source |= {"degradation": asdict(options.degradation), "seed": options.seed}
+    return replace(recording, source=source)
+
+
+@dataclass(frozen=True, eq=False)
+class SelectedTicks:
+    """Ticks from `first` to `end` − 1 with the cameras of `setup` alone. detections: camera → boxes that replace its own."""
+
+    ticks: Ticks
+    setup: Setup
+    first: int
+    end: int
+    detections: dict[str, FrameBoxes]
+
+    def __len__(self) -> int:
+        return self.end - self.first
+
+    def __iter__(self) -> Iterator[Tick]:
+        for tick in islice(self.ticks, self.first, self.end):
+            views = tuple(self._view(view, tick.index) for view in tick.views if view.camera in self.setup.mounts)
+            index = tick.index - self.first
+            yield Tick(index, index * self.setup.period, views)
+
+    def _view(self, view: View, frame: int) -> View:
+        seen = view.robot_detections
+        kept = [] if seen is None else [k for k, robot in enumerate(seen.robot) if robot in self.setup.starts]
+        if seen is not None and len(kept) < len(seen.robot):
+            left = RobotDetections(seen.bearing[kept], tuple(seen.robot[k] for k in kept), seen.covariance[kept])
+            view = replace(view, robot_detections=left)
+        if view.camera not in self.detections:
+            return view
+        boxes, confidence = self.detections[view.camera].get(frame, (np.zeros((0, 4)), np.zeros(0)))
+        return replace(view, detections=detections_from_boxes(self.setup.mounts[view.camera].camera, boxes, confidence))
+
+    def odometry(self) -> Iterator[dict[str, Odometry]]:
+        for moved in islice(self.ticks.odometry(), self.first, self.end):
+            yield {robot: odometry for robot, odometry in moved.items() if robot in self.setup.starts}
+
+
+def selected(sequence: Sequence, options: SourceOptions) -> Sequence:
+    """The part of a sequence that `options` choose; the same sequence where they choose all of it.
+
+    Raises ValueError for a camera that is not there, frames that are not there, and a first frame that is not 0 where robots move.
+    """
+    if not options.cameras and options.frames is None and not options.detections:
+        return sequence
+    mounts = sequence.setup.mounts
+    names = [camera_named(text, mounts) for text in options.cameras] or list(mounts)
+    kept = {name: mounts[name] for name in mounts if name in names}
+    carriers = {mount.robot for mount in kept.values()}
+    setup = replace(sequence.setup, mounts=kept, starts={name: start for name, start in sequence.setup.starts.items() if name in carriers})
+    first, end = options.frames or (0, None)
+    end = len(sequence.ticks) if end is None else min(end, len(sequence.ticks))
+    if not 0 <= first < end:
+        raise ValueError(f"--frames begins at {first}, needs a first frame below {len(sequence.ticks)}, all that the sequence has")
+    if first and setup.moving_robots:
+        raise ValueError(f"--frames begins at {first}, needs 0 where robots move, since their start is known at frame 0 alone")
+    detections: dict[str, FrameBoxes] = {name: read_boxes(file) for name, file in options.detection_files(list(kept)).items()}
+    columns = [list(mounts).index(name) for name in kept]
+    truth = None if sequence.truth is None else tuple(_of_truth(t, t.index - first, setup, columns) for t in sequence.truth[first:end])
+    provenance = sequence.provenance | {"cameras": list(kept), "frames": [first, end]}
+    return Sequence(setup, SelectedTicks(sequence.ticks, setup, first, end, detections), truth, provenance)
+
+
+def _of_truth(truth: Truth, index: int, setup: Setup, columns: list[int]) -> Truth:
+    poses = {robot: pose for robot, pose in truth.T_world_robot.items() if robot in setup.starts}
+    return replace(truth, index=index, T_world_robot=poses, visible=truth.visible[:, columns], tipped=truth.tipped & poses.keys())

@@ -1,0 +1,226 @@
+"""MOT15 (MOTChallenge 2015, 2-D and 3-D): boxes, detections and tracks as rows of ten values; reader and writer.
+
+Recordings and results of pilsim are in this form, too. Files are CSV without a header. Frames count from 1; the index of a Tick is the frame less 1.
+
+Columns: frame, id, left, top, width, height (pixels), confidence, x, y, z (m). The id is −1 in detections. All four values of the box
+are −1 where there is no box, and x, y, z are −1 where there is no position. A truth row with confidence 0 does not count.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tracker.geometry import Array, Ints, Mask, set_array, set_ints
+from tracker.io.atomic import write_text
+from tracker.io.text_files import LONGEST_SHOWN, parse_number, read_lines
+from tracker.io.time_order import say_repeated
+
+COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
+
+ABSENT = -1.0
+
+ZERO_SUBSTITUTE = 1e-9
+"""m: written for an x or y of exactly 0, which the evaluation kit of the 3-D challenge takes for an absent position."""
+
+LARGEST = 2**53
+"""Readers of this format hold numbers as floats, which are exact for whole numbers below this."""
+MAX_FRAME = 200_000
+"""Highest number of a frame. Sequences hold a value for each frame up to the last, about 1 kB, also where nobody is."""
+LARGEST_PIXEL = 1e9
+"""Bound of the numbers of a box, px. Beyond it squares and cubes are no numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mot15Rows:
+    """The rows of a MOT15 file: frame (n,) from 1, id (n,), box (n, 4) left, top, width, height px, confidence (n,), position (n, 3) m.
+
+    Raises ValueError for a frame below 1, a negative width or height, NaN, and for an id that occurs twice in a frame.
+    Absent boxes and ids of −1 are allowed.
+    """
+
+    frame: Ints
+    id: Ints
+    box: Array
+    confidence: Array
+    position: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.frame)
+        for name, shape in (("box", (n, 4)), ("confidence", (n,)), ("position", (n, 3))):
+            set_array(self, name, shape)
+        for name in ("frame", "id"):
+            set_ints(self, name, (n,))
+        fault = first_fault(self.frame, self.id, self.box)
+        if fault is not None:
+            raise ValueError(f"row {fault[0]}: {fault[1]}")
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def has_position(self) -> Mask:
+        """(n,) whether each row has a position: x, y, z are not all −1."""
+        return np.asarray((self.position != ABSENT).any(axis=1))
+
+    @property
+    def has_box(self) -> Mask:
+        """(n,) whether each row has a box: its values are not all −1."""
+        return _has_box(self.box)
+
+    def by_frame(self) -> dict[int, Ints]:
+        """Frame → indices of its rows, frames ascending, rows in the order of the file."""
+        if not len(self):
+            return {}
+        order = np.argsort(self.frame, kind="stable")
+        frames, first = np.unique(self.frame[order], return_index=True)
+        return {int(f): rows for f, rows in zip(frames, np.split(order, first[1:]), strict=True)}
+
+
+def _has_box(box: Array) -> Mask:
+    return np.asarray((box != ABSENT).any(axis=1))
+
+
+def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
+    """The first invalid row, from 0, and the reason; None where all rows are valid."""
+    faults: list[tuple[int, str]] = []
+    for name, values, bad, bound in (
+        ("frame", frame, frame < 1, "at least 1"),
+        ("id", ids, np.abs(ids) >= LARGEST, "less than 2^53"),
+        ("width", box[:, 2], _has_box(box) & (box[:, 2] < 0), "at least 0"),
+        ("height", box[:, 3], _has_box(box) & (box[:, 3] < 0), "at least 0"),
+    ):
+        if bad.any():
+            k = int(np.argmax(bad))
+            faults.append((k, f"{name} is {values[k]}, needs {bound}"))
+    seen: set[tuple[int, int]] = set()
+    for k, key in enumerate(zip(frame.tolist(), ids.tolist(), strict=True)):
+        if key in seen:
+            faults.append((k, f"frame {key[0]} holds id {key[1]} twice"))
+            break
+        if key[1] != -1:
+            seen.add(key)
+    return min(faults, default=None)
+
+
+def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
+    """Read a MOT15 file: truth, detections or results. Blank lines are skipped. tracks: whether every row needs an id, as truth and results have.
+
+    Raises ValueError with file and line for a row without ten finite numbers, and for a frame or id that is no whole number.
+    Raises ValueError as Mot15Rows, and OSError where the file cannot be read.
+    """
+    table = read_rows(path, COLUMNS, tracks=tracks)
+    frame, ids = table[:, :2].astype(np.int64).T
+    return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
+
+
+def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: tuple[str, ...] = ("frame", "id"), tracks: bool = False) -> Array:
+    """Read a file with these columns, of which frame, id and box are the first → (n, columns). integers: columns of whole numbers.
+
+    A row that equals one before it in every column is left out; their number is logged. Raises ValueError as read_mot15.
+    """
+    values: dict[tuple[float, ...], int] = {}  # row → line
+    repeated = 0
+    for count, line in read_lines(path):
+        repeated += values.setdefault(tuple(_values(line, f"{path}:line {count}", columns, integers)), count) != count
+    say_repeated(path, repeated)
+    lines = list(values.values())
+    table = np.array(list(values), dtype=np.float64).reshape(-1, len(columns))
+    frame, ids = table[:, :2].astype(np.int64).T
+    if tracks and (ids < 0).any():
+        k = int(np.argmax(ids < 0))
+        raise ValueError(f"{path}:line {lines[k]}: id is {ids[k]}, needs at least 0; detections, whose ids are -1, are no tracks")
+    fault = first_fault(frame, ids, table[:, 2:6])
+    if fault is not None:
+        raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")
+    return table
+
+
+def place_of_row(path: str | os.PathLike[str], row: int) -> str:
+    """The place of a row of read_rows, counted from 0, for an error message: "path:line N". The file is read again."""
+    first: dict[tuple[float, ...], int] = {}
+    for count, line in read_lines(path):
+        first.setdefault(tuple(map(float, line.split(","))), count)
+    return f"{path}:line {list(first.values())[row]}"
+
+
+def _values(line: str, where: str, columns: tuple[str, ...], integers: tuple[str, ...]) -> list[float]:
+    parts = line.split(",")
+    if len(parts) != len(columns):
+        raise ValueError(f"{where}: {len(parts)} values, needs {len(columns)}")
+    out: list[float] = []
+    for name, part in zip(columns, parts, strict=True):
+        value = parse_number(part, f"{where}: {name}")
+        if name in integers and (value != round(value) or abs(value) >= LARGEST):
+            raise ValueError(f"{where}: {name} is {part.strip()[:LONGEST_SHOWN]}, needs a whole number below 2^53")
+        out.append(value)
+    return out
+
+
+def write_mot15(path: str | os.PathLike[str], rows: Mot15Rows) -> None:
+    """Write `rows` atomically, sorted by frame, then id. Every number reads back the same.
+
+    The exception is an x or y of exactly 0 in a row with a position: it is written as ZERO_SUBSTITUTE.
+    """
+    position = np.array(rows.position)
+    planar = position[:, :2]
+    planar[(planar == 0) & rows.has_position[:, None]] = ZERO_SUBSTITUTE
+    out = []
+    for k in np.lexsort((rows.id, rows.frame)):
+        numbers = [*rows.box[k], rows.confidence[k], *position[k]]
+        out.append(",".join([str(int(rows.frame[k])), str(int(rows.id[k])), *(number(x) for x in numbers)]) + "\n")
+    write_text(Path(path), "".join(out))
+
+
+def number(value: float) -> str:
+    """The shortest text that reads back as the same number; whole numbers have no decimal point."""
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
+
+
+def rows_from_tracks(tracks: dict[int, tuple[Ints, Array]]) -> Mot15Rows:
+    """Tracks as rows without boxes, confidence 1. tracks: frame (from 1) → ids (k,) and positions (k, 3) m."""
+    columns: dict[str, list[float]] = defaultdict(list)
+    positions: list[Array] = []
+    for frame, (ids, position) in sorted(tracks.items()):
+        columns["frame"] += [frame] * len(ids)
+        columns["id"] += np.asarray(ids).tolist()
+        positions.append(np.asarray(position, dtype=np.float64).reshape(-1, 3))
+    n = len(columns["id"])
+    return Mot15Rows(
+        np.array(columns["frame"], dtype=np.int64),
+        np.array(columns["id"], dtype=np.int64),
+        np.full((n, 4), ABSENT),
+        np.ones(n),
+        np.concatenate([np.zeros((0, 3)), *positions]),
+    )
+
+
+def rows_from_boxes(boxes: Mapping[int, tuple[Array, Array]]) -> Mot15Rows:
+    """Detections as rows without ids and positions. boxes: frame (from 1) → boxes (k, 4) px and confidence (k,)."""
+    frame = np.repeat(np.array(list(boxes), dtype=np.int64), [len(box) for box, _ in boxes.values()])
+    box = np.concatenate([np.zeros((0, 4)), *(box for box, _ in boxes.values())])
+    confidence = np.concatenate([np.zeros(0), *(confidence for _, confidence in boxes.values())])
+    return Mot15Rows(frame, np.full(len(frame), -1), box, confidence, np.full((len(frame), 3), ABSENT))
+
+
+def read_detections(path: str | os.PathLike[str]) -> dict[int, tuple[Array, Array]]:
+    """Read a MOT15 file: frame (from 1) → boxes (n, 4) left, top, width, height px and confidence (n,).
+
+    Frames without detections have no entry. Raises ValueError as read_mot15, and with the frame of a detection without a box.
+    """
+    rows = read_mot15(path)
+    if not rows.has_box.all():
+        row = int(np.argmin(rows.has_box))
+        raise ValueError(f"{place_of_row(path, row)}: frame {rows.frame[row]} has a detection without a box, needs width and height")
+    large = np.abs(rows.box).max(axis=1, initial=0.0)
+    if len(rows) and large.max() > LARGEST_PIXEL:
+        row = int(np.argmax(large))
+        raise ValueError(f"{place_of_row(path, row)}: box is {rows.box[row].tolist()}, needs pixels up to {LARGEST_PIXEL:g}")
+    if len(rows) and rows.frame.max() > MAX_FRAME:
+        raise ValueError(f"{place_of_row(path, int(np.argmax(rows.frame)))}: frame is {rows.frame.max()}, needs at most {MAX_FRAME}")
+    return {frame: (rows.box[k], rows.confidence[k]) for frame, k in rows.by_frame().items()}
