@@ -31,6 +31,7 @@ class Export:
       - colmap     COLMAP: images with exact poses, panoramas as six pinholes
       - mcap       a bag of ROS 2 (MCAP), for Foxglove and `ros2 bag play`:
                    images, calibration, boxes, odometry, TF, people, terrain
+                   (needs pip install 'pilsim[ros]')
       - aicity     AI City Challenge, track 1 (fixed pinhole cameras only); of the
                    results of `track`: the one text file of a submission
       - recording  pilsim's open format (recording.json), of any source:

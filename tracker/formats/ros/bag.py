@@ -1,28 +1,39 @@
-"""Writing a bag of ROS 2: an MCAP file with chunks, index and statistics, and the metadata.yaml beside it.
+"""Writing a bag of ROS 2 with rosbags: an MCAP file with chunks, index and statistics, and the metadata.yaml beside it.
 
-The MCAP format: mcap.dev/spec. Quality of service is written for each topic, so that `ros2 bag play` offers static topics to late subscribers.
+Quality of service is written for each topic, so that `ros2 bag play` offers static topics to late subscribers.
+rosbags knows the messages of ROS 2 Humble; those of vision_msgs 4 are defined here. Later releases have the same fields.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
-from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import Writer
-from mcap_ros2._dynamic import serialize_dynamic
+import numpy as np
 
-from tracker.formats.ros.definitions import message_definition
-from tracker.io.atomic import write_text
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection, Qos
+    from rosbags.typesys.store import Typestore
 
-LIBRARY = "pilsim"
-"""The library in the file's header. It names no version, so that the same sequence gives the same bytes."""
-FOREVER = "{sec: 9223372036, nsec: 854775807}"
+VISION = {
+    "Point2D": "float64 x\nfloat64 y",
+    "Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "ObjectHypothesis": "string class_id\nfloat64 score",
+    "ObjectHypothesisWithPose": "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
+    "Detection2D": "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox2D bbox\nstring id",
+    "Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections",
+}
+"""Type of vision_msgs → its fields, one a line, as in a .msg file."""
+QUATERNION = "geometry_msgs/msg/Quaternion"
+NUMBERS = {"bool": False, "string": ""}
+"""Basic type → the value of a field that a message leaves out; 0 of all others."""
+DEPTH = 10
 
 
 @dataclass(frozen=True)
@@ -34,76 +45,79 @@ class Topic:
     latched: bool = False
 
     @property
-    def quality(self) -> str:
-        """Quality of service as rosbag2 writes it: reliable; transient local where latched, else volatile."""
-        durability = 1 if self.latched else 2
-        return (
-            f"- history: 1\n  depth: 10\n  reliability: 1\n  durability: {durability}\n  deadline: {FOREVER}\n  lifespan: {FOREVER}\n"
-            f"  liveliness: 1\n  liveliness_lease_duration: {FOREVER}\n  avoid_ros_namespace_conventions: false"
-        )
+    def quality(self) -> Qos:
+        """Quality of service: reliable; transient local where latched, else volatile."""
+        from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+        forever = QosTime(9223372036, 854775807)
+        durability = QosDurability.TRANSIENT_LOCAL if self.latched else QosDurability.VOLATILE
+        liveliness = QosLiveliness.AUTOMATIC
+        return Qos(QosHistory.KEEP_LAST, DEPTH, QosReliability.RELIABLE, durability, forever, forever, liveliness, forever, False)
 
 
 @final
 class BagWriter(AbstractContextManager["BagWriter"]):
-    """Writes FOLDER/NAME.mcap and, at the end, FOLDER/metadata.yaml. Messages are mappings of the fields; missing fields are 0 or empty."""
+    """Writes FOLDER/NAME.mcap, where NAME is that of the folder, which is not there yet, and at the end FOLDER/metadata.yaml.
 
-    def __init__(self, folder: Path, name: str) -> None:
-        self.folder, self.file = folder, f"{name}.mcap"
-        self._stream = (folder / self.file).open("wb")
-        self._writer = Writer(self._stream)
-        self._writer.start(Profile.ROS2, LIBRARY)
-        self._schemas: dict[str, tuple[int, Callable[[Mapping[str, Any]], bytes]]] = {}
-        self._channels: dict[Topic, int] = {}
-        self._counts: dict[Topic, int] = {}
-        self._span: tuple[int, int] | None = None
+    Messages are mappings of the fields; missing fields are 0, empty, or no rotation. Raises ValueError where rosbags is not installed.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._types = message_types()
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+        # The version of ROS 2 Iron, which later releases read.
+        self._writer = Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP)
+        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._writer.open()
+        self._connections: dict[Topic, Connection] = {}
 
     def write(self, topic: Topic, message: Mapping[str, Any], stamp: int) -> None:
         """Write a message at a time [ns]."""
-        if topic.kind not in self._schemas:
-            text, name = message_definition(topic.kind), topic.kind.replace("/", "/msg/")
-            number = self._writer.register_schema(name, SchemaEncoding.ROS2, text.encode())
-            self._schemas[topic.kind] = number, serialize_dynamic(name, text)[name]
-        schema, encode = self._schemas[topic.kind]
-        if topic not in self._channels:
-            extra = {"offered_qos_profiles": topic.quality}
-            self._channels[topic] = self._writer.register_channel(topic.name, MessageEncoding.CDR, schema, extra)
-            self._counts[topic] = 0
-        self._writer.add_message(self._channels[topic], stamp, encode(message), stamp, self._counts[topic])
-        self._counts[topic] += 1
-        first, last = self._span or (stamp, stamp)
-        self._span = min(first, stamp), max(last, stamp)
+        kind = topic.kind.replace("/", "/msg/")
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic.name, kind, typestore=self._types, offered_qos_profiles=[topic.quality])
+        self._writer.write(self._connections[topic], stamp, self._types.serialize_cdr(filled(self._types, kind, message), kind))
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        with self._stream:
-            if error is None:
-                self._writer.finish()  # type: ignore[no-untyped-call]
-        if error is None:
-            write_text(self.folder / "metadata.yaml", self._metadata())
+        self._writer.__exit__(kind, error, trace)
 
-    def _metadata(self) -> str:
-        """The text of metadata.yaml, version 5 of rosbag2 (Humble), which later releases read."""
-        first, last = self._span or (0, 0)
-        total = sum(self._counts.values())
-        start, length = f"starting_time: {{nanoseconds_since_epoch: {first}}}", f"duration: {{nanoseconds: {last - first}}}"
-        lines = [
-            "rosbag2_bagfile_information:",
-            "  version: 5",
-            "  storage_identifier: mcap",
-            f"  {start}",
-            f"  {length}",
-            f"  message_count: {total}",
-            "  topics_with_message_count:",
-            *(self._topic(topic, count) for topic, count in self._counts.items()),
-            '  compression_format: ""',
-            '  compression_mode: ""',
-            f"  relative_file_paths: [{json.dumps(self.file)}]",
-            f"  files:\n    - path: {json.dumps(self.file)}\n      {start}\n      {length}\n      message_count: {total}",
-        ]
-        return "\n".join(lines) + "\n"
 
-    @staticmethod
-    def _topic(topic: Topic, count: int) -> str:
-        return (
-            f"    - topic_metadata:\n        name: {json.dumps(topic.name)}\n        type: {topic.kind.replace('/', '/msg/')}\n"
-            f"        serialization_format: cdr\n        offered_qos_profiles: {json.dumps(topic.quality)}\n      message_count: {count}"
-        )
+@cache
+def message_types() -> Typestore:
+    """The types of ROS 2 Humble and of VISION. Raises ValueError where rosbags is not installed."""
+    try:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError:
+        raise ValueError("bags need rosbags: pip install 'pilsim[ros]'") from None
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in VISION.items():
+        store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
+    return store
+
+
+def filled(types: Typestore, kind: str, message: Mapping[str, Any]) -> Any:
+    """The message of a type (package/msg/Name) with all its fields. Raises ValueError for a field that the type does not have."""
+    _, fields = types.fielddefs[kind]
+    if unknown := message.keys() - {name for name, _ in fields}:
+        raise ValueError(f"message {kind} has {sorted(unknown)}, needs fields of it")
+    if kind == QUATERNION:
+        message = {"w": 1.0, **message}
+    return types.types[kind](**{name: _value(types, form, message.get(name)) for name, form in fields})
+
+
+def _value(types: Typestore, form: Any, value: Any) -> Any:
+    """The value of a field; form: its node and what belongs to it, as rosbags describes types. None: the field is left out."""
+    from rosbags.interfaces import Nodetype
+
+    node, detail = form
+    if node == Nodetype.BASE:
+        return NUMBERS.get(detail[0], 0) if value is None else value
+    if node == Nodetype.NAME:
+        return filled(types, detail, value or {})
+    (inner, element), length = detail
+    if inner == Nodetype.BASE and element[0] != "string":
+        if isinstance(value, bytes):
+            return np.frombuffer(value, np.uint8)
+        return np.zeros(length if node == Nodetype.ARRAY else 0, element[0]) if value is None else np.asarray(value, element[0])
+    return [_value(types, (inner, element), entry) for entry in value or ()]

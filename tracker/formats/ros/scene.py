@@ -87,10 +87,8 @@ def export_mcap(out: Path, recordings: Iterable[RecordedSequence], epoch: int = 
     """
     notes = []
     for recording in recordings:
-        folder = out / recording.name
-        folder.mkdir()
         scene = BagScene(recording, epoch)
-        with BagWriter(folder, recording.name) as bag:
+        with BagWriter(out / recording.name) as bag:
             for topic, message in scene.static():
                 bag.write(topic, message, scene.stamps[0])
             for frame in recording.frames():

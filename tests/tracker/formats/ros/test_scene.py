@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.tracker.formats.scene import FRAMES, RATE
 from tracker.formats.exporting import ExportOptions, export
+from tracker.formats.ros.bag import filled, message_types
 from tracker.formats.ros.scene import README, ros_names
 from tracker.geometry import Array, Pose, rotation_from_quaternion
 from tracker.sequence.reader import read_sequence
@@ -243,3 +244,16 @@ def test_names_of_ros() -> None:
     assert ros_names(["C 1", "Kamera", "1"]) == {"C 1": "C_1", "Kamera": "Kamera", "1": "n_1"}
     with pytest.raises(ValueError, match="names 'C-1' and 'C 1' are both C_1 in ROS"):
         ros_names(["C 1", "C-1"])
+
+
+def test_without_rosbags_one_line_says_what_to_install(sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    message_types.cache_clear()
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    with pytest.raises(ValueError, match=r"bags need rosbags: pip install 'pilsim\[ros\]'"):
+        export(sequence, "mcap", tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_field_that_no_message_has_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"message geometry_msgs/msg/Point has \['w'\]"):
+        filled(message_types(), "geometry_msgs/msg/Point", {"w": 1.0})
