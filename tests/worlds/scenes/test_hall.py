@@ -67,14 +67,6 @@ def test_with_difficulty_it_is_furnished_but_for_places_that_are_kept_clear(wall
     np.testing.assert_allclose(depths(world, around, 2.5), 2.5 - world.ground.height_at(around), atol=1e-6)
 
 
-def test_the_same_seed_makes_the_same_hall() -> None:
-    one, two = (catalogue.build("hall:room=7.7x3.4", np.random.default_rng(4), 1.0) for _ in range(2))
-    np.testing.assert_array_equal(one.ground.heights, two.ground.heights)
-    np.testing.assert_array_equal(one.feet.free, two.feet.free)
-    assert [(g.name, *g.pos) for g in one.spec.geoms] == [(g.name, *g.pos) for g in two.spec.geoms]
-    assert [bytes(t.data) for t in one.spec.textures] == [bytes(t.data) for t in two.spec.textures]
-
-
 def test_a_plan_is_read_from_a_text_and_back() -> None:
     plan = parse_plan("room=7.7x3.4")
     np.testing.assert_allclose(plan.extent, [[-3.85, -1.7], [3.85, 1.7]])

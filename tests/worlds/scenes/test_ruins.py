@@ -42,7 +42,6 @@ def test_arches_are_walked_under(seed: int, difficulty: float) -> None:
 def test_people_get_about_and_over_slabs(seed: int, difficulty: float) -> None:
     world = ruins(seed, difficulty)[0]
     assert len(world.feet.sample(np.random.default_rng(0), 74, 0.1, 0.8)) == 74
-    assert len(world.wheels.sample(np.random.default_rng(0), 4, 0.3, 1.5)) == 4
     middles = world.decks.decks.mean(axis=1)
     assert world.feet.free_at(middles[:, :2]).mean() > 0.3
 
