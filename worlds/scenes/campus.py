@@ -12,7 +12,7 @@ from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD
 from worlds.scenes import campus_plan as plan
 from worlds.scenes.campus_objects import CampusSite, Colour, buildings, furniture, posts, ramp, surroundings, trees
-from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
+from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import signed_distance, turned
 from worlds.terrain.relief import fractal, swell
@@ -56,10 +56,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     posts(rng, site, difficulty)
     surroundings(rng, site)
     terrain = Terrain(ground, Decks.of(spec, decks))
-    feet, wheels = (free_space(terrain.on_grid, site.blocked, limits) for limits in (FEET, WHEELS))
-    for name, space, need in (("feet", feet, FREE_FOR_FEET), ("wheels", wheels, FREE_FOR_WHEELS)):
-        if space.area < need:
-            raise ValueError(f"{space.area:.1f} m² of {NAME} are free for {name}, need {need}")
+    feet, wheels = walkers_spaces(NAME, terrain.on_grid, site.blocked, (FREE_FOR_FEET, FREE_FOR_WHEELS))
     return World(NAME, spec, ground, feet, wheels, spawn_areas(feet, rng, 6), terrain.decks)
 
 

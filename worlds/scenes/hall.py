@@ -18,7 +18,7 @@ from worlds.props import furniture
 from worlds.props.furniture import Piece
 from worlds.props.furniture_layout import Furnishing
 from worlds.props.rooms import add_walls
-from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, free_space, spawn_areas
+from worlds.terrain.free_space import FreeSpace, spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import rectangle, turned
 from worlds.terrain.relief import swell
@@ -150,10 +150,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5, plan: HallPlan | No
     if len(plan.kept_clear):
         furnishing.clear |= _near(ground, plan.kept_clear, BODY)
     _furnish(spec, rng, plan, furnishing, difficulty)
-    feet, wheels = (free_space(ground, furnishing.blocked, limits) for limits in (FEET, WHEELS))
-    for name, space, share in (("feet", feet, FREE_FOR_FEET), ("wheels", wheels, FREE_FOR_WHEELS)):
-        if space.area < share * plan.area:
-            raise ValueError(f"{space.area:.1f} m² of {plan.area:.1f} m² of {NAME} are free for {name}, need {share:.0%}")
+    feet, wheels = walkers_spaces(NAME, ground, furnishing.blocked, (FREE_FOR_FEET * plan.area, FREE_FOR_WHEELS * plan.area))
     return World(NAME, spec, ground, feet, wheels, _entrances(feet, rng))
 
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 from worlds.engine import mujoco
 from worlds.props.plants import Plant
 from worlds.props.shapes import Shape
-from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
+from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import turned
 from worlds.terrain.relief import swell
@@ -107,10 +107,7 @@ class OutdoorSite:
 
     def world(self, rng: np.random.Generator, feet_area: float, wheels_area: float) -> World:
         """The world as it stands. Raises ValueError where people or rovers have less room than that, m²."""
-        feet, wheels = (free_space(self.ground, self.blocked, limits) for limits in (FEET, WHEELS))
-        for walker, space, need in (("feet", feet, feet_area), ("wheels", wheels, wheels_area)):
-            if space.area < need:
-                raise ValueError(f"{space.area:.1f} m² of {self.name} are free for {walker}, need {need}")
+        feet, wheels = walkers_spaces(self.name, self.ground, self.blocked, (feet_area, wheels_area))
         return World(self.name, self.spec, self.ground, feet, wheels, spawn_areas(feet, rng, ENTRANCES))
 
 

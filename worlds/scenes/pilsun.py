@@ -16,7 +16,7 @@ from worlds.props import furniture
 from worlds.props.furniture import Piece
 from worlds.props.furniture_layout import Furnishing, Place
 from worlds.props.rooms import add_beam, add_frame, add_partition, add_walls
-from worlds.terrain.free_space import FEET, WHEELS, FreeSpace, free_space
+from worlds.terrain.free_space import walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield
 from worlds.terrain.polygons import rectangle, turned
 from worlds.terrain.relief import plateau, ramp, rubble, swell
@@ -162,8 +162,8 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     set_view(spec, ground.extent)
     furnishing = _rooms(spec, rng, plan, ground)
     _furnish(spec, rng, plan, furnishing, difficulty)
-    feet, wheels = (free_space(ground, furnishing.blocked, limits) for limits in (FEET, WHEELS))
-    _check(furnishing, feet, wheels)
+    floor_area = float((~furnishing.walls).sum()) * SPACING**2
+    feet, wheels = walkers_spaces(NAME, ground, furnishing.blocked, (FREE_FOR_FEET * floor_area, FREE_FOR_WHEELS * floor_area))
     return World(NAME, spec, ground, feet, wheels, plan.spawn)
 
 
@@ -246,10 +246,3 @@ def _stand(spec: mujoco.MjSpec, rng: np.random.Generator, furnishing: Furnishing
             facing = yaw + rng.uniform(-0.5, 0.5)
             seat.stand(spec, furnishing.ground, f"chair{number}-{side}", where, facing)
             furnishing.take(seat.footprint(where, facing))
-
-
-def _check(furnishing: Furnishing, feet: FreeSpace, wheels: FreeSpace) -> None:
-    floor_area = float((~furnishing.walls).sum()) * SPACING**2
-    for name, space, share in (("feet", feet, FREE_FOR_FEET), ("wheels", wheels, FREE_FOR_WHEELS)):
-        if space.area < share * floor_area:
-            raise ValueError(f"{space.area:.1f} m² of {floor_area:.1f} m² of {NAME} are free for {name}, need {share:.0%}")

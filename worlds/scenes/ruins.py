@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from worlds.engine import mujoco
 from worlds.props.meshes import PERIOD, arch, hull, slab, tilted, wedge
 from worlds.props.shapes import Shape
-from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
+from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import covered, offset, rectangle, signed_distance, turned
 from worlds.terrain.relief import fractal, rubble, swell
@@ -150,10 +150,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     _paving(rng, site, difficulty)
     _stones(rng, site, heaps)
     terrain = Terrain(ground, Decks.of(site.spec, site.decks))
-    feet, wheels = (free_space(terrain.on_grid, site.blocked, limits) for limits in (FEET, WHEELS))
-    for name, space, need in (("feet", feet, FREE_FOR_FEET), ("wheels", wheels, FREE_FOR_WHEELS)):
-        if space.area < need:
-            raise ValueError(f"{space.area:.1f} m² of {NAME} are free for {name}, need {need}")
+    feet, wheels = walkers_spaces(NAME, terrain.on_grid, site.blocked, (FREE_FOR_FEET, FREE_FOR_WHEELS))
     return World(NAME, site.spec, ground, feet, wheels, spawn_areas(feet, rng, 4), terrain.decks)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from worlds.engine import mujoco
 from worlds.props.meshes import Ceiling, hull, ledge, slab
 from worlds.props.shapes import Shape
-from worlds.terrain.free_space import FEET, WHEELS, free_space, spawn_areas
+from worlds.terrain.free_space import spawn_areas, walkers_spaces
 from worlds.terrain.heightfield import Array, Heightfield, Mask
 from worlds.terrain.polygons import covered, rectangle, turned
 from worlds.terrain.relief import fractal, rubble, swell
@@ -175,10 +175,7 @@ def build(rng: np.random.Generator, difficulty: float = 0.5) -> World:
     roofs = _ledges(rng, cave, difficulty)
     _stones(rng, cave, difficulty)
     terrain = Terrain(cave.ground, Decks.of(spec, bridges, roofs))
-    feet, wheels = (free_space(terrain.on_grid, cave.blocked, limits) for limits in (FEET, WHEELS))
-    for name, space, need in (("feet", feet, FREE_FOR_FEET), ("wheels", wheels, FREE_FOR_WHEELS)):
-        if space.area < need:
-            raise ValueError(f"{space.area:.1f} m² of {NAME} are free for {name}, need {need}")
+    feet, wheels = walkers_spaces(NAME, terrain.on_grid, cave.blocked, (FREE_FOR_FEET, FREE_FOR_WHEELS))
     return World(NAME, spec, cave.ground, feet, wheels, spawn_areas(feet, rng, 4), terrain.decks)
 
 

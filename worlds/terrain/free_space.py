@@ -283,6 +283,18 @@ def free_space(ground: Heightfield, obstacles: Mask, limits: Limits) -> FreeSpac
     return FreeSpace(labels == 1 + int(np.argmax(sizes)), ground.origin, ground.spacing)
 
 
+def walkers_spaces(name: str, ground: Heightfield, obstacles: Mask, least: tuple[float, float]) -> tuple[FreeSpace, FreeSpace]:
+    """The free space of feet and that of wheels, as `free_space`. name: of the world.
+
+    Raises ValueError where feet or wheels have less than their `least` m².
+    """
+    feet, wheels = (free_space(ground, obstacles, limits) for limits in (FEET, WHEELS))
+    for walker, space, need in zip(("feet", "wheels"), (feet, wheels), least, strict=True):
+        if space.area < need:
+            raise ValueError(f"{space.area:.1f} m² of {name} are free for {walker}, need {need:.1f}")
+    return feet, wheels
+
+
 def _too_steep(ground: Heightfield, limits: Limits) -> Mask:
     z, spacing = ground.heights, ground.spacing
     limit = max(limits.step, spacing * np.tan(limits.slope)) + 1e-9
