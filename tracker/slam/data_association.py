@@ -1,16 +1,23 @@
-"""Data association of sightings and landmarks: by descriptors, and by a Mahalanobis gate about the predicted bearing."""
+"""Data association of sightings and landmarks: by descriptors, and by a Mahalanobis gate about the predicted bearing; and of detected robots.
+
+The bearing of another robot's camera correlates two poses of the joint state, and corrects both (Roumeliotis & Bekey 2002). It needs no
+common landmarks. Sightings that lie on a robot are no landmarks.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.ekf.gaussian import gate
+from tracker.ekf.gaussian import gate, mahalanobis2
+from tracker.ekf.linearization import RobotMeasurements, linearize
 from tracker.ekf.measurement_models import CameraPose, jacobians, predict
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Mask, tangent_basis
+from tracker.types import Mount, RobotDetections, Setup, Sightings
 
 
 @dataclass(frozen=True)
@@ -127,3 +134,31 @@ def mutual_nearest(cost: NDArray[np.floating], rivals: NDArray[np.floating], rat
     is_mutual = cost.argmin(axis=0)[best] == rows
     kept = np.flatnonzero(distinct & is_mutual)
     return kept, best[kept]
+
+
+def identify(setup: Setup, mount: Mount, seen: RobotDetections, team: Mapping[str, int]) -> RobotMeasurements:
+    """The detections of robots of the `team` (robot → number in the joint state), sorted by number."""
+    rows = [(team[name], i) for i, name in enumerate(seen.robot) if name in team]
+    other, row = np.array(sorted(rows), dtype=np.intp).reshape(-1, 2).T
+    levers = np.array([setup.mount_of(seen.robot[i]).T_body_camera.translation for i in row]).reshape(-1, 3)
+    return RobotMeasurements(mount, other, levers, seen.bearing[row], seen.covariance[row])
+
+
+def within_gate(joint: JointState, robot: int, seen: RobotMeasurements, probability: float) -> Mask:
+    """(j,) whether each bearing alone lies within the gate that a correct one passes with `probability`."""
+    linear, j = linearize(joint, robot, None, None, seen), np.arange(len(seen))
+    spread = linear.H @ joint.P[np.ix_(linear.columns, linear.columns)] @ linear.H.T
+    S = spread.reshape(len(j), 2, len(j), 2)[j, :, j] + linear.noise
+    inside: Mask = mahalanobis2(linear.residual.reshape(-1, 2), S) < gate(2, probability)
+    return inside
+
+
+def on_robots(joint: JointState, camera: CameraPose, others: Iterable[int], seen: Sightings, radius: float) -> Mask:
+    """(n,) whether a sighting without a name lies within `radius` m of the centre of one of the other robots."""
+    moving = np.zeros(len(seen), dtype=bool)
+    for other in others:
+        p = camera.points(joint.translation[other][None])[0]
+        distance = np.linalg.norm(p)
+        reach = np.arctan2(radius, max(float(distance), 1e-6))
+        moving |= (seen.bearing @ p > distance * np.cos(reach)) & (seen.subject < 0)
+    return moving

@@ -18,13 +18,12 @@ from tracker.ekf.odometry_biases import bias_scale
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Mask, Pose, angles_from_bearing
 from tracker.geometry.cameras import Panorama
-from tracker.slam.data_association import Matches, associate
-from tracker.slam.inter_robot import identify, on_robots, within_gate
+from tracker.slam.data_association import Matches, associate, identify, on_robots, within_gate
+from tracker.slam.image_features import moved_to_frame, turned_to_frame
 from tracker.slam.landmark_initialization import LandmarkInitializer
 from tracker.slam.landmark_map import LandmarkMap, dissimilarity, spread_over_azimuth, unit_rows
 from tracker.slam.parameters import SlamParameters
 from tracker.slam.relocalization import RelocalizedPose, Relocalizer, SlamState
-from tracker.slam.row_times import moved_to_frame, turned_to_frame
 from tracker.slam.unknown_start import UnknownStarts
 from tracker.types import MapSnapshot, Mount, Odometry, Setup, Sightings, Start, Tick, View
 

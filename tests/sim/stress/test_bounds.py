@@ -21,7 +21,7 @@ from tracker.mht.global_hypothesis import dump
 from tracker.pipeline import track
 from tracker.sequence.results import Results
 from tracker.slam import cramer_rao
-from tracker.slam.inter_robot import identify
+from tracker.slam.data_association import identify
 from tracker.types import Truth
 
 SPARE_LANDMARKS = Room(seed=3, robots=2, ticks=11, landmarks=40, named=True, miss=0.2)

@@ -18,8 +18,8 @@ from tracker.ekf.state import JointState, PriorMeans
 from tracker.geometry import Pose, tangent_basis
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat
+from tracker.slam.data_association import identify, within_gate
 from tracker.slam.filter import Slam
-from tracker.slam.inter_robot import identify, within_gate
 from tracker.slam.parameters import SlamParameters
 from tracker.types import Mount, Odometry, RobotDetections, Setup, Start, Tick
 

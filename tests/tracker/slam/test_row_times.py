@@ -9,7 +9,7 @@ from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Flat
 from tracker.sequence.calibration import calibration_of, setup_from
-from tracker.slam.row_times import moved_to_frame, turned_to_frame
+from tracker.slam.image_features import moved_to_frame, turned_to_frame
 from tracker.types import Mount, Setup, Start
 
 CAMERA = Panorama(1024, 512)
