@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 from dataclasses import replace
 
 import mujoco
@@ -5,10 +7,23 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim.pedestrian import gait, skeleton
+from sim.pedestrian import clothing_textures, gait, skeleton
 from sim.pedestrian.body_mesh import parts
 from sim.pedestrian.clothing import HAIR, LEGS, add_collider, add_person, draw_outfit, limb_meshes, varied_outfit
-from sim.pedestrian.clothing_textures import ACROSS, HEADS, PLAIN, TILE, TOPS, VARIED, add_clothing_textures, texture_atlas
+from sim.pedestrian.clothing_textures import (
+    ACROSS,
+    BAGS,
+    BOTTOMS,
+    HEADS,
+    PLAIN,
+    SHOES,
+    TILE,
+    TOPS,
+    VARIED,
+    add_clothing_textures,
+    region,
+    texture_atlas,
+)
 from sim.pedestrian.loft import LEVELS
 from sim.pedestrian.skeleton import LIMBS
 from worlds.terrain.heightfield import Heightfield
@@ -199,3 +214,46 @@ def test_varied_colours_are_darker_and_skins_wider():
 
     assert brightness(varied, TOPS).mean() < 0.8 * brightness(plain, TOPS).mean()
     assert np.ptp(brightness(varied, HEADS)) > np.ptp(brightness(plain, HEADS))
+
+
+@pytest.fixture(scope="module")
+def picture() -> np.ndarray:
+    return texture_atlas(np.random.default_rng(3))
+
+
+def tile(picture: np.ndarray, k: int) -> np.ndarray:
+    row, column = k // ACROSS * TILE, k % ACROSS * TILE
+    return picture[row : row + TILE, column : column + TILE].astype(float)
+
+
+def test_tiles_fill_the_picture_and_none_is_like_another(picture):
+    numbers = [*HEADS, *TOPS, *BOTTOMS, *SHOES, *BAGS]
+    assert numbers == list(range(ACROSS**2))
+    assert picture.shape == (ACROSS * TILE, ACROSS * TILE, 3)
+    small = np.array([tile(picture, k)[::16, ::16].ravel() for k in numbers])
+    apart = np.abs(small[:, None] - small).mean(axis=2) + 1e3 * np.eye(len(small))
+    assert apart.min() > 2.0
+    assert min(tile(picture, k).std() for k in numbers) > 1.0
+
+
+def test_regions_stay_inside_of_their_tile():
+    for k in range(ACROSS**2):
+        u0, v0, u1, v1 = region(k, (0.0, 0.0, 1.0, 1.0)) * ACROSS
+        assert k % ACROSS + 0.01 < u0 < u1 < k % ACROSS + 0.99
+        assert k // ACROSS + 0.01 < v0 < v1 < k // ACROSS + 0.99
+
+
+def test_a_face_has_two_white_eyes_and_a_mouth_below(picture):
+    for k in (1, 5, 12):
+        head = tile(picture, k)
+        pale = head.min(axis=2) > 200
+        rows, columns = np.nonzero(pale & (np.arange(TILE)[:, None] > 0.3 * TILE) & (np.arange(TILE)[:, None] < 0.5 * TILE))
+        assert (np.abs(columns - 127.5) < 32).mean() > 0.9 or head[200].min() > 200
+        assert (columns < 120).any()
+        assert (columns > 135).any()
+        assert rows.mean() < 0.6 * TILE
+
+
+def test_the_same_stream_paints_the_same_picture(picture):
+    np.testing.assert_array_equal(texture_atlas(np.random.default_rng(3)), picture)
+    assert clothing_textures.NAME == "people"
