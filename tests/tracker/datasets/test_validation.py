@@ -180,6 +180,7 @@ HOSTILE: dict[str, tuple[str, Callable[[Path], object], str]] = {
 }
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_malicious_files_need_little_memory(folder: Path, kind: str) -> None:
     """Refused within seconds, by a process that may have 1 GiB more than it has when it starts."""

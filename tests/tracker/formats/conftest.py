@@ -27,3 +27,9 @@ def exported(sequence: Path, tmp_path_factory: pytest.TempPathFactory) -> Callab
         return root / form
 
     return made
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Tests of exports need a sequence that is rendered."""
+    if {"sequence", "plaza"} & set(getattr(item, "fixturenames", ())):
+        item.add_marker(pytest.mark.render)

@@ -6,16 +6,19 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 import numpy as np
 import pytest
 
+from sim.cli.export import Format
 from tests.tracker.formats.small_sources import FRAMES, RECORDINGS, SOURCES
 from tracker.formats.opening import format_of, open_recording, open_sequence
 from tracker.formats.source_options import SourceOptions
 from tracker.formats.summary import summarize
+from tracker.formats.table import EXPORTS
+from tracker.formats.table import FORMATS as TABLE
 from tracker.formats.table import SOURCES as FORMATS
 from tracker.metrics.evaluation import evaluate
 from tracker.run import tracked
@@ -321,3 +324,15 @@ def test_boxes_of_robots_need_their_true_poses(tmp_path: Path) -> None:
 def test_a_summary_names_the_models_of_cameras(tmp_path: Path) -> None:
     found = {kind: list(summarize(SOURCES[kind][1](tmp_path / kind))["cameras"].values()) for kind in ("own", "jrdb", "pets")}
     assert found == {"own": ["pinhole 1280 x 720"] * 2, "jrdb": ["cylindrical 3760 x 480"], "pets": ["tsai 1280 x 720"] * 2}
+
+
+def test_readme_has_a_row_for_each_format() -> None:
+    """The table of tracker/README.md says of each format what the table in the code does."""
+    text = (Path(__file__).parents[3] / "tracker" / "README.md").read_text(encoding="utf-8")
+    rows = {cells[0]: cells for line in text.splitlines() if len(cells := [cell.strip() for cell in line.strip("|").split("|")]) == 7}
+    for form in TABLE:
+        _, _, read, _, _, written, _ = rows[form.page]
+        assert (read == "yes") == (form in FORMATS), form.page
+        assert (form.export is not None) == ("`export --format" in written), form.page
+        assert form.export is None or f"`export --format {form.export.name}`" in written, form.page
+    assert set(get_args(Format)) == set(EXPORTS)

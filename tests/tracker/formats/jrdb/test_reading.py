@@ -146,7 +146,6 @@ def test_images_of_another_size_are_refused(cafe: Path) -> None:
         read_jrdb(cafe)
 
 
-@pytest.mark.slow
 def test_people_in_a_cafe_are_tracked_in_the_robots_frame(data: Data, tmp_path: Path) -> None:
     """Labels as detections, misses 0.1, edges 2 %, seed 0. A camera 1 m high sees the range of people at more than 5 m to 1 m at best."""
     write_cafe(data("jrdb", f"{SEQUENCE}.csv"), tmp_path)

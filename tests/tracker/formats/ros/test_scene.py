@@ -54,6 +54,7 @@ def messages(bag: Path) -> dict[str, list[tuple[int, Any]]]:
     return dict(out)
 
 
+@pytest.mark.command
 def test_the_script_of_ten_lines_lists_all_topics(bag: Path) -> None:
     """The script of README.md, as it stands there."""
     script = "\n".join(line[4:] for line in README.splitlines() if line.startswith(("    from mcap", "    for message", "        print")))
