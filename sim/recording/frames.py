@@ -1,4 +1,4 @@
-"""The one place where a frame is assembled: the state of a simulation, the truth of its views, and what sensors and detectors make of them.
+"""The one place where a frame is assembled: state of the simulation, truth of the views, and what sensors and detectors make of them.
 
 The views are rendered (`record.py`, which can draw them later and elsewhere) or ray cast (`raycast_frames`).
 """

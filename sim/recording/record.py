@@ -80,7 +80,7 @@ class SimulatedSequence:
 def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int = 1) -> None:
     """Write the sequence of a scenario into the new or empty folder `folder`. Nothing is left there after an error, but for an OSError.
 
-    A run that was killed, or ended by an OSError, is resumed at the first frame whose images are not there; with videos it starts anew.
+    A run that was killed, or ended by an OSError, is resumed at the first frame whose images are not there. With videos it starts anew.
     workers: number of processes that draw; with one, this process draws. The bytes do not depend on it.
     progress: wraps the iterator of frames (tqdm, for example), or None.
     Raises Kept for an OSError, with the place of unfinished files.

@@ -1,4 +1,4 @@
-"""What happens within a frame: rovers at the physics steps, with their rates and forces, people at the steps of the crowd, and both in between.
+"""What happens within a frame: rovers at the physics steps, people at the steps of the crowd, and both in between.
 
 Between physics steps a rover moves on the geodesic of its pose. Between steps of the crowd (0.05 s) limbs move straight and turn evenly.
 """
