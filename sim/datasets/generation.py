@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim.datasets.generation_worker import SequenceTask, run_task
+from sim.datasets.generation_worker import SequenceTask
 from sim.datasets.presets import Preset
-from sim.parallel.pool import Pool, WorkerLost, cluster_client, usable_cores
+from sim.parallel.pool import Pool, cluster, usable_cores
 from sim.scenario import OPTIONAL
 from tracker.datasets.croissant import write_croissant
 from tracker.datasets.dataset_card import write_card
@@ -63,9 +62,8 @@ class Plan:
 
     def tasks(self) -> list[SequenceTask]:
         out, scenario = self.out.resolve(), self.preset.scenario
-        parent = None if self.cluster else os.getpid()
         seeded = [dataclasses.replace(self.preset, scenario=dataclasses.replace(scenario, seed=scenario.seed + k)) for k in range(self.count)]
-        return [SequenceTask(out / name, self.name, preset, self.form, parent) for name, preset in zip(self.dataset.sequences, seeded, strict=True)]
+        return [SequenceTask(out / name, self.name, preset, self.form) for name, preset in zip(self.dataset.sequences, seeded, strict=True)]
 
 
 def generate(plan: Plan) -> int:
@@ -132,16 +130,13 @@ def _run(plan: Plan, tasks: list[SequenceTask]) -> None:
     if plan.cluster is None:
         tasks = [dataclasses.replace(task, workers=max(1, plan.workers // len(tasks))) for task in tasks]
     else:
-        with cluster_client(plan.cluster) as client:
+        with cluster(plan.cluster) as client:
             threads = sum(client.nthreads().values())
         if len(tasks) < threads:
             pool = Pool(min(len(tasks), usable_cores()))
-            tasks = [dataclasses.replace(task, cluster=plan.cluster, parent=os.getpid()) for task in tasks]
-    try:
-        for _ in pool.as_completed(run_task, ((task,) for task in tasks)):
-            pass
-    except WorkerLost as error:
-        raise OSError(f"{error}; the same command resumes") from None
+            tasks = [dataclasses.replace(task, cluster=plan.cluster) for task in tasks]
+    for _ in pool.as_completed(SequenceTask.run, ((task,) for task in tasks)):
+        pass
 
 
 @contextmanager

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import threading
-import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,16 +21,11 @@ from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.writer import ImageForm
 from worlds import catalogue
 
-CHECK_INTERVAL = 0.3
-"""Time between checks whether the parent process is alive, s."""
-_watched_parents: set[int] = set()
-
 
 @dataclass(frozen=True)
 class SequenceTask:
     """A sequence to generate: its folder, the name and value of its preset, and the form of its images.
 
-    parent: id of the process that needs it, or None. The worker ends when that process has ended.
     workers: number of processes that draw. cluster: as of SimulatedSequence.
     """
 
@@ -40,7 +33,6 @@ class SequenceTask:
     name: str
     preset: Preset
     form: ImageForm
-    parent: int | None = None
     workers: int = 1
     cluster: str | None = None
 
@@ -97,18 +89,3 @@ class SequenceTask:
         fixed = place(world, self.preset.views, scenario.view_width)
         simulation, made_by = Simulation(scenario, world=world), provenance(self.name, self.preset)
         return SimulatedSequence(scenario, simulation, fixed, made_by, self.form, drawing, self.cluster)
-
-
-def _exit_with_parent(parent: int) -> None:
-    """End this process when its parent has ended. Otherwise it would hold the lock against the next run."""
-    while os.getppid() == parent:
-        time.sleep(CHECK_INTERVAL)
-    os._exit(1)
-
-
-def run_task(task: SequenceTask) -> None:
-    """Run a task in a worker process."""
-    if task.parent is not None and task.parent not in _watched_parents:
-        _watched_parents.add(task.parent)
-        threading.Thread(target=_exit_with_parent, args=(task.parent,), daemon=True).start()
-    task.run()

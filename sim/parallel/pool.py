@@ -1,14 +1,18 @@
-"""Parallel calls in processes or threads of this machine, or on a Dask cluster."""
+"""Parallel calls in processes or threads of this machine, or on a Dask cluster: executors as of concurrent.futures."""
 
 from __future__ import annotations
 
+import importlib
 import logging
+import multiprocessing
 import os
+import signal
+import sys
 import threading
-import warnings
+import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +25,12 @@ ONE_THREAD = ("LP_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_
 With more threads, sums are taken in another order and results differ.
 """
 MAX_WORKERS = 1024
-UNUSED = r"\d+ tasks (have been successfully executed|which were still being processed)"
-"""How joblib's warning begins."""
 CONNECT_TIMEOUT = 15
-"""s to wait for the scheduler of a cluster."""
+"""s to wait for the scheduler of a cluster, and for its first worker."""
+CHECK_INTERVAL = 0.3
+"""Time between checks whether the parent process is alive, s."""
 DASK_LOGGERS = ("distributed", "distributed.client")
 """Loggers of Dask, each of which has a level and a handler of its own."""
-CLUSTER_LOST = "the scheduler or workers of the cluster were lost, perhaps because memory ran out"
 _one_at_a_time = threading.Lock()
 
 
@@ -59,61 +62,127 @@ class Pool:
         """The results of function(*call) for each of the calls, in the order of the calls.
 
         Local calls run in other processes, even with one worker. Each process has one thread of linear algebra.
-        threads: calls run in threads of this process, which suits calls that wait. Until the last result is taken, every process that is
-        started has one thread.
+        threads: calls run in threads of this process, which suits calls that wait.
 
         Raises what a call raises. Raises WorkerLost where a process ends during a call or the cluster is lost. Raises ValueError where Dask is
         missing or the address is invalid, and OSError where no scheduler answers or it has no worker.
         """
-        return self._run(function, calls, threads, "generator")
+        early: dict[int, Any] = {}
+        expected = 0
+        for number, result in self._ended(function, calls, threads):
+            early[number] = result
+            while expected in early:
+                yield early.pop(expected)
+                expected += 1
 
     def as_completed(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool = False) -> Iterator[Any]:
         """As `results`, in the order in which the calls end."""
-        return self._run(function, calls, threads, "generator_unordered")
+        return (result for _, result in self._ended(function, calls, threads))
 
-    def _run(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool, order: str) -> Iterator[Any]:
-        from joblib import Parallel, delayed
-        from joblib.externals.loky.process_executor import TerminatedWorkerError
+    def _ended(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool) -> Iterator[tuple[int, Any]]:
+        """Number and result of each call, as they end. One call per worker is in progress: a queue would outlive a main process that was killed."""
+        pending: dict[Future[Any], int] = {}
+        with losses(), self._executor(threads) as (executor, most):
+            for number, call in enumerate(calls):
+                pending[executor.submit(function, *call)] = number
+                while len(pending) >= most:
+                    yield from _taken(pending)
+            while pending:
+                yield from _taken(pending)
 
-        # joblib warns of calls whose results nobody takes, which is so after each interruption.
-        warnings.filterwarnings("ignore", UNUSED, UserWarning)
-        local = _threads(self.workers) if threads else _processes(self.workers)
-        with local if self.cluster is None else _cluster(self.cluster) as (jobs, in_progress):
-            losses = () if self.cluster is None else cluster_losses()
-            try:
-                # One call per worker: a queue would outlive a main process that was killed.
-                yield from Parallel(n_jobs=jobs, pre_dispatch=in_progress, batch_size=1, return_as=order)(delayed(function)(*call) for call in calls)
-            except TerminatedWorkerError:
-                raise WorkerLost("a worker was killed, perhaps because memory ran out") from None
-            except losses:
-                raise WorkerLost(CLUSTER_LOST) from None
+    @contextmanager
+    def _executor(self, threads: bool) -> Iterator[tuple[Executor, int]]:
+        """An executor, and the number of calls in progress at once: two a thread of a cluster."""
+        if self.cluster is not None:
+            with cluster(self.cluster) as client:
+                yield client.get_executor(pure=False), 2 * max(1, sum(client.nthreads().values()))
+        elif threads:
+            with ThreadPoolExecutor(self.workers) as executor:
+                yield executor, self.workers
+        else:
+            with processes(self.workers) as executor:
+                yield executor, self.workers
+
+
+def _taken(pending: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:
+    for future in wait(pending, return_when=FIRST_COMPLETED).done:
+        yield pending.pop(future), future.result()
 
 
 @contextmanager
-def _threads(workers: int) -> Iterator[tuple[int, int]]:
-    """joblib runs calls in threads during this context. Yields joblib's n_jobs and the number of calls in progress at once."""
-    from joblib import parallel_config
+def processes(workers: int, module: str = __name__) -> Iterator[Executor]:
+    """Processes of one thread of linear algebra each, which import `module` at their start and are killed at the end.
 
-    with parallel_config("threading"):
-        yield workers, workers
+    What they print goes to standard error. They end with this process, whose Ctrl-C they do not see.
+    """
+    from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
+    # A worker of Dask is a daemon, which multiprocessing lets start no process.
+    multiprocessing.current_process().daemon = False
+    executor = ProcessPoolExecutor(workers, initializer=_begin, initargs=(os.getpid(), module), env=dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        with _deaf():
+            executor.submit(os.getpid)  # All processes are started.
+        yield executor
+    finally:
+        executor.shutdown(wait=True, kill_workers=True)
 
 
 @contextmanager
-def _processes(workers: int) -> Iterator[tuple[int, int]]:
-    """As `_threads`, with processes. joblib makes no process for one job, so n_jobs is at least 2."""
-    from joblib import parallel_config
-    from joblib.externals.loky import get_reusable_executor
+def _deaf() -> Iterator[None]:
+    """Processes that are started during this context do not see Ctrl-C, which a terminal sends to all processes (POSIX)."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
-    with _pinned(), parallel_config("loky", inner_max_num_threads=1):
-        try:
-            yield max(2, workers), workers
-        finally:
-            get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+
+def _begin(parent: int, module: str) -> None:
+    """Prepare a process."""
+    with suppress(OSError):
+        os.dup2(2, 1)
+    threading.Thread(target=_exit_with_parent, args=(parent,), daemon=True).start()
+    importlib.import_module(module)
 
 
-def cluster_client(address: str) -> Client:
-    """A connection to a Dask cluster, to be used as a context. Raises ValueError where Dask is missing or the address is invalid, and OSError where
-    no scheduler answers.
+def _exit_with_parent(parent: int) -> None:
+    """End this process when its parent has ended. Otherwise it would hold locks against the next run."""
+    while os.getppid() == parent:
+        time.sleep(CHECK_INTERVAL)
+    os._exit(1)
+
+
+@contextmanager
+def losses() -> Iterator[None]:
+    """Lost processes and clusters are WorkerLost during this context."""
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    try:
+        yield
+    except TerminatedWorkerError:
+        raise WorkerLost("a worker was killed, perhaps because memory ran out; repeat the command") from None
+    except _cluster_losses():
+        raise WorkerLost("the scheduler or workers of the cluster were lost, perhaps because memory ran out; repeat the command") from None
+
+
+def _cluster_losses() -> tuple[type[Exception], ...]:
+    """What Dask raises where the scheduler of a cluster, or too many workers one after another, are lost."""
+    if "distributed" not in sys.modules:
+        return ()
+    from distributed import KilledWorker
+    from distributed.comm.core import CommClosedError
+
+    return KilledWorker, CancelledError, CommClosedError
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Client]:
+    """A connection to a Dask cluster with workers. Raises ValueError where Dask is missing or the address is invalid, and OSError where no scheduler
+    answers or it has no worker.
     """
     try:
         from distributed import Client
@@ -123,17 +192,15 @@ def cluster_client(address: str) -> Client:
     for name in DASK_LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        return Client(address, timeout=CONNECT_TIMEOUT, set_as_default=True)
+        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=True)
     except (ValueError, TypeError) as error:
         raise ValueError(f"--cluster is {address!r}, needs an address as tcp://HOST:PORT ({error})") from None
-
-
-def cluster_losses() -> tuple[type[Exception], ...]:
-    """What Dask raises where the scheduler of a cluster, or too many workers one after another, are lost."""
-    from distributed import KilledWorker
-    from distributed.comm.core import CommClosedError
-
-    return KilledWorker, CancelledError, CommClosedError
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
+        except TimeoutError:
+            raise OSError(f"{address}: this cluster has no worker after {CONNECT_TIMEOUT} s; `dask worker {address}` starts one") from None
+        yield client
 
 
 @contextmanager
@@ -148,42 +215,3 @@ def drawing_alone() -> Iterator[None]:
     os.environ["LP_NUM_THREADS"] = "1"
     with _one_at_a_time:
         yield
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[int, int]]:
-    """As `_threads`, with the workers of a Dask cluster and two calls in progress per thread."""
-    from joblib import parallel_config
-
-    with cluster_client(address) as client, parallel_config(_dask_backend(client, address)):
-        in_progress = max(1, 2 * sum(client.nthreads().values()))
-        yield max(2, in_progress), in_progress
-
-
-def _dask_backend(client: Client, address: str) -> Any:
-    """joblib's backend for a cluster. joblib itself would run the calls here where the cluster has one thread."""
-    from joblib._dask import DaskDistributedBackend
-
-    class ClusterBackend(DaskDistributedBackend):
-        def effective_n_jobs(self, n_jobs: int) -> int:
-            try:
-                return max(2, int(super().effective_n_jobs(n_jobs)))
-            except TimeoutError:
-                raise OSError(f"{address}: this cluster has no worker after {CONNECT_TIMEOUT} s; `dask worker {address}` starts one") from None
-
-    return ClusterBackend(client=client, wait_for_workers_timeout=CONNECT_TIMEOUT)
-
-
-@contextmanager
-def _pinned() -> Iterator[None]:
-    """Processes that are started during this context compute and render with one thread each."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ |= dict.fromkeys(ONE_THREAD, "1")
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -16,10 +16,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from sim.recording.cluster_drawing import ClusterDrawing
 from sim.recording.colours import CameraColours, effect_rows
 from sim.recording.drawing import Drawn, DrawnScene, MomentRenderer
-from sim.recording.drawing_workers import DrawingWorkers, drawing_workers
+from sim.recording.drawing_workers import DrawingWorkers, draw_on_cluster, drawing_workers
 from sim.recording.frame_journal import FrameJournal
 from sim.recording.frames import Frame, FrameAssembler, FrameState, simulated_frames
 from sim.recording.shots import Moment, ShotPlan
@@ -150,7 +149,7 @@ class _Frames:
         if not missing:
             yield from (None for _ in moments)
         elif made.cluster is not None:
-            yield from stack.enter_context(ClusterDrawing(scene, made.cluster, missing, versions())).draw(moments)
+            yield from draw_on_cluster(scene, moments, missing, made.cluster, versions())
         elif made.workers is not None:
             yield from made.workers.draw(scene, moments)
         else:

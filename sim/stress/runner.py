@@ -102,17 +102,17 @@ def _run(trials: list[Trial], workers: Workers) -> Iterator[dict[str, Any]]:
     """Rows in the order in which trials end."""
     if not trials:
         return
-    calls = ((trial.to_json(), workers.limit) for trial in trials)
+    calls = ((trial, workers.limit) for trial in trials)
     # Each thread waits for a process of its own, which does the work.
     yield from workers.pool.as_completed(_row, calls, threads=True)
 
 
-def _row(trial: str, limit: float) -> dict[str, Any]:
+def _row(trial: Trial, limit: float) -> dict[str, Any]:
     """The row of a trial, from the process of this thread."""
     own = threading.get_ident(), limit
     if own not in _workers:
         _workers[own] = Worker(limit)
-    return _workers[own].row(Trial.from_json(trial))
+    return _workers[own].row(trial)
 
 
 def close_workers() -> None:

@@ -157,16 +157,9 @@ class Case:
         return replace(self, scenario=replace(self.scenario, seed=seed))
 
     def to_json(self) -> str:
-        """One line of JSON, for another process."""
+        """One line of JSON, as `stress --list --json` prints it."""
         plain = {name: getattr(self, name) for name in ("id", "sweep", "parameter", "value", "options", "policy", "source", "folder")}
         return json.dumps(plain | {"scenario": json.loads(self.scenario.to_json()), "troubles": self.faults.to_dict()})
-
-    @staticmethod
-    def from_json(text: str) -> Case:
-        """The case that to_json wrote."""
-        content = json.loads(text)
-        scenario, faults = Scenario.from_json(json.dumps(content.pop("scenario"))), Faults(**content.pop("troubles"))
-        return Case(**content, scenario=scenario, faults=faults)
 
 
 def default_scenario(frames: int = 60, width: int = 512) -> Scenario:

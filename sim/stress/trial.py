@@ -62,20 +62,6 @@ class Trial:
         """Whether an ablation is asked for and possible: not with a real sequence, and with pilsim's own tracker only."""
         return self.ablation and self.case.source not in ("pets", RECORDED) and not self.tracker.function and not self.tracker.results
 
-    def to_json(self) -> str:
-        """One line of JSON, for another process."""
-        tracker = {"function": self.tracker.function, "options": self.tracker.options, "results": self.tracker.results}
-        plain = {"folder": str(self.folder), "rendered": self.rendered, "ablation": self.ablation, "command": self.command}
-        plain |= {"pixels": self.pixels, "model": self.model}
-        return json.dumps(plain | {"case": self.case.to_json(), "tracker": tracker})
-
-    @staticmethod
-    def from_json(text: str) -> Trial:
-        """The trial that to_json wrote."""
-        content = json.loads(text)
-        case, tracker = Case.from_json(content.pop("case")), TrackerUnderTest(**content.pop("tracker"))
-        return Trial(case, tracker, Path(content.pop("folder")), **content)
-
 
 def empty_row(trial: Trial) -> dict[str, Any]:
     """The row of a trial without results."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.parallel.pool import Pool, WorkerLost
+from sim.parallel.pool import Pool
 from sim.training.augmentation import CropSampler
 from sim.training.evaluation import MIN_SCORE, Calibration, FoundImage, calibrate, feet_errors, figures, found_images
 from sim.training.scene_rendering import PANORAMAS, PINHOLES, PLACES, ImageSet, SceneTask, run_scene, scene_tasks
@@ -122,12 +122,9 @@ def _render(tasks: list[SceneTask], workers: int) -> None:
         return
     for folder in {task.folder.parent for task in missing}:
         folder.mkdir(parents=True, exist_ok=True)
-    try:
-        done = Pool(workers).as_completed(run_scene, ((task,) for task in missing))
-        for _ in progress_bar(done, total=len(missing), desc="scenes", unit="scene"):
-            pass
-    except WorkerLost as error:
-        raise OSError(f"{error}; the same command resumes") from None
+    done = Pool(workers).as_completed(run_scene, ((task,) for task in missing))
+    for _ in progress_bar(done, total=len(missing), desc="scenes", unit="scene"):
+        pass
 
 
 def _sets(tasks: list[SceneTask], kind: str) -> list[ImageSet]:

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from multiprocessing import get_context
@@ -28,7 +29,7 @@ import numpy as np
 from sim.datasets.generation import FILE, Plan, generate
 from sim.datasets.presets import PRESETS
 from sim.parallel.pool import ONE_THREAD
-from sim.recording.drawing_workers import DrawingWorkers
+from sim.recording.drawing_workers import AHEAD, drawn_in_order
 from sim.recording.frames import simulated_frames
 from sim.recording.tracker_setup import make_setup
 from sim.rendering.gl_context import GLUnavailable, choose_gl
@@ -117,20 +118,19 @@ def mapped(landmarks: int) -> dict[str, float]:
     return {"ms, one robot": per_frame(landmarks, 1), "ms, four robots": per_frame(landmarks, 4)}
 
 
-class SleepingWorkers(DrawingWorkers):
-    """The queue of drawing workers, which sleep in place of drawing."""
-
-    def _call(self, scene: Any, moment: Any) -> Any:
-        time.sleep(SLEEP)
-        return moment
+def slept(part: Any) -> Any:
+    """A part after the time of a sleep, in place of drawing."""
+    time.sleep(SLEEP)
+    return part
 
 
 def scheduled(workers: int) -> dict[str, float]:
     """Moments a second through the queue of drawing workers, and their share of workers / SLEEP."""
     count = 40 * workers
-    queue: Any = SleepingWorkers(workers)
-    started = time.perf_counter()
-    assert list(queue.draw(None, range(count))) == list(range(count))
+    parts: Any = ([k] for k in range(count))
+    with ThreadPoolExecutor(workers) as threads:
+        started = time.perf_counter()
+        assert list(drawn_in_order(parts, lambda part: threads.submit(slept, part), AHEAD * workers)) == list(range(count))
     rate = count / (time.perf_counter() - started)
     return {"moments a second": rate, "share of the best": rate * SLEEP / workers}
 

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import pytest
 
 from sim.parallel.pool import WorkerLost
 from sim.recording.drawing import DrawnScene
-from sim.recording.drawing_workers import DrawingWorkers
+from sim.recording.drawing_workers import drawing_workers
 from sim.recording.frame_journal import NAME
 from sim.recording.frames import simulated_frames
 from sim.recording.record import SimulatedSequence, record, write_sequence
@@ -124,25 +123,19 @@ def test_a_sequence_with_videos_starts_anew(tmp_path: Path) -> None:
 
 
 @pytest.mark.command
-def test_a_killed_worker_is_one_line(tmp_path: Path) -> None:
+@pytest.mark.render
+def test_a_killed_worker_is_one_line() -> None:
     simulation = Simulation(SCENARIO)
     setup = make_setup(SCENARIO, simulation)
     plan = ShotPlan(SCENARIO, simulation, setup)
     moments = [plan.moment(state) for state in simulated_frames(SCENARIO, simulation, setup)]
-    with ExitStack() as stack:
-        workers = stack.enter_context(DrawingWorkers(1))
+    with drawing_workers(2) as workers:
+        assert workers is not None
         drawn = workers.draw(DrawnScene.of(simulation, plan, ImageForm(), raw=False), moments * 50)
         assert next(drawn) is not None
-        (child,) = [pid for pid in children(os.getpid()) if b"drawing_workers" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-        os.kill(child, signal.SIGKILL)
-        with pytest.raises(WorkerLost, match=r"^a drawing worker was killed, .*; the same command resumes$"):
+        os.kill(workers.executor.submit(os.getpid).result(), signal.SIGKILL)
+        with pytest.raises(WorkerLost, match=r"^a worker was killed, .*; repeat the command$"):
             list(drawn)
-
-
-def children(parent: int) -> list[int]:
-    """Processes that a process has started (Linux)."""
-    tasks = Path(f"/proc/{parent}/task").glob("*/children")
-    return [int(word) for path in tasks for word in path.read_text().split()]
 
 
 @pytest.mark.soak

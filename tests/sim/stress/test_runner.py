@@ -47,7 +47,6 @@ def test_people_are_found_in_the_rendered_panoramas(tmp_path: Path) -> None:
     model = write_blob_network(tmp_path / "m.onnx")
     plain = replace(trial(tmp_path, frames=2), rendered=True)
     pixels = replace(plain, pixels=True, model=str(model))
-    assert Trial.from_json(pixels.to_json()) == pixels
     row = row_of(pixels)
     assert row["error"] is None
     assert row["detector"] == f"pixels {PersonNetwork(model).checksum[:12]}"

@@ -17,7 +17,6 @@ from sim.stress.sweeps import (
     RECORDING_SWEEPS,
     ROOM_SWEEPS,
     SWEEPS,
-    Case,
     cases,
     default_scenario,
     recording_cases,
@@ -67,7 +66,6 @@ def test_sweeps_of_a_recording(tmp_path: Path) -> None:
     every = recording_cases([], str(tmp_path), 2, start)
     assert {case.sweep for case in every} == set(RECORDING_SWEEPS)
     assert [case.value for case in every if case.sweep == "recorded_cameras"] == [0, 1]
-    assert all(Case.from_json(case.to_json()) == case for case in every)
     assert [case.id for case in recording_cases(["recorded_misses/2"], str(tmp_path), 2, start)] == ["recorded_misses/2"]
     with pytest.raises(ValueError, match="--sweep is 'density', needs one of recorded_misses"):
         recording_cases(["density"], str(tmp_path), 2, start)
