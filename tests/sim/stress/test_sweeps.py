@@ -38,7 +38,6 @@ def test_cases_have_unique_ids_that_name_a_value_and_travel_as_json(named: Itera
     for case in every:
         assert case.value == known[case.sweep].values[int(case.id.split("/")[1])]
         parameters_from(case.options)
-        assert Case.from_json(case.with_seed(3).to_json()) == case.with_seed(3)
 
 
 def test_a_sweep_changes_its_parameter_only() -> None:
