@@ -1,4 +1,4 @@
-"""Sweeps as data: ids, what each sweep changes, and cases as JSON."""
+"""Sweeps as data: ids, and what each sweep changes."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -30,7 +30,7 @@ from tracker.recordings.folder import write_recording
 
 
 @pytest.mark.parametrize("named", [(), CAMERA_SWEEPS, ROOM_SWEEPS], ids=["all", "cameras", "room"])
-def test_cases_have_unique_ids_that_name_a_value_and_travel_as_json(named: Iterable[str]) -> None:
+def test_cases_have_unique_ids_that_name_a_value(named: Iterable[str]) -> None:
     start, known = default_scenario(7), SWEEPS | CAMERA_SWEEPS | ROOM_SWEEPS
     every = cases(named, start)
     assert {case.sweep for case in every} == set(named or SWEEPS)
