@@ -51,7 +51,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "recordings": {"geometry", "types", "io", "sequence", "detections"},
         "datasets": {"geometry", "types", "io", "sequence", "detections", "ekf", "recordings"},
         "formats": {"geometry", "types", "io", "sequence", "detections", "planar_slam", "recordings"},
-        "detector_models": {"geometry", "types", "io", "recordings", "formats"},
+        "detector_models": {"geometry", "types", "io", "detections", "recordings", "formats"},
         "metrics": {"geometry", "types", "io", "sequence", "ekf", "slam", "recordings", "formats", "detector_models"},
         "pipeline": {"reading_ahead", "geometry", "types", "detections", "tracks", "mht", "slam"},
         "options": {"pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},

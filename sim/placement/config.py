@@ -98,7 +98,8 @@ class PlacementConfig:
                 _check(field.name, getattr(self, field.name), BOUNDS[field.name], whole=field.type == "int")
         if self.width % 2:
             raise ValueError(f"width is {self.width} px, needs an even number")
-        if model_of(self.detector_model) is not None and self.observation != "tracks":
+        model_of(self.detector_model)
+        if self.detector_model != INDEPENDENT and self.observation != "tracks":
             raise ValueError(f"detector_model is of the observation tracks, and observation is {self.observation!r}")
         if self.map_seed is not None:
             _check("map_seed", self.map_seed, (0, 2**31), whole=True)

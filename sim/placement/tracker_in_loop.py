@@ -17,11 +17,10 @@ from sim.placement.visibility import BODY_POINTS, line_of_sight
 from sim.recording.frames import Measurements, tick_of
 from sim.recording.tracker_setup import START_SIGMA
 from sim.robots import odometry, rover
-from sim.sensors.person_detector import Detector
 from sim.sensors.raycast_camera import Landmarks, LandmarkSensor
-from sim.sensors.view_detectors import modelled
-from tracker.detector_models.model import DetectorModel, model_of
-from tracker.detector_models.sampler import ViewSampler
+from sim.sensors.view_detectors import ViewDetector
+from tracker.detector_models.independent import IndependentErrors
+from tracker.detector_models.model import INDEPENDENT, model_of
 from tracker.geometry import Array, Ints, Pose, angles_from_bearing, wrap
 from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
@@ -104,8 +103,7 @@ class TrackerInLoop:
     """The tracker of a team, its simulated sensors, and the last estimate: position (k, 2) m and covariance (k, 2, 2) m² of people.
 
     landmarks: of the scene. last_translation (r, 3) m: motion of each robot in the last frame.
-    wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame. model: of the detector, with a sampler for each robot; None
-    for independent errors.
+    wheel_angles (r, 4) rad: total rotation of the wheels. index: of the next frame. detectors: of each robot's camera.
     """
 
     config: PlacementConfig
@@ -124,8 +122,7 @@ class TrackerInLoop:
     detected: list[Detections] = field(default_factory=list)
     frames: list[MatchingFrame] = field(default_factory=list)
     memory: TrackMemory = field(default_factory=TrackMemory)
-    model: DetectorModel | None = None
-    samplers: list[ViewSampler] = field(default_factory=list)
+    detectors: list[ViewDetector] = field(default_factory=list)
 
     @staticmethod
     def begin(config: PlacementConfig, place: PlacementMap, mover: Mover, rng: np.random.Generator) -> TrackerInLoop:
@@ -140,10 +137,11 @@ class TrackerInLoop:
         landmarks = Landmarks.described(surface_points(place, LANDMARKS, rng), LANDMARKS, rng)
         systematic_errors = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
         out = TrackerInLoop(config, place, rng, tracker, landmarks, systematic_errors)
-        out.model = model_of(config.detector_model)
-        if out.model is not None:
-            everyone = range(1, config.people + 1)
-            out.samplers = [ViewSampler(out.model, CAMERA, config.frame_period, everyone, stream) for stream in rng.spawn(count)]
+        model = model_of(config.detector_model, IndependentErrors(config.misses, config.clutter, NOISE, config.visibility_limits.share))
+        # Independent errors are drawn from the stream of the episode.
+        streams = [rng] * count if config.detector_model == INDEPENDENT else rng.spawn(count)
+        run = config.frame_period, range(1, config.people + 1)
+        out.detectors = [ViewDetector(model, CAMERA, run, stream) for stream in streams]
         out.last_translation, out.wheel_angles = np.zeros((count, 3)), np.zeros((count, 4))
         return out
 
@@ -190,14 +188,10 @@ class TrackerInLoop:
         return {"mota": found.mota, "idf1": found.idf1, "robots_off": float(position_error.mean())}
 
     def _detect(self, robot: int, camera: Pose, people: Array, tipped: bool) -> Detections:
-        config = self.config
-        detector = Detector(config.misses, config.clutter, NOISE, config.visibility_limits.share)
-        boxes = Boxes.none() if tipped or not len(people) else _true_boxes(self.place, camera, people, config.visibility_limits)
+        boxes = Boxes.none() if tipped or not len(people) else _true_boxes(self.place, camera, people, self.config.visibility_limits)
         below = camera.translation[None, :2]
         view = ViewTruth(camera, float(self.place.floor_at(below)[0]), np.array([0.0, 0.0, 1.0]), boxes, Keypoints.none())
-        if self.model is None:
-            return detector.detect(CAMERA, view, self.rng)
-        return modelled(self.model, self.samplers[robot], (CAMERA, view), np.arange(1, len(people) + 1), people[:, :3])
+        return self.detectors[robot].detect(view, np.arange(1, len(people) + 1), people[:, :3])
 
     def _sightings(self, camera: Pose) -> Sightings:
         """Sightings of landmarks by a camera, over the height map in place of exact rays."""

@@ -1,4 +1,4 @@
-"""The two parts of a recording: one for the fit of detector models, one on which the tracker is predicted and tried."""
+"""The two parts of a recording: one for the fit of detector models, one on which the tracker is tried, and predicted by twins."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from pathlib import Path
 
 from tracker.detector_models.fit import fit
 from tracker.detector_models.fitting import Source
-from tracker.detector_models.model import DetectorModel
+from tracker.detector_models.model import Model
 from tracker.detector_models.observations import true_people
 from tracker.detector_models.places import at_its_places, fit_view
-from tracker.detector_models.shared_errors import SharedErrors, agreed
+from tracker.detector_models.shared_errors import SharedErrors, agreed, drawn
+from tracker.detector_models.simulation import simulated_detections
 from tracker.formats.opening import open_recording
 from tracker.formats.source_options import SourceOptions
 from tracker.recordings import Recording
@@ -37,7 +38,7 @@ class Halves:
 class FittedViews:
     """Detector models, camera → model, and the errors of the truth that the views share, None where these are not known."""
 
-    models: Mapping[str, DetectorModel]
+    models: Mapping[str, Model]
     shared: SharedErrors | None = None
 
 
@@ -99,7 +100,7 @@ def fit_views(source: Source, path: Path) -> FittedViews:
     made = {"frames": list(source.recording.source.get("frames", [0, source.recording.frames]))}
     truth, errors = agreed(source.recording, source.truth)
     source = replace(source, truth=truth)
-    kind, out, common = source.truth.kind, dict[str, DetectorModel](), None
+    kind, out, common = source.truth.kind, dict[str, Model](), None
     for name in source.recording.detections:
         alone = replace(source, recording=source.recording.choose([name]))
         try:
@@ -111,3 +112,15 @@ def fit_views(source: Source, path: Path) -> FittedViews:
                 raise ValueError(f"{path}: {error}") from None
             out[name] = at_its_places(common, alone.samples())
     return FittedViews(out, errors)
+
+
+def twin(source: Source, views: FittedViews, seed: int) -> Recording:
+    """The recording with simulated boxes in place of its own, without rendering. The same seed gives the same boxes.
+
+    People walk their true paths, moved by the errors of the truth that all views share.
+    Their bodies are the true boxes where these are known, and cylinders of one size elsewhere.
+    They hide each other, and pillars hide them.
+    """
+    recording = source.recording
+    truth = source.truth if views.shared is None else drawn(recording, source.truth, views.shared, seed)
+    return replace(recording, detections=simulated_detections(recording, truth, views.models, seed, list(views.models)))

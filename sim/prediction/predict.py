@@ -11,20 +11,48 @@ import numpy as np
 from scipy.special import stdtrit
 
 from sim.parallel.pool import Pool
-from sim.prediction.halves import FittedViews, Frames, Halves, fit_views, open_halves
-from sim.prediction.outcomes import FIGURES, Outcome, outcome
-from sim.prediction.twins import Models, twin
+from sim.prediction.halves import FittedViews, Frames, Halves, fit_views, open_halves, twin
+from sim.stress.error_causes import count_causes, find_mistakes, gather_evidence
+from sim.stress.sweeps import RECORDED, Case, default_scenario
 from sim.stress.tracker_under_test import TrackerUnderTest
+from sim.stress.trial_data import TrialData
 from tracker.detector_models.fitting import Source
-from tracker.detector_models.model import INDEPENDENT, model_of
+from tracker.detector_models.model import model_of
 from tracker.detector_models.shared_errors import SharedErrors
 from tracker.formats.source_options import SourceOptions
+from tracker.metrics.clear_mot import score
+from tracker.metrics.evaluation import evaluated_people, matching_frames
+from tracker.recordings import Recording
 
+FIGURES = ("mota", "idf1", "hota", "misses", "false_positives", "switches", "motp_m", "truths")
+"""Names of the scores of a run."""
 BOUNDS: dict[str, tuple[float, float]] = {"mota": (-np.inf, 1.0), "idf1": (0.0, 1.0), "hota": (0.0, 1.0)}
 """Least and greatest value of figures; others are counts and distances of at least 0."""
 FITTED = "fitted"
 """The detector whose models are fitted to the recording."""
 Progress = Callable[..., Iterable[Any]]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Scores by name (FIGURES; NaN where undefined), and counts of errors: kind → cause → number, as `stress` has them."""
+
+    figures: dict[str, float]
+    causes: dict[str, dict[str, int]]
+
+
+def outcome(recording: Recording, tracker: TrackerUnderTest, run: str) -> Outcome:
+    """Track a recording with truth and score it as `pilsim score` does. run: NAME/SEED, by which tracks made elsewhere are found."""
+    sequence = recording.sequence()
+    assert sequence.truth is not None
+    ticks = list(sequence.ticks)[: len(sequence.truth)]
+    results = tracker.results_of(sequence.setup, ticks, run)
+    people = {t.index: (t.person_id, t.feet) for t in sequence.truth}
+    found: dict[str, Any] = score(matching_frames(people, results.tracks, evaluated_people(sequence.truth, sequence.setup.period))).to_dict()
+    figures = {name: float("nan") if found[name] is None else float(found[name]) for name in FIGURES}
+    case = Case("prediction", "prediction", "seed", run, default_scenario(), source=RECORDED)
+    data = TrialData(case, sequence.setup, ticks, sequence.truth, [{} for _ in ticks], sequence.setup, ticks, {})
+    return Outcome(figures, count_causes(find_mistakes(gather_evidence(data, results))))
 
 
 @dataclass(frozen=True)
@@ -117,15 +145,15 @@ def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress |
     if not plan.seeds:
         raise ValueError("seeds are none, needs at least one")
     halves = open_halves(plan.path, plan.options, plan.fit_frames, FITTED in plan.detectors.values())
-    calls, names = list[tuple[Source, Models | str, TrackerUnderTest, int]](), list[str]()
+    calls, names = list[tuple[Source, FittedViews | None, TrackerUnderTest, int]](), list[str]()
     shared: SharedErrors | None = None
     for name, choice in plan.detectors.items():
         models = _models(choice, halves, plan.path)
-        shared = models.shared if models is not None and shared is None else shared
+        shared = shared or models.shared
         calls += [(halves.tried, models, plan.tracker, seed) for seed in plan.seeds]
         names += [name] * len(plan.seeds)
     if halves.real:
-        calls.append((halves.tried, REAL, plan.tracker, 0))
+        calls.append((halves.tried, None, plan.tracker, 0))
     done = (_outcome(*call) for call in calls) if pool is None else pool.results(_outcome, calls)
     found = list(done if progress is None else progress(done, total=len(calls)))
     twins = {name: tuple(one for one, other in zip(found, names, strict=False) if other == name) for name in plan.detectors}
@@ -134,22 +162,16 @@ def predict(plan: PredictionPlan, pool: Pool | None = None, progress: Progress |
     return Prediction(twins, found[-1] if halves.real else None, halves.fit_frames, halves.try_frames, len(persons), cameras, shared)
 
 
-REAL = "real"
-
-
-def _models(choice: str, halves: Halves, path: Path) -> Models:
+def _models(choice: str, halves: Halves, path: Path) -> FittedViews:
     if choice == FITTED:
         assert halves.fitted is not None
         return fit_views(halves.fitted, path)
-    model = model_of(choice)
-    if model is None:
-        return None
     recording = halves.tried.recording
-    return FittedViews(dict.fromkeys(list(recording.detections) or list(recording.cameras), model))
+    return FittedViews(dict.fromkeys(list(recording.detections) or list(recording.cameras), model_of(choice)))
 
 
-def _outcome(source: Source, models: Models | str, tracker: TrackerUnderTest, seed: int) -> Outcome:
-    """One run, perhaps in another process."""
-    if isinstance(models, str):
-        return outcome(source.recording, tracker, f"{models}/{seed}")
-    return outcome(twin(source, models, seed), tracker, f"{INDEPENDENT if models is None else 'twin'}/{seed}")
+def _outcome(source: Source, views: FittedViews | None, tracker: TrackerUnderTest, seed: int) -> Outcome:
+    """One run, of a twin or with views None of the real boxes, perhaps in another process."""
+    if views is None:
+        return outcome(source.recording, tracker, f"real/{seed}")
+    return outcome(twin(source, views, seed), tracker, f"twin/{seed}")

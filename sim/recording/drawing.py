@@ -17,7 +17,7 @@ from sim.rendering.coverage import UnoccludedExtent
 from sim.rendering.draw_list import classes
 from sim.rendering.panorama import PanoramaRenderer, RenderedImage
 from sim.sensors.keypoints import InstanceImage
-from sim.sensors.person_detector import seen_people
+from sim.sensors.true_boxes import seen_people
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Image
 from tracker.geometry.cameras import Camera

@@ -13,10 +13,10 @@ import numpy as np
 
 from sim.rendering.panorama import RenderedImage
 from sim.scenario import Scenario
-from sim.sensors.person_detector import People
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.sensors.robot_detector import RobotDetector, is_rover_panorama
 from sim.sensors.robot_sensors import RobotSensors
+from sim.sensors.true_boxes import People
 from sim.sensors.view_detectors import ViewDetectors
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Pose

@@ -24,8 +24,8 @@ from sim.recording.frames import Frame, FrameAssembler, FrameState, simulated_fr
 from sim.recording.shots import Moment, ShotPlan
 from sim.recording.tracker_setup import FixedCamera, make_setup, told_setup
 from sim.scenario import Scenario
-from sim.sensors.person_detector import truth_above
 from sim.sensors.robot_sensors import RobotSensors
+from sim.sensors.true_boxes import truth_above
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Pose
 from tracker.geometry.ground import Grid

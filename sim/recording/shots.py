@@ -23,7 +23,7 @@ from sim.cameras.stitching import HalfPanorama
 from sim.effects import Effects
 from sim.recording.frames import FrameState
 from sim.scenario import Scenario
-from sim.sensors.person_detector import People
+from sim.sensors.true_boxes import People
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera

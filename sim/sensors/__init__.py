@@ -1,3 +1,3 @@
 """Sensor models: detections of people and robots, key points, landmarks and exposure, from rendered images or by ray casting.
 
-Read `person_detector.py` first."""
+Read `true_boxes.py` first."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sim.pedestrian.skeleton import LIMBS
 from sim.rendering.draw_list import GROUPS
-from sim.sensors.person_detector import HIPS, People
+from sim.sensors.true_boxes import HIPS, People
 from sim.simulation.simulation import ABSENT, Simulation
 from tracker.geometry import Array, Ints, Mask, Pose, perturbed_bearings
 from tracker.geometry.cameras import Camera

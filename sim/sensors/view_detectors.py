@@ -1,6 +1,6 @@
-"""The simulated detectors of all views of a run: with independent errors, or with the errors of a detector model.
+"""The simulated detectors of all views of a run, as a detector model says: each with one random stream.
 
-Both have one random stream a view, and give the same detections with and without rendering where the truth of the views is the same.
+They give the same detections with and without rendering where the truth of the views is the same.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import final
 import numpy as np
 
 from sim.scenario import Scenario
-from sim.sensors.person_detector import Detector
 from tracker.detections.boxes import detections_from_boxes
-from tracker.detector_models.bodies import BODY, LEAST_IN_IMAGE, TrueBodies, outlined
-from tracker.detector_models.model import DetectorModel, model_of
-from tracker.detector_models.sampler import Place, ViewSampler
+from tracker.detector_models.bodies import BODY, LEAST_IN_IMAGE, Place, TrueBodies, outlined
+from tracker.detector_models.independent import IndependentErrors
+from tracker.detector_models.model import DetectorModel, Model, model_of
+from tracker.detector_models.sampler import ViewSampler
 from tracker.geometry import Array, Ints
 from tracker.geometry.cameras import Camera
 from tracker.geometry.image_boxes import body_outlines
@@ -33,27 +33,31 @@ class ViewDetectors:
     """
 
     def __init__(self, scenario: Scenario, mounts: Mapping[str, Mount], persons: Iterable[int]) -> None:
-        self.mounts, self.detector = mounts, Detector.of(scenario)
-        self.model, self.streams = model_of(scenario.detector_model), {name: scenario.stream(f"detector/{name}") for name in mounts}
-        persons = list(persons)
-        self.samplers: dict[str, ViewSampler] = {}
-        if self.model is not None:
-            for name, mount in mounts.items():
-                self.samplers[name] = ViewSampler(self.model, mount.camera, scenario.period, persons, self.streams[name])
+        errors = IndependentErrors(scenario.misses, scenario.clutter, scenario.bearing_noise, scenario.min_visible)
+        model, run = model_of(scenario.detector_model, errors), (scenario.period, list(persons))
+        self.detectors = {name: ViewDetector(model, mount.camera, run, scenario.stream(f"detector/{name}")) for name, mount in mounts.items()}
 
     def detect(self, name: str, view: ViewTruth, persons: Ints, feet: Array) -> Detections:
         """Detections in a view. persons (m,) ids and feet (m, 3) m, world, of all people who are present."""
-        camera = self.mounts[name].camera
-        if self.model is None:
-            return self.detector.detect(camera, view, self.streams[name])
-        return modelled(self.model, self.samplers[name], (camera, view), persons, feet)
+        return self.detectors[name].detect(view, persons, feet)
 
 
-def modelled(model: DetectorModel, sampler: ViewSampler, seen: tuple[Camera, ViewTruth], persons: Ints, feet: Array) -> Detections:
-    """Detections of the next frame of a view by a detector model; arguments as in `true_bodies`."""
-    camera, view = seen
-    made = sampler.step(true_bodies(model, camera, view, persons, feet), Place(view.T_world_camera, view.ground))
-    return detections_from_boxes(camera, made.boxes, made.confidence)
+@final
+class ViewDetector:
+    """The simulated detector of one view by a model. run: period s, and ids of all people of the run. rng: the random stream of the view."""
+
+    def __init__(self, model: Model, camera: Camera, run: tuple[float, Iterable[int]], rng: np.random.Generator) -> None:
+        self.model, self.camera, self.rng = model, camera, rng
+        self.sampler = None if isinstance(model, IndependentErrors) else ViewSampler(model, camera, *run, rng)
+
+    def detect(self, view: ViewTruth, persons: Ints, feet: Array) -> Detections:
+        """Detections of the next frame; arguments as in `true_bodies`."""
+        if isinstance(self.model, IndependentErrors):
+            return self.model.detect(self.camera, view, self.rng)
+        assert self.sampler is not None
+        bodies = true_bodies(self.model, self.camera, view, persons, feet)
+        made = self.sampler.step(bodies, Place(view.T_world_camera, view.ground))
+        return detections_from_boxes(self.camera, made.boxes, made.confidence)
 
 
 def true_bodies(model: DetectorModel, camera: Camera, view: ViewTruth, persons: Ints, feet: Array) -> TrueBodies:

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.sensors.person_detector import Detector
 from sim.stress.tracker_under_test import TrackerUnderTest, check_estimates
 from sim.stress.trial_data import TrialData, match_persons
 from tracker.detections.ground_points import GroundDetections, project_to_ground
 from tracker.detections.occlusion import Viewpoint
+from tracker.detector_models.independent import IndependentErrors
 from tracker.geometry import Array, Ints, Pose
 from tracker.metrics.clear_mot import score
 from tracker.mht.tracker import MhtTracker
@@ -145,7 +145,7 @@ def _true_detections(data: TrialData, camera: str, k: int) -> tuple[Detections, 
     """The true boxes of all persons who are visible enough in the view, and the persons (n,)."""
     scenario, mount, view = data.case.scenario, data.setup.mounts[camera], data.views[k][camera]
     # Without noise, the random draws change the order and the confidence only, and the confidence is set to 1.
-    found = Detector(0.0, 0.0, 0.0, scenario.min_visible).detect(mount.camera, view, np.random.default_rng(0))
+    found = IndependentErrors(0.0, 0.0, 0.0, scenario.min_visible).detect(mount.camera, view, np.random.default_rng(0))
     found = replace(found, confidence=np.ones(len(found)))
     return found, match_persons(found, mount.camera, view.boxes)
 

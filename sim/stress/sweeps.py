@@ -15,7 +15,7 @@ import numpy as np
 from sim.datasets.presets import PRESETS
 from sim.scenario import INDEPENDENT, Scenario
 from sim.stress.faults import KNOWLEDGE, Faults
-from tracker.detector_models.model import model_of
+from tracker.detector_models.model import named_model
 
 Value = int | float | str
 
@@ -234,8 +234,7 @@ def _room_case(sweep: Sweep, number: int, start: Scenario) -> Case:
     value = sweep.values[number]
     scenario = replace(PRESETS[ROOM].scenario, frames=start.frames, width=start.width, seed=start.seed, detector_model=start.detector_model)
     if sweep.name == "lasting":
-        model = model_of("faster-rcnn")
-        assert model is not None
+        model = named_model("faster-rcnn")
         changed = replace(model, standing=replace(model.standing, sites=float(value)))
         scenario = replace(scenario, detector_model=changed.to_json())
     else:

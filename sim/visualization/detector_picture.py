@@ -12,10 +12,11 @@ import matplotlib.layout_engine
 import numpy as np
 
 from sim.visualization.overlays import COLOURS, INK, save_figure
+from tracker.detector_models.bodies import OVERLAPS
 from tracker.detector_models.comparison import miss_runs
 from tracker.detector_models.fit import edge_errors
 from tracker.detector_models.fitting import Fit, places_note
-from tracker.detector_models.model import EDGES, OVERLAPS
+from tracker.detector_models.model import EDGES
 from tracker.detector_models.samples import Samples
 from tracker.geometry import Array
 from tracker.metrics.box_detection import BINS, JudgedBoxes, reliability

@@ -8,9 +8,10 @@ from __future__ import annotations
 from tests.conftest import DATA
 from tracker.detector_models.comparison import distances, table
 from tracker.detector_models.fitting import agreed_source, open_source
+from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import named_model
 from tracker.detector_models.samples import joined
-from tracker.detector_models.simulation import independent_detections, simulated_detections
+from tracker.detector_models.simulation import simulated_detections
 from tracker.formats.source_options import SourceOptions
 
 SEEDS = (1, 2, 3)
@@ -34,7 +35,7 @@ def compared(name: str) -> dict[str, dict[str, float]]:
         sources.append(agreed_source(open_source(path, SourceOptions.parse(given, cameras=cameras, frames=frames))))
     real, filled = joined([source.samples() for source in sources]), (model.edges.hidden, model.edges.border)
     own = joined([s.samples(simulated_detections(s.recording, s.truth, model, seed)) for s in sources for seed in SEEDS])
-    plain = joined([s.samples(independent_detections(s.recording, s.truth, seed)) for s in sources for seed in SEEDS])
+    plain = joined([s.samples(simulated_detections(s.recording, s.truth, IndependentErrors(), seed)) for s in sources for seed in SEEDS])
     return {name: distances(real, own, filled), "independent": distances(real, plain, filled)}
 
 

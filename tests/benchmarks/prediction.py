@@ -18,15 +18,15 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kendalltau, spearmanr
 
-from sim.prediction.halves import fit_views, open_halves
+from sim.prediction.halves import fit_views, open_halves, twin
 from sim.prediction.predict import FITTED, Prediction, PredictionPlan, predict
-from sim.prediction.twins import twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.conftest import DATA
 from tracker.detector_models.comparison import distances
+from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import INDEPENDENT
 from tracker.detector_models.samples import joined
-from tracker.detector_models.simulation import independent_detections
+from tracker.detector_models.simulation import simulated_detections
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array
 from tracker.io.json_files import json_text
@@ -127,7 +127,7 @@ def box_distances(row: Row, tuning: bool, seeds: Iterable[int]) -> dict[str, dic
     models, tried = fit_views(halves.fitted, row.path), halves.tried
     recording, truth, real = tried.recording, tried.truth, tried.samples()
     own = joined([tried.samples(dict(twin(tried, models, seed).detections)) for seed in seeds])
-    plain = joined([tried.samples(independent_detections(recording, truth, seed)) for seed in seeds])
+    plain = joined([tried.samples(simulated_detections(recording, truth, IndependentErrors(), seed)) for seed in seeds])
     return {FITTED: distances(real, own, WHOLE), INDEPENDENT: distances(real, plain, WHOLE)}
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.prediction.outcomes import FIGURES, Outcome, outcome
-from sim.prediction.predict import Prediction
+from sim.prediction.predict import FIGURES, Outcome, Prediction, outcome
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.benchmarks import prediction
 from tests.benchmarks.room import room

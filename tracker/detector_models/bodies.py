@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,10 @@ NEARER = 0.15
 """m by which a body must be nearer to hide another one."""
 LEAST_IN_IMAGE = 0.25
 """Bodies of which a smaller share lies in the image are no subject of a detector."""
+MATCH = 0.3
+"""Least IoU of a box with the true box, or with its visible part, of the person whom it shows."""
+OVERLAPS = (0.3, 0.5, 0.7)
+"""Lower ends of the bins of overlap, the intersection of two true boxes over the smaller one, in which merges are counted."""
 FEATURES = ("constant", "hidden", "mostly hidden", "size", "cut")
 """What the probability of a miss depends on: see `features`."""
 
@@ -56,6 +61,22 @@ class TrueBodies:
         hidden = 1.0 - self.visible
         size = np.clip(np.log2(self.height / image_height), *sizes)
         return np.column_stack([np.ones(len(hidden)), hidden, np.maximum(hidden - 0.5, 0.0), size, self.cut])
+
+
+class Place(NamedTuple):
+    """Where a camera is: T_world_camera, and the height of the ground below it, m."""
+
+    pose: Pose
+    ground: float
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedBoxes:
+    """Boxes (n, 4) left, top, width, height px, confidences (n,), and the person (n,) of each; 0 for false boxes."""
+
+    boxes: Array
+    confidence: Array
+    person: Ints
 
 
 def outlined(camera: Camera, low: Array, high: Array) -> tuple[Array, Array, Array]:
@@ -130,3 +151,21 @@ def _unhidden(box: Array, nearer: Array, camera: Camera) -> tuple[Array, float]:
     half = step / 2
     edges = np.array([u[cols[0]] - half[0], v[rows[0]] - half[1], u[cols[-1]] + half[0], v[rows[-1]] + half[1]])
     return edges, float(free.mean())
+
+
+def overlaps(edges: Array) -> Array:
+    """Intersection of each two boxes (n, 4) px over the smaller one, (n, n)."""
+    low, high = np.maximum(edges[:, None, :2], edges[None, :, :2]), np.minimum(edges[:, None, 2:], edges[None, :, 2:])
+    area = np.maximum(np.prod(edges[:, 2:] - edges[:, :2], axis=1), 1e-9)
+    return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=2) / np.minimum(area[:, None], area[None]))
+
+
+def nearest_overlap(bodies: TrueBodies) -> tuple[Ints, Array]:
+    """The nearer person (n,) whose box overlaps that of each person most, −1 for none, and the overlap (n,)."""
+    if not len(bodies.person):
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    shared = overlaps(bodies.whole)
+    shared[bodies.distance[:, None] <= bodies.distance[None]] = 0.0
+    other = np.argmax(shared, axis=1)
+    most = shared[np.arange(len(other)), other]
+    return np.where(most >= OVERLAPS[0], other, -1), most

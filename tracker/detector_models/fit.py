@@ -10,13 +10,12 @@ import numpy as np
 from scipy.special import expit, gammaincinv, ndtri, stdtrit
 
 from tracker.detector_models import processes
-from tracker.detector_models.bodies import FEATURES
+from tracker.detector_models.bodies import FEATURES, OVERLAPS
 from tracker.detector_models.model import (
     CLEAR,
     EDGES,
     KNOTS,
     MOST_SAMPLES,
-    OVERLAPS,
     Confidences,
     DetectorModel,
     EdgeErrors,
@@ -45,9 +44,7 @@ LEAST_VISIBLE = 0.02
 """A smaller visible share is none: such bodies say nothing of the features."""
 
 
-def fit(
-    samples: Samples, name: str, bodies: str, made: Mapping[str, Any], replicates: int = REPLICATES, view_alone: bool = False
-) -> DetectorModel:
+def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], replicates: int = REPLICATES, view_alone: bool = False) -> DetectorModel:
     """The model of a detector. bodies, made: as in DetectorModel. replicates: of the bootstrap.
 
     view_alone: the model is of one view, so that errors of edges may depend on the place in the image. Raises ValueError where there is too little

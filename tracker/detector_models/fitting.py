@@ -10,11 +10,12 @@ from typing import Any
 
 from tracker.detector_models.comparison import distances
 from tracker.detector_models.fit import fit
+from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import TruePeople, observed, true_people
 from tracker.detector_models.samples import Samples, joined, samples_of
 from tracker.detector_models.shared_errors import agreed
-from tracker.detector_models.simulation import Simulated, independent_detections, simulated_detections
+from tracker.detector_models.simulation import Simulated, simulated_detections
 from tracker.formats.opening import open_recording
 from tracker.formats.source_options import SourceOptions
 from tracker.io.resume import checksum
@@ -83,6 +84,6 @@ def fit_sources(sources: Sequence[Source], name: str) -> Fit:
     made = {"pilsim": version("pilsim"), "sources": [source.description for source in sources]}
     model = fit(real, name, kinds.pop(), made)
     own = joined([s.samples(simulated_detections(s.recording, s.truth, model, SEED)) for s in sources])
-    plain = joined([s.samples(independent_detections(s.recording, s.truth, SEED)) for s in sources])
+    plain = joined([s.samples(simulated_detections(s.recording, s.truth, IndependentErrors(), SEED)) for s in sources])
     filled = (model.edges.hidden, model.edges.border)
     return Fit(model, real, own, {"this model": distances(real, own, filled), "independent": distances(real, plain, filled)})

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tracker.detector_models.bodies import FEATURES
+from tracker.detector_models.bodies import FEATURES, OVERLAPS
+from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.trends import TREND
 from tracker.io.json_files import json_text, parse_json, read_json
 from tracker.io.text_files import shown
@@ -23,12 +24,10 @@ KNOTS = 21
 EDGES = ("left", "top", "right", "bottom")
 TERMS = ("middle", "top", "width", "bottom")
 """Errors of the edges left and right are those of their middle and of the width, which are nearly independent of each other."""
-OVERLAPS = (0.3, 0.5, 0.7)
-"""Lower ends of the bins of overlap, the intersection of two true boxes over the smaller one, in which merges are counted."""
 CLEAR = 0.75
 """Visible share from which on a body counts as clear: boxes of bodies that are hidden more have larger errors."""
 INDEPENDENT = "independent"
-"""The name of the simulated detector with independent errors, which has no model file."""
+"""The name of the model with independent errors, whose numbers are those of the scenario: it has no file."""
 MOST_SAMPLES = 400
 LONGEST = 1e6
 
@@ -224,10 +223,16 @@ def chosen_model(text: str) -> str:
     return text
 
 
-def model_of(choice: str) -> DetectorModel | None:
-    """The model of a scenario, as `chosen_model` gave it; None for INDEPENDENT. Raises ValueError for an unknown name or other content."""
+Model = DetectorModel | IndependentErrors
+
+
+def model_of(choice: str, independent: IndependentErrors | None = None) -> Model:
+    """The model of a scenario, as `chosen_model` gave it. independent: the errors of INDEPENDENT, None for the default ones.
+
+    Raises ValueError for an unknown name or other content.
+    """
     if choice == INDEPENDENT:
-        return None
+        return independent or IndependentErrors()
     return DetectorModel.from_json(choice) if choice.lstrip().startswith("{") else named_model(choice)
 
 

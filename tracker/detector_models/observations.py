@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tracker.detector_models.bodies import TrueBodies, bodies_in_view
-from tracker.detector_models.overlaps import MATCH, nearest_overlap
+from tracker.detector_models.bodies import MATCH, TrueBodies, bodies_in_view, nearest_overlap
 from tracker.formats.opening import format_of
 from tracker.formats.pets2009 import ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
@@ -101,9 +100,7 @@ def true_people(path: Path, recording: Recording, cameras: Iterable[str] = ()) -
     return TruePeople(recording.truth, {})
 
 
-def observed(
-    recording: Recording, truth: TruePeople, detections: Mapping[str, FrameBoxes] | None = None, near: float = 0.0
-) -> Iterator[ViewFrame]:
+def observed(recording: Recording, truth: TruePeople, detections: Mapping[str, FrameBoxes] | None = None, near: float = 0.0) -> Iterator[ViewFrame]:
     """The views of all frames with truth. detections: in place of those of the recording. near: as in `match_frame`."""
     given = recording.detections if detections is None else detections
     for name, boxes in given.items():
@@ -237,4 +234,3 @@ def judged(recording: Recording, feet: Array) -> Mask:
         return np.ones(len(feet), dtype=np.bool_)
     low, high = np.asarray(recording.area)
     return np.asarray(((feet[:, :2] >= low - MARGIN) & (feet[:, :2] <= high + MARGIN)).all(axis=1))
-

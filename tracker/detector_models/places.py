@@ -59,5 +59,3 @@ def at_its_places(model: DetectorModel, samples: Samples) -> DetectorModel:
     rate = len(rows) / (samples.period * total + min(life, LONGEST))
     standing = replace(model.standing, fixed=fixed, life_s=round(min(life, LONGEST), 4), births=round(rate, 5) if fixed else 0.0)
     return replace(model, standing=standing if fixed else replace(standing, sites=0.0))
-
-

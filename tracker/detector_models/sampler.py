@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
 from scipy.special import expit, ndtr
 
-from tracker.detector_models.bodies import TrueBodies
-from tracker.detector_models.model import CLEAR, KNOTS, OVERLAPS, DetectorModel, persistence
-from tracker.detector_models.overlaps import MATCH, nearest_overlap
+from tracker.detector_models.bodies import MATCH, OVERLAPS, Place, SimulatedBoxes, TrueBodies, nearest_overlap
+from tracker.detector_models.model import CLEAR, KNOTS, DetectorModel, persistence
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, next_example, second_rates
 from tracker.detector_models.trends import trend_features
-from tracker.geometry import Array, Ints, Mask, Pose
+from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.camera_protocol import Camera
 from tracker.geometry.image_boxes import body_outlines, clipped, paired_overlaps
 
@@ -28,22 +26,6 @@ HALVINGS = 4
 """How often the errors of a box that would not match its body are halved, at most."""
 LEAST_VISIBLE = 0.02
 """A smaller visible share is none."""
-
-
-class Place(NamedTuple):
-    """Where a camera is: T_world_camera, and the height of the ground below it, m."""
-
-    pose: Pose
-    ground: float
-
-
-@dataclass(frozen=True, eq=False)
-class SimulatedBoxes:
-    """Boxes (n, 4) left, top, width, height px, confidences (n,), and the person (n,) of each; 0 for false boxes."""
-
-    boxes: Array
-    confidence: Array
-    person: Ints
 
 
 @final

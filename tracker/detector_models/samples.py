@@ -9,9 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tracker.detector_models.bodies import TrueBodies
+from tracker.detector_models.bodies import TrueBodies, nearest_overlap
 from tracker.detector_models.observations import ViewFrame, ground_place, judged
-from tracker.detector_models.overlaps import nearest_overlap
 from tracker.detector_models.processes import Pairs, pairs_of
 from tracker.geometry import Array, Ints, Mask
 from tracker.geometry.image_boxes import box_overlaps, clipped

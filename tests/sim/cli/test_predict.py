@@ -8,9 +8,8 @@ import pytest
 
 from sim.cli.main import main
 from sim.prediction import PredictionPlan, predict
-from sim.prediction.halves import fit_views, open_halves
+from sim.prediction.halves import fit_views, open_halves, twin
 from sim.prediction.predict import BOUNDS, Predicted
-from sim.prediction.twins import twin
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.recordings.walked_room import walked_room
 from tracker.formats.recording_export import write_recording

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from sim.prediction import PredictionPlan
-from sim.prediction.outcomes import FIGURES, Outcome
-from sim.prediction.predict import FITTED, INDEPENDENT, Predicted, Prediction
+from sim.prediction.predict import FIGURES, FITTED, INDEPENDENT, Outcome, Predicted, Prediction
 from sim.prediction.record import content, read_prediction
 from sim.report.prediction_page import plots, write_prediction_page
 from sim.stress.tracker_under_test import TrackerUnderTest

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from sim.rendering.coverage import UnoccludedExtent
 from sim.sensors.keypoints import InstanceImage
-from sim.sensors.person_detector import Detector, People, true_boxes
+from sim.sensors.true_boxes import People, true_boxes
+from tracker.detector_models.independent import IndependentErrors
 from tracker.geometry import Pose, angles_from_bearing
 from tracker.geometry.cameras import Camera, Panorama, pinhole
 from tracker.types import Boxes, Keypoints, ViewTruth
@@ -65,7 +66,7 @@ def test_a_body_over_the_seam_with_a_hidden_column_keeps_its_width() -> None:
 
 def test_a_perfect_detector_reports_the_visible_boxes_and_nothing_else() -> None:
     boxes = boxes_of(*scene())
-    found = Detector(0.0, 0.0, 0.0, 0.2).detect(CAMERA, view(boxes), np.random.default_rng(0))
+    found = IndependentErrors(0.0, 0.0, 0.0, 0.2).detect(CAMERA, view(boxes), np.random.default_rng(0))
     assert len(found) == 3
     azimuth, elevation = (np.degrees(a) for a in angles_from_bearing(found.bearing))
     order = np.argsort(azimuth)
@@ -78,7 +79,7 @@ def test_a_perfect_detector_reports_the_visible_boxes_and_nothing_else() -> None
 def test_misses_and_clutter_come_at_their_rates() -> None:
     boxes = boxes_of(*scene())
     rng = np.random.default_rng(1)
-    counts = np.array([len(Detector(0.25, 0.5, 0.001, 0.2).detect(CAMERA, view(boxes), rng)) for _ in range(2000)])
+    counts = np.array([len(IndependentErrors(0.25, 0.5, 0.001, 0.2).detect(CAMERA, view(boxes), rng)) for _ in range(2000)])
     assert counts.mean() == pytest.approx(3 * 0.75 + 0.5, abs=0.08)
 
 
@@ -87,7 +88,7 @@ def test_edges_have_the_noise_that_is_asked_for() -> None:
     rng, sigma = np.random.default_rng(2), math.radians(0.15)
     lows = []
     for _ in range(2000):
-        found = Detector(0.0, 0.0, sigma, 0.9).detect(CAMERA, view(boxes), rng)
+        found = IndependentErrors(0.0, 0.0, sigma, 0.9).detect(CAMERA, view(boxes), rng)
         azimuth, elevation = angles_from_bearing(found.bearing)
         k = int(np.argmin(np.abs(azimuth - math.radians(75))))
         lows.append(elevation[k] - found.extent[k, 1] / 2)
@@ -97,19 +98,19 @@ def test_edges_have_the_noise_that_is_asked_for() -> None:
 
 def test_people_below_the_visible_fraction_are_not_detected() -> None:
     boxes = boxes_of(*scene())
-    assert len(Detector(0.0, 0.0, 0.0, 0.6).detect(CAMERA, view(boxes), np.random.default_rng(0))) == 2
+    assert len(IndependentErrors(0.0, 0.0, 0.0, 0.6).detect(CAMERA, view(boxes), np.random.default_rng(0))) == 2
 
 
 def test_a_miss_does_not_change_the_noise_of_the_others() -> None:
     boxes = boxes_of(*scene())
     fewer = Boxes(boxes.person, boxes.seen, boxes.full, np.array([0.0, 1.0, 1.0, 0.0]), boxes.range)
-    all_of_them, some = (Detector(0.0, 0.0, 0.01, 0.2).detect(CAMERA, view(b), np.random.default_rng(3)) for b in (boxes, fewer))
+    all_of_them, some = (IndependentErrors(0.0, 0.0, 0.01, 0.2).detect(CAMERA, view(b), np.random.default_rng(3)) for b in (boxes, fewer))
     assert {tuple(b) for b in some.bearing} < {tuple(b) for b in all_of_them.bearing}
 
 
 def test_empty_view() -> None:
     boxes = boxes_of(np.zeros((180, 360), np.uint16), [], [])
-    assert len(Detector(0.1, 0.0, 0.01, 0.2).detect(CAMERA, view(boxes), np.random.default_rng(0))) == 0
+    assert len(IndependentErrors(0.1, 0.0, 0.01, 0.2).detect(CAMERA, view(boxes), np.random.default_rng(0))) == 0
 
 
 def test_a_pinhole_has_no_seam() -> None:
@@ -123,7 +124,7 @@ def test_a_perfect_detector_on_a_pinhole_reports_the_visible_boxes() -> None:
     instances, persons, unoccluded = scene()
     instances[85:95, 354:] = 0
     boxes = boxes_of(instances, persons, unoccluded, camera)
-    found = Detector(0.0, 0.0, 0.0, 0.2).detect(camera, view(boxes), np.random.default_rng(0))
+    found = IndependentErrors(0.0, 0.0, 0.0, 0.2).detect(camera, view(boxes), np.random.default_rng(0))
     # The bearing's azimuth is that of the middle of the lower edge, which in a level pinhole is that of its column.
     focal = 180 / np.tan(0.6)
     azimuth, elevation = angles_from_bearing(found.bearing)
@@ -138,7 +139,7 @@ def test_clutter_of_a_pinhole_stands_on_the_ground() -> None:
     boxes = boxes_of(np.zeros((180, 360), np.uint16), [], [], camera)
     rng, heights, count = np.random.default_rng(4), [], 0
     for _ in range(300):
-        found = Detector(0.0, 1.0, 0.0, 0.2).detect(camera, view(boxes), rng)
+        found = IndependentErrors(0.0, 1.0, 0.0, 0.2).detect(camera, view(boxes), rng)
         _, elevation = angles_from_bearing(found.bearing)
         low, high = elevation - found.extent[:, 1] / 2, elevation + found.extent[:, 1] / 2
         heights += list(1.5 * (1 - np.tan(high) / np.tan(low)))

@@ -10,8 +10,8 @@ from sim.recording.frames import Frame, raycast_frames
 from sim.recording.record import rendered_frames
 from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
-from sim.sensors.person_detector import People
 from sim.sensors.raycast_camera import TARGET_MARGIN, LandmarkSensor, RaycastCamera
+from sim.sensors.true_boxes import People
 from sim.simulation.simulation import Simulation
 from tests.sim.yard import yard
 from tracker.geometry import Array, Pose

@@ -8,10 +8,11 @@ import pytest
 from tests.tracker.recordings.walked_room import walked_room
 from tracker.detector_models.comparison import distances, table
 from tracker.detector_models.fit import fit
+from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import Confidences, DetectorModel, EdgeErrors, FalseBoxes, Merges, Misses, SecondBoxes, StandingBoxes
 from tracker.detector_models.observations import TruePeople, observed
 from tracker.detector_models.samples import joined, samples_of
-from tracker.detector_models.simulation import independent_detections, simulated_detections
+from tracker.detector_models.simulation import simulated_detections
 
 SPREAD = np.array([0.02, 0.03, 0.03, 0.03])
 """Of the terms of the edges, in body heights."""
@@ -99,7 +100,7 @@ def test_simulated_boxes_are_nearer_than_independent_ones(room, fitted):
     samples, model = fitted
     truth = TruePeople(room.truth, {})
     own = samples_of(room, observed(room, truth, simulated_detections(room, truth, model, 11)))
-    plain = samples_of(room, observed(room, truth, independent_detections(room, truth, 11)))
+    plain = samples_of(room, observed(room, truth, simulated_detections(room, truth, IndependentErrors(), 11)))
     filled = (model.edges.hidden, model.edges.border)
     near, far = distances(samples, own, filled), distances(samples, plain, filled)
     for name in ("miss runs", "top edge", "bottom edge", "top edge, autocorrelation", "confidence of people", "boxes of a view"):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import INDEPENDENT, DetectorModel, chosen_model, model_names, model_of, named_model, read_model
 
 NAMES = ["fairmot", "faster-rcnn", "keypoint-rcnn", "pets-det", "pixels"]
@@ -33,14 +34,14 @@ def test_round_trip(name, tmp_path):
     assert read_model(tmp_path / "m.json").to_json() == text
     chosen = chosen_model(str(tmp_path / "m.json"))
     found = model_of(chosen)
-    assert found is not None
+    assert isinstance(found, DetectorModel)
     assert found.to_json() == text
     assert chosen_model(name) == name
 
 
-def test_independent_has_no_model():
+def test_independent_has_no_file():
     assert chosen_model(INDEPENDENT) == INDEPENDENT
-    assert model_of(INDEPENDENT) is None
+    assert model_of(INDEPENDENT) == IndependentErrors()
 
 
 @pytest.mark.parametrize(
