@@ -11,11 +11,12 @@ from typing import Any
 import pytest
 
 from sim.prediction import PredictionPlan
-from sim.prediction.predict import FIGURES, FITTED, INDEPENDENT, Outcome, Predicted, Prediction
+from sim.prediction.predict import FIGURES, FITTED, Outcome, Predicted, Prediction
 from sim.prediction.record import content, read_prediction
 from sim.report.prediction_page import plots, write_prediction_page
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.sim.browser import CHROMIUM, Browser
+from tracker.detector_models.model import INDEPENDENT
 from tracker.formats.source_options import SourceOptions
 from tracker.io.json_files import json_text
 
