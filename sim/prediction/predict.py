@@ -21,8 +21,9 @@ from tracker.detector_models.model import model_of
 from tracker.detector_models.shared_errors import SharedErrors
 from tracker.formats.source_options import SourceOptions
 from tracker.metrics.clear_mot import score
-from tracker.metrics.evaluation import evaluated_people, matching_frames
+from tracker.metrics.evaluation import matching_frames
 from tracker.recordings import Recording
+from tracker.types.truth import evaluated_people
 
 FIGURES = ("mota", "idf1", "hota", "misses", "false_positives", "switches", "motp_m", "truths")
 """Names of the scores of a run."""
