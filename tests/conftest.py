@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from zlib import crc32
 
@@ -49,6 +50,27 @@ def pytest_itemcollected(item: pytest.Item) -> None:
     """Tests with the fixture `data` read real recordings."""
     if isinstance(item, pytest.Function) and "data" in item.fixturenames:
         item.add_marker(pytest.mark.data)
+
+
+NEEDS = {"command", "soak"}
+"""Markers of tests that may start processes."""
+_running: list[pytest.Item] = []
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    _running[:] = [item]
+    yield
+    _running.clear()
+
+
+def _check_process(event: str, _: tuple[object, ...]) -> None:
+    """A unit test that starts a process fails: the marker `command` would have it where it belongs."""
+    if event == "subprocess.Popen" and _running and not NEEDS & {mark.name for mark in _running[0].iter_markers()}:
+        raise RuntimeError(f"{_running[0].nodeid} starts a process and has no marker `command`")
+
+
+sys.addaudithook(_check_process)
 
 
 def skip_reasons(config: pytest.Config) -> list[str]:

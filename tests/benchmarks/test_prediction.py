@@ -43,7 +43,7 @@ def test_a_star_needs_both_figures() -> None:
     assert prediction.line("row", near) == "| row | 0.950 / 0.950 | 0.975 / 0.975 * | 0.975 / 0.975 * |"
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_row_and_its_distances(data: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
     data("cmc", "CMC1")
     prediction.run(["cmc1-fairmot"], range(1), True, True, False)

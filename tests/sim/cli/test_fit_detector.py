@@ -36,7 +36,7 @@ def test_fit(room, tmp_path, monkeypatch, capsys):
     assert json.loads(json.loads(capsys.readouterr().out)["scenario"]["detector_model"])["name"] == "detector"
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_printed_json(room, tmp_path, monkeypatch, capsys):
     command(monkeypatch, "fit-detector", room, room, "--out", tmp_path / "two.json", "--name", "both", "--json")
     content = json.loads(capsys.readouterr().out)

@@ -54,9 +54,9 @@ def test_a_world_is_exported_under_any_name(tmp_path: Path) -> None:
     ("words", "code"),
     [
         ("clique a.clq --seconds 0.1", 0),
-        pytest.param("worlds tunnel --preview OUT", 2, marks=pytest.mark.slow),
-        pytest.param("generate pilsun --frames 2 --people 1 --robots 1 --fixed-cameras 0 --width 128 --out OUT", 2, marks=pytest.mark.slow),
-        pytest.param("doctor", 0, marks=pytest.mark.slow),
+        pytest.param("worlds tunnel --preview OUT", 2, marks=pytest.mark.command),
+        pytest.param("generate pilsun --frames 2 --people 1 --robots 1 --fixed-cameras 0 --width 128 --out OUT", 2, marks=pytest.mark.command),
+        pytest.param("doctor", 0, marks=pytest.mark.command),
     ],
 )
 def test_commands_without_the_library(words: str, code: int, tmp_path: Path) -> None:

@@ -82,13 +82,13 @@ def test_clique(tmp_path: Path) -> None:
         check(Interrupted(after(seconds), "clique", str(tmp_path / "a.clq"), "--seconds", "100"))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_generate_by_two_workers(tmp_path: Path) -> None:
     words = ("generate", "pilsun", "--frames", "40", "--count", "2", "--workers", "2", *BUSY, "--fixed-cameras", "0", "--out", str(tmp_path / "d"))
     check(Interrupted(exists(tmp_path, "d/.*/images/robot_0_camera/*", 8), *words))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_stress_by_two_workers(tmp_path: Path) -> None:
     words = ("stress", "--sweep", "density", "--frames", "20", "--no-render", "--width", "128", "--workers", "2", "--out", str(tmp_path / "d"))
     results = tmp_path / "d" / "results.jsonl"
@@ -134,7 +134,7 @@ def test_during_imports(name: str, act: str) -> None:
     assert done.stderr.startswith("interrupted")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_demo_goes_on_where_it_stopped(tmp_path: Path) -> None:
     out = tmp_path / "demo"
     words = ("demo", "--frames", "6", *BUSY, "--out", str(out))
@@ -145,7 +145,7 @@ def test_demo_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert (out / "video.mp4").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_track(data: Callable[..., Path], tmp_path: Path) -> None:
     source = data("pets2009", "S2.L1")
     words = ("track", str(source), "--views", "1,5,7", "--out", str(tmp_path / "out"))

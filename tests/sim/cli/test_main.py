@@ -221,7 +221,7 @@ def test_results_of_an_old_version_are_scored_and_not_tracked_over(tmp_path: Pat
     assert (tmp_path / "r" / "run.json").read_text() == text
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_a_utias_set_by_command(tmp_path: Path) -> None:
     write_set(tmp_path / "s", 10.0)
     done = pilsim("track", "s", "--map", "known", "--slam", "ekf", "--correction", "off", "--out", "r", cwd=tmp_path)
@@ -235,7 +235,7 @@ def test_a_utias_set_by_command(tmp_path: Path) -> None:
     assert "a UTIAS set has none" in refused("track", "s", "--views", "1", "--out", "q", cwd=tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_filters_by_name(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--slam", "iekf", "--iterations", "3", "--out", "r", cwd=tmp_path).returncode == 0

@@ -226,7 +226,7 @@ def test_graphs_inside_the_results_are_refused(inputs: Path, tmp_path: Path) -> 
 SMALL = ["--robots", "1", "--people", "2", "--width", "64"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("words", "marker", "times"),
     [
@@ -249,7 +249,7 @@ def test_experiments_write_into_a_mount_point(words: list[str], marker: str, tim
             assert not [path for path in out.rglob("*") if path.name.startswith(".")]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_demo_that_was_killed_continues_and_two_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pilsim", "demo", "--frames", "100", *SMALL, "--out", "OUT"]
 
@@ -281,7 +281,7 @@ def test_a_demo_that_was_killed_continues_and_two_at_once_do_not_disturb_each_ot
     assert not list(validate(tmp_path / "OUT" / "sequence"))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_demo_on_a_full_disk_names_what_it_kept(tmp_path: Path) -> None:
     with mount(tmp_path / "full", "-o", "size=1m") as folder:
         command = [sys.executable, "-m", "pilsim", "demo", "--frames", "60", *SMALL[:-1], "256", "--out", str(folder / "out")]

@@ -68,7 +68,7 @@ def modules() -> list[str]:
     return ["pilsim", *(name for name in names if not name.endswith("__main__"))]
 
 
-@pytest.mark.parametrize("system", ["windows", pytest.param("macos", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("system", ["windows", pytest.param("macos", marks=pytest.mark.command)])
 def test_every_module_is_imported_without_what_a_system_lacks(system: str) -> None:
     missing, of_os, of_signal = WITHOUT[system]
     program = IMPORT_ALL.format(root=str(ROOT), optional=OPTIONAL, modules=set(missing), of_os=of_os, of_signal=of_signal, names=modules())
@@ -76,7 +76,7 @@ def test_every_module_is_imported_without_what_a_system_lacks(system: str) -> No
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stdout + done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_a_command_runs_without_them(tmp_path: Path) -> None:
     """Commands that start no process and draw nothing run to their end."""
     (tmp_path / "a.clq").write_text("p edge 3 2\ne 1 2\ne 2 3\n")

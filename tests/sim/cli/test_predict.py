@@ -76,7 +76,7 @@ def test_twins_have_the_true_people_and_the_errors_of_each_view(room):
         assert all(np.array_equal(box, again.detections[name][frame][0]) for frame, (box, _) in by_frame.items())
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_workers_change_nothing(room):
     from sim.parallel.pool import Pool
 

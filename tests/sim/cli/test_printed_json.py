@@ -44,7 +44,7 @@ def test_clique_of_a_graph_without_edges(tmp_path: Path) -> None:
             assert "weight" in printed("clique", str(tmp_path / "a.clq"), "--seconds", "0.1", *exact)
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_a_sequence_without_people(tmp_path: Path) -> None:
     folder = tmp_path / "d"
     command = ["generate", "pilsun", "--frames", "2", "--people", "0", "--robots", "1", "--width", "64", "--fixed-cameras", "0", "--out", str(folder)]

@@ -96,7 +96,7 @@ def test_locales_that_are_not_utf8(folder: Path, locales: dict[str, dict[str, st
         assert b"codec" not in done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.command
 @pytest.mark.parametrize("name", ["C", "en_US"])
 def test_files_are_written_under_names_that_a_locale_lacks(folder: Path, locales: dict[str, dict[str, str]], name: str) -> None:
     done = shell("PILSIM worlds tunnel --export ö/ä.glb", folder, **locales[name])
@@ -104,7 +104,7 @@ def test_files_are_written_under_names_that_a_locale_lacks(folder: Path, locales
     assert (folder / "ö" / "ä.glb").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.command
 @pytest.mark.parametrize("words", ["--help", "clique a.clq --seconds 0.1", "stress --list --json"])
 def test_streams_of_every_kind_of_output(folder: Path, words: str) -> None:
     full = shell(f"PILSIM {words} > /dev/full", folder)
@@ -116,7 +116,7 @@ def test_streams_of_every_kind_of_output(folder: Path, words: str) -> None:
         assert cut.stderr == b""
 
 
-@pytest.mark.slow
+@pytest.mark.command
 @pytest.mark.parametrize("words", ["nonsense", "clique none.clq", "score a b"])
 def test_errors_where_streams_fail(folder: Path, words: str) -> None:
     for streams in ("> /dev/full", "2> /dev/full", ">&- 2>&-", "| true"):

@@ -77,7 +77,7 @@ def test_what_cannot_be_written_is_said_before_the_work(pets: Path, tmp_path: Pa
     assert str(tmp_path / "file") in done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_byte_order_marks(pets: Path, tmp_path: Path) -> None:
     (tmp_path / "a.clq").write_text(f"{BOM}p edge 3 2\ne 1 2\ne 2 3\n", encoding="utf-8")
     assert pilsim("clique", str(tmp_path / "a.clq"), "--seconds", "0.1").returncode == 0

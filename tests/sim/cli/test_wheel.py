@@ -90,7 +90,7 @@ def _install(wheel: Path, folder: Path) -> None:
         path.chmod(path.stat().st_mode & ~0o222)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_all_works_where_little_may_be_written(room: Path) -> None:
     base = Path(sys.base_prefix).resolve()
     script = OPEN.format(uid=UID, base=base, top=f"/{base.parts[1]}", room=room, python=room / "env" / "bin" / "python")

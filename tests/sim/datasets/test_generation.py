@@ -162,7 +162,7 @@ def test_a_wrong_setting_is_reported_with_its_file(tmp_path: Path) -> None:
 SENSORS = ["--imu", "bmi088", "--wheels", "49.5", "--clock", "offset=±0.05,jitter=0.001;View_002:drift=20"]
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_sensors_add_tables_and_change_no_other(dataset: Path, tmp_path: Path) -> None:
     """By options or by a file, with any number of workers and after an interruption; a folder without them is another dataset."""
     out = tmp_path / "D"
@@ -187,14 +187,14 @@ def test_sensors_add_tables_and_change_no_other(dataset: Path, tmp_path: Path) -
     assert "IMU bmi088 at 198 Hz, wheels at 49.5 Hz, 6 clocks with errors" in pilsim("info", out).stdout
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_an_invalid_cluster_leaves_the_folder_free(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", *SMALL, "--cluster", "nonsense", "--out", tmp_path / "D")
     assert "--cluster is 'nonsense', needs an address as tcp://HOST:PORT" in last_line(done)
     assert not (tmp_path / "D").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_a_world_too_small_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", "--people", 900, "--frames", 1, "--out", tmp_path / "D")
     assert "people is 900, more than pilsun holds at once" in last_line(done)
@@ -205,14 +205,14 @@ def small_files(limit: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
     done = pilsim("generate", "pilsun", *SMALL, "--out", tmp_path / "D", preexec_fn=small_files(20_000))
     assert "File too large" in last_line(done)
     assert not (tmp_path / "D").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_killed_at_random_moments_and_resumed(tmp_path: Path) -> None:
     """In a run of two workers; afterwards the bytes are those of an undisturbed run. The benchmark `interruption` has more moments."""
     arguments = ["generate", "pilsun", *SMALL, "--fixed-cameras", "1", "--count", "3", "--workers", "2", "--out"]
@@ -235,7 +235,7 @@ def test_killed_at_random_moments_and_resumed(tmp_path: Path) -> None:
         shutil.rmtree(folder)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(dataset: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
@@ -255,7 +255,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(dataset: Path,
     assert sums(tmp_path / "D") == sums(dataset)
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_two_runs_into_one_folder(tmp_path: Path) -> None:
     arguments = ["generate", "pilsun", *SMALL, "--out", tmp_path / "D"]
     first = subprocess.Popen([PILSIM, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -72,7 +72,7 @@ def test_an_invalid_cluster_address_is_refused() -> None:
         list(Pool(cluster="nonsense").results(math.sqrt, [(1,)]))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_cluster_gives_results_in_order() -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
@@ -81,7 +81,7 @@ def test_a_cluster_gives_results_in_order() -> None:
         assert sorted(pool.as_completed(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(pool_module, "CONNECT_TIMEOUT", 1)
@@ -90,7 +90,7 @@ def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -
         list(Pool(cluster=cluster.scheduler_address).results(math.sqrt, [(1,)]))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_cluster_of_one_thread_is_used_and_its_loss_is_one_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     distributed = pytest.importorskip("distributed")
     where = ["--scheduler-file", str(tmp_path / "scheduler.json"), "--no-dashboard"]

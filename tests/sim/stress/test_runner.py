@@ -115,7 +115,7 @@ def test_folders_with_other_files_are_refused(tmp_path: Path) -> None:
         run_trials([], tmp_path, Workers(), "pilsim stress")
 
 
-@pytest.mark.slow
+@pytest.mark.command
 def test_rows_of_the_tracker_have_a_clique_gap(tmp_path: Path) -> None:
     one = trial(tmp_path, people=20, robots=2, frames=20)
     row = row_of(one)
@@ -123,7 +123,7 @@ def test_rows_of_the_tracker_have_a_clique_gap(tmp_path: Path) -> None:
     assert 0.0 <= row["limits"]["clique_gap"] < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_cluster_gives_the_rows_of_this_machine(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     rows = []
@@ -136,7 +136,7 @@ def test_a_cluster_gives_the_rows_of_this_machine(tmp_path: Path) -> None:
     assert rows[0] == rows[1]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     scores = []
     for workers in (1, 2):

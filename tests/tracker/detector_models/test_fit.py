@@ -95,7 +95,7 @@ def test_the_same_samples_give_the_same_bytes(fitted):
     assert first == again
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_simulated_boxes_are_nearer_than_independent_ones(room, fitted):
     samples, model = fitted
     truth = TruePeople(room.truth, {})

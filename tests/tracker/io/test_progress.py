@@ -44,7 +44,7 @@ def test_a_log_has_one_line_for_each_period() -> None:
     assert all(line.startswith("sums: ") and "/24 [" in line for line in lines)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_period_of_a_log_is_ten_seconds() -> None:
     done = child("list(map(lambda _: time.sleep(0.25), progress.progress_bar(range(90), desc='sums')))")
     assert done.stderr.count("\n") == 2, done.stderr

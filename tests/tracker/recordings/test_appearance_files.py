@@ -99,7 +99,7 @@ def test_vectors_tell_apart_people_who_meet_unseen() -> None:
     assert found[True]["idf1"] > found[False]["idf1"] + 0.15
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_vectors_help_in_a_crowded_room() -> None:
     """A synthetic room of 15 people whose vectors have a cosine of about 0.7 with others of the same person, and 0.4 with those of other people."""
     recording, rng = room(0), np.random.default_rng(0)

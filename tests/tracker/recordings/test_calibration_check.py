@@ -160,7 +160,6 @@ def opened(path: Path, other: bool = False, misses: float | None = None) -> Reco
     return open_recording(path, SourceOptions(detections=detections, projected=noise))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("source", SOURCES)
 def test_nothing_is_found_in_real_recordings(data: Data, source: str) -> None:
     parts, options = SOURCES[source]
@@ -169,7 +168,7 @@ def test_nothing_is_found_in_real_recordings(data: Data, source: str) -> None:
     assert kinds(check_calibration(without_truth(recording))) == []
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize(("source", "truth"), [("CMC1", True), ("CMC1", False), ("CMC2", True), ("WILDTRACK", True)])
 def test_planted_errors_are_found_in_real_recordings(data: Data, source: str, truth: bool) -> None:
     parts, options = SOURCES[source]

@@ -100,7 +100,7 @@ def test_tracking_real_people_with_images(data: Any, parameters: Parameters) -> 
     assert found["switches"] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_silhouettes_compensate_a_poor_detector(data: Any) -> None:
     """An old detector loses whom the sign hides; 400 frames."""
     folder = data("pets2009/S2.L1")
