@@ -277,6 +277,7 @@ def test_only_the_renderer_knows_gl_and_only_the_simulation_steps() -> None:
             assert "mj_step(" not in text, path
 
 
+@pytest.mark.command
 def test_tracker_runs_without_mujoco() -> None:
     names = ", ".join(".".join(path.relative_to(ROOT).with_suffix("").parts) for path in sources("tracker") if path.name != "__init__.py")
     block = f"import sys; sys.modules['mujoco'] = None; import {names}"
@@ -284,6 +285,7 @@ def test_tracker_runs_without_mujoco() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.command
 def test_folders_at_the_top() -> None:
     tracked = subprocess.run(["git", "ls-files"], capture_output=True, text=True, cwd=ROOT, check=True).stdout.split()
     assert {name.split("/")[0] for name in tracked if "/" in name} <= TOP

@@ -54,7 +54,7 @@ CASES: dict[str, tuple[str, ...]] = {
     ),
     "time steps back a little": (
         f"{HERE}::test_rows_a_little_out_of_order_are_sorted",
-        "tracker/formats/test_utias.py::test_rows_that_step_back_a_little_are_sorted_and_repeated_rows_merged",
+        "tracker/planar_slam/test_utias_files.py::test_rows_that_step_back_a_little_are_sorted_and_repeated_rows_merged",
     ),
     "byte order mark": (
         "sim/cli/test_surroundings.py::test_byte_order_marks",

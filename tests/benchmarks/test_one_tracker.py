@@ -31,6 +31,7 @@ FRAMES = 12
 ROWS = all_rows(False, range(100, 102), Source())
 
 
+@pytest.mark.soak
 def test_scores_are_those_of_evaluate() -> None:
     sequence, parameters = room(0).cut(0, FRAMES).sequence(), parameters_from({"delay": 2})
     expected = evaluate(sequence, Results.of(track(sequence.setup, sequence.ticks, parameters), {}))["targets"]
@@ -75,6 +76,7 @@ def test_rows_are_chosen_by_name_expression_and_group() -> None:
             chosen_rows([pattern], ROWS)
 
 
+@pytest.mark.soak
 def test_bad_options_are_one_line_and_code_2(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     for words in (["nothing"], ["room", "--seeds", "3", "1"], ["room", "--set", "foo=1"], ["room", "--delay", "-1"]):
         monkeypatch.setattr("sys.argv", ["one_tracker", *words])

@@ -85,6 +85,7 @@ NUMBERS: dict[tuple[str, str], Change] = {
 }
 
 
+@pytest.mark.command
 @pytest.mark.parametrize(("name", "field"), NUMBERS)
 def test_large_numbers_take_little_memory(worker: Client, tmp_path: Path, name: str, field: str) -> None:
     reader, change = READERS[name], NUMBERS[name, field]
@@ -106,6 +107,7 @@ def png(width: int, height: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(bytes(100))) + chunk(b"IEND", b"")
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (60_000, 60_000), SIZE[::-1]])
 def test_images_that_claim_a_size_are_refused(worker: Client, size: tuple[int, int]) -> None:
     for name in ("PNG", "stress picture", "sequence instances", "recording images/P/000002.png"):
@@ -115,12 +117,14 @@ def test_images_that_claim_a_size_are_refused(worker: Client, size: tuple[int, i
         decode_image(png(*size), SIZE)
 
 
+@pytest.mark.command
 def test_large_graph_without_edges_is_refused(worker: Client) -> None:
     answer = worker.ask({"reader": "DIMACS", "way": "given", "inputs": [f"p edge {n} 0\n" for n in (20_000, 6_000)]}, 60.0)
     assert not answer.get("faults", answer), answer
     assert answer["refused"] == 2
 
 
+@pytest.mark.command
 def test_arrays_that_claim_a_size_are_refused(worker: Client, tmp_path: Path) -> None:
     """Zeros compress to a thousandth: 400 kB of file for 400 MB."""
     zeros = np.zeros((10_000, 5_000))

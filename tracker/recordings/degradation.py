@@ -1,4 +1,4 @@
-"""Boxes of bodies at true places, and errors that are added to given boxes: some are dropped, false ones are added, and places or edges get noise."""
+"""Boxes of bodies at true places, and errors that are added to given boxes: losses, false boxes, and noise of places or edges."""
 
 from __future__ import annotations
 

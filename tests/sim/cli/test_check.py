@@ -30,6 +30,7 @@ def written(folder: Path, recording: Recording) -> None:
     write_recording(folder, recording)
 
 
+@pytest.mark.command
 def test_a_right_calibration_is_a_table_and_a_picture(tmp_path: Path) -> None:
     written(tmp_path / "room", walked_room(frames=60))
     done = pilsim("room", "--picture", "room.png", cwd=tmp_path)

@@ -8,6 +8,7 @@ from sim.cli import doctor
 from sim.rendering.gl_context import GLUnavailable
 
 
+@pytest.mark.command
 def test_the_report_is_json_and_text() -> None:
     report = doctor.examine(seconds=0.01)
     assert json.loads(json.dumps(report)) == report

@@ -18,6 +18,7 @@ def pilsim(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([PILSIM, "export", *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=100)
 
 
+@pytest.mark.command
 def test_an_export_reports_its_folder(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     done = pilsim("s", "--format", "tum", "--out", "tum", cwd=tmp_path)
@@ -29,6 +30,7 @@ def test_an_export_reports_its_folder(tmp_path: Path) -> None:
     assert json.loads(done.stdout) == {"out": "jrdb", "format": "jrdb", "sequences": ["s"]}
 
 
+@pytest.mark.command
 def test_an_export_refuses_an_existing_folder(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     (tmp_path / "tum").mkdir()
@@ -37,6 +39,7 @@ def test_an_export_refuses_an_existing_folder(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (2, "error: tum: is there already\n")
 
 
+@pytest.mark.command
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -55,6 +58,7 @@ def test_errors_are_one_line(tmp_path: Path, arguments: tuple[str, ...], message
     assert [p.name for p in tmp_path.iterdir()] == ["s"]
 
 
+@pytest.mark.command
 def test_results_become_the_file_of_an_aicity_submission(tmp_path: Path) -> None:
     write_results(tmp_path / "run", Results(2, {1: (np.array([3]), np.array([[1.0, 2.0, 0.0]]))}, {}, {}, {"source": "Warehouse_017"}))
     done = pilsim("run", "--format", "aicity", "--out", "out", cwd=tmp_path)

@@ -23,6 +23,7 @@ def room(tmp_path_factory):
     return folder
 
 
+@pytest.mark.soak
 def test_fit(room, tmp_path, monkeypatch, capsys):
     out, picture = tmp_path / "detector.json", tmp_path / "detector.png"
     command(monkeypatch, "fit-detector", room, "--out", out, "--picture", picture, "--frames", "0:50")

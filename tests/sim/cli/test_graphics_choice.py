@@ -31,6 +31,7 @@ def without_osmesa(*words: str) -> subprocess.CompletedProcess[str]:
 IMPORTS = "import sim.recording.record, worlds.catalogue, os; from worlds.engine import mujoco; print(os.environ['MUJOCO_GL'], mujoco.mj_version())"
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("backend", ["wgl", "glfw", "off"])
 def test_imports_draw_nothing(backend: str) -> None:
     done = python("-c", IMPORTS, backend=backend)
@@ -38,12 +39,14 @@ def test_imports_draw_nothing(backend: str) -> None:
     assert done.stdout.startswith(backend)
 
 
+@pytest.mark.command
 def test_imports_work_without_the_library() -> None:
     done = without_osmesa("-c", f"{IMPORTS}; assert 'PYOPENGL_PLATFORM' not in os.environ")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("osmesa ")
 
 
+@pytest.mark.command
 def test_a_world_is_exported_under_any_name(tmp_path: Path) -> None:
     done = python("-m", "pilsim", "worlds", "tunnel", "--export", str(tmp_path / "tunnel.glb"), backend="crayon")
     assert done.returncode == 0, done.stderr
@@ -73,12 +76,14 @@ def test_commands_without_the_library(words: str, code: int, tmp_path: Path) -> 
         assert re.fullmatch(r"(frames: .*\n)*error: no OpenGL: .*\n", done.stderr), done.stderr
 
 
+@pytest.mark.command
 def test_the_benchmark_says_so_in_one_line() -> None:
     done = without_osmesa("-m", "tests.benchmarks", "panorama")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "libosmesa6" in done.stderr
 
 
+@pytest.mark.command
 def test_a_backend_of_another_system_is_named() -> None:
     done = python("-m", "tests.benchmarks", "panorama", backend="wgl")
     assert (done.returncode, done.stderr) == (

@@ -76,6 +76,7 @@ def check(done: Interrupted) -> None:
     assert not done.left
 
 
+@pytest.mark.command
 def test_clique(tmp_path: Path) -> None:
     (tmp_path / "a.clq").write_text("p edge 3 2\ne 1 2\ne 2 3\n")
     for seconds in (1.5, 4.0):
@@ -125,6 +126,7 @@ AS_IMPORT_ERROR = f"""
                 raise ImportError('bad install')"""
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("act", [SEND, IN_DESTRUCTOR, SWALLOWED, AS_IMPORT_ERROR], ids=["plain", "destructor", "swallowed", "import error"])
 @pytest.mark.parametrize("name", ["sim.cli.main", "numpy.linalg", "tyro"])
 def test_during_imports(name: str, act: str) -> None:

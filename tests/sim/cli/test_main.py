@@ -34,6 +34,7 @@ def refused(*arguments: object, cwd: Path) -> str:
     return lines[0]
 
 
+@pytest.mark.command
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -52,6 +53,7 @@ def test_bad_scenarios(arguments: list[str], message: str, tmp_path: Path) -> No
     assert message in refused("demo", *arguments, "--out", "out", cwd=tmp_path)
 
 
+@pytest.mark.command
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -121,6 +123,7 @@ def test_overview_fits_a_screen(columns: int, capsys: pytest.CaptureFixture[str]
     assert sorted(names) == sorted(COMMANDS)
 
 
+@pytest.mark.command
 def test_help_and_version_from_a_shell(tmp_path: Path) -> None:
     done = pilsim("--help", cwd=tmp_path)
     assert done.returncode == 0
@@ -130,6 +133,7 @@ def test_help_and_version_from_a_shell(tmp_path: Path) -> None:
     assert version.stdout.startswith("pilsim 0.")
 
 
+@pytest.mark.command
 def test_help_needs_no_heavy_module() -> None:
     code = "import sys, sim.cli.main; sim.cli.main.overview(); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -163,6 +167,7 @@ def test_help_of_a_command(name: str, columns: int, capsys: pytest.CaptureFixtur
         assert re.search(r"\((default|required)", option), option
 
 
+@pytest.mark.command
 def test_an_out_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "diary.txt").write_text("dear diary")
@@ -171,6 +176,7 @@ def test_an_out_with_other_files_is_refused(tmp_path: Path) -> None:
     assert "is a file, needs a folder" in refused("demo", "--out", "file", cwd=tmp_path)
 
 
+@pytest.mark.command
 def test_missing_and_damaged_sources(tmp_path: Path) -> None:
     assert "nowhere: no such folder" in refused("track", "nowhere", "--out", "out", cwd=tmp_path)
     sequences.write(tmp_path / "s")
@@ -180,6 +186,7 @@ def test_missing_and_damaged_sources(tmp_path: Path) -> None:
     assert "000001.jpg: 200 bytes, the manifest says" in refused("track", "s", "--out", "out", cwd=tmp_path)
 
 
+@pytest.mark.command
 def test_track_then_score_and_reuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sequences.write(tmp_path / "s")
     assert pilsim("track", "s", "--out", "r", cwd=tmp_path).returncode == 0
@@ -200,6 +207,7 @@ def test_track_then_score_and_reuse(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.command
 def test_results_of_an_old_version_are_scored_and_not_tracked_over(tmp_path: Path) -> None:
     """run.json of pilsim 0.3.0 holds parameters as text, here shortened."""
     sequences.write(tmp_path / "s")
@@ -249,6 +257,7 @@ def test_filters_by_name(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.command
 def test_score_takes_one_of_two_forms(tmp_path: Path) -> None:
     assert "score takes either" in refused("score", cwd=tmp_path)
     assert "score takes either" in refused("score", "--truth", "a.txt", cwd=tmp_path)
@@ -266,6 +275,7 @@ def test_published_score_by_command(data: Callable[..., Path]) -> None:
     assert [round(targets["mota"], 3), targets["false_positives"], targets["misses"], targets["switches"]] == [0.850, 247, 420, 31]
 
 
+@pytest.mark.command
 def test_people_on_a_part_of_the_ground_are_scored(tmp_path: Path) -> None:
     """Person 2 and track 9 are outside; track 9 matches nobody."""
     (tmp_path / "gt.txt").write_text("1,1,0,0,1,1,1,1,1,0\n1,2,0,0,1,1,1,8,1,0\n")
@@ -279,6 +289,7 @@ def test_people_on_a_part_of_the_ground_are_scored(tmp_path: Path) -> None:
     assert "--iou compares boxes" in refused(*command, "--area", "0,0,5,5", "--iou", "0.5", cwd=tmp_path)
 
 
+@pytest.mark.command
 def test_no_gl_is_one_line(tmp_path: Path) -> None:
     environment = {"MUJOCO_GL": "osmesa", "PATH": "/usr/bin:/bin", "PYOPENGL_PLATFORM": "nonsense"}
     command = [str(PILSIM), "demo", "--frames", "1", "--out", "out"]

@@ -153,6 +153,7 @@ def test_a_file_in_the_place_of_a_folder_is_named_before_the_work(name: str, inp
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("file", "kept")]
 
 
+@pytest.mark.command
 def test_a_read_only_file_system_is_named_before_the_work(inputs: Path, tmp_path: Path) -> None:
     with mount(tmp_path / "mounted", "-o", "ro") as folder:
         for name in [*FOLDERS, *FILES]:
@@ -167,6 +168,7 @@ def test_a_read_only_file_system_is_named_before_the_work(inputs: Path, tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["mounted"]
 
 
+@pytest.mark.command
 def test_results_are_kept_where_the_disk_is_full(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "spare").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "spare"))
@@ -184,6 +186,7 @@ def test_results_are_kept_where_the_disk_is_full(inputs: Path, tmp_path: Path, m
         assert (folder / "out" / ".partial").is_dir()
 
 
+@pytest.mark.command
 def test_a_recording_is_refused_where_the_disk_is_nearly_full(inputs: Path, tmp_path: Path) -> None:
     with mount(tmp_path / "full", "-o", "size=8m") as folder:
         one = output("view", inputs, folder / "a", tmp_path / "other")
@@ -191,6 +194,7 @@ def test_a_recording_is_refused_where_the_disk_is_nearly_full(inputs: Path, tmp_
         assert list(folder.iterdir()) == []
 
 
+@pytest.mark.command
 def test_a_mount_point_in_a_folder_that_cannot_be_written(inputs: Path, tmp_path: Path) -> None:
     """As the volume of a container whose file system is read-only."""
     with mount(tmp_path / "parent") as parent, mount(parent / "out") as out:
@@ -201,6 +205,7 @@ def test_a_mount_point_in_a_folder_that_cannot_be_written(inputs: Path, tmp_path
             subprocess.run(f"rm -r {out}/*", shell=True, check=True)
 
 
+@pytest.mark.command
 def test_links_and_the_current_folder(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A link may lead to nothing yet: its target is made."""
     for name, marker in (("track", "run.json"), ("export", "README.md")):

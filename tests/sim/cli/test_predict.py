@@ -15,6 +15,8 @@ from tests.tracker.recordings.walked_room import walked_room
 from tracker.formats.recording_export import write_recording
 from tracker.formats.source_options import SourceOptions
 
+pytestmark = pytest.mark.command
+
 
 def command(monkeypatch, *words):
     monkeypatch.setattr("sys.argv", ["pilsim", *map(str, words)])

@@ -27,6 +27,7 @@ def printed(*words: str) -> Any:
     return json.loads(done.stdout, parse_constant=refuse)
 
 
+@pytest.mark.command
 @pytest.mark.parametrize(
     ("truth", "result"), [("", ""), ("", BOX.format(1, 1)), (BOX.format(1, 1), ""), (BOX.format(1, 1), BOX.format(1, 90)), (BOX.format(1, 1),) * 2]
 )
@@ -37,6 +38,7 @@ def test_score_without_matches(tmp_path: Path, truth: str, result: str, iou: tup
     assert isinstance(printed("score", "--truth", str(tmp_path / "gt.txt"), "--result", str(tmp_path / "out.txt"), *iou), dict)
 
 
+@pytest.mark.command
 def test_clique_of_a_graph_without_edges(tmp_path: Path) -> None:
     for text in ("p edge 1 0\n", "p edge 2 0\nn 1 1e-9\nn 2 1e60\n"):
         (tmp_path / "a.clq").write_text(text)

@@ -26,6 +26,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_closed_streams(folder: Path, closed: str) -> None:
     done = shell(f"PILSIM clique a.clq --seconds 0.1 --json {closed}", folder)
@@ -33,6 +34,7 @@ def test_closed_streams(folder: Path, closed: str) -> None:
     assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.command
 def test_a_full_standard_output_is_one_line(folder: Path) -> None:
     done = shell("PILSIM clique a.clq --seconds 0.1 --json > /dev/full", folder)
     assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")
@@ -43,12 +45,14 @@ def test_a_full_standard_output_of_a_help_is_one_line(folder: Path) -> None:
     assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")
 
 
+@pytest.mark.command
 def test_a_full_standard_error_does_not_end_the_work(folder: Path) -> None:
     done = shell("PILSIM worlds pilsun --export runs/lab.ply 2> /dev/full", folder)
     assert done.returncode == 0
     assert (folder / "runs" / "lab.ply").stat().st_size > 1000
 
 
+@pytest.mark.command
 def test_characters_that_a_stream_lacks_are_replaced(folder: Path) -> None:
     for words, code in (("track --help", 0), ("stress --help", 0), ("track x --hypothésis y --out z", 2)):
         done = shell(f"PILSIM {words}", folder, PYTHONIOENCODING="iso-8859-1")
@@ -56,6 +60,7 @@ def test_characters_that_a_stream_lacks_are_replaced(folder: Path) -> None:
         assert b"codec" not in done.stderr
 
 
+@pytest.mark.command
 def test_a_reader_that_ends_early_is_no_error(folder: Path) -> None:
     done = shell("set -o pipefail; PILSIM track --help | head -1", folder)
     assert b"Traceback" not in done.stderr
@@ -80,6 +85,7 @@ def locales(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str
     return out
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("name", ["C", *LOCALES])
 def test_locales_that_are_not_utf8(folder: Path, locales: dict[str, dict[str, str]], name: str) -> None:
     (folder / "häßlich.clq").write_text(GRAPH)

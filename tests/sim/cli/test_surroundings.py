@@ -51,6 +51,7 @@ def mounted(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(folder)], check=True)
 
 
+@pytest.mark.command
 def test_results_are_written_into_a_mount_point(pets: Path, mounted: Path) -> None:
     done = pilsim("track", str(pets), "--out", str(mounted))
     assert done.returncode == 0, done.stderr
@@ -58,6 +59,7 @@ def test_results_are_written_into_a_mount_point(pets: Path, mounted: Path) -> No
     assert pilsim("track", str(pets), "--out", str(mounted)).returncode == 0
 
 
+@pytest.mark.command
 def test_results_are_written_through_a_link_and_into_the_current_folder(pets: Path, tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "real")
@@ -70,6 +72,7 @@ def test_results_are_written_through_a_link_and_into_the_current_folder(pets: Pa
     assert (tmp_path / "here" / "run.json").exists()
 
 
+@pytest.mark.command
 def test_what_cannot_be_written_is_said_before_the_work(pets: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     done = pilsim("track", str(pets), "--out", str(tmp_path / "file" / "out"))
@@ -94,6 +97,7 @@ def test_byte_order_marks(pets: Path, tmp_path: Path) -> None:
         assert read_settings(tmp_path / name) == {"frames": 2, "people": 2}
 
 
+@pytest.mark.command
 def test_detections_are_no_tracks(tmp_path: Path) -> None:
     (tmp_path / "gt.txt").write_text("1,1,10,10,5,9,1,2,3,0\n")
     (tmp_path / "det.txt").write_text("\n1,-1,10,10,5,9,0.9,2,3,0\n")
@@ -102,6 +106,7 @@ def test_detections_are_no_tracks(tmp_path: Path) -> None:
     assert "det.txt:line 2: id is -1" in done.stderr
 
 
+@pytest.mark.command
 def test_an_infinite_weight_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.clq").write_text("p edge 2 1\nn 1 1e308\nn 2 1.7e308\ne 1 2\n")
     done = pilsim("clique", str(tmp_path / "a.clq"), "--seconds", "0.1", "--json")

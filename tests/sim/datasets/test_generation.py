@@ -53,6 +53,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.command
 def test_a_dataset_is_complete_and_valid(dataset: Path) -> None:
     assert [path.name for path in sequences(dataset)] == ["pilsun-00000", "pilsun-00001"]
     assert [str(fault) for fault in validate(dataset)] == []
@@ -65,6 +66,7 @@ def test_a_dataset_is_complete_and_valid(dataset: Path) -> None:
         assert {"terrain.glb", "calibration/View_004.xml", "range/View_001/000002.png", "videos/robot_0_camera.mp4"} <= names
 
 
+@pytest.mark.command
 def test_the_summary_counts(dataset: Path) -> None:
     found = summarize(dataset)
     assert found["total"]["sequences"] == 2
@@ -74,6 +76,7 @@ def test_the_summary_counts(dataset: Path) -> None:
     assert "2 sequences, 6 frames, 30 images" in summary_text(found)
 
 
+@pytest.mark.command
 def test_missing_sequences_are_made_again_with_the_same_bytes(dataset: Path) -> None:
     """One worker replaces two, and the files of a killed run are in the folder."""
     before, kept = sums(dataset), (dataset / "pilsun-00000" / "manifest.json").stat().st_mtime_ns
@@ -92,6 +95,7 @@ def generate(*arguments: str, out: Path) -> None:
     tyro.cli(Generate, args=[*arguments, "--out", str(out)]).run()
 
 
+@pytest.mark.command
 def test_another_dataset_or_run_in_the_folder_is_refused(dataset: Path, tmp_path: Path) -> None:
     same = ["pilsun", *SMALL, "--range", "--classes", "--video"]
     with pytest.raises(ValueError, match=r"holds another dataset \(seed 0 there, 5 asked for\)"):
@@ -107,6 +111,7 @@ def test_another_dataset_or_run_in_the_folder_is_refused(dataset: Path, tmp_path
         generate(*same, out=tmp_path / "diary.txt")
 
 
+@pytest.mark.command
 def test_check_by_command(dataset: Path, tmp_path: Path) -> None:
     (dataset / "pilsun-00000" / "terrain.glb").rename(tmp_path / "t")
     done = pilsim("check", dataset, "--json")

@@ -39,6 +39,7 @@ def test_stable_baselines_checker_passes():
     checker.check_env(make())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("options", [{"action": "waypoint"}, {"drive": "physics"}, {"observation": "tracks"}], ids=str)
 def test_equal_seeds_and_copies_give_equal_episodes(options):
     env, other = make(**options), make(**options)

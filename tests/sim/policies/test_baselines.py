@@ -56,6 +56,7 @@ def test_unknown_policies_are_refused(monkeypatch):
         policy_of("ppo:nothing.zip")
 
 
+@pytest.mark.command
 def test_the_command_prints_json(capsys):
     Place(policy=("random",), episodes=2, world="pilsun", robots=2, people=3, steps=4, json=True).run()
     said = json.loads(capsys.readouterr().out)

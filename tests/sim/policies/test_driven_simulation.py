@@ -17,6 +17,7 @@ def places(simulation: Simulation) -> np.ndarray:
     return np.array([simulation.T_world_robot(name).translation for name in simulation.robots])
 
 
+@pytest.mark.soak
 def test_without_a_policy_it_equals_a_plain_simulation() -> None:
     driven, plain = PolicySimulation(SCENARIO, ""), Simulation(SCENARIO)
     for _ in range(round(LEAD_TIME / SCENARIO.period)):

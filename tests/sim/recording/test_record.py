@@ -15,6 +15,8 @@ from tracker.geometry.ground import Grid
 from tracker.sequence.reader import read_sequence
 from tracker.sequence.truth_tables import read_boxes
 
+pytestmark = pytest.mark.render
+
 SCENARIO = Scenario(seed=11, robots=2, people=5, frames=5, width=512)
 
 

@@ -24,6 +24,8 @@ from tracker.geometry import Pose
 from tracker.geometry.cameras import Panorama
 from tracker.sequence.reader import read_sequence
 
+pytestmark = pytest.mark.render
+
 
 @pytest.mark.render
 def test_a_straight_wall_bends_as_the_poses_say() -> None:

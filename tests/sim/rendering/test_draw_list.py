@@ -110,6 +110,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         DrawList(mujoco.MjModel.from_xml_string(flexible))
 
 
+@pytest.mark.render
 def test_geoms_have_the_classes_of_people_robots_and_worlds() -> None:
     simulation = Simulation(Scenario(people=2, robots=1))
     found = classes(simulation.model)

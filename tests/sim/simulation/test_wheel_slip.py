@@ -7,6 +7,7 @@ from sim.simulation.simulation import Simulation
 from tests.sim.yard import yard
 
 
+@pytest.mark.soak
 def test_slip_on_level_ground_is_below_two_per_cent():
     """The campus at difficulty 0 is flat and wide, so that rovers seldom turn in place."""
     simulation = Simulation(Scenario(world="campus", difficulty=0.0, robots=4, people=0))

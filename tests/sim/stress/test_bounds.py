@@ -139,6 +139,7 @@ def bound(noise: float, **changes: float) -> float:
     return found
 
 
+@pytest.mark.soak
 def test_worse_boxes_and_fewer_of_them_raise_the_bound() -> None:
     sharp, blunt, rare = bound(0.005), bound(0.02), bound(0.02, misses=0.7)
     assert sharp < blunt < rare

@@ -42,6 +42,7 @@ def test_a_row_has_all_fields_and_is_json(tmp_path: Path) -> None:
             assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.command
 def test_people_are_found_in_the_rendered_panoramas(tmp_path: Path) -> None:
     """The network finds blobs, and the row names its file. A run without it is another one."""
     model = write_blob_network(tmp_path / "m.onnx")

@@ -57,6 +57,7 @@ def test_errors_name_file_and_line(tmp_path: Path, text: str, message: str) -> N
         read_graph(tmp_path / "bad.clq")
 
 
+@pytest.mark.command
 def test_command(tmp_path: Path) -> None:
     (tmp_path / "path.clq").write_text(PATH)
     command = [sys.executable, "-m", "sim.cli.main", "clique", str(tmp_path / "path.clq"), "--seconds", "0.1", "--json"]

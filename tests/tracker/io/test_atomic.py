@@ -118,6 +118,7 @@ def test_a_result_that_has_no_place_is_written_elsewhere(tmp_path: Path, monkeyp
     assert (tmp_path / "new" / "result").read_text() == "x"
 
 
+@pytest.mark.command
 def test_a_file_is_written_through_links_into_devices_and_over_mount_points(tmp_path: Path) -> None:
     (tmp_path / "link.txt").symlink_to(tmp_path / "real.txt")
     for text in ("a", "b"):

@@ -39,6 +39,7 @@ def holder(path: Path, seconds: float) -> subprocess.Popen[str]:
     return process
 
 
+@pytest.mark.command
 def test_a_second_process_is_refused_until_the_first_is_killed(tmp_path: Path) -> None:
     path = tmp_path / ".lock"
     with holder(path, 60) as first:
@@ -52,6 +53,7 @@ def test_a_second_process_is_refused_until_the_first_is_killed(tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.command
 def test_a_process_that_waits_gets_the_lock_when_it_is_free(tmp_path: Path) -> None:
     """This holds where the lock file is removed and made again during the wait."""
     path, begun = tmp_path / ".lock", time.monotonic()
@@ -62,6 +64,7 @@ def test_a_process_that_waits_gets_the_lock_when_it_is_free(tmp_path: Path) -> N
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.command
 def test_one_holder_at_a_time_though_the_file_is_removed_at_each_release(tmp_path: Path) -> None:
     """Four processes increase one number. An increase would be lost where two of them hold the lock at once."""
     path, count = tmp_path / ".lock", tmp_path / "count"
@@ -102,6 +105,7 @@ def test_the_lock_of_a_folder_is_shared_by_its_thread_and_leaves_nothing(tmp_pat
     assert [path.name for path in out.iterdir()] == ["result"]
 
 
+@pytest.mark.command
 def test_a_link_and_its_folder_have_one_lock(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to("real")
@@ -155,6 +159,7 @@ with file_lock(path):
 """
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("number", ["ENOSYS", "ENOLCK", "EOPNOTSUPP"])
 def test_a_file_system_without_locks(number: str, tmp_path: Path) -> None:
     """The system call fails as it does there: no such file system can be mounted everywhere."""

@@ -74,6 +74,7 @@ def test_videos_hold_all_frames_and_colors(tmp_path: Path) -> None:
     assert not read.read()[0]
 
 
+@pytest.mark.command
 def test_video_on_a_full_disk_is_an_error(tmp_path: Path) -> None:
     """The encoder says nothing of a disk that is full."""
     program = """

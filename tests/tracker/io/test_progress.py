@@ -36,6 +36,7 @@ def test_short_work_writes_nothing_into_a_log() -> None:
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "x\n" * 30)
 
 
+@pytest.mark.command
 def test_a_log_has_one_line_for_each_period() -> None:
     done = child("progress._Lines.period = 0.5\nlist(map(lambda _: time.sleep(0.05), progress.progress_bar(range(24), desc='sums', unit='sum')))")
     lines = done.stderr.splitlines()
@@ -50,12 +51,14 @@ def test_the_period_of_a_log_is_ten_seconds() -> None:
     assert done.stderr.count("\n") == 2, done.stderr
 
 
+@pytest.mark.command
 @pytest.mark.parametrize("streams", ["2>/dev/full", "2>&-", "2> >(true)"])
 def test_standard_error_that_fails_does_not_end_the_work(streams: str) -> None:
     done = child("progress._Lines.period = 0.02\npass_by(30, 0.01)", streams)
     assert (done.returncode, done.stdout) == (0, "x\n" * 30)
 
 
+@pytest.mark.command
 def test_a_terminal_shows_a_bar() -> None:
     pty = pytest.importorskip("pty", reason="needs a pseudo-terminal (POSIX)")
     termios = pytest.importorskip("termios")

@@ -189,6 +189,7 @@ def root(feet: GroundDetections) -> TrackHypotheses:
     return new
 
 
+@pytest.mark.soak
 def test_many_boxes_of_one_person_stay_consistent_in_distance_and_stature() -> None:
     """A wall hides the legs, so that the distance follows from the head and errs with the stature.
 

@@ -245,6 +245,7 @@ def test_fuzzed_models_are_refused_in_one_line_or_run(tmp_path: Path) -> None:
     assert all(str(path) in message and "\n" not in message for message in refused)
 
 
+@pytest.mark.command
 def test_a_missing_onnxruntime_is_one_line(tmp_path: Path) -> None:
     """A folder before the installed packages has a file of that name that cannot be imported, as where it is not installed."""
     (tmp_path / "onnxruntime.py").write_text("raise ImportError('none here')\n")
