@@ -53,6 +53,7 @@ def test_a_world_is_exported_under_any_name(tmp_path: Path) -> None:
     assert (tmp_path / "tunnel.glb").stat().st_size > 0
 
 
+@pytest.mark.command
 @pytest.mark.parametrize(
     ("words", "code"),
     [

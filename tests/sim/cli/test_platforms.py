@@ -68,7 +68,8 @@ def modules() -> list[str]:
     return ["pilsim", *(name for name in names if not name.endswith("__main__"))]
 
 
-@pytest.mark.parametrize("system", ["windows", pytest.param("macos", marks=pytest.mark.command)])
+@pytest.mark.command
+@pytest.mark.parametrize("system", ["windows", "macos"])
 def test_every_module_is_imported_without_what_a_system_lacks(system: str) -> None:
     missing, of_os, of_signal = WITHOUT[system]
     program = IMPORT_ALL.format(root=str(ROOT), optional=OPTIONAL, modules=set(missing), of_os=of_os, of_signal=of_signal, names=modules())

@@ -40,6 +40,7 @@ def test_a_full_standard_output_is_one_line(folder: Path) -> None:
     assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")
 
 
+@pytest.mark.command
 def test_a_full_standard_output_of_a_help_is_one_line(folder: Path) -> None:
     done = shell("PILSIM track --help > /dev/full", folder)
     assert (done.returncode, done.stderr) == (2, b"error: standard output: No space left on device\n")

@@ -31,6 +31,7 @@ def child(command: str, streams: str = "") -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, cwd=ROOT, env=dict(os.environ, PYTHONPATH=str(ROOT)), capture_output=True, text=True, check=False)
 
 
+@pytest.mark.command
 def test_short_work_writes_nothing_into_a_log() -> None:
     done = child("pass_by(30, 0.01)")
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "x\n" * 30)
