@@ -58,10 +58,11 @@ def test_every_reader_is_in_the_table() -> None:
     root = Path(__file__).parents[2]
     known = Path(__file__).with_name("readers.py").read_text(encoding="utf-8")
     files = [path for package in ("formats", "planar_slam") for path in sorted((root / "tracker" / package).rglob("*.py"))]
-    opened = "".join(path.read_text(encoding="utf-8") for path in files if path.name in ("reading.py", "opening.py"))
+    # What opens a source calls these readers; the table has the folders of all sources.
+    opened = "".join(path.read_text(encoding="utf-8") for path in files if path.name in ("reading.py", "opening.py", "pets2009.py"))
     for path in files:
         for name in re.findall(r"^def (read_\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE):
-            assert re.search(rf"\b{name}\b", known + opened), f"{path.name}: {name} is in no line of READERS"
+            assert re.search(rf"(?<!def )\b{name}\b", known + opened), f"{path.name}: {name} is in no line of READERS"
 
 
 def sample(reader: Reader, folder: Path) -> Path:
