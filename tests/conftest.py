@@ -52,8 +52,8 @@ def pytest_itemcollected(item: pytest.Item) -> None:
         item.add_marker(pytest.mark.data)
 
 
-NEEDS = {"command", "soak"}
-"""Markers of tests that may start processes."""
+NEEDS = {"command", "render", "soak"}
+"""Markers of tests that may start processes: a renderer tries OpenGL in one of its own."""
 _running: list[pytest.Item] = []
 
 

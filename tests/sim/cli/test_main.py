@@ -268,6 +268,7 @@ def test_score_takes_one_of_two_forms(tmp_path: Path) -> None:
     assert refused("score", "--truth", "d", "--result", "a.txt", cwd=tmp_path) == "error: d: Is a directory"
 
 
+@pytest.mark.command
 def test_published_score_by_command(data: Callable[..., Path]) -> None:
     folder = data("pets2009", "S2.L1", "mot15")
     done = pilsim("score", "--truth", "gt.txt", "--result", "cem_result.txt", "--iou", "0.5", "--json", cwd=folder)
