@@ -24,7 +24,7 @@ class FrameJournal:
 
     resumes: whether an earlier one counts. found: whether there is one to resume.
     drawn: frame → camera → boxes and key points. checksums: path → SHA-256 and bytes of its images.
-    As a context manager it closes the file.
+    As a context manager it writes the lines that count, then new ones, and is closed at the end.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], resumes: bool = True) -> None:
@@ -41,11 +41,8 @@ class FrameJournal:
                 self.checksums |= files
                 self._journal.entries.append(entry)
 
-    def open(self) -> None:
-        """Begin to write: the lines that count, then new ones."""
-        self._journal.__enter__()
-
     def __enter__(self) -> FrameJournal:
+        self._journal.__enter__()
         return self
 
     def __exit__(self, *raised: object) -> None:

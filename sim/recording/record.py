@@ -106,20 +106,20 @@ def write_sequence(recording: SimulatedSequence, folder: Path, progress: Any = N
     writer = SequenceWriter(folder, told, setup.occluders, form, sensors.setup() if sensors else None)
     if scenario.effects:
         writer.add_effects(effect_rows(scenario, simulation, setup), setup, scenario.camera_effects.moves)
-    about = {"provenance": recording.provenance, "versions": versions(), "form": vars(form)}
+    made_with = versions()
+    about = {"provenance": recording.provenance, "versions": made_with, "form": vars(form)}
     # A video cannot be continued.
     journal = FrameJournal(writer.partial, about, resumes=not form.video)
     writer.resumed, writer.resumable = journal.found, not form.video
     with writer:
-        journal.open()
-        writer.images.checksums.update(journal.checksums)
-        if form.mesh:
-            export(simulation.world, writer.partial / "terrain.glb")
         with journal:
+            writer.images.checksums.update(journal.checksums)
+            if form.mesh:
+                export(simulation.world, writer.partial / "terrain.glb")
             _Frames(recording, setup, journal).write(writer, sensors, progress)
             writer.images.wait()
         journal.remove()
-        writer.finish(recording.provenance, versions())
+        writer.finish(recording.provenance, made_with)
 
 
 class _Frames:

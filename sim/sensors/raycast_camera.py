@@ -160,7 +160,7 @@ class RaycastCamera:
         self._surfaces = {int(person): _PersonSurface.of(simulation.model, f"person_{person}") for person in simulation.all_persons}
 
     def view(self, camera: Camera, T_world_camera: Pose, people: People) -> ViewTruth:
-        """Truth of a view, as person_detector.true_view. Boxes are not rounded to pixels, and there are no key points."""
+        """Truth of a view, as true_boxes.truth_above. Boxes are not rounded to pixels, and there are no key points."""
         eye = T_world_camera.translation
         surfaces = [self._surfaces[int(person)].placed(self.simulation.data) for person in people.person]
         clear = self._unoccluded(eye, [points for points, _ in surfaces], people.person)

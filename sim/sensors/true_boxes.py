@@ -27,13 +27,8 @@ class People:
     joints: Array
 
 
-def true_view(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent], world: World) -> ViewTruth:
-    """Truth of a view. unoccluded (m,): extent of each person without occlusion."""
-    return truth_above(world, image.T_world_camera, *seen_people(image, people, unoccluded))
-
-
 def seen_people(image: InstanceImage, people: People, unoccluded: Sequence[UnoccludedExtent]) -> tuple[Boxes, Keypoints]:
-    """True boxes and key points of the people in a view; arguments as of `true_view`."""
+    """True boxes and key points of the people in a view. unoccluded (m,): extent of each person without occlusion."""
     boxes = true_boxes(image, people, unoccluded)
     shown = np.flatnonzero([body.pixels > 0 for body in unoccluded])
     return boxes, true_keypoints(image, people.person[shown], people.joints[shown]) if len(shown) else Keypoints.none()

@@ -48,7 +48,7 @@ PEOPLE = 30
 CLUTTER = 1.0
 """Mean number of false boxes of the synthetic crowd, per view and tick."""
 DEGRADATION = "clutter=2"
-"""Degradation of the detections of PETS 2009 (tracker/datasets/degradation.py). The graphs of the given detections are too small for a difference."""
+"""Degradation of the detections of PETS 2009 (tracker/recordings/degradation.py). Graphs of the given detections are too small for a difference."""
 WARM_UP = 30
 """Number of ticks that are tracked before the first timing. On PETS 2009, the first ten need no search."""
 

@@ -61,7 +61,7 @@ def _turned(camera: Camera, turn: Array) -> Array:
 def approximate_pixel_boxes(camera: Camera, detections: Detections) -> tuple[Array, Array]:
     """Middle (n, 2) px and size (n, 2) px of boxes; the middle is NaN for a box that is not in front of the camera.
 
-    The slant of a box near the edge of a wide image is neglected; tracker/export/recorded_sequence.py has the exact and slower conversion.
+    The slant of a box near the edge of a wide image is neglected; tracker/formats/exported_sequence.py has the exact and slower conversion.
     """
     azimuth, elevation = angles_from_bearing(detections.bearing)
     half = detections.extent / 2

@@ -22,6 +22,8 @@ from tracker.io.text_files import LONGEST_SHOWN, parse_number, read_lines
 from tracker.io.time_order import say_repeated
 
 COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence", "x", "y", "z")
+WHOLE = ("frame", "id")
+"""Columns of whole numbers."""
 
 ABSENT = -1.0
 
@@ -56,7 +58,7 @@ class Mot15Rows:
             set_array(self, name, shape)
         for name in ("frame", "id"):
             set_ints(self, name, (n,))
-        fault = first_fault(self.frame, self.id, self.box)
+        fault = _first_fault(self.frame, self.id, self.box)
         if fault is not None:
             raise ValueError(f"row {fault[0]}: {fault[1]}")
 
@@ -86,7 +88,7 @@ def _has_box(box: Array) -> Mask:
     return np.asarray((box != ABSENT).any(axis=1))
 
 
-def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
+def _first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
     """The first invalid row, from 0, and the reason; None where all rows are valid."""
     faults: list[tuple[int, str]] = []
     for name, values, bad, bound in (
@@ -111,52 +113,43 @@ def first_fault(frame: Ints, ids: Ints, box: Array) -> tuple[int, str] | None:
 def read_mot15(path: str | os.PathLike[str], tracks: bool = False) -> Mot15Rows:
     """Read a MOT15 file: truth, detections or results. Blank lines are skipped. tracks: whether every row needs an id, as truth and results have.
 
+    A row that equals one before it in every column is left out; their number is logged.
     Raises ValueError with file and line for a row without ten finite numbers, and for a frame or id that is no whole number.
     Raises ValueError as Mot15Rows, and OSError where the file cannot be read.
-    """
-    table = read_rows(path, COLUMNS, tracks=tracks)
-    frame, ids = table[:, :2].astype(np.int64).T
-    return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
-
-
-def read_rows(path: str | os.PathLike[str], columns: tuple[str, ...], integers: tuple[str, ...] = ("frame", "id"), tracks: bool = False) -> Array:
-    """Read a file with these columns, of which frame, id and box are the first → (n, columns). integers: columns of whole numbers.
-
-    A row that equals one before it in every column is left out; their number is logged. Raises ValueError as read_mot15.
     """
     values: dict[tuple[float, ...], int] = {}  # row → line
     repeated = 0
     for count, line in read_lines(path):
-        repeated += values.setdefault(tuple(_values(line, f"{path}:line {count}", columns, integers)), count) != count
+        repeated += values.setdefault(tuple(_values(line, f"{path}:line {count}")), count) != count
     say_repeated(path, repeated)
     lines = list(values.values())
-    table = np.array(list(values), dtype=np.float64).reshape(-1, len(columns))
+    table = np.array(list(values), dtype=np.float64).reshape(-1, len(COLUMNS))
     frame, ids = table[:, :2].astype(np.int64).T
     if tracks and (ids < 0).any():
         k = int(np.argmax(ids < 0))
         raise ValueError(f"{path}:line {lines[k]}: id is {ids[k]}, needs at least 0; detections, whose ids are -1, are no tracks")
-    fault = first_fault(frame, ids, table[:, 2:6])
+    fault = _first_fault(frame, ids, table[:, 2:6])
     if fault is not None:
         raise ValueError(f"{path}:line {lines[fault[0]]}: {fault[1]}")
-    return table
+    return Mot15Rows(frame, ids, table[:, 2:6], table[:, 6], table[:, 7:10])
 
 
 def place_of_row(path: str | os.PathLike[str], row: int) -> str:
-    """The place of a row of read_rows, counted from 0, for an error message: "path:line N". The file is read again."""
+    """The place of a row of read_mot15, counted from 0, for an error message: "path:line N". The file is read again."""
     first: dict[tuple[float, ...], int] = {}
     for count, line in read_lines(path):
         first.setdefault(tuple(map(float, line.split(","))), count)
     return f"{path}:line {list(first.values())[row]}"
 
 
-def _values(line: str, where: str, columns: tuple[str, ...], integers: tuple[str, ...]) -> list[float]:
+def _values(line: str, where: str) -> list[float]:
     parts = line.split(",")
-    if len(parts) != len(columns):
-        raise ValueError(f"{where}: {len(parts)} values, needs {len(columns)}")
+    if len(parts) != len(COLUMNS):
+        raise ValueError(f"{where}: {len(parts)} values, needs {len(COLUMNS)}")
     out: list[float] = []
-    for name, part in zip(columns, parts, strict=True):
+    for name, part in zip(COLUMNS, parts, strict=True):
         value = parse_number(part, f"{where}: {name}")
-        if name in integers and (value != round(value) or abs(value) >= LARGEST):
+        if name in WHOLE and (value != round(value) or abs(value) >= LARGEST):
             raise ValueError(f"{where}: {name} is {part.strip()[:LONGEST_SHOWN]}, needs a whole number below 2^53")
         out.append(value)
     return out

@@ -76,9 +76,3 @@ def say_repeated(path: str | os.PathLike[str], count: int, noun: str = "row") ->
     """Log that `count` repeated rows of a file were merged; nothing where it is 0."""
     if count:
         LOG.warning("%s: %s merged", Path(path), counted(count, f"repeated {noun}"))
-
-
-def say(note: str) -> None:
-    """Log a line on a file; nothing where it is empty."""
-    if note:
-        LOG.warning("%s", note)

@@ -1,4 +1,4 @@
-"""A scene of the AI City Challenge, track 1 (formats/aicity.py), as a Recording of its people.
+"""A scene of the AI City Challenge, track 1 (files.py), as a Recording of its people.
 
 calibration.json has the cameras. ground_truth.json is optional; of its objects people alone are taken. videos/CAMERA.mp4 is optional, with an
 image for each frame. detections/CAMERA.txt is optional and not of the challenge: MOT15, frames from 1, px from the centre of the first pixel.
