@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -13,16 +11,11 @@ import pytest
 
 from sim.cli.check import Check
 from sim.cli.track import SourceChoice
+from tests.commands import pilsim
 from tests.tracker import sequences
 from tests.tracker.recordings.walked_room import planted, walked_room, with_extrinsics
 from tracker.recordings import Recording
 from tracker.recordings.folder import write_recording
-
-PILSIM = Path(sys.executable).parent / "pilsim"
-
-
-def pilsim(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([PILSIM, "check", *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=100)
 
 
 def written(folder: Path, recording: Recording) -> None:
@@ -33,7 +26,7 @@ def written(folder: Path, recording: Recording) -> None:
 @pytest.mark.command
 def test_a_right_calibration_is_a_table_and_a_picture(tmp_path: Path) -> None:
     written(tmp_path / "room", walked_room(frames=60))
-    done = pilsim("room", "--picture", "room.png", cwd=tmp_path)
+    done = pilsim("check", "room", "--picture", "room.png", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert lines[0].startswith("camera")

@@ -1,32 +1,25 @@
 """The command `pilsim export`, as a process."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.commands import pilsim
 from tests.tracker import sequences
 from tracker.sequence.results import Results, write_results
-
-PILSIM = Path(sys.executable).parent / "pilsim"
-
-
-def pilsim(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([PILSIM, "export", *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=100)
 
 
 @pytest.mark.command
 def test_an_export_reports_its_folder(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
-    done = pilsim("s", "--format", "tum", "--out", "tum", cwd=tmp_path)
+    done = pilsim("export", "s", "--format", "tum", "--out", "tum", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "tum: 1 sequence as tum; README.md in it explains every column\n"
     # Progress is shown in terminals only.
     assert done.stderr == ""
-    done = pilsim("s", "--format", "jrdb", "--out", "jrdb", "--json", cwd=tmp_path)
+    done = pilsim("export", "s", "--format", "jrdb", "--out", "jrdb", "--json", cwd=tmp_path)
     assert json.loads(done.stdout) == {"out": "jrdb", "format": "jrdb", "sequences": ["s"]}
 
 
@@ -35,7 +28,7 @@ def test_an_export_refuses_an_existing_folder(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     (tmp_path / "tum").mkdir()
     (tmp_path / "tum" / "mine").write_text("x")
-    done = pilsim("s", "--format", "tum", "--out", "tum", cwd=tmp_path)
+    done = pilsim("export", "s", "--format", "tum", "--out", "tum", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (2, "error: tum: is there already\n")
 
 
@@ -51,7 +44,7 @@ def test_an_export_refuses_an_existing_folder(tmp_path: Path) -> None:
 )
 def test_errors_are_one_line(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
     sequences.write(tmp_path / "s")
-    done = pilsim(*arguments, cwd=tmp_path)
+    done = pilsim("export", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith(message)
     assert len(done.stderr.splitlines()) == 1
@@ -61,10 +54,10 @@ def test_errors_are_one_line(tmp_path: Path, arguments: tuple[str, ...], message
 @pytest.mark.command
 def test_results_become_the_file_of_an_aicity_submission(tmp_path: Path) -> None:
     write_results(tmp_path / "run", Results(2, {1: (np.array([3]), np.array([[1.0, 2.0, 0.0]]))}, {}, {}, {"source": "Warehouse_017"}))
-    done = pilsim("run", "--format", "aicity", "--out", "out", cwd=tmp_path)
+    done = pilsim("export", "run", "--format", "aicity", "--out", "out", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, "out: track1.txt of scene 17\n"), done.stderr
     assert (tmp_path / "out" / "track1.txt").read_text() == "17 0 3 1 1 2 0.875 0.6 0.6 1.75 0\n"
-    done = pilsim("run", "--format", "aicity", "--out", "other", "--scene", "4", "--json", cwd=tmp_path)
+    done = pilsim("export", "run", "--format", "aicity", "--out", "other", "--scene", "4", "--json", cwd=tmp_path)
     assert json.loads(done.stdout) == {"out": "other", "format": "aicity", "scene": 4}
-    done = pilsim("run", "--format", "tum", "--out", "tum", "--scene", "4", cwd=tmp_path)
+    done = pilsim("export", "run", "--format", "tum", "--out", "tum", "--scene", "4", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (2, "error: --scene is for the results of `track` with --format aicity\n")

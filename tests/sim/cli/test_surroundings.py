@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from sim.datasets.presets import read_settings
+from tests.commands import pilsim
 
 ROOT = Path(__file__).parents[3]
 BOM = "\ufeff"
@@ -20,11 +21,6 @@ CAMERA = """<Camera name="View_001">
 </Camera>
 """
 BOXES = "".join(f"{frame},-1,340,120,20,60,0.95,-1,-1,-1\n" for frame in range(1, 9))
-
-
-def pilsim(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pilsim", *words]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
 
 
 @pytest.fixture
