@@ -34,7 +34,6 @@ def instances(folder: Path, camera: str, frame: int) -> np.ndarray:
     return image
 
 
-@pytest.mark.render
 def test_truth_projects_onto_the_instances(folder: Path) -> None:
     """The centre of every unoccluded body lies on its instance in every frame, so that there is no lag and no offset."""
     sequence = read_sequence(folder)
@@ -62,7 +61,6 @@ def test_truth_projects_onto_the_instances(folder: Path) -> None:
     assert checked > 10
 
 
-@pytest.mark.render
 def test_visible_fraction_is_of_the_whole_body(folder: Path) -> None:
     sequence, boxes = read_sequence(folder), read_boxes(folder)
     assert sequence.truth is not None
@@ -73,14 +71,12 @@ def test_visible_fraction_is_of_the_whole_body(folder: Path) -> None:
         assert (box.full[seen, 3] >= box.seen[seen, 3]).all()
 
 
-@pytest.mark.render
 def test_feet_stand_on_the_terrain(folder: Path) -> None:
     sequence = read_sequence(folder)
     for truth in sequence.truth or ():
         np.testing.assert_allclose(truth.feet[:, 2], sequence.setup.ground.height_at(truth.feet), atol=1e-6)
 
 
-@pytest.mark.render
 def test_detections_lie_in_the_true_boxes(folder: Path) -> None:
     sequence, boxes = read_sequence(folder), read_boxes(folder)
     near = total = 0
@@ -97,7 +93,6 @@ def test_detections_lie_in_the_true_boxes(folder: Path) -> None:
     assert near / total > 0.85  # the others are clutter
 
 
-@pytest.mark.render
 def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     record(SCENARIO, tmp_path / "again")
     assert (tmp_path / "again" / "manifest.json").read_bytes() == (folder / "manifest.json").read_bytes()
@@ -117,7 +112,6 @@ def test_walls_occlude_people_and_beams_do_not() -> None:
     assert (setup.occluders.height_at(free) - setup.ground.height_at(free) < 0.05).mean() > 0.99
 
 
-@pytest.mark.render
 def test_an_existing_folder_is_refused(folder: Path) -> None:
     with pytest.raises(ValueError, match="is there already"):
         record(SCENARIO, folder)

@@ -27,7 +27,6 @@ from tracker.sequence.reader import read_sequence
 pytestmark = pytest.mark.render
 
 
-@pytest.mark.render
 def test_a_straight_wall_bends_as_the_poses_say() -> None:
     """The edge of a wall, as a camera that shakes at 8 Hz sees it, to 1 px in every row."""
     spec = spec_with_sky()
@@ -70,7 +69,6 @@ MOVING = Scenario(
 )
 
 
-@pytest.mark.render
 def test_every_row_is_that_of_rays_from_its_own_pose_and_time() -> None:
     simulation = Simulation(MOVING)
     setup = make_setup(MOVING, simulation)
@@ -121,7 +119,6 @@ def test_the_past_of_a_frame_leads_from_one_frame_to_the_next() -> None:
         simulation.past(2 * scenario.period)
 
 
-@pytest.mark.render
 def test_a_sequence_has_the_truth_of_its_effects(tmp_path: Path) -> None:
     scenario = dataclasses.replace(MOVING, frames=2, effects="readout=0.01,seam=1,dust=3,mount_angle=2,vignette=1", people=2)
     record(scenario, tmp_path / "a")
