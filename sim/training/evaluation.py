@@ -20,8 +20,7 @@ from sim.training.targets import HIDDEN, LEAST_VISIBLE
 from tracker.geometry import Array, Mask
 from tracker.metrics.box_detection import IOU, NOBODY, average_precision, box_overlaps, match_by_score
 from tracker.person_detector.detector import PersonDetector
-from tracker.person_detector.found_boxes import kept_rows
-from tracker.person_detector.peaks import Peaks
+from tracker.person_detector.found_boxes import FoundBoxes, kept_rows
 
 LEAST_LOGIT = -4.5
 """Of a box that is judged."""
@@ -40,7 +39,7 @@ class FoundImage:
     period: width of a panorama, or None.
     """
 
-    found: Peaks
+    found: FoundBoxes
     boxes: Array
     visible: Array
     cut: Mask
@@ -54,8 +53,8 @@ class FoundImage:
 
     def suppressed(self, nms_iou: float) -> tuple[Array, Array]:
         """One box for each body: left, top, right, bottom (k, 4) px, and logits (k,), the surest first."""
-        found = self.found.select(kept_rows(self.found.box, self.found.logit, nms_iou, self.period))
-        return np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1), found.logit
+        found = self.found.select(kept_rows(self.found.box, self.found.score, nms_iou, self.period))
+        return np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1), found.score
 
 
 @dataclass(frozen=True)

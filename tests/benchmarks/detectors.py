@@ -106,7 +106,7 @@ def ours(task: Task, model: Path | None, calibrated: bool) -> tuple[Path, float]
         start = time.thread_time()
         found = detector.find(picture, site)
         seconds.append(time.thread_time() - start)
-        boxes[frame + 1] = found.box, found.probability
+        boxes[frame + 1] = found.box, found.score
     file = task.folder / f"{task.view}.txt"
     write_mot15(file, rows_from_boxes(boxes))
     return file, 1000 * float(np.median(seconds[WARM_UP:] or seconds))

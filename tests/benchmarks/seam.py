@@ -65,7 +65,7 @@ def seam_recall(detector: PersonDetector, people: Iterator[Person], least: float
 def _overlapping(detector: PersonDetector, image: Image, box: Array, least: float) -> int:
     """Number of boxes found that overlap a box (4,) px of a panorama by IOU."""
     found = detector.find(np.ascontiguousarray(image), CameraPlace(Panorama(image.shape[1], image.shape[0])))
-    edges = np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1)[found.probability >= least]
+    edges = np.concatenate([found.box[:, :2], found.box[:, :2] + found.box[:, 2:]], axis=1)[found.score >= least]
     return int((box_overlaps(box[None], edges, float(image.shape[1])) >= IOU).sum())
 
 

@@ -17,6 +17,16 @@ BLOCK = 4
 """Cells along each side of a block of a grid, whose highest point tells whether a ray passes over it."""
 
 
+def inside_area(points: ArrayLike, area: Array | None) -> Mask:
+    """Points (n, 2 or more) m → (n,) whether each lies in the area (2, 2) m, lowest and highest x, y, or on its edge.
+
+    All do where there is no area. A point that is NaN does not.
+    """
+    xy = np.asarray(points, dtype=np.float64)[:, :2]
+    inside = np.isfinite(xy) if area is None else (xy >= area[0]) & (xy <= area[1])
+    return np.asarray(inside.all(axis=1))
+
+
 class Ground(Protocol):
     """Terrain as a height over the plane."""
 

@@ -47,8 +47,8 @@ def evaluate(sequence: Sequence, results: Results, area: Array | None = None) ->
         raise ValueError(f"results have {results.frames} frames, the truth has {len(truth)}: made from another source?")
     counts = evaluated_people(truth, sequence.setup.period)
     people: Tracks = {t.index: (t.person_id, t.feet) for t in truth}
-    everybody = _scored(matching_frames(people, results.tracks), area)
-    seen = _scored(matching_frames(people, results.tracks, counts), area)
+    everybody = matching_frames(people, results.tracks, None, area)
+    seen = matching_frames(people, results.tracks, counts, area)
     out: dict[str, Any] = {"targets": score(seen).to_dict(), "everybody": score(everybody).to_dict()}
     out |= _scores_of_kits(sequence.provenance, people, results.tracks, counts, area)
     # The pose of a fixed camera is given and not scored.
@@ -66,13 +66,13 @@ def evaluate(sequence: Sequence, results: Results, area: Array | None = None) ->
     return out
 
 
-def matching_frames(truth: Tracks, tracks: Tracks, counts: list[Mask] | None = None) -> list[MatchingFrame]:
-    """A MatchingFrame for each frame of `truth`, in its order; tracks without an entry are none. counts: of each frame, as MatchingFrame's."""
+def matching_frames(truth: Tracks, tracks: Tracks, counts: list[Mask] | None = None, area: Array | None = None) -> list[MatchingFrame]:
+    """A MatchingFrame for each frame of `truth`, in its order; tracks without an entry are none.
+
+    counts: of each frame, as MatchingFrame's. area: (2, 2) m or None, as MatchingFrame.within.
+    """
     none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-    return [MatchingFrame(*truth[k], *tracks.get(k, none), counts=None if counts is None else counts[n]) for n, k in enumerate(truth)]
-
-
-def _scored(frames: list[MatchingFrame], area: Array | None) -> list[MatchingFrame]:
+    frames = [MatchingFrame(*truth[k], *tracks.get(k, none), counts=None if counts is None else counts[n]) for n, k in enumerate(truth)]
     return frames if area is None else [frame.within(area) for frame in frames]
 
 
@@ -82,7 +82,7 @@ def _scores_of_kits(provenance: dict[str, Any], truth: Tracks, tracks: Tracks, c
         return {}
     # The yaw of an estimate comes from the past alone, so that an online tracker stays one.
     boxes = boxes_of_tracks(truth), boxes_of_tracks(tracks, online=True)
-    out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(_scored(matching_frames(*boxes, counts), area)))}
+    out: dict[str, Any] = {"hota_3d": hota_values(hota_3d(matching_frames(*boxes, counts, area)))}
     if GRID_TRUTH in provenance.get("files", {}) and area is None:
         out["ground_detection"] = score_ground_detections(matching_frames(truth, tracks)).to_dict()
     return out
@@ -136,7 +136,7 @@ def evaluate_files(truth: Path, result: Path, iou: float | None, area: Array | N
             frames.append(MatchingFrame(true.id[t], true.box[t], estimated.id[e], estimated.box[e]))
         else:
             frames.append(MatchingFrame(true.id[t], true.position[t], estimated.id[e], estimated.position[e], counts=true.confidence[t] != 0))
-    targets = (score(_scored(frames, area)) if iou is None else score_boxes(frames, iou=iou)).to_dict()
+    targets = (score(frames if area is None else [frame.within(area) for frame in frames]) if iou is None else score_boxes(frames, iou=iou)).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None}
 
 
@@ -163,7 +163,7 @@ def evaluate_aicity(truth: Path, result: Path, area: Array | None = None) -> dic
     found, first = np.unique(rows.frame[chosen], return_index=True)
     parts = np.split(chosen, first[1:])[: len(found)]
     estimated: Tracks = {k: (rows.id[part], rows.boxes[part]) for k, part in zip(found.tolist(), parts, strict=True)}
-    frames = _scored(matching_frames(true, estimated), area)
+    frames = matching_frames(true, estimated, None, area)
     targets = score(frames).to_dict()
     return {"targets": targets, "everybody": targets, "robots": None, "dead_reckoning": None, "hota_3d": hota_values(hota_3d(frames))}
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array, Ints, Mask, frozen
+from tracker.geometry.ground import inside_area
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class MatchingFrame:
 
     def within(self, area: Array) -> MatchingFrame:
         """The frame with what is outside of `area` (2, 2) m, lowest and highest x, y, ignored: truth, and estimates that match no evaluated truth."""
-        truth, estimate = (((p[:, :2] >= area[0]) & (p[:, :2] <= area[1])).all(axis=1) for p in (self.truth, self.estimate))
+        truth, estimate = (inside_area(places, area) for places in (self.truth, self.estimate))
         return replace(
             self,
             counts=truth if self.counts is None else self.counts & truth,

@@ -84,7 +84,7 @@ def _written(frames: Iterable[PictureFrame], partial: Path, wanted: dict[str, An
             if (entry := known.get(key)) is None:
                 found = how.detector.find(one.image, one.site, how.wraps)
                 entry = dict(zip(("camera", "frame", "image"), key, strict=True))
-                entry |= {"box": np.round(found.box, 2).tolist(), "probability": np.round(found.probability, 4).tolist()}
+                entry |= {"box": np.round(found.box, 2).tolist(), "probability": np.round(found.score, 4).tolist()}
                 journal.add(entry)
             box, probability = np.array(entry["box"], dtype=float).reshape(-1, 4), np.array(entry["probability"], dtype=float)
             boxes.setdefault(one.camera, {})[one.frame + 1] = box, probability

@@ -10,21 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.detections.boxes import detections_from_boxes
-from tracker.geometry import Array, Image, Pose
+from tracker.geometry import Array, Image, Mask, Pose
 from tracker.geometry.cameras import Camera, Panorama
 from tracker.geometry.ground import Ground
-from tracker.person_detector.found_boxes import FoundBoxes, one_for_each
+from tracker.person_detector.found_boxes import FoundBoxes, one_for_each, peaks_of
 from tracker.person_detector.magnification import LEAST_LOGIT, SHARED, SLACK, SMALL, magnified_parts
 from tracker.person_detector.network import STRIDE, PersonNetwork
-from tracker.person_detector.peaks import Peaks, peaks_of
 from tracker.person_detector.pixels import Level, level_of, level_of_part, rgb_image
-from tracker.person_detector.statures import could_stand
 from tracker.types import Detections
 
 BODIES: tuple[tuple[float, float], ...] = ((0.0, 288.0), (96.0, np.inf))
 """px of the picture: heights of bodies that are taken from the whole picture, and from the picture at half its size."""
 POLES = 8
 """The upper and lower 1/POLES of a panorama are searched at half size alone: there, bodies are large and bent."""
+STATURE = (1.0, 2.3)
+"""m: from a child, or a person who sits, to the tallest."""
+REACH = 200.0
+"""m: farther feet are at the horizon, where no stature can be told."""
+EDGE_SHARE, EDGE_PIXELS = 0.04, 1.5
+"""Standard deviation of an edge where the network gives none: a share of the box's height, and px."""
+WITHIN = 2.0
+"""Standard deviations by which the edges may be off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +66,8 @@ class PersonDetector:
         if wraps is None:
             wraps = site.camera is not None and site.camera.wraps
         peaks = self.peaks(image, isinstance(site.camera, Panorama), wraps, self.network.calibration.least_logit)
-        found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.logit), peaks.sigma)
-        found = found.select(found.probability >= self.network.calibration.min_score)
+        found = FoundBoxes(peaks.box, self.network.calibration.probabilities(peaks.score), peaks.sigma)
+        found = found.select(found.score >= self.network.calibration.min_score)
         found = _within(one_for_each(found, self.network.calibration.nms_iou, image.shape[1] if wraps else None), image, wraps)
         if site.camera is None or site.pose is None or site.ground is None:
             return found
@@ -72,11 +78,11 @@ class PersonDetector:
         assert site.camera is not None
         found = self.find(picture, site)
         if found.sigma is None:
-            return detections_from_boxes(site.camera, found.box, found.probability)
+            return detections_from_boxes(site.camera, found.box, found.score)
         left, _, right, bottom = found.sigma.T
-        return detections_from_boxes(site.camera, found.box, found.probability, np.column_stack([np.hypot(left, right) / 2, bottom]))
+        return detections_from_boxes(site.camera, found.box, found.score, np.column_stack([np.hypot(left, right) / 2, bottom]))
 
-    def peaks(self, image: Image, panorama: bool, wraps: bool, least_logit: float) -> Peaks:
+    def peaks(self, image: Image, panorama: bool, wraps: bool, least_logit: float) -> FoundBoxes:
         """Boxes in an image (H, W, 3) before suppression, with logits of at least `least_logit`.
 
         The whole image is searched, then the image at half its size, and parts at twice the size where small bodies may be.
@@ -92,9 +98,9 @@ class PersonDetector:
             level = level_of_part(part.cut_out(image), part.seen[:2])
             found = self._at_level(level, (0.0, SMALL), least_logit, None)
             out.append(found.select(part.holds(found, SLACK)))
-        return Peaks.joined([full.select(full.logit >= least_logit), *out])
+        return FoundBoxes.joined([full.select(full.score >= least_logit), *out])
 
-    def _at_level(self, level: Level, heights: tuple[float, float], least_logit: float, period: float | None) -> Peaks:
+    def _at_level(self, level: Level, heights: tuple[float, float], least_logit: float, period: float | None) -> FoundBoxes:
         """The peaks of a level with heights between two bounds, px of the picture. period: width of a picture that wraps, px."""
         found = peaks_of(self.network(level.pixels), level, least_logit)
         found = found.select((found.height >= heights[0]) & (found.height < heights[1]))
@@ -103,7 +109,7 @@ class PersonDetector:
         # Beyond the seam, the same people stand again. On it, each side may place the middle beyond the other.
         slack, x = STRIDE * level.scale, found.middle[:, 0]
         turns = np.floor(x / period)[:, None] * np.array([period, 0.0, 0.0, 0.0])
-        return Peaks(found.box - turns, found.logit, found.sigma).select((x >= -slack) & (x < period + slack))
+        return FoundBoxes(found.box - turns, found.score, found.sigma).select((x >= -slack) & (x < period + slack))
 
 
 def _within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBoxes:
@@ -117,4 +123,35 @@ def _within(found: FoundBoxes, image: NDArray[np.uint8], wraps: bool) -> FoundBo
     if wraps:
         box[:, 2] = np.minimum(box[:, 2], width)
         box[:, 0] %= width
-    return FoundBoxes(box, found.probability, found.sigma).select(np.asarray((box[:, 2:] > 0).all(axis=1)))
+    return FoundBoxes(box, found.score, found.sigma).select(np.asarray((box[:, 2:] > 0).all(axis=1)))
+
+
+def could_stand(found: FoundBoxes, camera: Camera, pose: Pose, ground: Ground) -> Mask:
+    """Whether each box (n,) could be of a person of STATURE on the ground. pose: T_world_camera.
+
+    The edges may be off by WITHIN standard deviations. A box that the image cuts may go on there.
+    """
+    left, top, width, height = found.box.T
+    sigma = EDGE_SHARE * height + EDGE_PIXELS if found.sigma is None else found.sigma[:, 3]
+    middle, bottom = left + width / 2, top + height
+    margin = WITHIN * sigma
+    tallest = _stature(camera, pose, ground, (middle, bottom + margin, top - margin))
+    shortest = _stature(camera, pose, ground, (middle, bottom - margin, top + margin))
+    # A lower foot is nearer, so that the same rows are less of a body: the box itself and both moves together are tried, too.
+    others = [_stature(camera, pose, ground, (middle, bottom + a * margin, top + b * margin)) for a, b in ((0, 0), (1, 1), (-1, -1))]
+    all_ = np.stack([tallest, shortest, *others])
+    low, high = np.min(all_, axis=0), np.max(all_, axis=0)
+    cut_below, cut_above = bottom >= camera.height - 1, top <= 1
+    return np.asarray((cut_below | cut_above | (high >= STATURE[0])) & (cut_below | (low <= STATURE[1])))
+
+
+def _stature(camera: Camera, pose: Pose, ground: Ground, box: tuple[Array, Array, Array]) -> Array:
+    """Height (n,) m of upright bodies with feet and heads at pixels; ∞ where the feet are not on the ground. box: column, feet, heads (n,) px."""
+    column, feet, heads = box
+    foot, head = (camera.bearings_from_pixels(np.stack([column, rows], axis=1)) @ pose.rotation.T for rows in (feet, heads))
+    origin = np.broadcast_to(pose.translation, foot.shape)
+    point, there = ground.intersect(origin, foot, REACH)
+    distance = np.hypot(*(point - origin)[:, :2].T)
+    along = np.maximum(np.hypot(head[:, 0], head[:, 1]), 1e-9)
+    height = origin[:, 2] - point[:, 2] + distance * head[:, 2] / along
+    return np.asarray(np.where(there, height, np.inf))

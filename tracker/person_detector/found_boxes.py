@@ -1,19 +1,26 @@
-"""Boxes of people in an image, and the choice of one box for each person."""
+"""Boxes of people in an image: from the scores that the network gives, and the choice of one box for each person."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from tracker.geometry import Array, Ints, Mask, set_array
 from tracker.geometry.image_boxes import box_overlaps
+from tracker.person_detector.network import STRIDE, Maps
+from tracker.person_detector.pixels import Level
 
 FEET = 0.15
 """Lowest share of a box that counts as the area of its feet."""
 SAME_FEET = 0.45
 """Two boxes whose areas of the feet overlap by this IoU are one person already at SOFTER times the usual IoU."""
 SOFTER = 0.8
+MOST = 1000
+"""Peaks of a level, the surest."""
+LONGEST_EDGE = 8.0
+"""Logarithm of the longest distance to an edge, px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,18 +28,18 @@ class FoundBoxes:
     """Boxes of whole people in an image, the surest first.
 
     box (n, 4): left, top, width, height px. In an image that wraps, left is in [0, W) and left + width may pass W.
-    probability (n,): that the box is a person at an IoU of 0.5. sigma (n, 4) px: standard deviations of left, top, right and bottom,
-    or None where the network has none.
+    score (n,): the probability that the box is a person at an IoU of 0.5; before calibration its logit, as the network gives it.
+    sigma (n, 4) px: standard deviations of left, top, right and bottom, or None where the network has none.
     """
 
     box: Array
-    probability: Array
+    score: Array
     sigma: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.box)
         set_array(self, "box", (n, 4))
-        set_array(self, "probability", (n,))
+        set_array(self, "score", (n,))
         if self.sigma is not None:
             set_array(self, "sigma", (n, 4))
 
@@ -44,9 +51,46 @@ class FoundBoxes:
     def __len__(self) -> int:
         return len(self.box)
 
+    @property
+    def height(self) -> Array:
+        """Heights (n,) of the boxes, px."""
+        return self.box[:, 3]
+
+    @property
+    def middle(self) -> Array:
+        """Middles (n, 2) of the boxes, px."""
+        return np.asarray(self.box[:, :2] + self.box[:, 2:] / 2)
+
     def select(self, rows: Mask | Ints) -> FoundBoxes:
         """The boxes in `rows`."""
-        return FoundBoxes(self.box[rows], self.probability[rows], None if self.sigma is None else self.sigma[rows])
+        return FoundBoxes(self.box[rows], self.score[rows], None if self.sigma is None else self.sigma[rows])
+
+    @staticmethod
+    def joined(parts: list[FoundBoxes]) -> FoundBoxes:
+        """The boxes of one or more parts, one after the other."""
+        sigmas = [part.sigma for part in parts if part.sigma is not None]
+        sigma = np.concatenate(sigmas) if len(sigmas) == len(parts) else None
+        return FoundBoxes(np.concatenate([part.box for part in parts]), np.concatenate([part.score for part in parts]), sigma)
+
+
+def peaks_of(maps: Maps, level: Level, least_logit: float) -> FoundBoxes:
+    """The boxes at the local maxima of the scores of a level, with logits of at least `least_logit`."""
+    scores = maps["scores"][0]
+    highest = scores >= cv2.dilate(scores, np.ones((3, 3), np.uint8))
+    rows, columns = np.nonzero(highest & (scores >= least_logit) & np.isfinite(scores))
+    logits = scores[rows, columns].astype(np.float64)
+    first = np.lexsort((columns, rows, -logits))[:MOST]
+    rows, columns, logits = rows[first], columns[first], logits[first]
+    edges = np.exp(np.minimum(maps["edges"][:, rows, columns].astype(np.float64), LONGEST_EDGE)).T
+    centre = (np.stack([columns, rows], axis=1) + 0.5) * STRIDE - level.origin
+    left_top, right_bottom = centre - edges[:, :2], centre + edges[:, 2:]
+    box = np.concatenate([left_top, right_bottom - left_top], axis=1) * level.scale
+    sigma = None
+    if "spread" in maps:
+        # The standard deviation of a Laplace distribution is its scale times √2.
+        sigma = np.sqrt(2) * np.exp(np.minimum(maps["spread"][:, rows, columns].astype(np.float64).T, 0.0)) * box[:, 3:]
+    good = np.isfinite(box).all(axis=1) & (box[:, 2:] > 0).all(axis=1)
+    return FoundBoxes(box, logits, sigma).select(np.asarray(good))
 
 
 def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> FoundBoxes:
@@ -55,7 +99,7 @@ def one_for_each(found: FoundBoxes, iou: float, period: float | None = None) -> 
     Two boxes are one person if they overlap by `iou`. Where the areas of the feet overlap as well, a little less is enough.
     People who stand behind each other have feet at different heights of the image. period: width of an image that wraps, px.
     """
-    return found.select(kept_rows(found.box, found.probability, iou, period))
+    return found.select(kept_rows(found.box, found.score, iou, period))
 
 
 def kept_rows(boxes: Array, score: Array, iou: float, period: float | None) -> Ints:

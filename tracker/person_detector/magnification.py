@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Image, Mask
-from tracker.person_detector.peaks import Peaks
+from tracker.person_detector.found_boxes import FoundBoxes
 
 SMALL = 60.0
 """px of the picture: bodies below this height are taken from parts at twice the size."""
@@ -38,7 +38,7 @@ class Part:
         left, top, right, bottom = self.seen
         return (right - left) * (bottom - top)
 
-    def holds(self, peaks: Peaks, slack: float = 0.0) -> Mask:
+    def holds(self, peaks: FoundBoxes, slack: float = 0.0) -> Mask:
         """Which peaks (n,) have their middles in the core, or at most `slack` px beside it."""
         x, y = peaks.middle.T
         left, top, right, bottom = self.core
@@ -51,10 +51,10 @@ class Part:
         return np.asarray(cv2.resize(part, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
-def magnified_parts(peaks: Peaks, shape: tuple[int, ...], wraps: bool) -> list[Part]:
+def magnified_parts(peaks: FoundBoxes, shape: tuple[int, ...], wraps: bool) -> list[Part]:
     """The parts of an image of shape (H, W, …) with peaks of small bodies, those with the surest peak first, up to LARGEST_SHARE of the image."""
     height, width = shape[:2]
-    small = peaks.select((peaks.height < SMALL) & (peaks.logit >= LEAST_LOGIT))
+    small = peaks.select((peaks.height < SMALL) & (peaks.score >= LEAST_LOGIT))
     if not len(small):
         return []
     tiles = np.zeros((-(-height // TILE), -(-width // TILE)), np.uint8)
@@ -64,7 +64,7 @@ def magnified_parts(peaks: Peaks, shape: tuple[int, ...], wraps: bool) -> list[P
     tiles[row, column] = 1
     count, label, boxes, _ = cv2.connectedComponentsWithStats(tiles, connectivity=4)
     surest = np.full(count, -np.inf)
-    np.maximum.at(surest, label[row, column], small.logit)
+    np.maximum.at(surest, label[row, column], small.score)
     out, left = [], LARGEST_SHARE * height * width
     for k in (1 + np.argsort(-surest[1:], kind="stable")).tolist():
         part = _part(boxes[k, :4].tolist(), (width, height), wraps)

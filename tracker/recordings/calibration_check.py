@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from tracker.geometry import Array
+from tracker.geometry.ground import inside_area
 from tracker.recordings.calibration_errors import (
     Corrected,
     Finding,
-    points_inside,
     swapped_cameras,
     wrong_area_unit,
     wrong_extrinsics,
@@ -149,7 +149,7 @@ def _below_ground(case: CalibrationCase) -> list[Finding]:
 
 def _camera_check(case: CalibrationCase, name: str, camera: RecordingCamera) -> CameraCheck:
     feet, place = case.feet(name), camera.pose.translation
-    inside, n = points_inside(feet.point, case.area), len(feet.frame)
+    inside, n = inside_area(feet.point, case.area), len(feet.frame)
     compared, distance = "", None
     reference = Reference(case.truth.frame, case.truth.point) if case.truth is not None else case.others(name)
     if len(reference.frames) and inside.any():

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array
+from tracker.geometry.ground import inside_area
 from tracker.recordings.calibration_feet import CalibrationCase, Extrinsics, Nearness, Reference, nearness, reference_of
 
 TIMES, MORE, ERRORS = 2.0, 0.08, 5.0
@@ -270,7 +271,7 @@ def wrong_area_unit(case: CalibrationCase) -> Corrected | None:
         return None
     side = float(np.linalg.norm(case.area[1] - case.area[0])) / max(_spread(places), 1.0)
     for scale, unit in UNITS.items():
-        inside = ((places >= case.area[0] * scale) & (places <= case.area[1] * scale)).all(axis=1).mean()
+        inside = inside_area(places, case.area * scale).mean()
         if side > TOO_WIDE and AREA_RATIO[0] < side * scale < AREA_RATIO[1] and inside > 0.5:
             words = f"area: is in {unit}, and needs to be in metres. So read, {inside:.0%} of the people are in it"
             return Finding(f"area-{'mm' if scale == MM else 'cm'}", (), words), replace(case, area=case.area * scale)
@@ -344,9 +345,3 @@ def _pair_with_rest(case: CalibrationCase, pair: tuple[str, str]) -> Nearness:
         return agreement(case, pair)[0]
     reference = reference_of([case.feet(name) for name in rest])
     return reduce(add, [nearness(case.sampled_feet(name), reference) for name in pair])
-
-
-def points_inside(points: Array, area: Array | None) -> Array:
-    """(n, 2) m → (n,) whether each lies in the area, all where there is none; NaN does not."""
-    known = np.isfinite(points[:, 0])
-    return known if area is None else np.asarray(known & ((points >= area[0]) & (points <= area[1])).all(axis=1))

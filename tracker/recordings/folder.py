@@ -2,7 +2,8 @@
 
 * recording.json: rate and cameras; optional format, area, ground, height and frames.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
-* detections/CAMERA.npy (optional): appearance vectors of the boxes (appearance_files.py).
+* detections/CAMERA.npy (optional): appearance vectors of the boxes, an array (rows, d) of floating-point numbers, a row for each row of
+  CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros says nothing.
 * truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
 * video/CAMERA.mp4 (optional): one image for each frame.
 * images/CAMERA/000001.jpg or .png (optional, in place of the video): frames from 1.
@@ -26,18 +27,17 @@ from typing import Any
 
 import numpy as np
 
-from tracker.geometry import Array, Ints, Pose
+from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.ground import Flat, Ground
-from tracker.io.atomic import write_text
+from tracker.io.atomic import new_file, write_text
 from tracker.io.csv_tables import rows_by_frame, write_table
 from tracker.io.json_files import read_json
 from tracker.io.mot15 import Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
 from tracker.io.resume import checksums
 from tracker.io.terrain_file import read_terrain
-from tracker.recordings.appearance_files import read_appearances, write_appearances
 from tracker.recordings.camera_json import camera_from, camera_to
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile
-from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, Recording, RecordingCamera, RecordingRobot
+from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, FrameVectors, Recording, RecordingCamera, RecordingRobot
 from tracker.sequence.calibration import pose_from, pose_row
 from tracker.sequence.reader import odometry_from
 from tracker.sequence.schema import ODOMETRY, POSE
@@ -55,6 +55,8 @@ OUTSIDE = 1.0
 START_SIGMA = 1e-3
 """m and rad: standard deviation of a robot's start pose that has no covariance."""
 MAX_CAMERAS = 1000
+LONGEST_VECTOR = 4096
+"""Most numbers of an appearance vector."""
 
 
 def is_recording(path: Path) -> bool:
@@ -90,7 +92,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             occluders=occluders,
             images=_images(path, cameras),
             robots=robots,
-            appearances=read_appearances(path / "detections", list(cameras)),
+            appearances=_appearances(path / "detections", list(cameras)),
             source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
         )
     except (TypeError, ValueError) as error:
@@ -148,6 +150,35 @@ def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str,
 def read_boxes(file: Path) -> dict[int, tuple[Array, Array]]:
     """Detections of a camera (MOT15) → frame from 0 → boxes (n, 4) px and confidence (n,). Raises ValueError with file and line."""
     return {frame - 1: of_frame for frame, of_frame in read_detections(file).items()}
+
+
+def _appearances(folder: Path, cameras: list[str]) -> dict[str, FrameVectors]:
+    """The vectors of all cameras that have some, where `folder` holds CAMERA.txt and CAMERA.npy.
+
+    Raises ValueError for an array of another shape or type, and for numbers that are not finite.
+    """
+    return {name: _vectors(folder / f"{name}.npy", folder / f"{name}.txt") for name in cameras if (folder / f"{name}.npy").is_file()}
+
+
+def _vectors(file: Path, text: Path) -> dict[int, Array]:
+    if not text.is_file():
+        raise ValueError(f"{file}: has no {text.name} beside it, needs the boxes that its vectors belong to")
+    rows = read_mot15(text)
+    try:
+        with file.open("rb") as stream:
+            vectors = np.lib.format.read_array(stream, allow_pickle=False, max_header_size=10_000)
+    except (ValueError, EOFError, MemoryError, OverflowError, SyntaxError, TypeError) as error:
+        raise ValueError(f"{file}: is not an array of NumPy ({str(error).splitlines()[0][:100]})") from None
+    if vectors.ndim != 2 or vectors.dtype.kind != "f" or not 1 <= vectors.shape[1] <= LONGEST_VECTOR:
+        shape = f"has shape {vectors.shape} of {vectors.dtype}"
+        raise ValueError(f"{file}: {shape}, needs (rows, d) of floating-point numbers, d from 1 to {LONGEST_VECTOR}")
+    if len(vectors) != len(rows):
+        raise ValueError(f"{file}: has {len(vectors)} rows, needs {len(rows)}, one for each different row of {text.name}")
+    finite: Mask = np.isfinite(vectors).all(axis=1)
+    if not finite.all():
+        raise ValueError(f"{file}: row {int(np.argmin(finite))} from 0 has a number that is not finite")
+    vectors = vectors.astype(np.float64)
+    return {frame - 1: vectors[k] for frame, k in rows.by_frame().items()}
 
 
 def _with_truth(path: Path, recording: Recording, strict: bool) -> Recording:
@@ -282,7 +313,7 @@ def write_recording(folder: Path, recording: Recording) -> None:
     (folder / "detections").mkdir()
     for name, boxes in recording.detections.items():
         write_mot15(folder / "detections" / f"{name}.txt", rows_from_boxes({frame + 1: of_frame for frame, of_frame in boxes.items()}))
-    write_appearances(folder / "detections", recording.detections, recording.appearances)
+    _write_appearances(folder / "detections", recording.detections, recording.appearances)
     if recording.truth is not None:
         rows = rows_from_tracks({frame + 1: people for frame, people in recording.truth.items()})
         seen = [recording.visible.get(frame, np.ones(len(ids))) for frame, (ids, _) in sorted(recording.truth.items())]
@@ -291,6 +322,17 @@ def write_recording(folder: Path, recording: Recording) -> None:
         _write_robots(folder, recording)
     for name, source in recording.images.items():
         _copy_images(folder, name, source)
+
+
+def _write_appearances(folder: Path, detections: Mapping[str, Mapping[int, tuple[Array, Array]]], appearances: Mapping[str, FrameVectors]) -> None:
+    """Write CAMERA.npy of each camera with vectors, in the order of its boxes; zeros where a frame has boxes and no vectors."""
+    for name, vectors in appearances.items():
+        length = max((of_frame.shape[1] for of_frame in vectors.values()), default=0)
+        if not length:
+            continue
+        parts = [vectors.get(frame, np.zeros((len(boxes), length))) for frame, (boxes, _) in detections[name].items()]
+        with new_file(folder / f"{name}.npy") as part, part.open("wb") as out:
+            np.save(out, np.concatenate(parts).astype(np.float32))
 
 
 def _write_ground(folder: Path, recording: Recording) -> float | str:

@@ -18,13 +18,14 @@ from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.mot15 import MAX_FRAME
-from tracker.recordings.appearance_files import FrameVectors
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 from tracker.types import Detections, Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
 
 FrameBoxes = Mapping[int, tuple[Array, Array]]
 """Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,). Frames without boxes may have no entry."""
+FrameVectors = Mapping[int, Array]
+"""Frame from 0 → appearance vectors (n, d) of the boxes of that frame, in their order."""
 MAX_FRAMES = MAX_FRAME
 """Of a recording, which holds a value for each frame, also for those without data."""
 MAX_VIEWS = 1 << 24

@@ -8,7 +8,7 @@ import numpy as np
 
 from tracker.geometry import Array, Mask, Pose, check_covariance, set_array
 from tracker.geometry.cameras import Camera
-from tracker.geometry.ground import Ground
+from tracker.geometry.ground import Ground, inside_area
 from tracker.types.detections import RobotDetections
 
 
@@ -84,10 +84,7 @@ class Setup:
 
     def contains(self, points: Array) -> Mask:
         """Points (n, 2) or (n, 3) m, world → (n,) whether each lies in the area or on its edge; all True without an area."""
-        if self.area is None:
-            return np.ones(len(points), dtype=np.bool_)
-        low, high = self.area
-        return np.asarray(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
+        return inside_area(points, self.area)
 
     def distance_beyond(self, points: Array) -> Array:
         """Points (n, 2) or (n, 3) m, world → (n,) m: the larger distance outside the area along x or y; 0 inside or without an area."""

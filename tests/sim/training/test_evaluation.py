@@ -7,7 +7,7 @@ import numpy as np
 from sim.training.evaluation import FoundImage, Range, corners, judged
 from sim.training.targets import targets_of
 from tracker.metrics.box_detection import average_precision, box_overlaps
-from tracker.person_detector.peaks import Peaks, peaks_of
+from tracker.person_detector.found_boxes import FoundBoxes, peaks_of
 from tracker.person_detector.pixels import Level
 
 
@@ -31,7 +31,7 @@ def test_overlaps_wrap():
 
 def _image(boxes, logits, bodies, visible):
     corners = np.array(boxes, float).reshape(-1, 4)
-    found = Peaks(np.hstack([corners[:, :2], corners[:, 2:] - corners[:, :2]]), np.array(logits, float))
+    found = FoundBoxes(np.hstack([corners[:, :2], corners[:, 2:] - corners[:, :2]]), np.array(logits, float))
     bodies = np.array(bodies, float).reshape(-1, 4)
     return FoundImage(found, bodies, np.array(visible, float), np.zeros(len(bodies), bool), "campus", None)
 

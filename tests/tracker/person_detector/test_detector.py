@@ -18,12 +18,10 @@ from tracker.geometry import angles_from_bearing
 from tracker.geometry.cameras import Panorama, Pinhole
 from tracker.geometry.ground import Flat
 from tracker.geometry.image_boxes import box_overlaps
-from tracker.person_detector.detector import CameraPlace, PersonDetector
+from tracker.person_detector.detector import CameraPlace, PersonDetector, could_stand
 from tracker.person_detector.found_boxes import FoundBoxes, one_for_each
 from tracker.person_detector.magnification import LARGEST_SHARE, SMALL, magnified_parts
 from tracker.person_detector.network import PersonNetwork
-from tracker.person_detector.peaks import Peaks
-from tracker.person_detector.statures import could_stand
 from tracker.recordings import RecordingCamera
 
 
@@ -42,7 +40,7 @@ def test_boxes_lie_about_the_blobs(detector: PersonDetector) -> None:
     np.testing.assert_allclose(sorted(middles(found).tolist()), sorted(places), atol=1e-3)
     np.testing.assert_allclose(found.box[:, 2:], [[WIDTH, HEIGHT]] * 3, atol=1e-3)
     # 10 · (1 − 0) − 5 is a logit of 5, beyond the last corner of the calibration.
-    np.testing.assert_allclose(found.probability, 1.0)
+    np.testing.assert_allclose(found.score, 1.0)
 
 
 def test_large_bodies_come_from_half_the_size(detector: PersonDetector) -> None:
@@ -67,11 +65,11 @@ def test_small_bodies_come_from_parts_at_twice_the_size(tmp_path: Path) -> None:
 def test_magnified_parts_are_bounded_and_hold_their_peaks() -> None:
     rng = np.random.default_rng(2)
     box = np.column_stack([rng.uniform(0, 500, 80), rng.uniform(0, 230, 80), np.full(80, 8.0), rng.uniform(15, 80, 80)])
-    peaks = Peaks(box, rng.uniform(-4, 3, 80))
+    peaks = FoundBoxes(box, rng.uniform(-4, 3, 80))
     parts = magnified_parts(peaks, (256, 512, 3), wraps=False)
     assert parts == magnified_parts(peaks.select(rng.permutation(80)), (256, 512, 3), wraps=False)
     assert 0 < sum(part.area for part in parts) <= LARGEST_SHARE * 256 * 512
-    surest = peaks.select(np.array([np.argmax(np.where(peaks.height < SMALL, peaks.logit, -np.inf))]))
+    surest = peaks.select(np.array([np.argmax(np.where(peaks.height < SMALL, peaks.score, -np.inf))]))
     assert parts[0].holds(surest).all()
     assert not magnified_parts(peaks.select(peaks.height >= SMALL), (256, 512, 3), wraps=True)
 
@@ -80,7 +78,7 @@ def test_scores_follow_the_calibration(tmp_path: Path) -> None:
     image = picture_with((96, 96), [(46.0, 46.0)]) // 255 * 153  # a brightness of 0.6: a logit of 1
     for corners, wanted in (([[-4, 0.0], [0, 0.5], [4, 1.0]], 0.625), ([[-1, 0.0], [0, 0.4], [2, 0.6]], 0.5)):
         model = PersonDetector(write_blob_network(tmp_path / "m.onnx", {"calibration": corners}))
-        np.testing.assert_allclose(model.find(image).probability, [wanted], atol=1e-5)
+        np.testing.assert_allclose(model.find(image).score, [wanted], atol=1e-5)
     assert not len(PersonDetector(write_blob_network(tmp_path / "m.onnx", {"min_score": 0.7})).find(image))
 
 
