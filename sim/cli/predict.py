@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import shlex
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +18,11 @@ from sim.cli.stress import TrackerOptions
 from sim.cli.track import SourceChoice
 
 if TYPE_CHECKING:
-    from sim.prediction.predict import PredictionPlan
+    from sim.prediction.predict import Predicted, Prediction, PredictionPlan
+
+ROWS = (("MOTA", "mota"), ("IDF1", "idf1"), ("HOTA", "hota"), ("misses", "misses"), ("false positives", "false_positives"), ("switches", "switches"))
+"""Title and name of the figures that are shown."""
+WIDE = 28
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,6 @@ class Predict:
         from sim.parallel.pool import Pool
         from sim.prediction.predict import predict
         from sim.prediction.record import content
-        from sim.prediction.table import lines
         from sim.recording.record import versions
         from tracker.io.atomic import write_text
         from tracker.io.file_lock import output_file_lock
@@ -90,7 +95,7 @@ class Predict:
         if found.shared is not None:
             off = f"{found.shared.by_place:.2f} m by place and {found.shared.deviation:.2f} m by person"
             print(f"All views agree that the truth is off by {off}, and that statures differ by {100 * found.shared.stature:.0f} %; twins do, too.")
-        print("\n".join(lines(found)))
+        print("\n".join(_lines(found)))
         if self.out is not None:
             print(f"{self.out}: written; `pilsim report {self.out}` makes a page of it")
 
@@ -130,3 +135,34 @@ class Predict:
         fit = parse_frames(self.fit, "--fit") if self.fit else None
         seeds = tuple(range(self.first_seed, self.first_seed + self.seeds))
         return PredictionPlan(self.source, self.part.options(images=False), tracker, detectors, fit, seeds)
+
+
+def _lines(found: Prediction) -> Iterator[str]:
+    """The table: a row for each score, then for each cause of errors that occurs. Columns are detectors, and the real boxes."""
+    names = list(found.twins)
+    yield f"{'':{WIDE}}" + "".join(f"{name[:WIDE]:>{WIDE}}" for name in names) + (f"{'real':>10}" if found.real else "")
+    predicted = {name: found.predicted(name) for name in names}
+    for title, key in ROWS:
+        digits = 3 if key in ("mota", "idf1", "hota") else 1
+        real = "" if found.real is None else _number(found.real.figures[key], 3 if digits == 3 else 0)
+        yield _row(title, [predicted[name][key] for name in names], digits, real)
+    causes = {name: found.causes(name) for name in names}
+    for kind, of in causes[names[0]].items():
+        for cause in of:
+            values = [causes[name][kind][cause] for name in names]
+            count = 0 if found.real is None else found.real.causes[kind][cause]
+            if count or any(value.mean for value in values):
+                yield _row(f"  {kind}: {cause}", values, 1, "" if found.real is None else str(count))
+
+
+def _row(title: str, values: list[Predicted], digits: int, real: str) -> str:
+    return f"{title:{WIDE}}" + "".join(f"{_text(value, digits):>{WIDE}}" for value in values) + (f"{real:>10}" if real else "")
+
+
+def _text(value: Predicted, digits: int) -> str:
+    interval = "" if value.low is None or value.high is None else f" [{value.low:.{digits}f}, {value.high:.{digits}f}]"
+    return _number(value.mean, digits) + interval
+
+
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tracker.detector_models.fit import fit
-from tracker.detector_models.fitting import Source
+from tracker.detector_models.fitting import Source, at_its_places, fit_view
 from tracker.detector_models.model import Model
 from tracker.detector_models.observations import true_people
-from tracker.detector_models.places import at_its_places, fit_view
 from tracker.detector_models.shared_errors import SharedErrors, agreed, drawn
 from tracker.detector_models.simulation import simulated_detections
 from tracker.formats.opening import open_recording

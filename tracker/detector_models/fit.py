@@ -198,8 +198,7 @@ def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
     border = _share_filled(people.moved, people.border_in, tiled * (people.border_in > INFORMATIVE))
     inside = (people.border_in <= 1e-6) & (people.hidden_in > INFORMATIVE)
     hidden = _share_filled(people.moved, people.hidden_in, tiled * inside)
-    fills, fill_time = _fills(samples, weight, inside)
-    # Edges whose place depends on what hides them have errors by `fills`.
+    # Edges that something hides say how a detector fills in, and nothing of its errors.
     error = terms_of(np.where(people.hidden_in > INFORMATIVE, np.nan, edge_errors(people, hidden, border)))
     trend, bounds = _trend(people, error) if view_alone else ((), ())
     if trend:
@@ -220,28 +219,10 @@ def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
         scores.append(score)
     matrix = _correlation(np.array(scores).T, weight)
     if view_alone:
-        # Boxes that match hidden bodies are often a neighbour's. What hides an edge is in `fills`; the rest is as of clear bodies.
+        # Boxes that match hidden bodies are often a neighbour's. Their errors are taken to be those of clear ones.
         tables[1] = tables[0]
     rows = tuple(map(tuple, tables))
-    return EdgeErrors(rows, tuple(lasting), tuple(times), matrix, hidden, border, trend, bounds, fills=fills, fill_time_s=fill_time)
-
-
-def _fills(samples: Samples, weight: Array, inside: Mask) -> tuple[tuple[float, ...], float]:
-    """Quantiles of the share of a hidden part over which boxes extend, and its time constant, s; () with too few boxes of hidden bodies.
-
-    inside (n, 4): edges that something hides. Of several edges of a body, the one that is hidden most counts.
-    """
-    people = samples.people
-    depth = np.where(inside & np.isfinite(people.moved), people.hidden_in, 0.0)
-    row, edge = np.arange(len(depth)), np.argmax(depth, axis=1)
-    used = (depth[row, edge] > 0) & (weight > 0)
-    if used.sum() < LEAST_GROUP:
-        return (), 0.0
-    fill = np.full(len(depth), np.nan)
-    fill[used] = np.clip(1 - people.moved[row, edge][used] / depth[row, edge][used], 0.0, 1.0)
-    share, time_s = processes.lasting_and_drifting(normal_scores(fill, weight), samples.pairs, weight)
-    knots = np.maximum.accumulate(_weighted_quantiles(fill[used], weight[used], _grid()))
-    return tuple(np.round(knots, 4).tolist()), round(time_s / max(1 - share, 0.05), 4)
+    return EdgeErrors(rows, tuple(lasting), tuple(times), matrix, hidden, border, trend, bounds)
 
 
 def _trend(people: PeopleSamples, error: Array) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:

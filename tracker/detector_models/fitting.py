@@ -1,23 +1,26 @@
-"""Fit of a detector's error model to the folders of recordings, and the comparison of its boxes with the real ones."""
+"""Fit of a detector's error model to the folders of recordings, the comparison of its boxes with the real ones, and models of single views."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tracker.detector_models.comparison import distances
-from tracker.detector_models.fit import fit
+from tracker.detector_models.fit import LEAST_VISIBLE, fit
 from tracker.detector_models.independent import IndependentErrors
-from tracker.detector_models.model import DetectorModel
-from tracker.detector_models.observations import TruePeople, observed, true_people
-from tracker.detector_models.samples import Samples, joined, samples_of
+from tracker.detector_models.model import LONGEST, MOST_SAMPLES, DetectorModel
+from tracker.detector_models.observations import TruePeople, matched, observed, true_people
+from tracker.detector_models.samples import SITE_TIME, Samples, joined, samples_of
 from tracker.detector_models.shared_errors import agreed
 from tracker.detector_models.simulation import Simulated, simulated_detections
 from tracker.formats.opening import open_recording
 from tracker.formats.source_options import SourceOptions
+from tracker.geometry import Array
 from tracker.io.resume import checksum
 from tracker.recordings import Recording
 
@@ -87,3 +90,48 @@ def fit_sources(sources: Sequence[Source], name: str) -> Fit:
     plain = joined([s.samples(simulated_detections(s.recording, s.truth, IndependentErrors(), SEED)) for s in sources])
     filled = (model.edges.hidden, model.edges.border)
     return Fit(model, real, own, {"this model": distances(real, own, filled), "independent": distances(real, plain, filled)})
+
+
+def fit_view(source: Source, name: str, made: Mapping[str, Any]) -> DetectorModel:
+    """The model of a view for use in that view alone, without intervals.
+
+    Its edges have a trend, and standing false boxes are at fixed places.
+
+    source: with the detections of one view. Raises ValueError where there is too little truth.
+    """
+    frames, near = matched(source.recording, source.truth)
+    samples = samples_of(source.recording, frames, bool(source.truth.boxes))
+    model = fit(samples, name, source.truth.kind, made, replicates=0, view_alone=True)
+    return at_its_places(replace(model, misses=replace(model.misses, unseen=unseen(samples)), edges=replace(model.edges, near=near)), samples)
+
+
+def unseen(samples: Samples) -> float:
+    """Share of misses of bodies of which nothing is visible, with Laplace's rule."""
+    people = samples.people
+    none = people.visible <= LEAST_VISIBLE
+    return round(float(((~people.detected & ~people.merged & none).sum() + 1) / ((none & ~people.merged).sum() + 1)), 4)
+
+
+def at_its_places(model: DetectorModel, samples: Samples) -> DetectorModel:
+    """The model with the standing false boxes of the first view of the samples at their places in the image.
+
+    A place that had a box within SITE_TIME of the last frame goes on. Places end and begin as often as they did, and begin where one was.
+    A stationary process has births × (time of the fit + life) places in the fit, with those that stood at its start.
+    """
+    false = samples.false
+    mine = false.view == 0
+    total = int(false.frames[0])
+    rows, lives, ends = list[Array](), 0, 0
+    margin = max(1, round(SITE_TIME / samples.period))
+    for site in np.unique(false.site[mine & (false.site >= 0)]).tolist():
+        at = mine & (false.site == site)
+        frames = np.unique(false.frame[at])
+        span, stands = int(frames[-1] - frames[0] + 1), frames[-1] >= total - margin
+        sure = np.percentile(false.confidence[at], [10, 90])
+        rows.append(np.array([*np.median(false.edges[at], axis=0), len(frames) / span, *sure, float(stands)]))
+        lives, ends = lives + span, ends + (not stands)
+    fixed = tuple(tuple(row) for row in np.round(np.array(rows).reshape(-1, 8), 4).tolist())[:MOST_SAMPLES]
+    life = lives * samples.period / ends if ends else LONGEST
+    rate = len(rows) / (samples.period * total + min(life, LONGEST))
+    standing = replace(model.standing, fixed=fixed, life_s=round(min(life, LONGEST), 4), births=round(rate, 5) if fixed else 0.0)
+    return replace(model, standing=standing if fixed else replace(standing, sites=0.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,6 @@ class EdgeErrors:
     B is constant for a person and view, A is an AR(1) process of time constant time_s. correlation (4, 4): of both, between terms.
     hidden, border: by which share of its distance a box extends over the part that is hidden, and over the part beyond the border.
     trend (4, 7): of one view alone, coefficients of the terms by trends.TREND, and trend_bounds (2, 7) of these features; () for none.
-    fills (KNOTS,): quantiles of the share `hidden` over people; () where it is one for all. fill_time_s: its time constant, lasting part included.
     near: body heights up to which boxes beside a body are its own (observations.match_frame); 0 for boxes that overlap alone.
     """
 
@@ -72,8 +71,6 @@ class EdgeErrors:
     trend: tuple[tuple[float, ...], ...] = ()
     trend_bounds: tuple[tuple[float, ...], ...] = ()
     near: float = 0.0
-    fills: tuple[float, ...] = ()
-    fill_time_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +99,9 @@ class Merges:
 class SecondBoxes:
     """Second boxes of a person: rates[k] is the probability of at least k + 1 of them; time_s of their persistence.
 
-    samples (n, 7): errors of the four edges in heights of the body; confidence, visible share, and 1 where there was no first
-    box. Errors are from the first box, or from the whole body where there is none.
-    Samples (n, 8) have a last column, 1 where the next row is the same box step_s later. While a box lasts, it takes the rows of a run, to and fro.
-    Samples (n, 5) lack the last two of seven: all are from the whole body, and drawn for all alike. With 5 or 7 columns, a box keeps its sample.
+    samples (n, 8): errors of the four edges in heights of the body; confidence, visible share, 1 where there was no first box, and 1 where the
+    next row is the same box step_s later. Errors are from the first box, or from the whole body where there is none.
+    While a box lasts, it takes the rows of a run, to and fro; with step_s 0 it keeps its sample.
     coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
     """
 
@@ -178,6 +174,8 @@ class DetectorModel:
         return _model_of(parse_json(text, where), where)
 
 
+UNUSED = {"edges": {"fills", "fill_time_s"}}
+"""Part → fields that files of 0.4.0 have, and that are not read: predictions of real rows are as good without them."""
 PARTS: dict[str, type] = {
     "misses": Misses,
     "edges": EdgeErrors,
@@ -256,9 +254,18 @@ def _model_of(content: Any, where: str) -> DetectorModel:
 
 def _part(name: str, cls: type, content: Any) -> Any:
     needed = {f.name for f in fields(cls) if f.default is MISSING}
+    if isinstance(content, dict):
+        content = {key: value for key, value in content.items() if key not in UNUSED.get(name, ())}
     if not isinstance(content, dict) or not needed <= set(content) <= {f.name for f in fields(cls)}:
         raise ValueError(f"{name} needs the fields {', '.join(f.name for f in fields(cls))}")
-    return cls(**{key: _frozen(f"{name}.{key}", value) for key, value in content.items()})
+    part = cls(**{key: _frozen(f"{name}.{key}", value) for key, value in content.items()})
+    return replace(part, samples=tuple(map(_as_eight, part.samples))) if isinstance(part, SecondBoxes) and isinstance(part.samples, tuple) else part
+
+
+def _as_eight(row: Any) -> Any:
+    """A sample of second boxes in the layout of now: of 0.3.0 with 5 columns, all from the whole bodies of all alike, or with 7, without runs."""
+    columns = len(row) if isinstance(row, tuple) else 0
+    return (*row, 1.0, 1.0, 0.0) if columns == 5 else (*row, 0.0) if columns == 7 else row
 
 
 def _frozen(name: str, value: Any) -> Any:
@@ -296,9 +303,7 @@ def _check(model: DetectorModel) -> None:
     ):
         _check_shape(name, value, shape)
     _check_optional(model)
-    second = model.second
-    columns = len(second.samples[0]) if second.samples and np.shape(second.samples[0]) in ((7,), (8,)) else 5
-    _check_samples("second.samples", second.samples, columns)
+    _check_samples("second.samples", model.second.samples, 8)
     _check_samples("false.samples", model.false.samples, 4)
     _check_samples("standing.samples", model.standing.samples, 6)
     _check_samples("standing.fixed", model.standing.fixed, 8)
@@ -306,13 +311,12 @@ def _check(model: DetectorModel) -> None:
         ("misses.flicker", m.flicker, 0.0, 1.0),
         ("misses.unseen", m.unseen, 0.0, 1.0),
         ("edges.near", e.near, 0.0, 10.0),
-        ("edges.fill_time_s", e.fill_time_s, 0.0, LONGEST),
         ("standing.life_s", model.standing.life_s, 0.0, LONGEST),
         ("standing.births", model.standing.births, 0.0, 1000.0),
         ("confidences.lasting", c.lasting, 0.0, 1.0),
         ("confidences.spread", c.spread, 0.0, 100.0),
         ("standing.jitter", model.standing.jitter, 0.0, 10.0),
-        ("second.step_s", second.step_s, 0.0, LONGEST),
+        ("second.step_s", model.second.step_s, 0.0, LONGEST),
         ("standing.sites", model.standing.sites, 0.0, 1000.0),
         ("false.rate", model.false.rate, 0.0, 1000.0),
         ("edges.hidden", e.hidden, 0.0, 1.0),
@@ -325,7 +329,7 @@ def _check(model: DetectorModel) -> None:
     ):
         if not (isinstance(value, float | int) and low <= value <= high):
             raise ValueError(f"{name} is {value}, needs {low:g} to {high:g}")
-    for name, rows in (("edges.quantiles", (*e.quantiles[0], *e.quantiles[1], e.fills)), ("confidences.quantiles", (c.quantiles,))):
+    for name, rows in (("edges.quantiles", (*e.quantiles[0], *e.quantiles[1])), ("confidences.quantiles", (c.quantiles,))):
         if any((np.diff(row) < 0).any() for row in rows):
             raise ValueError(f"{name} needs rows that do not fall")
     matrix = np.array(e.correlation)
@@ -342,7 +346,6 @@ def _check_optional(model: DetectorModel) -> None:
     for name, value, shape in (
         ("edges.trend", e.trend, (4, len(TREND))),
         ("edges.trend_bounds", e.trend_bounds, (2, len(TREND))),
-        ("edges.fills", e.fills, (KNOTS,)),
         ("second.coefficients", model.second.coefficients, (len(FEATURES) + 1,)),
     ):
         if value:

@@ -49,9 +49,6 @@ class ViewSampler:
         self._sure = self._people.normal(size=(n, 2))
         self._hidden = self._people.random((n, 3))
         self._example = self._people.integers(0, 1 << 30, (n, max(1, len(model.second.rates))))
-        # The share that a box extends over a hidden part: a stream of its own, so that models without it keep their bytes.
-        self._fills = rng.spawn(1)[0]
-        self._fill = self._fills.normal(size=n)
         self._alike = examples_by_kind(model.second)
         # The example that a second box has now, −1 for none, and whether it goes on forward. They need no random numbers of their own.
         self._now = np.full(self._example.shape, -1)
@@ -78,9 +75,6 @@ class ViewSampler:
         """The hidden states of all people in the next frame, whether they are in the view or not."""
         n, model = len(self._row), self.model
         self._drift = self._drift * self._rho + self._people.normal(size=(n, 4)) @ self._step.T
-        if model.edges.fills:
-            rho = persistence(model.edges.fill_time_s, self.period)
-            self._fill = rho * self._fill + np.sqrt(1 - rho**2) * self._fills.normal(size=n)
         rho = persistence(model.confidences.time_s, self.period)
         self._sure[:, 1] = rho * self._sure[:, 1] + np.sqrt(1 - rho**2) * self._people.normal(size=n)
         kept = [persistence(time_s, self.period) for time_s in (model.misses.time_s, model.merges.time_s, model.second.time_s)]
@@ -123,8 +117,7 @@ class ViewSampler:
     def _edges(self, bodies: TrueBodies, rows: Ints) -> Array:
         """Edges (n, 4) px with errors, also of people who are missed."""
         errors = self.model.edges
-        fill = np.interp(ndtr(self._fill[rows]), GRID, errors.fills) if errors.fills else None
-        edges = expected_edges(self.model, bodies, self.camera, fill)
+        edges = expected_edges(self.model, bodies, self.camera)
         lasting = np.array(errors.lasting)
         score = np.sqrt(lasting) * self._lasting[rows] + np.sqrt(1 - lasting) * self._drift[rows]
         share = ndtr(score)
@@ -167,7 +160,7 @@ class ViewSampler:
                     if second.step_s > 0:
                         self._now[row, number] = now
                     sample = second.samples[now]
-                    base = first[k] if found[k] and len(sample) >= 7 and sample[6] < 0.5 else bodies.whole[k]
+                    base = first[k] if found[k] and sample[6] < 0.5 else bodies.whole[k]
                     out.append(base + np.array(sample[:4]) * bodies.height[k])
                     sure.append(sample[4])
                     of.append(int(bodies.person[k]))
@@ -289,16 +282,12 @@ def confidence_of(model: DetectorModel, features: Array, score: Array) -> Array:
     return np.asarray(np.interp(ndtr(features @ np.array(c.coefficients) + c.spread * noise), GRID, c.quantiles))
 
 
-def expected_edges(model: DetectorModel, bodies: TrueBodies, camera: Camera, fill: Array | None = None) -> Array:
-    """Edges (n, 4) px of boxes without errors: of the whole body, less what the detector leaves out of its hidden part and beyond the border.
-
-    fill (n,): the share over which boxes extend over the hidden part, in place of the model's one for all.
-    """
+def expected_edges(model: DetectorModel, bodies: TrueBodies, camera: Camera) -> Array:
+    """Edges (n, 4) px of boxes without errors: of the whole body, less what the detector leaves out of its hidden part and beyond the border."""
     part = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera)
     seen = np.where((bodies.seen[:, 2] > bodies.seen[:, 0])[:, None], bodies.seen, part)
     e = model.edges
-    left_out = 1 - e.hidden if fill is None else 1 - fill[:, None]
-    return np.asarray(bodies.whole + (1 - e.border) * (part - bodies.whole) + left_out * (seen - part))
+    return np.asarray(bodies.whole + (1 - e.border) * (part - bodies.whole) + (1 - e.hidden) * (seen - part))
 
 
 def merge_partner(bodies: TrueBodies, state: Array, probability: tuple[float, ...], found: Mask) -> Ints:

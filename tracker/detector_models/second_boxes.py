@@ -100,8 +100,8 @@ def example_kinds(visible: Array, found: Mask) -> Ints:
 def examples_by_kind(second: SecondBoxes) -> list[Ints]:
     """Rows of the examples of each kind; of a kind without examples, those of the nearest visible share, or else all."""
     samples = np.array(second.samples)
-    if not len(samples) or samples.shape[1] == 5:
-        return [np.arange(len(samples))] * 2 * (len(KINDS) + 1)
+    if not len(samples):
+        return [np.arange(0)] * 2 * (len(KINDS) + 1)
     kind = example_kinds(samples[:, 5], samples[:, 6] < 0.5)
     out = []
     for each in range(2 * (len(KINDS) + 1)):

@@ -39,6 +39,17 @@ def test_round_trip(name, tmp_path):
     assert chosen_model(name) == name
 
 
+@pytest.mark.parametrize(("columns", "read"), [(5, (1.0, 1.0, 0.0)), (7, (0.2, 0.0, 0.0)), (8, (0.2, 0.0, 1.0))])
+def test_files_of_versions_before_are_read(columns, read):
+    content = json.loads(named_model("fairmot").to_json())
+    row = [0.1, 0.0, 0.1, 0.0, 0.4, 0.2, 0.0, 1.0]
+    content["second"]["samples"] = [row[:columns]]
+    content["edges"] |= {"fills": [0.5] * 21, "fill_time_s": 2.0}
+    model = DetectorModel.from_json(json.dumps(content))
+    assert model.second.samples == ((*row[:5], *read),)
+    assert model.edges == named_model("fairmot").edges
+
+
 def test_independent_has_no_file():
     assert chosen_model(INDEPENDENT) == INDEPENDENT
     assert model_of(INDEPENDENT) == IndependentErrors()

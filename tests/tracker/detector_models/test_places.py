@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.tracker.detector_models.test_sampler import CAMERA, PERIOD, bodies, people, plain, run
+from tracker.detector_models.fitting import at_its_places
 from tracker.detector_models.model import DetectorModel, SecondBoxes, StandingBoxes
 from tracker.detector_models.observations import match_frame
-from tracker.detector_models.places import at_its_places
 from tracker.detector_models.sampler import FixedPlaces
 from tracker.detector_models.samples import FalseSamples, PeopleSamples, Samples
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, second_rates
@@ -84,7 +84,7 @@ def test_places_that_stood_at_the_start_count_as_begun():
 
 
 def test_second_boxes_depend_on_visibility():
-    samples = ((0.1, 0.0, 0.1, 0.0, 0.4, 1.0, 0.0), (0.2, 0.0, 0.2, 0.0, 0.6, 0.2, 0.0), (0.3, 0.0, 0.3, 0.0, 0.7, 0.2, 1.0))
+    samples = ((0.1, 0.0, 0.1, 0.0, 0.4, 1.0, 0.0, 0.0), (0.2, 0.0, 0.2, 0.0, 0.6, 0.2, 0.0, 0.0), (0.3, 0.0, 0.3, 0.0, 0.7, 0.2, 1.0, 0.0))
     second = SecondBoxes((0.2, 0.05), 0.5, samples, (-4.0, 8.0, 0.0, 0.0, 0.0, 0.0))
     features = np.array([[1.0, 0.0, 0.0, -1.0, 0.0], [1.0, 0.9, 0.4, -1.0, 0.0]])
     rates = second_rates(second, features, np.array([True, True]))
