@@ -16,8 +16,9 @@ class Detect:
     """Find people in the pixels of a video, images or a recording.
 
     SOURCE is a video, an image, a folder of images or videos, or any source of
-    `track` with images. Boxes are those of whole bodies, as MOT15, a file a camera.
-    The same command goes on after an interruption.
+    `track` with images. Images of a folder are taken in the order of the numbers in
+    their names, upright by their EXIF orientation. Boxes are those of whole bodies,
+    as MOT15, a file a camera. The same command goes on after an interruption.
 
     Examples: pilsim detect street.mp4 --out runs/boxes --pictures
               pilsim detect PETS2009/S2.L1 --cameras 1 --frames 0:400 --out runs/boxes
@@ -43,12 +44,20 @@ class Detect:
     """Print JSON alone."""
 
     def run(self) -> None:
-        from tracker.formats.opening import open_sequence
+        from tracker.formats.opening import images_checksum, open_sequence
         from tracker.formats.source_options import SourceOptions
         from tracker.formats.table import SOURCES
+        from tracker.io.picture_folders import READ
+        from tracker.io.resume import INPUTS
         from tracker.person_detector.detection_run import DetectionRun, write_detections
         from tracker.person_detector.detector import PersonDetector
-        from tracker.person_detector.pictures import frames_of_pictures, frames_of_sequence, is_pictures, number_of_pictures
+        from tracker.person_detector.pictures import (
+            frames_of_pictures,
+            frames_of_sequence,
+            is_pictures,
+            number_of_pictures,
+            pictures_checksum,
+        )
         from tracker.run import check_output
 
         check_output(self.out)
@@ -57,10 +66,14 @@ class Detect:
         if self.source.exists() and not any(form.matches(self.source) for form in SOURCES) and is_pictures(self.source):
             if self.cameras or self.frames:
                 raise ValueError(f"{self.source}: --cameras and --frames are for recordings and sequences")
+            run[INPUTS] = pictures_checksum(self.source)
             found = write_detections(frames_of_pictures(self.source), number_of_pictures(self.source), self.out, run, how)
+        elif self.source.is_file() and not any(form.matches(self.source) for form in SOURCES):
+            raise ValueError(f"{self.source}: is no image or video that is read, needs one of {', '.join(READ)}, or a folder")
         else:
             options = SourceOptions.parse(cameras=self.cameras, frames=self.frames, images=True, pixels=True)
             sequence = open_sequence(self.source, options)
+            run[INPUTS] = images_checksum(self.source, options)
             found = write_detections(frames_of_sequence(sequence), len(sequence.ticks) * len(sequence.setup.mounts), self.out, run, how)
         if self.json:
             print(json_text(found["found"], indent=1))

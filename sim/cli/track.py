@@ -149,8 +149,9 @@ class Track:
     def run(self) -> None:
         from sim.parallel.pool import usable_cores
         from tracker.detections.rejections import explain_few_people
-        from tracker.formats.opening import format_of, open_sequence
+        from tracker.formats.opening import format_of, images_checksum, open_sequence
         from tracker.formats.table import PILSIM, UTIAS
+        from tracker.io.resume import INPUTS
         from tracker.options import OPTIONS, parameters_from
         from tracker.person_detector.detected_ticks import detected_in_images
         from tracker.person_detector.network import PersonNetwork
@@ -187,6 +188,8 @@ class Track:
         run = {"source": self.source.name} | options.to_run() | ({"unknown_start": unknown} if unknown else {})
         if pixels:
             run["model"] = model
+        if options.images:
+            run[INPUTS] = images_checksum(self.source, options)
         parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
         results = tracked(sequence, self.out, run, parameters, threads)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})

@@ -11,13 +11,12 @@ from typing import Any
 import cv2
 
 from sim.report.rows import Row
-from tracker.io.image_files import decode_image, image_size
+from tracker.io.image_files import MOST_PIXELS, decode_image, image_size
 
 WIDTH = 1000
 """The greatest width in px."""
 BUDGET = 1_600_000
 """Bytes of all pictures together, before base64. The page then stays below 3 MB."""
-MOST_PIXELS = 1 << 25
 """Of a picture that is read."""
 QUALITIES = (80, 65, 50, 35, 20)
 

@@ -30,9 +30,9 @@ from tracker.formats.jrdb import files as jrdb
 from tracker.formats.opening import open_sequence
 from tracker.formats.summary import summarize, summary_text
 from tracker.formats.wildtrack import files as wildtrack
+from tracker.io.csv_tables import read_terrain
 from tracker.io.image_files import decode_image
 from tracker.io.mot15 import read_detections, read_mot15
-from tracker.io.terrain_file import read_terrain
 from tracker.io.tsai_xml import read_camera
 from tracker.planar_slam.trajectories import read_trajectories
 from tracker.planar_slam.utias_files import read_utias

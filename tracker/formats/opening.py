@@ -12,12 +12,14 @@ import numpy as np
 from tracker.detections.boxes import detections_from_boxes
 from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.formats.table import PILSIM, SOURCES, UTIAS, Format, is_sequence
+from tracker.io.picture_folders import content_checksum
 from tracker.io.resume import checksum
 from tracker.recordings import FrameBoxes, Recording
 from tracker.recordings.degradation import Degradation, degraded_boxes, noisy_boxes, projected_boxes
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import VideoFile
 from tracker.sequence.dataset import FILE as DATASET
+from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.reader import read_sequence
 from tracker.types import Odometry, RobotDetections, Sequence, Setup, Tick, Ticks, Truth, View
 
@@ -79,10 +81,18 @@ def open_sequence(path: Path, options: SourceOptions | None = None) -> Sequence:
         raise ValueError(f"{path}: {error}") from None
 
 
+def images_checksum(path: Path, options: SourceOptions) -> str:
+    """A checksum of the images that a source has for the chosen cameras and frames, by which a finished run knows them again."""
+    if format_of(path).name == PILSIM:
+        return checksum(path / MANIFEST)
+    recording = open_recording(path, replace(options, detections={}, projected=None, degradation=Degradation()))
+    return content_checksum(file for source in recording.images.values() for file in source.paths())
+
+
 def _of_images(path: Path, recording: Recording) -> Recording:
     """The cameras of a recording that have images, without boxes; a recording without boxes and truth is as long as its shortest video."""
     if not recording.images:
-        raise ValueError(f"{path}: no images, neither video/CAMERA.mp4 nor images/CAMERA/, of {', '.join(recording.cameras)}")
+        raise ValueError(f"{path}: no images, neither video/CAMERA.mp4 nor images/CAMERA/000001.jpg, of {', '.join(recording.cameras)}")
     recording = recording.choose([name for name in recording.cameras if name in recording.images])
     if not recording.frames:
         lengths = [source.frames() for source in recording.images.values() if isinstance(source, VideoFile)]

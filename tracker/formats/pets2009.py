@@ -28,17 +28,18 @@ from tracker.geometry.cameras import Camera, Tsai
 from tracker.geometry.ground import Flat, Grid, Ground
 from tracker.geometry.tsai import tsai_of
 from tracker.io.atomic import write_text
+from tracker.io.csv_tables import read_terrain
 from tracker.io.json_files import read_json
 from tracker.io.mot15 import LARGEST_PIXEL, MAX_FRAME, number, write_mot15
+from tracker.io.picture_folders import say_left_out, visible_files
 from tracker.io.resume import checksum
-from tracker.io.terrain_file import read_terrain
 from tracker.io.text_files import shown
 from tracker.io.time_order import say_repeated
 from tracker.io.tsai_xml import read_camera, write_camera
 from tracker.io.xml_files import Element, parse
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
-from tracker.recordings.images import VideoFile
+from tracker.recordings.images import image_sources
 from tracker.recordings.recording import MAX_FRAMES
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
 
@@ -222,7 +223,6 @@ def read_pets(path: Path, options: SourceOptions) -> Recording:
     files = [file for file in found.values() if file is not None] + sorted((path / "annotations").glob("*-cropped.xml"))
     files += [file for file in (path / FILE, path / TERRAIN) if file.is_file()]
     sums = {file.name: checksum(file) for file in files}
-    videos = {name: path / "video" / f"{name}.mp4" for name in cameras}
     return Recording(
         site.rate,
         cameras,
@@ -232,20 +232,26 @@ def read_pets(path: Path, options: SourceOptions) -> Recording:
         ground=site.ground,
         occluders=site.occluders,
         pillars=site.pillars,
-        images={name: VideoFile(video) for name, video in videos.items() if video.is_file()},
+        images={name: source for name, source in image_sources(path, _calibrated(calibration)).items() if name in cameras},
         source={"source": "PETS 2009", "views": list(cameras), "files": sums},
     )
+
+
+def _calibrated(calibration: Path) -> list[str]:
+    return [file.stem for file in sorted(calibration.glob("View_*.xml"))]
 
 
 def _detection_files(path: Path, calibration: Path, options: SourceOptions) -> dict[str, Path | None]:
     """Camera → file of its detections, None where `options` replace it. Raises ValueError where the file of a wanted view is missing."""
     found: dict[str, Path | None] = {}
-    for file in sorted((path / "detections").glob("*.txt")):
+    for file in visible_files(path / "detections", (".txt",)) if (path / "detections").is_dir() else ():
         if match := re.fullmatch(r"View_0*(\d+)\.txt", file.name):
             found[f"View_{int(match[1]):03d}"] = file
-    calibrated = [file.stem for file in sorted(calibration.glob("View_*.xml"))]
+        else:
+            say_left_out(path / "detections", [file], "needs the name of a camera, as View_001.txt")
+    calibrated = _calibrated(calibration)
     if options.pixels:
-        found |= {name: None for name in calibrated if name not in found and (path / "video" / f"{name}.mp4").is_file()}
+        found |= {name: None for name in image_sources(path, calibrated) if name not in found}
     wanted = [camera_named(text, calibrated) for text in options.cameras]
     for text in filter(None, options.detections):
         name = camera_named(text, calibrated)

@@ -1,4 +1,4 @@
-"""Tables: CSV with a header and compressed NPZ, read with the file and line of every error."""
+"""Tables: CSV with a header and compressed NPZ, and the terrain in such a file, read with the file and line of every error."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.geometry.ground import Grid
 from tracker.io.text_files import LARGEST_NUMBER, LONGEST_SHOWN, parse_integer, parse_number, read_lines, shown
 
 _ARRAY_FAULTS = (
@@ -95,6 +96,18 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     if array.size and not max(abs(float(array.max())), abs(float(array.min()))) <= LARGEST_NUMBER:
         raise ValueError(f"{name} reaches from {array.min():g} to {array.max():g}, needs numbers of at most {LARGEST_NUMBER:g}")
     return array
+
+
+def read_terrain(path: Path) -> tuple[Grid, Grid]:
+    """Height maps of a terrain.npz: the ground, and the ground with walls and furniture. Raises ValueError with the path."""
+    arrays = read_arrays(path, ("heights", "origin", "spacing", "tops"))
+    try:
+        if arrays["spacing"].shape not in ((), (1,)):
+            raise ValueError(f"spacing has shape {arrays['spacing'].shape}, needs one number")
+        origin, spacing = arrays["origin"], float(arrays["spacing"].ravel()[0])
+        return Grid(arrays["heights"], origin, spacing), Grid(arrays["tops"], origin, spacing)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def read_table(path: Path, columns: Mapping[str, type]) -> dict[str, NDArray[Any]]:

@@ -1,9 +1,10 @@
-"""Image files: JPEG and PNG options, encoding in threads, range images, and decoding with a check of the header."""
+"""Image files: options and threads of encoding, range images, and decoding: what OpenCV or Pillow decodes is an image."""
 
 from __future__ import annotations
 
 import hashlib
-import struct
+import io
+import warnings
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -12,7 +13,10 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as Pillow
+from PIL import ImageOps
 
+from tracker.geometry import Image
 from tracker.io.library_messages import library_messages
 
 ENCODER_THREADS, MAX_WAITING = 2, 24
@@ -29,8 +33,16 @@ RANGE: list[int] = [*_FAST, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
 """For range images: one filter for all rows takes half the time of choosing one of five per row, for the same bytes."""
 PNG_RUN_LENGTH: list[int] = [*_BY_RUNS, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
 """For instances: differences of rows are nearly all zero, so that run lengths take a third of the time of OpenCV's default."""
-_PNG_MAGIC, _JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
-_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+"""Suffixes of the image files that are read."""
+MOST_PIXELS = 1 << 25
+"""Of an image of unknown origin: more would take gigabytes in the network."""
+NO_PICTURE = f"is no image that is read ({', '.join(PICTURES)}), or has far more than {MOST_PIXELS} px"
+DEPTHS = (8, 10, 12, 14, 16)
+"""Bits of an image in 16-bit numbers: the least that hold its largest value."""
+ORIENTATION = 0x0112
+"""The tag of EXIF."""
+warnings.filterwarnings("ignore", module=r"PIL\.")  # What a library only warns of is no damage.
 
 
 def range_counts(range_m: NDArray[np.float32]) -> NDArray[np.uint16]:
@@ -45,40 +57,90 @@ def range_from_counts(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """(height, width) in the header of a PNG or JPEG, None for other data."""
-    if data.startswith(_PNG_MAGIC) and len(data) >= 24 and data[12:16] == b"IHDR":
-        width, height = struct.unpack(">II", data[16:24])
-        return height, width
-    start = 2
-    while data.startswith(_JPEG_MAGIC) and start + 9 <= len(data) and data[start] == 0xFF:
-        marker = data[start + 1]
-        if marker in _FRAME_HEADERS:
-            height, width = struct.unpack(">HH", data[start + 5 : start + 9])
-            return height, width
-        start += 2 + int.from_bytes(data[start + 2 : start + 4])
-    return None
+    """(height, width) of an image as it is shown, by its header: after the rotation that EXIF asks for. None for what is no image."""
+    header = _header(data)
+    return None if header is None else header[:2]
+
+
+def orientation(data: bytes) -> int:
+    """The EXIF orientation of an image, 1 for upright ones and where there is none. Decoding applies it."""
+    header = _header(data)
+    return 1 if header is None else header[2]
+
+
+def _header(data: bytes) -> tuple[int, int, int] | None:
+    try:
+        with Pillow.open(io.BytesIO(data), formats=("JPEG", "PNG", "BMP", "TIFF", "WEBP", "MPO", "DIB")) as image:
+            width, height = image.size
+            # Pillow would decode the pixels of a PNG to look for EXIF behind them.
+            exif = Pillow.Exif() if image.format == "PNG" else image.getexif()
+            if image.format == "PNG":
+                exif.load(image.info.get("exif", b""))
+            turned = int(exif.get(ORIENTATION, 1))
+            # Pillow gives the size of TIFF images as they are shown.
+            return (width, height, turned) if turned >= 5 and image.format != "TIFF" else (height, width, turned)
+    except Exception:  # Pillow raises errors of any kind for damaged headers, and one for sizes far beyond MOST_PIXELS.
+        return None
 
 
 def decode_image(data: bytes, size: tuple[int, int], flag: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
     """Decode the bytes of an image file as OpenCV does (BGR). size: expected height and width, checked in the header before pixels are decoded.
 
-    Raises ValueError, without the name of the file, for data that is no PNG or JPEG, has another size, or is truncated or damaged.
+    Raises ValueError, without the name of the file, for data that is no image, has another size, or is truncated or damaged.
     """
     claimed = image_size(data)
     if claimed != size:
-        raise ValueError(f"{'no PNG or JPEG' if claimed is None else f'{claimed} pixels'}, needs {size}")
-    if not data[-64:].rstrip(b"\0").endswith((b"\xff\xd9", b"IEND\xaeB`\x82")):
-        raise ValueError("is truncated")
+        there = NO_PICTURE if claimed is None else f"is {claimed[1]} x {claimed[0]} px"
+        raise ValueError(f"{there}, needs {size[1]} x {size[0]} px")
+    image = _decoded(data, flag)
+    if image.shape[:2] != size:
+        raise ValueError(f"is truncated or damaged, has {image.shape[1]} x {image.shape[0]} px")
+    return image
+
+
+def _decoded(data: bytes, flag: int) -> NDArray[Any]:
     try:
         with library_messages() as printed:
             image = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
     except cv2.error:
         image = None
-    if image is None or image.shape[:2] != size:
-        raise ValueError(f"cannot be decoded, needs {size}{f' ({printed.line})' if printed.line else ''}")
-    if printed.line:
-        raise ValueError(f"is damaged ({printed.line})")
+    if image is None and flag != cv2.IMREAD_UNCHANGED:
+        image = _by_pillow(data)
+    if image is None:
+        raise ValueError(f"is truncated or damaged{f' ({printed.line})' if printed.line else ''}")
     return np.asarray(image)
+
+
+def _by_pillow(data: bytes) -> NDArray[Any] | None:
+    """BGR, or None where Pillow cannot decode the image, either."""
+    try:
+        with Pillow.open(io.BytesIO(data)) as image:
+            return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))[:, :, ::-1]
+    except Exception:  # As above.
+        return None
+
+
+def decode_picture(data: bytes) -> Image:
+    """An image of unknown origin as (H, W, 3) RGB of 8 bits, upright by its EXIF orientation.
+
+    Raises ValueError as decode_image, and for more than MOST_PIXELS pixels.
+    """
+    size = image_size(data)
+    if size is None:
+        raise ValueError(NO_PICTURE)
+    if size[0] * size[1] > MOST_PIXELS:
+        raise ValueError(f"is {size[1]} x {size[0]} px, needs at most {MOST_PIXELS} px")
+    image = _decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    return np.ascontiguousarray(eight_bits(image)[:, :, ::-1])
+
+
+def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """An image of 8 or 16 bits → 8 bits. Cameras of 10, 12 and 14 bits leave the upper ones of 16 empty: the largest value tells."""
+    if image.dtype == np.uint8:
+        return image
+    most = int(image.max(initial=0))
+    depth = next(bits for bits in DEPTHS if most < 1 << bits)
+    return np.asarray(image >> (depth - 8), np.uint8)
 
 
 class ImageWriter:

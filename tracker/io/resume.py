@@ -23,6 +23,8 @@ from tracker.io.file_lock import folder_lock
 
 T = TypeVar("T")
 OTHERWISE = "choose another --out or remove it"
+INPUTS = "inputs"
+"""Entry of a statement: the checksum of the images and videos of a run."""
 LONGEST = 80
 """Most characters of a value in an error message."""
 
@@ -60,9 +62,12 @@ def check_same(folder: Path, there: Mapping[str, Any], wanted: Mapping[str, Any]
     """Raises ValueError where an entry of `wanted` differs from the entry of `there` with the same name.
 
     The order of keys does not matter, and a missing entry equals null. Other entries of `there` are results and are not compared.
+    INPUTS, a checksum of images and videos, is compared where there is one, as older versions wrote none.
     what: description of the content of the folder for the message.
     """
-    wanted = json_value(wanted)
+    wanted = json_value({name: value for name, value in wanted.items() if name != INPUTS or name in there})
+    if INPUTS in wanted and there[INPUTS] != wanted[INPUTS]:
+        raise ValueError(f"{folder}: was made of other images or videos than the source has now; {OTHERWISE}")
     difference = _difference({name: there[name] for name in wanted if name in there}, wanted)
     if difference:
         raise ValueError(f"{folder}: holds {what} ({difference}); {OTHERWISE}")

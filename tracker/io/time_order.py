@@ -15,6 +15,7 @@ import numpy as np
 from tracker.geometry import Array, Ints
 
 LOG = logging.getLogger("tracker.mended")
+_SAID: set[str] = set()
 LARGEST_STEP_BACK = 0.5
 """s: rows that step back by less are sorted. Logs that several threads of a robot write step back by 0.1 s; a clock that was set jumps by seconds."""
 
@@ -70,6 +71,13 @@ def first_large_step_back(times: Array) -> tuple[int, int] | None:
 def counted(number: int, noun: str) -> str:
     """A number with its noun, in the plural where it is not 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def say(line: str) -> None:
+    """Log a line on what a reader took in another way than it may be meant. A line is logged once, as a source may be read several times."""
+    if line not in _SAID:
+        _SAID.add(line)
+        LOG.warning("%s", line)
 
 
 def say_repeated(path: str | os.PathLike[str], count: int, noun: str = "row") -> None:

@@ -1,4 +1,4 @@
-"""Video files (MP4, MPEG-4 part 2), one for each camera.
+"""Video files: one for each camera is written (MP4, MPEG-4 part 2); any that OpenCV decodes are read.
 
 OpenCV and most players read them; browsers do not play this codec. VP9, which they play, takes about 20 times as long to encode.
 """
@@ -6,18 +6,21 @@ OpenCV and most players read them; browsers do not play this codec. VP9, which t
 from __future__ import annotations
 
 import os
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from tracker.geometry import Image
+from tracker.geometry import Array, Image
+from tracker.io.image_files import MOST_PIXELS
 from tracker.io.library_messages import library_messages
 
 # FFmpeg reads the level with its first file; -8 is quiet.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-MOST_PIXELS = 1 << 25
-"""Of a frame."""
+VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg")
+"""Suffixes of the video files that are read."""
 
 
 class VideoWriters:
@@ -63,6 +66,53 @@ def open_video(path: Path) -> cv2.VideoCapture:
         video.release()
         raise ValueError(f"{path}: {fault}")
     return video
+
+
+def frame_times(path: Path, most: int | None = None) -> Array:
+    """Times (n,) s of the frames of a video by their own stamps, ascending, the first `most` of them; all are decoded, as no header tells n.
+
+    Raises ValueError where the file holds no video.
+    """
+    about = path.stat()
+    return _frame_times(str(path), about.st_size, about.st_mtime_ns, most)
+
+
+@lru_cache(256)
+def _frame_times(path: str, size: int, changed: int, most: int | None) -> Array:
+    import av  # Its libraries take 0.1 s to load.
+
+    times: list[float] = []
+    try:
+        with av.open(path) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            fallback = float(1 / (stream.average_rate or 25))
+            for frame in islice(container.decode(stream), most):
+                times.append(float(frame.time) if frame.time is not None else len(times) * fallback)
+    except (av.FFmpegError, IndexError) as error:
+        # What follows a damaged frame is lost; OpenCV ends there, too.
+        if not times:
+            raise ValueError(f"{path}: is no video that can be read ({str(error)[:80]})") from None
+    return np.sort(np.array(times))
+
+
+def number_of_frames(path: Path) -> int:
+    """How many frames a video holds, by its packets, which are not decoded. Progress bars may be off by few.
+
+    Raises ValueError where it ends before the number of frames that its container tells; Matroska, for instance, tells none.
+    """
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            told = stream.frames
+            found = sum(packet.size > 0 for packet in container.demux(stream))
+    except (av.FFmpegError, IndexError) as error:
+        raise ValueError(f"{path}: is no video that can be read ({str(error)[:80]})") from None
+    if found < told:
+        raise ValueError(f"{path}: ends after {found} of the {told} frames that it names")
+    return found
 
 
 def check_frames(file: Path, frames: int, name: Path) -> None:

@@ -10,15 +10,14 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Image
-from tracker.io.image_files import decode_image, image_size
-from tracker.io.video_files import open_video
+from tracker.io.image_files import PICTURES, decode_picture, orientation
+from tracker.io.picture_folders import READ, content_checksum, say_order, visible_files
+from tracker.io.time_order import say
+from tracker.io.video_files import VIDEOS, number_of_frames, open_video
 from tracker.person_detector.detected_ticks import sites_of
 from tracker.person_detector.detector import CameraPlace
-from tracker.person_detector.pixels import MOST_PIXELS
 from tracker.types import Sequence
 
-PICTURES = (".jpg", ".jpeg", ".png")
-VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg")
 FASTEST = 1000.0
 """Frames a second that a video may name."""
 
@@ -37,71 +36,78 @@ class PictureFrame:
 def is_pictures(path: Path) -> bool:
     """Whether `path` is a video, an image, or a folder with images or videos in it."""
     if path.is_file():
-        return path.suffix.lower() in (*PICTURES, *VIDEOS)
-    return path.is_dir() and any(one.suffix.lower() in (*PICTURES, *VIDEOS) for one in path.iterdir())
+        return path.suffix.lower() in READ
+    return path.is_dir() and any(one.suffix.lower() in READ and not one.name.startswith(".") for one in path.iterdir())
 
 
 def frames_of_pictures(path: Path) -> Iterator[PictureFrame]:
-    """The frames of a video, an image, or a folder. Images of a folder, in the order of their names, are one camera, and videos are one each.
+    """The frames of a video, an image, or a folder. Images of a folder, in the order of the numbers in their names, are one camera, and videos
+    are one each. A camera has the name of the folder, or that of the file without its suffix.
 
-    Where frames of a video change size, OpenCV scales them to the size of the first.
-    Raises ValueError with the path for a damaged or too large image, and for a video that ends early.
+    Where frames of a video change size, OpenCV scales them to the size of the first. Images are upright by their EXIF orientation, which is told.
+    Raises ValueError with the path for an image that cannot be decoded or is too large.
+    Raises it for what is no video, and for two cameras of one name, too.
     """
-    files = _files(path)
+    cameras = _cameras(path)
+    for camera, files in cameras.items():
+        if files[0].suffix.lower() in VIDEOS:
+            yield from _video(files[0], camera)
+            continue
+        for index, file in enumerate(files):
+            yield PictureFrame(index, camera, _picture(file), CameraPlace())
+
+
+def _cameras(path: Path) -> dict[str, list[Path]]:
+    """Camera → its image files, or its video."""
+    if path.is_file():
+        return {path.stem: [path]}
+    files, name = visible_files(path), path.resolve().name or "images"
     images = [file for file in files if file.suffix.lower() in PICTURES]
-    for index, file in enumerate(images):
-        yield PictureFrame(index, path.stem, _picture(file), CameraPlace())
+    say_order(str(path), images)
+    out = {name: images} if images else {}
     for file in files:
         if file.suffix.lower() in VIDEOS:
-            yield from _video(file)
+            if file.stem in out:
+                raise ValueError(f"{file}: would be camera {file.stem}, as {out[file.stem][0].name} is; needs another name")
+            out[file.stem] = [file]
+    return out
 
 
 def number_of_pictures(path: Path) -> int:
-    """About how many frames `frames_of_pictures` has: videos name a number, which may be wrong. Raises ValueError for what is no video."""
-    number = 0
-    for file in _files(path):
-        if file.suffix.lower() in PICTURES:
-            number += 1
-        else:
-            video = open_video(file)
-            number += max(0, round(video.get(cv2.CAP_PROP_FRAME_COUNT)))
-            video.release()
-    return number
+    """How many frames `frames_of_pictures` has, by the packets of videos. Raises ValueError for what is no video, and for one that ends early."""
+    files = [file for camera in _cameras(path).values() for file in camera]
+    return sum(number_of_frames(file) if file.suffix.lower() in VIDEOS else 1 for file in files)
 
 
-def _files(path: Path) -> list[Path]:
-    return [path] if path.is_file() else sorted(one for one in path.iterdir() if one.suffix.lower() in (*PICTURES, *VIDEOS))
+def pictures_checksum(path: Path) -> str:
+    """A checksum of all images and videos of `frames_of_pictures`."""
+    return content_checksum(file for camera in _cameras(path).values() for file in camera)
 
 
 def _picture(file: Path) -> Image:
     data = file.read_bytes()
-    size = image_size(data)
     try:
-        if size is None:
-            raise ValueError("is no PNG or JPEG")
-        if size[0] * size[1] > MOST_PIXELS:
-            raise ValueError(f"is {size[1]} x {size[0]} px, needs at most {MOST_PIXELS} px")
-        image = decode_image(data, size, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = decode_picture(data)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
-    return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
+    if (turned := orientation(data)) != 1:
+        say(f"{file.parent}: images are turned upright by their EXIF orientation ({turned} in {file.name})")
+    return image
 
 
-def _video(file: Path) -> Iterator[PictureFrame]:
+def _video(file: Path, camera: str) -> Iterator[PictureFrame]:
     video, index = open_video(file), 0
-    said, rate = round(video.get(cv2.CAP_PROP_FRAME_COUNT)), video.get(cv2.CAP_PROP_FPS)
+    rate = video.get(cv2.CAP_PROP_FPS)
     rate = rate if 0 < rate <= FASTEST else PictureFrame.rate
     try:
         while True:
             success, image = video.read()
             if not success:
                 break
-            yield PictureFrame(index, file.stem, np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8), CameraPlace(), rate)
+            yield PictureFrame(index, camera, np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8), CameraPlace(), rate)
             index += 1
     finally:
         video.release()
-    if index < said:
-        raise ValueError(f"{file}: ends after {index} of the {said} frames that it names")
 
 
 def frames_of_sequence(sequence: Sequence) -> Iterator[PictureFrame]:

@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry import Image
+from tracker.io.image_files import MOST_PIXELS, eight_bits
 from tracker.person_detector.network import MULTIPLE
 
-MOST_PIXELS = 1 << 25
-"""Of a picture: more would take gigabytes in the network."""
 SEAM = 96
 """px of a level by which an image that wraps is continued on both sides."""
 
 
 def rgb_image(picture: NDArray[Any]) -> Image:
-    """A picture as (H, W, 3) uint8 RGB: grey (H, W) or (H, W, 1), RGB, or RGBA, whose alpha is dropped; of 8 or 16 bits.
+    """A picture as (H, W, 3) uint8 RGB: grey (H, W) or (H, W, 1), RGB, or RGBA, whose alpha is dropped; of 8 or, as eight_bits, 16 bits.
 
     Raises ValueError for another shape or type, and for more than MOST_PIXELS pixels.
     """
@@ -32,9 +31,7 @@ def rgb_image(picture: NDArray[Any]) -> Image:
         raise ValueError(f"picture is {image.shape[1]} x {image.shape[0]} px, needs at most {MOST_PIXELS} px")
     if image.shape[2] == 4:
         image = image[:, :, :3]
-    if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
-    return np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.uint8)
+    return np.ascontiguousarray(np.broadcast_to(eight_bits(image), (*image.shape[:2], 3)), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,9 @@
 * detections/CAMERA.npy (optional): appearance vectors of the boxes, an array (rows, d) of floating-point numbers, a row for each row of
   CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros says nothing.
 * truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
-* video/CAMERA.mp4 (optional): one image for each frame.
-* images/CAMERA/000001.jpg or .png (optional, in place of the video): frames from 1.
+* video/CAMERA.mp4 (optional): one image for each frame; also .avi, .mkv, .mov, .webm, .m4v and .mpg.
+* images/CAMERA/000001.jpg (optional, in place of the video): frames from 1, or from 0 where a camera has 000000; names as frame_000001.jpg and
+  suffixes .jpeg, .png, .bmp, .tif, .tiff and .webp are read, too. What is found otherwise is told in a line.
 * robots.json (optional): robots that carry cameras: {"r0": {"start": {"position": [x, y, z] m, "quaternion": [w, x, y, z]}}}; a start may have
   "covariance" (6, 6) of [translation m, rotation rad] along the robot's axes, and is null where it is unknown.
 * odometry.csv (with robots), with this header, a row for each robot and frame from 2: frame, robot, x, y, z [m], qw, qx, qy, qz, up_x, up_y, up_z,
@@ -30,13 +31,13 @@ import numpy as np
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.ground import Flat, Ground
 from tracker.io.atomic import new_file, write_text
-from tracker.io.csv_tables import rows_by_frame, write_table
+from tracker.io.csv_tables import read_terrain, rows_by_frame, write_table
 from tracker.io.json_files import read_json
 from tracker.io.mot15 import Mot15Rows, place_of_row, read_detections, read_mot15, rows_from_boxes, rows_from_tracks, write_mot15
+from tracker.io.picture_folders import say_left_out
 from tracker.io.resume import checksums
-from tracker.io.terrain_file import read_terrain
 from tracker.recordings.camera_json import camera_from, camera_to
-from tracker.recordings.images import ImageFiles, ImageSource, VideoFile
+from tracker.recordings.images import ImageFiles, ImageSource, VideoFile, image_sources
 from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, FrameVectors, Recording, RecordingCamera, RecordingRobot
 from tracker.sequence.calibration import pose_from, pose_row
 from tracker.sequence.reader import odometry_from
@@ -48,8 +49,6 @@ FILE = "recording.json"
 FORMAT = "pilsim-recording/1"
 ROBOT_TRUTH = "robot_truth.csv"
 KEYS = ("format", "rate", "area", "ground", "height", "frames", "cameras")
-VIDEOS = (".mp4", ".avi", ".mov", ".mkv")
-PICTURES = (".jpg", ".jpeg", ".png")
 OUTSIDE = 1.0
 """m: true people may be this far outside the area. Farther ones tell of a wrong unit or a wrong area."""
 START_SIGMA = 1e-3
@@ -90,7 +89,7 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             ground=ground,
             height=(float(height[0]), float(height[1])),
             occluders=occluders,
-            images=_images(path, cameras),
+            images=image_sources(path, cameras),
             robots=robots,
             appearances=_appearances(path / "detections", list(cameras)),
             source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
@@ -137,7 +136,9 @@ def _detections(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str,
     folder, found = path / "detections", dict[str, FrameBoxes]()
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file, needs to be a folder with CAMERA.txt")
-    for file in sorted(folder.glob("*")):
+    files = sorted(file for file in folder.glob("*") if not file.name.startswith("."))
+    say_left_out(folder, [file for file in files if file.suffix not in (".txt", ".npy") and file.stem not in cameras], "need the name CAMERA.txt")
+    for file in files:
         if file.suffix == ".txt" and file.stem not in cameras:
             raise ValueError(f"{file}: is of camera {file.stem!r}, {FILE} has {', '.join(cameras)}")
         if file.suffix not in (".txt", ".npy") and file.stem in cameras:
@@ -222,20 +223,6 @@ def _check_truth(file: Path, rows: Mot15Rows, recording: Recording) -> None:
         )
 
 
-def _images(path: Path, cameras: Mapping[str, RecordingCamera]) -> dict[str, ImageSource]:
-    found: dict[str, ImageSource] = {}
-    for name in cameras:
-        videos = [path / "video" / f"{name}{ending}" for ending in VIDEOS]
-        if video := next((file for file in videos if file.is_file()), None):
-            found[name] = VideoFile(video)
-        elif (path / "images" / name).is_dir():
-            files = {file for file in (path / "images" / name).iterdir() if file.suffix.lower() in PICTURES and file.stem.isdecimal()}
-            numbered = {int(file.stem) - 1: file for file in sorted(files) if 0 < int(file.stem) <= MAX_FRAMES}
-            if numbered:
-                found[name] = ImageFiles(numbered)
-    return found
-
-
 def _robots(path: Path) -> dict[str, RecordingRobot]:
     file = path / "robots.json"
     if not file.is_file():
@@ -294,7 +281,7 @@ def _start(entry: Any, where: str) -> Start | None:
 
 def _checksums(path: Path) -> dict[str, str]:
     beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH)
-    files = [path / FILE, *sorted(path.glob("detections/*.txt")), *sorted(path.glob("detections/*.npy")), *(path / name for name in beside)]
+    files = [path / FILE, *sorted(path.glob("detections/[!.]*.txt")), *sorted(path.glob("detections/[!.]*.npy")), *(path / name for name in beside)]
     return checksums(path, files)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +12,10 @@ import cv2
 import numpy as np
 
 from tracker.geometry import Image
-from tracker.io.image_files import decode_image
-from tracker.io.video_files import open_video
+from tracker.io.image_files import decode_picture, orientation
+from tracker.io.picture_folders import frames_from_zero, natural_key, numbered_files, say_left_out, visible_files
+from tracker.io.time_order import say
+from tracker.io.video_files import VIDEOS, frame_times, open_video
 from tracker.types import Odometry, Tick, Ticks
 
 
@@ -32,20 +34,24 @@ class ImageSource(Protocol):
         """The source of the frames from `first` to `end` − 1; `first` becomes frame 0."""
         ...
 
+    def paths(self) -> list[Path]:
+        """The files that hold the images."""
+        ...
+
 
 @dataclass(frozen=True)
 class VideoFile:
-    """A video with an image for each frame. first: index of the image of frame 0. Raises ValueError where OpenCV cannot open it, when it is read."""
+    """A video with an image for each frame. first: index of the image of frame 0. Raises ValueError where it cannot be opened, when it is read."""
 
     path: Path
     first: int = 0
 
     def frames(self) -> int:
-        """Number of images from `first` on, as the file says."""
-        video = open_video(self.path)
-        count = round(video.get(cv2.CAP_PROP_FRAME_COUNT))
-        video.release()
-        return max(0, count - self.first)
+        """Number of images from `first` on, which are decoded, as containers tell estimates."""
+        return max(0, len(frame_times(self.path)) - self.first)
+
+    def paths(self) -> list[Path]:
+        return [self.path]
 
     def cut(self, first: int, end: int) -> VideoFile:
         return replace(self, first=self.first + first)
@@ -55,11 +61,11 @@ class VideoFile:
         try:
             for skipped in range(self.first):
                 if not video.grab():
-                    raise ValueError(f"{self.path}: has {skipped} frames, the detections go on")
+                    raise ValueError(f"{self.path}: has {skipped} frames, the recording begins at {self.first}")
             for index in range(frames):
                 success, image = video.read()
                 if not success:
-                    raise ValueError(f"{self.path}: has {self.first + index} frames, the detections go on")
+                    raise ValueError(f"{self.path}: has {self.first + index} frames, the recording has {self.first + frames}")
                 if image.shape[:2] != size:
                     # Calibrations are of the camera's own pixels: View_006 of PETS 2009 is published as a wider video.
                     image = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)
@@ -70,12 +76,15 @@ class VideoFile:
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles:
-    """Image files (JPEG or PNG) by frame from 0. Frames without a file have no image."""
+    """Image files by frame from 0. Frames without a file have no image. Images are upright by their EXIF orientation, which is told."""
 
     files: Mapping[int, Path]
 
     def cut(self, first: int, end: int) -> ImageFiles:
         return ImageFiles({frame - first: path for frame, path in self.files.items() if first <= frame < end})
+
+    def paths(self) -> list[Path]:
+        return list(self.files.values())
 
     def images(self, frames: int, size: tuple[int, int]) -> Iterator[Image | None]:
         for index in range(frames):
@@ -83,11 +92,41 @@ class ImageFiles:
             if path is None:
                 yield None
                 continue
+            data = path.read_bytes()
             try:
-                image = decode_image(path.read_bytes(), size, cv2.IMREAD_COLOR)
-            except (OSError, ValueError) as error:
+                image = decode_picture(data)
+            except ValueError as error:
                 raise ValueError(f"{path}: {error}") from None
-            yield np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
+            if image.shape[:2] != size:
+                raise ValueError(f"{path}: is {image.shape[1]} x {image.shape[0]} px, its camera {size[1]} x {size[0]} px")
+            if (turned := orientation(data)) != 1:
+                say(f"{path.parent}: images are turned upright by their EXIF orientation ({turned} in {path.name})")
+            yield image
+
+
+def image_sources(path: Path, cameras: Collection[str]) -> dict[str, ImageSource]:
+    """The images of cameras in a folder: video/CAMERA.mp4, or files in images/CAMERA/, numbered from 0 or 1.
+
+    Suffixes are VIDEOS and PICTURES. Folders and files that belong to no camera are told. Raises ValueError for two videos of a camera, and for
+    two images with one number.
+    """
+    found: dict[str, ImageSource] = {}
+    if (path / "video").is_dir():
+        videos = visible_files(path / "video", VIDEOS)
+        for file in videos:
+            if file.stem in found:
+                raise ValueError(f"{file}: is a second video of {file.stem}, needs one")
+            if file.stem in cameras:
+                found[file.stem] = VideoFile(file)
+        say_left_out(path / "video", [file for file in videos if file.stem not in cameras], f"belong to no camera of {', '.join(cameras)}")
+    folders = sorted((path / "images").iterdir(), key=lambda one: natural_key(one.name)) if (path / "images").is_dir() else []
+    folders = [one for one in folders if not one.name.startswith(".")]
+    say_left_out(path / "images", [one for one in folders if one.name not in cameras], f"belong to no camera of {', '.join(cameras)}")
+    numbered = {one.name: numbered_files(one) for one in folders if one.is_dir() and one.name in cameras and one.name not in found}
+    for name, files in frames_from_zero(numbered, str(path / "images")).items():
+        if files:
+            found[name] = ImageFiles(files)
+    return {name: found[name] for name in cameras if name in found}
 
 
 @dataclass(frozen=True, eq=False)

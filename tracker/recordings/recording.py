@@ -248,7 +248,7 @@ class Recording:
         ticks: Ticks = TicksInMemory(tuple(self._tick(index) for index in range(self.frames)), setup.mounts)
         wanted = {name: source for name, source in self.images.items() if images or self.cameras[name].robot is not None}
         if images and not wanted:
-            raise ValueError(f"no images, neither video/CAMERA.mp4 nor images/CAMERA/, of {', '.join(self.cameras)}")
+            raise ValueError(f"no images, neither video/CAMERA.mp4 nor images/CAMERA/000001.jpg, of {', '.join(self.cameras)}")
         if wanted:
             ticks = TicksWithImages(ticks, wanted, {name: (self.cameras[name].camera.height, self.cameras[name].camera.width) for name in wanted})
         return Sequence(setup, ticks, self._truth(), dict(self.source))

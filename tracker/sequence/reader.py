@@ -15,10 +15,9 @@ import numpy as np
 
 from tracker.geometry import Array, Image, Pose
 from tracker.geometry.ground import Flat, Ground
-from tracker.io.csv_tables import rows_by_frame
+from tracker.io.csv_tables import read_terrain, rows_by_frame
 from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
-from tracker.io.terrain_file import read_terrain
 from tracker.sequence.calibration import pose_from, setup_from
 from tracker.sequence.manifest import check_file, read_manifest
 from tracker.sequence.schema import DETECTIONS, LAYERS, ODOMETRY, POSE, ROBOT_DETECTIONS, ROBOTS, SITS, UPPER_TRIANGLE

@@ -168,7 +168,7 @@ def bomb(path: Path) -> None:
 
 
 HOSTILE: dict[str, tuple[str, Callable[[Path], object], str]] = {
-    "image": ("instances/View_001/000001.png", lambda path: path.write_bytes(huge_png()), "(60000, 60000) pixels, needs (72, 96)"),
+    "image": ("instances/View_001/000001.png", lambda path: path.write_bytes(huge_png()), "far more than 33554432 px"),
     "columns": ("truth/people.csv", lambda path: path.write_text(",".join(["x"] * 10_000_000)), "line 1: a line of more than 65536 characters"),
     "arrays": ("terrain.npz", bomb, "bytes when unpacked, needs at most 268435456"),
     "nesting": ("scenario.json", lambda path: path.write_text("[" * 1_000_000), "nested too deep"),

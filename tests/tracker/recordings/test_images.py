@@ -69,10 +69,10 @@ def test_a_video_of_another_size_is_scaled_to_the_camera(data: Any, tmp_path: Pa
 
 
 def test_short_or_invalid_video_is_refused(data: Any, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"no images, neither video/CAMERA.mp4 nor images/CAMERA/, of View_005"):
+    with pytest.raises(ValueError, match=r"no images, neither video/CAMERA.mp4 nor images/CAMERA/000001.jpg, of View_005"):
         open_sequence(data("pets2009/S2.L1"), SourceOptions(("5",), images=True))
     sequence = beside(data("pets2009/S2.L1"), "View_001", 2, tmp_path)
-    with pytest.raises(ValueError, match=r"View_001.mp4: has 2 frames, the detections go on"):
+    with pytest.raises(ValueError, match=r"View_001.mp4: has 2 frames, the recording has 4"):
         list(sequence.ticks)
     (tmp_path / "View_001.mp4").write_text("x")
     with pytest.raises(ValueError, match=r"View_001.mp4: is no video"):

@@ -37,7 +37,8 @@ from tracker.formats.jrdb.files import (
 )
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.cameras import Camera, Cylinder, Panorama
-from tracker.io.image_files import image_size
+from tracker.io.image_files import PICTURES, image_size
+from tracker.io.picture_folders import visible_files
 from tracker.io.resume import checksum
 from tracker.recordings import FrameBoxes, Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
@@ -188,13 +189,13 @@ def _camera(note: PanoramaNote | None, images: Mapping[int, Path]) -> Camera:
         first = images[min(images)]
         size = image_size(first.read_bytes())
         if size != (camera.height, camera.width):
-            there = "no JPEG or PNG" if size is None else f"{size[1]} x {size[0]} px"
+            there = "no image that is read" if size is None else f"{size[1]} x {size[0]} px"
             raise ValueError(f"{first}: is {there}, needs {camera.width} x {camera.height} px")
     return camera
 
 
 def _pictures(folder: Path | None) -> list[Path]:
-    return [] if folder is None else sorted(file for file in folder.glob("*.jpg") if re.fullmatch("[0-9]{1,12}", file.stem))
+    return [] if folder is None else [file for file in visible_files(folder, PICTURES) if re.fullmatch("[0-9]{1,12}", file.stem)]
 
 
 def _checksums(files: JrdbSequence) -> dict[str, str]:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,8 +26,9 @@ import numpy as np
 from tracker.formats.wildtrack.files import GroundGrid, OpenCvCamera, read_calibration, read_ground_grid, read_positions
 from tracker.geometry import Array, Ints
 from tracker.geometry.lenses import Pinhole
-from tracker.io.image_files import image_size
+from tracker.io.image_files import NO_PICTURE, PICTURES, image_size
 from tracker.io.json_files import read_json
+from tracker.io.picture_folders import say_left_out, visible_files
 from tracker.io.resume import checksums
 from tracker.recordings import Recording, RecordingCamera
 from tracker.recordings.folder import read_boxes
@@ -93,7 +93,10 @@ def read_wildtrack(path: Path, intrinsics: str | None = None) -> Recording:
         _check_unit(cameras[name], layout, file)
     _check_views(cameras, layout, path / "calibrations")
     truth, annotations = _truth(path, layout)
-    files = sorted((path / "detections").glob("*.txt"))
+    files = sorted((path / "detections").glob("[!.]*.txt"))
+    pictures = path / "Image_subsets"
+    others = [one for one in pictures.iterdir() if one.name not in cameras and not one.name.startswith(".")] if pictures.is_dir() else []
+    say_left_out(pictures, others, f"belong to no camera of {', '.join(cameras)}")
     for file in files:
         if file.stem not in cameras:
             raise ValueError(f"{file}: is of camera {file.stem!r}, needs one of {', '.join(cameras)}")
@@ -247,8 +250,8 @@ def _images(folder: Path, step: int) -> ImageFiles:
     return ImageFiles({_frame(file, step): file for file in _pictures(folder)})
 
 
-def _pictures(folder: Path) -> Iterable[Path]:
-    return sorted(file for pattern in ("*.png", "*.jpg") for file in folder.glob(pattern))
+def _pictures(folder: Path) -> list[Path]:
+    return visible_files(folder, PICTURES) if folder.is_dir() else []
 
 
 def _image_size(path: Path, layout: WildtrackLayout) -> tuple[int, int] | None:
@@ -258,5 +261,5 @@ def _image_size(path: Path, layout: WildtrackLayout) -> tuple[int, int] | None:
         return None
     size = image_size(first.read_bytes())
     if size is None:
-        raise ValueError(f"{first}: is no PNG or JPEG")
+        raise ValueError(f"{first}: {NO_PICTURE}")
     return size
