@@ -157,7 +157,7 @@ def test_bytes_behind_the_end_and_all_suffixes(suffix: str) -> None:
     for more in (b"", b"\0" * 3000, b"motion photo" * 400):
         assert np.abs(decode_picture(data + more).astype(int) - grey(90)).mean() < 3
     for cut in (0, 10, len(data) // 2):
-        with pytest.raises(ValueError, match="is no image that is read|is truncated or damaged"):
+        with pytest.raises(ValueError, match=r"is no image that is read|is truncated or damaged"):
             decode_picture(data[:cut])
 
 
