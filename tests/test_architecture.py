@@ -77,11 +77,12 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},
         "stress": {"policies", "datasets", "recording", "sensors", "visualization", "parallel", "scenario"},
         "prediction": {"stress", "parallel"},
+        "tuning": {"stress", "parallel", "confidence_intervals"},
         "report": {"stress", "prediction", "confidence_intervals"},
         "studies": {"recording", "stress", "scenario"},
         "cli": {
             "scenario", "confidence_intervals", "cameras", "effects", "rendering", "pedestrian", "robots", "parallel", "crowd", "simulation",
-            "sensors", "visualization", "recording", "placement", "datasets", "training", "policies", "stress", "prediction", "report",
+            "sensors", "visualization", "recording", "placement", "datasets", "training", "policies", "stress", "prediction", "tuning", "report",
             "studies",
         },
     },

@@ -220,19 +220,26 @@ class Sites:
 
     def _drawn_foot(self, place: Place, distance: float, body: tuple[float, float]) -> Array | None:
         """A place (3,) m on the ground at a distance from the camera, of which the box lies in the image; None where none is found."""
-        eye, rng = place.pose.translation, self.rng
-        for azimuth in rng.uniform(-np.pi, np.pi, TRIES):
-            foot = np.array([eye[0] + distance * np.cos(azimuth), eye[1] + distance * np.sin(azimuth), place.ground])
-            if len(self._outline(place, foot, body)):
-                return foot
-        return None
+        eye = place.pose.translation
+        feet = np.array([
+            [eye[0] + distance * np.cos(azimuth), eye[1] + distance * np.sin(azimuth), place.ground]
+            for azimuth in self.rng.uniform(-np.pi, np.pi, TRIES)
+        ])  # fmt: skip
+        rows, low, high = body_outlines(self.camera, place.pose, feet, body)
+        shown = rows[_mostly_inside(low, high, self.camera)]
+        return feet[shown[0]] if len(shown) else None
 
     def _outline(self, place: Place, foot: Array, body: tuple[float, float]) -> Array:
         """The edges (1, 4) px of the part of a box in the image; (0, 4) where less than half of it is there."""
         _, low, high = body_outlines(self.camera, place.pose, foot[None], body)
-        part = clipped(low, high, self.camera)
-        size = np.maximum(part[:, 2:] - part[:, :2], 0.0)
-        return np.asarray(part[np.prod(size, axis=1) > 0.5 * np.prod(high - low, axis=1)])
+        return clipped(low, high, self.camera)[_mostly_inside(low, high, self.camera)]
+
+
+def _mostly_inside(low: Array, high: Array, camera: Camera) -> Mask:
+    """Whether more than half of each box with corners low and high (n, 2) px lies in the image."""
+    part = clipped(low, high, camera)
+    size = np.maximum(part[:, 2:] - part[:, :2], 0.0)
+    return np.asarray(np.prod(size, axis=1) > 0.5 * np.prod(high - low, axis=1))
 
 
 @final

@@ -1,0 +1,9 @@
+"""Choice of a tracker's parameters on a population of synthetic cases: places, people and detectors drawn at random.
+
+Read `population.py` first."""
+
+from sim.tuning.case_file import PopulationCase
+from sim.tuning.evaluation import evaluate
+from sim.tuning.population import population
+
+__all__ = ["PopulationCase", "evaluate", "population"]

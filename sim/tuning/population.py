@@ -1,0 +1,193 @@
+"""The population: synthetic cases of which each is a recording in memory with exact truth, drawn once and kept on disk.
+
+A case depends on the seed and on its number alone. Nothing is rendered: bodies are cylinders that hide each other, furniture and walls hide them, and
+a detector model drawn at random makes boxes of what is seen (detectors.py). Calibration and clocks that the tracker is told are off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sim.tuning.cameras import rover_camera, rover_poses
+from sim.tuning.case_file import PopulationCase, read_case, rows_of, true_robot, write_case
+from sim.tuning.detectors import CameraErrors, DrawnDetector, drawn_detector
+from sim.tuning.kinds import BLOCK, Scene, scene
+from sim.tuning.places import Surroundings, reached
+from sim.tuning.walks import STEPS, Walkers, Walks, walks
+from tracker.detector_models.bodies import Place, TrueBodies, bodies_in_view
+from tracker.detector_models.sampler import ViewSampler
+from tracker.geometry import Array, Ints, Pose
+from tracker.geometry.cameras import Camera
+from tracker.recordings import Recording, RecordingCamera
+
+DELAY = 1.3
+"""s by which estimates may be late."""
+STATURE, STATURES = (1.72, 0.09), (1.5, 2.0)
+"""m: mean and standard deviation, and bounds, of statures."""
+SITTING = 0.74
+"""Height of who sits, as a share of the stature."""
+BODY_WIDTH = 0.5
+"""m: diameter of the cylinder that stands for a body."""
+LEVELS, SIDES = (0.1, 0.3, 0.5, 0.7, 0.9), (-0.6, 0.0, 0.6)
+"""Sample points of a body that things may hide: shares of its height, and of its half width."""
+Progress = Callable[..., Iterable[Any]]
+
+
+def population(number: int, seed: int, folder: Path, first: int = 0, progress: Progress | None = None) -> list[PopulationCase]:
+    """Cases `first` to `first` + number − 1 of a seed; those that `folder` lacks are drawn and kept there.
+
+    progress: wraps the iteration over cases. Raises ValueError, in one line, for a file that is no case of this version and seed.
+    """
+    numbers = range(first, first + number)
+    return [population_case(k, seed, folder) for k in (numbers if progress is None else progress(numbers, total=number))]
+
+
+def population_case(number: int, seed: int, folder: Path) -> PopulationCase:
+    """A case of the population, from its file or drawn. Raises ValueError as `population`."""
+    path = folder / f"case-{seed}-{number:05d}.npz"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_case(path, drawn_case(number, seed))
+    # Numbers are rounded in the file, so that a drawn case is read, too.
+    found = read_case(path)
+    if (found.number, found.seed) != (number, seed):
+        raise ValueError(f"{path}: is case {found.number} of seed {found.seed}, needs case {number} of seed {seed}")
+    return found
+
+
+def kind_of(number: int, seed: int) -> str:
+    """The kind of a case: each 20 that follow each other have all kinds in their shares."""
+    block, place = divmod(number, len(BLOCK))
+    return str(np.random.default_rng([seed, block, 1]).permutation(BLOCK)[place])
+
+
+def drawn_case(number: int, seed: int) -> PopulationCase:
+    """The case, drawn anew."""
+    kind = kind_of(number, seed)
+    return case_of(PopulationKey(number, seed, kind), scene(kind, np.random.default_rng([seed, number, 2, 0])))
+
+
+class PopulationKey(NamedTuple):
+    """What decides a case: number, seed and kind."""
+
+    number: int
+    seed: int
+    kind: str
+
+
+def case_of(key: PopulationKey, made: Scene) -> PopulationCase:
+    """The case of a scene."""
+    streams = [np.random.default_rng([key.seed, key.number, 2, k]) for k in range(1, 4)]
+    walkers = Walkers.of(made.around, made.habits, (made.at_once, made.people, made.rovers), made.frames / made.rate, streams[0])
+    walked = walks(walkers, made.frames, 1 / made.rate)
+    diagonal = float(np.linalg.norm(made.around.area[1] - made.around.area[0]))
+    recording = recorded(made, walked, drawn_detector(diagonal, streams[1]), streams[2])
+    return PopulationCase(*key, recording, max(2, round(DELAY * made.rate)))
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """Who is where at a step: ids (n,) from 1, feet (n, 3) m, heights by id, m."""
+
+    ids: Ints
+    feet: Array
+    heights: dict[int, float]
+
+
+class _Crowd:
+    """People by step of their walks."""
+
+    def __init__(self, made: Scene, walked: Walks, rng: np.random.Generator) -> None:
+        self._place, self._sits, self._ground = walked.place[:, : made.people], walked.sits, made.around.ground
+        self._stature = np.clip(rng.normal(*STATURE, made.people), *STATURES)
+
+    def at(self, step: int) -> People:
+        rows = np.flatnonzero(np.isfinite(self._place[step]).all(axis=1))
+        feet = np.column_stack([self._place[step, rows], self._ground.height_at(self._place[step, rows])])
+        tall = self._stature[rows] * np.where(self._sits[step, rows], SITTING, 1.0)
+        return People(rows + 1, feet, dict(zip((rows + 1).tolist(), tall.tolist(), strict=True)))
+
+
+def recorded(made: Scene, walked: Walks, detector: DrawnDetector, rng: np.random.Generator) -> Recording:
+    """The recording of a scene: boxes of all cameras by a detector, and what the tracker is told of the cameras."""
+    crowd, names = _Crowd(made, walked, rng), [f"C{k}" for k in range(1, len(made.cameras) + made.rovers + 1)]
+    robots = {f"r{k}": rover_poses(walked.place[:, made.people + k], made.around) for k in range(made.rovers)}
+    true = dict(zip(names, [*made.cameras, *(rover_camera(robot, rng) for robot in robots)], strict=True))
+    scale = float(rng.choice([0.0, rng.uniform(0.3, 1.0), rng.uniform(1.0, 2.0)], p=[0.2, 0.6, 0.2]))
+    seen, detections, told = dict[int, Array](), dict[str, dict[int, tuple[Array, Array]]](), dict[str, RecordingCamera]()
+    for name, camera in true.items():
+        errors = CameraErrors.drawn(scale, rng)
+        told[name] = replace(camera, pose=camera.pose @ errors.pose)
+        view = _View(made.around, camera.camera, detector, ViewSampler(detector.model, camera.camera, 1 / made.rate, range(1, made.people + 1), rng))
+        detections[name] = {}
+        for frame in range(made.frames):
+            step = STEPS * frame + STEPS // 2
+            late = step + errors.late
+            pose = camera.pose if camera.robot is None else robots[camera.robot][late] @ camera.pose
+            people = crowd.at(late)
+            boxes, confidence, visible = view.boxes(pose, people)
+            detections[name][frame] = boxes, confidence
+            share = np.array([visible.get(int(one), 0.0) for one in crowd.at(step).ids])
+            seen[frame] = np.maximum(seen.get(frame, np.zeros(len(share))), share)
+    truth = {frame: (now.ids, now.feet) for frame in range(made.frames) for now in [crowd.at(STEPS * frame + STEPS // 2)]}
+    around, knows = made.around, rng.random() < 0.5
+    return Recording(
+        made.rate,
+        told,
+        detections,
+        truth,
+        frames=made.frames,
+        area=around.area,
+        ground=around.ground,
+        occluders=around.occluders if knows else None,
+        pillars=around.pillars if knows else np.zeros((0, 5)),
+        robots={name: true_robot(rows_of(poses[STEPS // 2 :: STEPS][: made.frames])) for name, poses in robots.items()},
+        visible=seen,
+        source={"source": "population"},
+    )
+
+
+class _View:
+    """The boxes of a camera, frame by frame."""
+
+    def __init__(self, around: Surroundings, camera: Camera, detector: DrawnDetector, sampler: ViewSampler) -> None:
+        self._around, self._camera, self._detector, self._sampler = around, camera, detector, sampler
+
+    def boxes(self, pose: Pose, people: People) -> tuple[Array, Array, dict[int, float]]:
+        """Boxes (n, 4) px, confidences (n,), and the visible share by person."""
+        # The nearest point of the cylinder's foot is the lower edge of its box.
+        toward = pose.translation[:2] - people.feet[:, :2]
+        toward /= np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-6)
+        feet = people.feet + (self._detector.feet_bias - BODY_WIDTH / 2) * np.column_stack([toward, np.zeros(len(toward))])
+        bodies = bodies_in_view((self._camera, pose), people.ids, feet, self._around.pillars, None, people.heights)
+        if self._around.occluders is not None and len(bodies.person):
+            bodies = self._hidden(bodies, pose, people)
+        ground = float(self._around.ground.height_at(pose.translation[None])[0])
+        found, scale = self._sampler.step(bodies, Place(pose, ground)), self._detector.scale
+        kept = scale.kept(found.confidence)
+        visible = dict(zip(bodies.person.tolist(), bodies.visible.tolist(), strict=True))
+        return found.boxes[kept], scale.said(found.confidence[kept]), visible
+
+    def _hidden(self, bodies: TrueBodies, pose: Pose, people: People) -> TrueBodies:
+        """Bodies less what the height map hides: their visible parts begin above it."""
+        assert self._around.occluders is not None
+        row = {person: k for k, person in enumerate(people.ids.tolist())}
+        feet = people.feet[[row[person] for person in bodies.person.tolist()]]
+        tall = np.array([people.heights[person] for person in bodies.person.tolist()])
+        away = feet[:, :2] - pose.translation[:2]
+        across = np.column_stack([-away[:, 1], away[:, 0]]) / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
+        points = np.array([[feet + np.column_stack([side * BODY_WIDTH / 2 * across, level * tall]) for side in SIDES] for level in LEVELS])
+        free = reached(self._around.occluders, pose.translation, points.reshape(-1, 3)).reshape(len(LEVELS), len(SIDES), -1)
+        lowest = np.where(free.any(axis=(0, 1)), np.argmax(free.any(axis=1), axis=0), len(LEVELS))
+        bottom = bodies.whole[:, 3] - np.where(lowest > 0, (lowest / len(LEVELS)), 0.0) * bodies.height
+        seen = bodies.seen.copy()
+        seen[:, 3] = np.clip(bottom, seen[:, 1], seen[:, 3])
+        visible = bodies.visible * free.mean(axis=(0, 1))
+        seen[visible <= 0] = 0.0
+        return replace(bodies, seen=seen, visible=visible)
+

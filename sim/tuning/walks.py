@@ -1,0 +1,246 @@
+"""Paths of people and rovers in a place: they come, walk, stand in groups, sit, wait at doors and leave.
+
+People are points with the social force (Helbing and Molnár 1995), along shortest ways in free space. Who stands in a group is pushed little, so that
+bodies stand as near to each other as in real rooms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.tuning.places import Surroundings
+from tracker.geometry import Array, Ints, Mask
+
+STEPS = 4
+"""Steps of motion in a frame; the clock of a camera is off by whole steps."""
+LEAST_SPACING = 0.3
+"""m: no two people come nearer."""
+RELAXATION, PUSH, REACH = 0.4, 1.6, 0.22
+"""The social force: s until the wanted velocity is reached; m/s² where bodies touch; m over which it falls by e."""
+TOUCH = 0.45
+"""m: distance of the middles of two bodies that touch."""
+ARRIVED, DIRECT = 0.2, 1.5
+"""m from a goal at which somebody stops, and from which the way to it is straight."""
+PATIENCE = 5.0
+"""s without progress after which a person stands still, or goes elsewhere."""
+WARM_UP = 12.0
+"""s that have passed at the first frame."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What people do.
+
+    standing, sitting, waiting: probabilities that somebody stands in a group, sits, or waits at a door, next; others walk on after a short pause.
+    pause: s that people stand in the mean. speed: m/s in the mean. gap: m, lowest and highest distance of neighbours in a group.
+    """
+
+    standing: float
+    sitting: float
+    waiting: float
+    pause: float
+    speed: float
+    gap: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Walks:
+    """Places (steps, people, 2) m, NaN for who is absent; sits (steps, people)."""
+
+    place: Array
+    sits: Mask
+
+
+class Walkers:
+    """The state of people in a place; rows of `rovers` are rovers, which never stand in groups and never leave."""
+
+    def __init__(self, around: Surroundings, habits: Habits, people: int, rovers: int, rng: np.random.Generator) -> None:
+        n = people + rovers
+        self.around, self.habits, self.rng, self.people = around, habits, rng, people
+        self.fields: dict[int, Array] = {}
+        self.place, self.velocity = np.zeros((n, 2)), np.zeros((n, 2))
+        self.goal, self.target = np.zeros((n, 2)), np.zeros(n, dtype=np.int64)
+        self.speed = np.clip(rng.normal(habits.speed, 0.2 * habits.speed, n), 0.25, 1.8)
+        self.speed[people:] = rng.uniform(0.3, 0.7, rovers)
+        self.wait, self.next_wait = np.zeros(n), np.zeros(n)
+        self.sits, self.next_sits, self.leaving = (np.zeros(n, dtype=bool) for _ in range(3))
+        self.stuck, self.enter = np.zeros(n), np.full(n, -np.inf)
+        self.leave, self.present = np.full(n, np.inf), np.zeros(n, dtype=bool)
+        self.members: dict[int, list[int]] = {}
+        self.gap = rng.uniform(*habits.gap, len(around.spots))
+
+    @staticmethod
+    def of(around: Surroundings, habits: Habits, counts: tuple[int, int, int], duration: float, rng: np.random.Generator) -> Walkers:
+        """counts: people at once, people in all, rovers."""
+        at_once, people, rovers = counts
+        out = Walkers(around, habits, people, rovers, rng)
+        out.enter[at_once:people] = np.sort(rng.uniform(0.0, duration, people - at_once))
+        leavers = rng.permutation(people)[: max(0, people - at_once)]
+        out.leave[leavers] = np.maximum(rng.uniform(0.0, duration, len(leavers)), out.enter[leavers] + 5.0)
+        here = np.concatenate([np.arange(at_once), np.arange(people, people + rovers)])
+        i, j = np.nonzero(around.free.clearance > 0)
+        chosen = rng.integers(len(i), size=len(here))
+        out.place[here] = around.free.origin + around.free.spacing * np.stack([j[chosen], i[chosen]], axis=1)
+        out.present[here] = True
+        for k in here.tolist():
+            out.choose(k)
+        return out
+
+    def choose(self, k: int) -> None:
+        """The next goal of somebody."""
+        h, rng = self.habits, self.rng
+        self._leave_group(k)
+        self.sits[k] = self.next_sits[k] = False
+        self.stuck[k] = 0.0
+        kind = rng.random() if k < self.people else 1.0
+        if kind < h.sitting and len(self.around.seats):
+            seat = int(rng.integers(len(self.around.seats)))
+            # One chair serves one person.
+            taken = np.linalg.norm(self.goal - self.around.seats[seat], axis=1).min() < 0.3
+            if not taken:
+                self._go(k, self.around.seats[seat], None, rng.exponential(6 * h.pause) + 5.0)
+                self.next_sits[k] = True
+                return
+        if kind < h.sitting + h.standing:
+            self._join(k)
+        elif kind < h.sitting + h.standing + h.waiting:
+            door = self.around.doors[int(rng.integers(len(self.around.doors)))]
+            self._go(k, door + rng.normal(0.0, 0.4, 2), None, rng.exponential(0.6 * h.pause) + 2.0)
+        else:
+            spot = int(rng.integers(len(self.around.spots)))
+            self._go(k, self.around.spots[spot] + rng.normal(0.0, 0.5, 2), spot, float(rng.exponential(1.0)) if rng.random() < 0.5 else 0.0)
+
+    def _join(self, k: int) -> None:
+        """A place in a group of up to six at a spot: beside the others, `gap` from a neighbour."""
+        open_groups = [spot for spot, who in self.members.items() if 0 < len(who) < 6]
+        spot = open_groups[int(self.rng.integers(len(open_groups)))] if open_groups and self.rng.random() < 0.75 else None
+        spot = int(self.rng.integers(len(self.around.spots))) if spot is None else spot
+        gap = float(self.gap[spot])
+        others = np.array([self.goal[i] for i in self.members.get(spot, [])]).reshape(-1, 2)
+        base = others[int(self.rng.integers(len(others)))] if len(others) else self.around.spots[spot]
+        best, room = base, -np.inf
+        for angle in self.rng.uniform(-np.pi, np.pi, 10):
+            tried = base + (gap if len(others) else 0.0) * np.array([np.cos(angle), np.sin(angle)])
+            nearest = np.linalg.norm(others - tried, axis=1).min(initial=gap)
+            fits = min(nearest, gap) + min(float(self.around.free.clearance_at(tried[None])[0]), 0.0)
+            if fits > room:
+                best, room = tried, fits
+        self.members.setdefault(spot, []).append(k)
+        self._go(k, best, spot, float(self.rng.exponential(self.habits.pause)) + 2.0)
+
+    def _leave_group(self, k: int) -> None:
+        for who in self.members.values():
+            if k in who:
+                who.remove(k)
+
+    def _go(self, k: int, goal: Array, spot: int | None, wait: float) -> None:
+        goal = np.asarray(goal, dtype=np.float64)
+        for _ in range(8):
+            if self.around.free.clearance_at(goal[None])[0] > 0:
+                break
+            goal = goal + 0.2 * self.around.free.away_at(goal[None])[0]
+        if self.around.free.clearance_at(goal[None])[0] <= 0:
+            goal, spot = self.around.spots[0].copy(), 0
+        near = int(np.argmin(np.linalg.norm(self.around.spots - goal, axis=1))) if spot is None else spot
+        self.goal[k], self.target[k], self.next_wait[k], self.wait[k] = goal, near, wait, 0.0
+
+    def step(self, time: float, dt: float) -> None:
+        """One step of dt s."""
+        self._come_and_go(time)
+        for k in np.flatnonzero(self.present & (self.wait > 0)).tolist():
+            self.wait[k] -= dt
+            if self.wait[k] <= 0:
+                self.choose(k)
+        here = np.flatnonzero(self.present)
+        stands = self.wait[here] > 0
+        place, away = self.place[here], self.goal[here] - self.place[here]
+        distance = np.linalg.norm(away, axis=1)
+        wanted = self._directions(here, away, distance) * self.speed[here, None] * np.minimum(distance / 0.4, 1.0)[:, None]
+        wanted[stands] = away[stands] * 0.5 + self.rng.normal(0.0, 0.06, (len(here), 2))[stands]
+        between = place[:, None] - place
+        gap = np.maximum(np.linalg.norm(between, axis=2), 1e-3) + np.diag(np.full(len(here), np.inf))
+        force = ((PUSH * np.exp((TOUCH - gap) / REACH) / gap)[:, :, None] * between).sum(axis=1)
+        force *= np.where(stands, np.where(self.sits[here], 0.0, 0.05), 1.0)[:, None]
+        velocity = self.velocity[here] + dt * ((wanted - self.velocity[here]) / RELAXATION + force)
+        fast = np.linalg.norm(velocity, axis=1)
+        velocity *= (np.minimum(fast, 1.3 * self.speed[here]) / np.maximum(fast, 1e-9))[:, None]
+        moved = self._inside(apart(place + dt * velocity), place)
+        self.velocity[here], self.place[here] = (moved - place) / dt, moved
+        self._arrive(here, stands, dt)
+
+    def _directions(self, here: Ints, away: Array, distance: Array) -> Array:
+        out = away / np.maximum(distance, 1e-9)[:, None]
+        far = distance > DIRECT
+        for spot in np.unique(self.target[here[far]]).tolist():
+            rows = np.flatnonzero(far & (self.target[here] == spot))
+            if spot not in self.fields:
+                self.fields[spot] = self.around.free.distance_to(self.around.spots[spot])
+            way = self.around.free.direction_at(self.fields[spot], self.place[here[rows]])
+            spot_near = np.linalg.norm(self.around.spots[spot] - self.place[here[rows]], axis=1) < DIRECT
+            out[rows] = np.where((np.abs(way).sum(axis=1) > 0)[:, None] & ~spot_near[:, None], way, out[rows])
+        return out
+
+    def _inside(self, moved: Array, before: Array) -> Array:
+        free = self.around.free
+        for _ in range(2):
+            short = np.maximum(0.02 - free.clearance_at(moved), 0.0)
+            if not short.any():
+                return moved
+            moved = moved + short[:, None] * free.away_at(moved)
+        lost = free.clearance_at(moved) < -0.1
+        return np.asarray(np.where(lost[:, None], before, moved))
+
+    def _arrive(self, here: Ints, stands: Mask, dt: float) -> None:
+        slow = np.linalg.norm(self.velocity[here], axis=1) < 0.2 * self.speed[here]
+        self.stuck[here] = np.where(slow & ~stands, self.stuck[here] + dt, 0.0)
+        distance = np.linalg.norm(self.goal[here] - self.place[here], axis=1)
+        for k in here[~stands & ((distance < ARRIVED) | (self.stuck[here] > PATIENCE))].tolist():
+            if self.leaving[k]:
+                self.present[k] = self.stuck[k] > PATIENCE
+                if self.present[k]:
+                    self._exit(k)
+            elif self.stuck[k] > PATIENCE and self.rng.random() < 0.5:
+                self.choose(k)
+            else:
+                self.stuck[k], self.wait[k] = 0.0, max(self.next_wait[k], 1e-3)
+                self.sits[k] = self.next_sits[k]
+
+    def _come_and_go(self, time: float) -> None:
+        for k in np.flatnonzero(~self.present & (self.enter <= time) & np.isfinite(self.enter)).tolist():
+            self.enter[k], self.present[k] = np.inf, True
+            door = self.around.doors[int(self.rng.integers(len(self.around.doors)))]
+            self.place[k], self.velocity[k] = door + self.rng.normal(0.0, 0.05, 2), 0.0
+            self.choose(k)
+        for k in np.flatnonzero(self.present & (self.leave <= time) & ~self.leaving).tolist():
+            self._exit(k)
+
+    def _exit(self, k: int) -> None:
+        self._leave_group(k)
+        self.leaving[k], self.sits[k], self.next_sits[k], self.wait[k], self.stuck[k] = True, False, False, 0.0, 0.0
+        self._go(k, self.around.doors[int(self.rng.integers(len(self.around.doors)))], None, 0.0)
+
+
+def apart(place: Array) -> Array:
+    """Places (n, 2) m, moved until any two are LEAST_SPACING apart, or until some rounds are over."""
+    for _ in range(6):
+        between = place[:, None] - place
+        gap = np.maximum(np.linalg.norm(between, axis=2), 1e-6) + np.diag(np.full(len(place), np.inf))
+        if gap.min(initial=np.inf) >= LEAST_SPACING:
+            break
+        short = np.maximum(LEAST_SPACING + 1e-3 - gap, 0.0) / gap
+        place = place + 0.5 * (short[:, :, None] * between).sum(axis=1)
+    return place
+
+
+def walks(walkers: Walkers, frames: int, period: float) -> Walks:
+    """The paths from half a frame before the first frame to half a frame after the last: STEPS · frames + 1 steps."""
+    dt, count = period / STEPS, STEPS * frames + 1
+    place, sits = np.full((count, len(walkers.place), 2), np.nan), np.zeros((count, len(walkers.place)), dtype=bool)
+    warm = round(WARM_UP / dt)
+    for step in range(-warm, count):
+        walkers.step(step * dt, dt)
+        if step >= 0:
+            place[step, walkers.present], sits[step] = walkers.place[walkers.present], walkers.sits
+    return Walks(place, sits)

@@ -1,0 +1,132 @@
+"""The population of synthetic cases: bytes, kinds, scales of confidences, and what a perfect and a blind tracker score."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.tuning.case_file import PopulationCase, read_case, write_case
+from sim.tuning.detectors import SCALES, ConfidenceScale
+from sim.tuning.evaluation import evaluate
+from sim.tuning.kinds import BLOCK, scene
+from sim.tuning.places import floor, reached
+from sim.tuning.population import PopulationKey, case_of, kind_of, population
+from sim.tuning.walks import LEAST_SPACING, Habits, Walkers, walks
+from tracker.geometry.ground import Grid
+from tracker.types import Estimate, Setup, Tick
+
+SEED = 3
+
+
+def drawn_anew() -> PopulationCase:
+    """A case of few frames in a room."""
+    return case_of(PopulationKey(5, SEED, "office"), replace(scene("office", np.random.default_rng(SEED)), most_frames=12))
+
+
+small_case = cache(drawn_anew)
+
+
+def test_a_case_has_the_same_bytes_whenever_it_is_drawn_and_reads_back(tmp_path: Path) -> None:
+    case = small_case()
+    for name, one in (("a", case), ("b", drawn_anew())):
+        write_case(tmp_path / f"{name}.npz", one)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    read = read_case(tmp_path / "a.npz")
+    assert (read.kind, read.delay, read.recording.frames) == (case.kind, case.delay, case.recording.frames)
+    for name, frames in case.recording.detections.items():
+        for frame, (boxes, confidence) in frames.items():
+            np.testing.assert_allclose(read.recording.detections[name][frame][0], boxes, atol=0.006)
+            np.testing.assert_allclose(read.recording.detections[name][frame][1], confidence, atol=6e-5)
+
+
+@pytest.mark.parametrize("wrong", ["version", "content", "number"])
+def test_another_file_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str) -> None:
+    path = tmp_path / f"case-{SEED}-00000.npz"
+    if wrong == "content":
+        path.write_bytes(b"PK nothing")
+    else:
+        with monkeypatch.context() as context:
+            context.setattr("sim.tuning.case_file.VERSION", 0 if wrong == "version" else 1)
+            write_case(path, replace(small_case(), number=7))
+    with pytest.raises(ValueError, match=rf"^{path}: is (of version 0|no case|case 7)"):
+        population(1, SEED, tmp_path)
+
+
+def test_each_block_has_all_kinds_in_their_shares() -> None:
+    for block in range(3):
+        assert Counter(kind_of(len(BLOCK) * block + k, SEED) for k in range(len(BLOCK))) == Counter(BLOCK)
+
+
+@pytest.mark.parametrize("kind", SCALES)
+def test_scales_of_confidence_increase(kind: str) -> None:
+    said = ConfidenceScale(kind, 1.7, 0.1).said(np.linspace(0.01, 0.99, 50))
+    assert (np.diff(said) == 0).all() if kind in ("one", "none") else (np.diff(said) > 0).all()
+
+
+def test_people_keep_apart_stay_on_the_floor_and_stand_in_groups() -> None:
+    rng = np.random.default_rng(4)
+    around = floor((8.0, 4.0), np.array([[4.0, 2.0, 0.6, 0.0, 0.7]]), 1, rng)
+    walked = walks(Walkers.of(around, Habits(0.9, 0.0, 0.0, 60.0, 1.0, (0.4, 0.5)), (10, 14, 0), 20.0, rng), 80, 0.25)
+    nearest = []
+    for place in walked.place:
+        here = place[np.isfinite(place[:, 0])]
+        assert (around.free.clearance_at(here) > -0.15).all()
+        gaps = np.linalg.norm(here[:, None] - here, axis=2) + np.diag(np.full(len(here), np.inf))
+        assert gaps.min() > 0.6 * LEAST_SPACING
+        nearest.append(np.median(gaps.min(axis=1)))
+    assert np.mean(nearest) < 0.7
+    assert np.isnan(walked.place[0]).any()
+
+
+def test_a_wall_of_a_height_map_hides_what_is_behind_it() -> None:
+    heights = np.zeros((41, 41))
+    heights[:, 20] = 1.2
+    wall, eye = Grid(heights, np.array([0.0, 0.0]), 0.25), np.array([1.0, 5.0, 1.5])
+    points = np.array([[4.0, 5.0, 0.3], [8.0, 5.0, 0.3], [8.0, 5.0, 1.7]])
+    assert reached(wall, eye, points).tolist() == [True, False, True]
+
+
+def perfect(case: PopulationCase) -> object:
+    """A tracker that knows the truth of a case."""
+
+    def follow(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
+        starts = {robot: start.T_world_robot for robot, start in setup.starts.items() if start is not None}
+        for tick in ticks:
+            ids, feet = (case.recording.truth or {})[tick.index]
+            yield replace(
+                Estimate.of_robots(tick.index, starts, {robot: np.zeros((6, 6)) for robot in starts}, {}),
+                target_id=ids,
+                position=feet,
+                covariance=np.tile(0.01 * np.eye(3), (len(ids), 1, 1)),
+            )
+
+    return follow
+
+
+def test_truth_scores_one_and_silence_nothing() -> None:
+    case = small_case()
+    best = evaluate(case, perfect(case))  # type: ignore[arg-type]
+    assert (best["hota"], best["mota"], best["idf1"]) == pytest.approx((1.0, 1.0, 1.0))
+    silent = evaluate(replace(case, recording=replace(case.recording, detections={name: {} for name in case.recording.detections})))
+    assert silent["truths"] == best["truths"] == silent["misses"]
+
+
+@pytest.mark.soak
+def test_people_of_all_kinds_are_seen(tmp_path: Path) -> None:
+    """Of a block, people are in view mostly, and numbers of cameras and people are in bounds. A case does not depend on those before it."""
+    (alone,) = population(1, SEED, tmp_path / "alone", first=7)
+    for case in population(len(BLOCK), SEED, tmp_path):
+        recording = case.recording
+        people = np.array([len(ids) for ids, _ in (recording.truth or {}).values()])
+        assert 2 <= len(recording.cameras) <= 8
+        assert people.max() <= 60
+        seen = np.concatenate(list(recording.visible.values()))
+        assert (seen > 0.2).mean() > 0.3
+    name = f"case-{SEED}-{alone.number:05d}.npz"
+    assert (tmp_path / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
