@@ -80,7 +80,7 @@ def write_case(path: Path, case: PopulationCase) -> None:
         poses = [(robot.truth or {})[frame] for frame in range(recording.frames)]
         arrays[f"robot_{name}"] = rows_of(poses)
     with new_file(path) as partial, partial.open("wb") as file:
-        np.savez_compressed(file, header=np.frombuffer(json_text(header).encode(), dtype=np.uint8), **arrays)
+        np.savez_compressed(file, header=np.frombuffer(json_text(header).encode(), dtype=np.uint8), **arrays)  # type: ignore[arg-type]
 
 
 def read_case(path: Path) -> PopulationCase:
@@ -106,7 +106,7 @@ def read_case(path: Path) -> PopulationCase:
     recording = Recording(
         header["rate"],
         cameras,
-        found,  # type: ignore[arg-type]
+        found,
         {frame: (ids[of], feet[of]) for frame, of in enumerate(people)},
         frames=header["frames"],
         area=arrays["area"],

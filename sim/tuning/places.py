@@ -65,7 +65,7 @@ def furniture(size: tuple[float, float], density: float, rng: np.random.Generato
         if kind > 0.9:
             radius, top = rng.uniform(0.15, 0.35), 4.0
         rows.append((*rng.uniform(0.0, size), radius, 0.0, top))
-    return np.round(np.array(rows).reshape(-1, 5), 3)
+    return np.asarray(np.array(rows, dtype=np.float64).reshape(-1, 5).round(3), dtype=np.float64)
 
 
 def outdoor(name: str, difficulty: float, rng: np.random.Generator) -> tuple[Surroundings, FreeSpace]:

@@ -1,7 +1,7 @@
 """The population: synthetic cases of which each is a recording in memory with exact truth, drawn once and kept on disk.
 
-A case depends on the seed and on its number alone. Nothing is rendered: bodies are cylinders that hide each other, furniture and walls hide them, and
-a detector model drawn at random makes boxes of what is seen (detectors.py). Calibration and clocks that the tracker is told are off.
+A case depends on the seed and on its number alone. Nothing is rendered: bodies are cylinders, which hide each other, and which furniture and walls hide.
+A detector model drawn at random makes boxes of what is seen (detectors.py). Calibration and clocks that the tracker is told are off.
 """
 
 from __future__ import annotations
