@@ -1,6 +1,6 @@
 """The population: synthetic cases of which each is a recording in memory with exact truth, drawn once and kept on disk.
 
-A case depends on the seed and on its number alone. Nothing is rendered: bodies are cylinders, which hide each other, and which furniture and walls hide.
+A case depends on the seed and on its number alone. Nothing is rendered: bodies are cylinders, hidden by each other, by furniture and by walls.
 A detector model drawn at random makes boxes of what is seen (detectors.py). Calibration and clocks that the tracker is told are off.
 """
 
