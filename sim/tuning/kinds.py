@@ -20,7 +20,7 @@ MOST_WORK, MOST_FRAMES, LEAST_FRAMES = 5000, 160, 40
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class CaseScene:
     """A case before anybody walks: place, people at once and in all, what they do, fixed cameras, number of rovers, frames/s."""
 
     around: Surroundings
@@ -39,7 +39,7 @@ class Scene:
         return int(np.clip(round(MOST_WORK / seen), min(LEAST_FRAMES, self.most_frames), self.most_frames))
 
 
-def scene(kind: str, rng: np.random.Generator) -> Scene:
+def scene(kind: str, rng: np.random.Generator) -> CaseScene:
     """A scene of a kind of BLOCK."""
     return SCENES[kind](rng)
 
@@ -49,7 +49,7 @@ def _turnover(people: int, rng: np.random.Generator, most: float) -> int:
     return people + (int(rng.integers(0, max(1, round(most * people)) + 1)) if rng.random() < 0.6 else 0)
 
 
-def _lab(rng: np.random.Generator) -> Scene:
+def _lab(rng: np.random.Generator) -> CaseScene:
     """A small room full of people who stand near each other and walk between, before cameras in its corners."""
     size = float(rng.uniform(5.0, 10.0)), float(rng.uniform(3.0, 6.0))
     people = int(rng.integers(8, 17)) if rng.random() < 0.75 else int(rng.integers(2, 8))
@@ -57,10 +57,10 @@ def _lab(rng: np.random.Generator) -> Scene:
     around = floor(size, furniture(size, 0.03, rng), int(rng.integers(1, 3)), rng)
     habits = Habits(rng.uniform(0.3, 0.8), 0.0, rng.uniform(0.0, 0.1), rng.uniform(3.0, 15.0), rng.uniform(0.6, 1.1), (0.35, 0.8))
     count = 4 if rng.random() < 0.75 else int(rng.integers(2, 7))
-    return Scene(around, people, _turnover(people, rng, 0.3), habits, cameras.corner_cameras(size, count, rng), 0, float(rng.choice([4.0, 5.0, 7.0])))
+    return CaseScene(around, people, _turnover(people, rng, 0.3), habits, cameras.corner_cameras(size, count, rng), 0, float(rng.choice([4.0, 5.0, 7.0])))
 
 
-def _office(rng: np.random.Generator) -> Scene:
+def _office(rng: np.random.Generator) -> CaseScene:
     """A room with tables and shelves, where some sit."""
     size = float(rng.uniform(5.0, 14.0)), float(rng.uniform(4.0, 9.0))
     people = int(rng.integers(2, 13))
@@ -70,39 +70,39 @@ def _office(rng: np.random.Generator) -> Scene:
     seen = cameras.corner_cameras(size, int(rng.integers(2, 6)), rng)
     if rng.random() < 0.3:
         seen = seen[:2] + cameras.standing_panoramas(around, int(rng.integers(1, 3)), rng)
-    return Scene(around, people, _turnover(people, rng, 0.6), habits, seen, 0, float(rng.choice([4.0, 5.0, 7.0, 10.0])))
+    return CaseScene(around, people, _turnover(people, rng, 0.6), habits, seen, 0, float(rng.choice([4.0, 5.0, 7.0, 10.0])))
 
 
-def _hall(rng: np.random.Generator) -> Scene:
+def _hall(rng: np.random.Generator) -> CaseScene:
     """A large hall with columns, before many cameras."""
     size = float(rng.uniform(12.0, 30.0)), float(rng.uniform(8.0, 20.0))
     people = int(rng.integers(6, 41))
     around = floor(size, furniture(size, 0.015, rng), int(rng.integers(2, 5)), rng)
     habits = Habits(rng.uniform(0.1, 0.6), 0.0, rng.uniform(0.0, 0.1), rng.uniform(4.0, 15.0), rng.uniform(0.9, 1.4), (0.4, 1.0))
     seen = cameras.corner_cameras(size, int(rng.integers(3, 9)), rng)
-    return Scene(around, people, _turnover(people, rng, 0.6), habits, seen, 0, float(rng.choice([2.0, 4.0, 7.0, 10.0])))
+    return CaseScene(around, people, _turnover(people, rng, 0.6), habits, seen, 0, float(rng.choice([2.0, 4.0, 7.0, 10.0])))
 
 
-def _square(rng: np.random.Generator) -> Scene:
+def _square(rng: np.random.Generator) -> CaseScene:
     """A square in the open before cameras on masts: few people as in PETS 2009, or as many as in WILDTRACK."""
     size = float(rng.uniform(14.0, 36.0)), float(rng.uniform(10.0, 26.0))
     people = int(rng.integers(1, 13)) if rng.random() < 0.5 else int(rng.integers(13, 61))
     around = floor(size, furniture(size, 0.003, rng), int(rng.integers(3, 8)), rng)
     habits = Habits(rng.uniform(0.0, 0.5), 0.0, 0.0, rng.uniform(4.0, 20.0), rng.uniform(1.0, 1.5), (0.4, 1.0))
     seen = cameras.mast_cameras(around, int(rng.integers(2, 9 if people > 4 else 5)), rng)
-    return Scene(around, people, _turnover(people, rng, 1.0), habits, seen, 0, float(rng.choice([2.0, 7.0, 10.0])))
+    return CaseScene(around, people, _turnover(people, rng, 1.0), habits, seen, 0, float(rng.choice([2.0, 7.0, 10.0])))
 
 
-def _outdoor(rng: np.random.Generator) -> Scene:
+def _outdoor(rng: np.random.Generator) -> CaseScene:
     """A world with relief and things that hide people, before fixed cameras and rovers."""
     around, _ = outdoor(str(rng.choice(OUTDOOR_WORLDS)), float(rng.uniform(0.2, 0.8)), rng)
     people, rovers = int(rng.integers(3, 41)), int(rng.integers(0, 5))
     habits = Habits(rng.uniform(0.0, 0.5), 0.0, 0.0, rng.uniform(3.0, 12.0), rng.uniform(0.9, 1.3), (0.4, 1.2))
     fixed = int(rng.integers(max(0, 3 - rovers), 5)) if rovers < 4 else int(rng.integers(0, 3))
-    return Scene(around, people, _turnover(people, rng, 0.5), habits, cameras.mast_cameras(around, fixed, rng), rovers, 6.0)
+    return CaseScene(around, people, _turnover(people, rng, 0.5), habits, cameras.mast_cameras(around, fixed, rng), rovers, 6.0)
 
 
-def _rovers(rng: np.random.Generator) -> Scene:
+def _rovers(rng: np.random.Generator) -> CaseScene:
     """Rovers and panoramas in a room, a hall or a square."""
     size = (float(rng.uniform(6.0, 24.0)), float(rng.uniform(4.0, 18.0)))
     people = int(np.clip(rng.integers(2, 31), 1, size[0] * size[1] / 3))
@@ -110,10 +110,10 @@ def _rovers(rng: np.random.Generator) -> Scene:
     habits = Habits(rng.uniform(0.1, 0.6), 0.0, rng.uniform(0.0, 0.1), rng.uniform(3.0, 12.0), rng.uniform(0.8, 1.3), (0.4, 1.0))
     rovers = int(rng.integers(2, 5))
     seen = cameras.standing_panoramas(around, int(rng.integers(0, 3)), rng)
-    return Scene(around, people, _turnover(people, rng, 0.5), habits, seen, rovers, float(rng.choice([4.0, 6.0])))
+    return CaseScene(around, people, _turnover(people, rng, 0.5), habits, seen, rovers, float(rng.choice([4.0, 6.0])))
 
 
-SCENES: dict[str, Callable[[np.random.Generator], Scene]] = {
+SCENES: dict[str, Callable[[np.random.Generator], CaseScene]] = {
     "lab": _lab,
     "office": _office,
     "hall": _hall,

@@ -16,7 +16,7 @@ import numpy as np
 from sim.tuning.cameras import rover_camera, rover_poses
 from sim.tuning.case_file import PopulationCase, read_case, rows_of, true_robot, write_case
 from sim.tuning.detectors import CameraErrors, DrawnDetector, drawn_detector
-from sim.tuning.kinds import BLOCK, Scene, scene
+from sim.tuning.kinds import BLOCK, CaseScene, scene
 from sim.tuning.places import Surroundings, reached
 from sim.tuning.walks import STEPS, Walkers, Walks, walks
 from tracker.detector_models.bodies import Place, TrueBodies, bodies_in_view
@@ -80,7 +80,7 @@ class PopulationKey(NamedTuple):
     kind: str
 
 
-def case_of(key: PopulationKey, made: Scene) -> PopulationCase:
+def case_of(key: PopulationKey, made: CaseScene) -> PopulationCase:
     """The case of a scene."""
     streams = [np.random.default_rng([key.seed, key.number, 2, k]) for k in range(1, 4)]
     walkers = Walkers.of(made.around, made.habits, (made.at_once, made.people, made.rovers), made.frames / made.rate, streams[0])
@@ -91,7 +91,7 @@ def case_of(key: PopulationKey, made: Scene) -> PopulationCase:
 
 
 @dataclass(frozen=True, eq=False)
-class People:
+class PeopleAtStep:
     """Who is where at a step: ids (n,) from 1, feet (n, 3) m, heights by id, m."""
 
     ids: Ints
@@ -102,18 +102,18 @@ class People:
 class _Crowd:
     """People by step of their walks."""
 
-    def __init__(self, made: Scene, walked: Walks, rng: np.random.Generator) -> None:
+    def __init__(self, made: CaseScene, walked: Walks, rng: np.random.Generator) -> None:
         self._place, self._sits, self._ground = walked.place[:, : made.people], walked.sits, made.around.ground
         self._stature = np.clip(rng.normal(*STATURE, made.people), *STATURES)
 
-    def at(self, step: int) -> People:
+    def at(self, step: int) -> PeopleAtStep:
         rows = np.flatnonzero(np.isfinite(self._place[step]).all(axis=1))
         feet = np.column_stack([self._place[step, rows], self._ground.height_at(self._place[step, rows])])
         tall = self._stature[rows] * np.where(self._sits[step, rows], SITTING, 1.0)
-        return People(rows + 1, feet, dict(zip((rows + 1).tolist(), tall.tolist(), strict=True)))
+        return PeopleAtStep(rows + 1, feet, dict(zip((rows + 1).tolist(), tall.tolist(), strict=True)))
 
 
-def recorded(made: Scene, walked: Walks, detector: DrawnDetector, rng: np.random.Generator) -> Recording:
+def recorded(made: CaseScene, walked: Walks, detector: DrawnDetector, rng: np.random.Generator) -> Recording:
     """The recording of a scene: boxes of all cameras by a detector, and what the tracker is told of the cameras."""
     crowd, names = _Crowd(made, walked, rng), [f"C{k}" for k in range(1, len(made.cameras) + made.rovers + 1)]
     robots = {f"r{k}": rover_poses(walked.place[:, made.people + k], made.around) for k in range(made.rovers)}
@@ -158,7 +158,7 @@ class _View:
     def __init__(self, around: Surroundings, camera: Camera, detector: DrawnDetector, sampler: ViewSampler) -> None:
         self._around, self._camera, self._detector, self._sampler = around, camera, detector, sampler
 
-    def boxes(self, pose: Pose, people: People) -> tuple[Array, Array, dict[int, float]]:
+    def boxes(self, pose: Pose, people: PeopleAtStep) -> tuple[Array, Array, dict[int, float]]:
         """Boxes (n, 4) px, confidences (n,), and the visible share by person."""
         # The nearest point of the cylinder's foot is the lower edge of its box.
         toward = pose.translation[:2] - people.feet[:, :2]
@@ -173,7 +173,7 @@ class _View:
         visible = dict(zip(bodies.person.tolist(), bodies.visible.tolist(), strict=True))
         return found.boxes[kept], scale.said(found.confidence[kept]), visible
 
-    def _hidden(self, bodies: TrueBodies, pose: Pose, people: People) -> TrueBodies:
+    def _hidden(self, bodies: TrueBodies, pose: Pose, people: PeopleAtStep) -> TrueBodies:
         """Bodies less what the height map hides: their visible parts begin above it."""
         assert self._around.occluders is not None
         row = {person: k for k, person in enumerate(people.ids.tolist())}
