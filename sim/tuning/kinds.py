@@ -56,8 +56,8 @@ def _lab(rng: np.random.Generator) -> CaseScene:
     people = min(people, round(size[0] * size[1] / 1.5))
     around = floor(size, furniture(size, 0.03, rng), int(rng.integers(1, 3)), rng)
     habits = Habits(rng.uniform(0.3, 0.8), 0.0, rng.uniform(0.0, 0.1), rng.uniform(3.0, 15.0), rng.uniform(0.6, 1.1), (0.35, 0.8))
-    count = 4 if rng.random() < 0.75 else int(rng.integers(2, 7))
-    return CaseScene(around, people, _turnover(people, rng, 0.3), habits, cameras.corner_cameras(size, count, rng), 0, float(rng.choice([4.0, 5.0, 7.0])))
+    seen = cameras.corner_cameras(size, 4 if rng.random() < 0.75 else int(rng.integers(2, 7)), rng)
+    return CaseScene(around, people, _turnover(people, rng, 0.3), habits, seen, 0, float(rng.choice([4.0, 5.0, 7.0])))
 
 
 def _office(rng: np.random.Generator) -> CaseScene:
