@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import DetectorModelName, Out, json_text, unset
-from sim.cli.scenario_options import CameraSettings, camera_given
+from sim.cli.options import Out, json_text
+from sim.cli.scenario_options import USUAL, BoxOptions, CameraSettings, SceneOptions, camera_given, given
 
 if TYPE_CHECKING:
     from sim.scenario import Scenario
@@ -42,51 +42,31 @@ class Demo:
     """Number of frames, at 6 a second; the paper's set has 333."""
     seed: int = 0
     """Seed of all random numbers; the same seed gives the same bytes."""
-    robots: int = 4
-    """Number of rovers, each with a panoramic camera."""
-    people: int = 10
-    """Number of people."""
-    world: str = "pilsun"
-    """Name of the world, as `pilsim worlds` lists it. pilsun is an indoor laboratory with ramps, a step, a platform and furniture."""
-    difficulty: float = 0.5
-    """Difficulty of the terrain, from 0 (gentle) to 1."""
     width: int = 1024
     """Width of a panorama, pixels; it is half as high."""
-    cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
-    """These options change the cameras."""
-    detector_model: DetectorModelName = "independent"
-    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
-    detector: Literal["simulated", "pixels"] = "simulated"
-    """Source of the boxes: a simulated detector, which knows the truth, or the person detector on the panoramas."""
-    model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
-    """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     out: Out = Path("runs/demo")
     """Folder of all results. The same scenario again reuses what is there."""
+    scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = USUAL
+    """These options set the world, and who is in it."""
+    boxes: Annotated[OmitArgPrefixes[BoxOptions], arg(name="detector")] = BoxOptions()
+    """These options choose where the boxes of people come from."""
+    cameras: Annotated[OmitArgPrefixes[CameraSettings], arg(name="cameras")] = CameraSettings()
+    """These options change the cameras."""
 
     def run(self) -> None:
         from sim.scenario import Scenario
         from tracker.detector_models.model import chosen_model
 
-        scenario = Scenario(
-            world=self.world,
-            difficulty=self.difficulty,
-            seed=self.seed,
-            robots=self.robots,
-            people=self.people,
-            frames=self.frames,
-            width=self.width,
-            detector_model=chosen_model(self.detector_model),
-            **camera_given(self.cameras),
-        )
+        chosen = given(self.scene) | camera_given(self.cameras) | {"detector_model": chosen_model(self.boxes.detector_model)}
+        scenario = Scenario(seed=self.seed, frames=self.frames, width=self.width, **chosen)
         from tracker.io.file_lock import folder_lock
 
-        if self.model and self.detector != "pixels":
-            raise ValueError(f"{self.model}: --model is for --detector pixels")
+        pixels = self.boxes.pixels
         scenario.check_any_camera(fixed=0)
         check_folder(scenario, self.out)
         # The lock is taken before the imports of the renderer and the tracker, which take seconds.
         with folder_lock(self.out):
-            run_demo(scenario, self.out, self.detector == "pixels", self.model)
+            run_demo(scenario, self.out, pixels, self.boxes.model)
 
 
 def run_demo(scenario: Scenario, out: Path, pixels: bool = False, model: Path | None = None) -> dict[str, Any]:

@@ -12,11 +12,10 @@ from sim.cli.options import Out, unset
 from sim.cli.scenario_options import (
     CameraSettings,
     DetectorSettings,
-    Number,
     ScenarioSettings,
+    SceneOptions,
     SensorSettings,
     Whole,
-    Word,
     camera_given,
     detector_given,
     given,
@@ -24,9 +23,6 @@ from sim.cli.scenario_options import (
 
 if TYPE_CHECKING:
     from sim.datasets.presets import Preset
-
-_COMMON = ("world", "difficulty", "seed", "robots", "people", "frames", "width")
-"""The common options of a scenario."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +84,6 @@ class Generate:
     """Seed of all random numbers."""
     frames: Whole = None
     """Number of frames of a sequence."""
-    world: Word = None
-    """Name of the world, as `pilsim worlds` lists it."""
-    difficulty: Number = None
-    """Difficulty of the terrain, from 0 (gentle) to 1."""
-    robots: Whole = None
-    """Number of rovers, each with a panoramic camera."""
-    people: Whole = None
-    """Number of people, in all."""
     width: Whole = None
     """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
     fixed_cameras: Whole = None
@@ -106,6 +94,8 @@ class Generate:
     """Render images. A twin with --no-render has boxes by ray casting and no rovers; it is written as a recording."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
     """Number of processes that draw on this machine; the bytes are the same with any number."""
+    scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = SceneOptions()
+    """These options set the world, and who is in it."""
     files: Annotated[OmitArgPrefixes[ImageFiles], arg(name="file")] = ImageFiles()
     """These options choose what is written beside JPEG images and tables."""
     twin: Annotated[OmitArgPrefixes[TwinFiles], arg(name="twin")] = TwinFiles()
@@ -147,7 +137,8 @@ class Generate:
 
     def _given(self) -> dict[str, Any]:
         """Name → value of the options of a scenario on the command line."""
-        return given(self, _COMMON) | camera_given(self.models) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
+        own = {name: value for name in ("seed", "frames", "width") if (value := getattr(self, name)) is not None}
+        return own | given(self.scene) | camera_given(self.models) | given(self.sensors) | given(self.scenario) | detector_given(self.detector)
 
     def _preset(self) -> Preset:
         """The preset with the settings of the file, overridden by those of the command line."""

@@ -3,43 +3,39 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
+from tracker.options import unset
+
 if TYPE_CHECKING:
     import numpy as np
+
+__all__ = ["DetectorModelName", "Out", "changed_options", "ground_area", "json_text", "options_of", "unset"]
 
 Out = Annotated[Path, arg(metavar="DIR")]
 
 
-def unset(metavar: str, meaning: str) -> Any:
-    """The help of an option without a default value: the name of its value, and the meaning of its absence in place of `None`."""
-    return arg(metavar=metavar, help_behavior_hint=f"(default: {meaning})")
-
-
-def options_of(command: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Name, value and default of each option of a command, options of groups included."""
+def options_of(command: Any, default: Any = None) -> Iterator[tuple[str, Any, Any]]:
+    """Name, value and default of each option of a command, options of groups included. default: the group as it is without options."""
     for field in dataclasses.fields(command):
-        value = getattr(command, field.name)
+        value, usual = getattr(command, field.name), field.default if default is None else getattr(default, field.name)
         if dataclasses.is_dataclass(value):
-            yield from options_of(value)
+            yield from options_of(value, usual)
         else:
-            yield field.name, value, field.default
+            yield field.name, value, usual
+
+
+def changed_options(command: Any, names: Container[str]) -> dict[str, Any]:
+    """Name → value of those options of a command among `names` that differ from their defaults."""
+    return {name: value for name, value, usual in options_of(command) if name in names and value != usual}
 
 
 DetectorModelName = Annotated[str, unset("FILE|NAME", "independent")]
 """The value of --detector-model: a file that `pilsim fit-detector` wrote, or the name of a model of the package."""
-
-
-def numbers(text: str) -> list[int]:
-    """Parse numbers of views, as in 1,5,7. Raises ValueError for anything else."""
-    try:
-        return [int(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        raise ValueError(f"--views is {text!r}, needs numbers as in 1,5,7") from None
 
 
 def ground_area(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import OmitArgPrefixes, arg
 
 from sim.cli.options import DetectorModelName, json_text, unset
+from sim.cli.scenario_options import USUAL, SceneOptions, given
 
 if TYPE_CHECKING:
     from sim.policies.rollouts import EpisodeResult
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 class EpisodeOptions:
     """The environment of an episode."""
 
-    difficulty: float = 0.5
-    """Difficulty of the terrain, from 0 (gentle) to 1."""
     drive: str = "kinematic"
     """Motion of the robots: kinematic, or physics (wheels on MuJoCo's terrain)."""
     observation: str = "state"
@@ -71,12 +70,6 @@ class Place:
     """Episodes of each policy, with seeds from --seed on; ten seeds in a row share a map."""
     seed: int = 0
     """The first seed."""
-    world: str = "ruins"
-    """Name of the world, as `pilsim worlds` lists it."""
-    robots: int = 4
-    """Number of rovers, each with a panoramic camera."""
-    people: int = 10
-    """Number of people."""
     steps: int = 240
     """Decisions of an episode, two a second."""
     workers: int = 1
@@ -85,7 +78,9 @@ class Place:
     """A picture of the means with their intervals."""
     json: bool = False
     """Print JSON alone: means, intervals and every episode."""
-    scene: Annotated[OmitArgPrefixes[EpisodeOptions], arg(name="episode")] = EpisodeOptions()
+    scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = dataclasses.replace(USUAL, world="ruins")
+    """These options set the world, and who is in it."""
+    episode: Annotated[OmitArgPrefixes[EpisodeOptions], arg(name="episode")] = EpisodeOptions()
     """These options change what happens in an episode."""
     training: Annotated[OmitArgPrefixes[Training], arg(name="training")] = Training()
     """These options train a policy with PPO."""
@@ -123,11 +118,11 @@ class Place:
         if self.json:
             print(json_text({"means": _plain(found), "differences": _plain(less), "episodes": [dataclasses.asdict(o) for o in outcomes]}, indent=1))
         else:
-            what = f"{self.scene.density or self.world}, {self.steps} decisions each"
+            what = f"{self.episode.density or self.scene.world}, {self.steps} decisions each"
             seeds = f"{self.episodes} seed{'s' * (self.episodes != 1)} from {self.seed}"
             print(text(found, less), f"means over {seeds} with 95 % intervals; {what}", sep="\n\n")
         if self.picture is not None:
-            draw(found, f"{self.scene.density or self.world}, {self.episodes} episode{'s' * (self.episodes != 1)}", self.picture)
+            draw(found, f"{self.episode.density or self.scene.world}, {self.episodes} episode{'s' * (self.episodes != 1)}", self.picture)
 
     def _outcomes(self) -> list[EpisodeResult]:
         """The outcomes of all episodes, ordered by policy and seed."""
@@ -143,14 +138,15 @@ class Place:
         return out
 
     def _options(self) -> dict[str, Any]:
+        from sim.placement.config import DENSITIES
         from tracker.detector_models.model import INDEPENDENT, chosen_model
 
-        options: dict[str, Any] = {"difficulty": self.scene.difficulty, "drive": self.scene.drive, "observation": self.scene.observation}
-        if self.scene.detector_model != INDEPENDENT:
-            options["detector_model"] = chosen_model(self.scene.detector_model)
-        if self.scene.density is not None:
-            return options | {"density": self.scene.density}
-        return options | {"world": self.world, "robots": self.robots, "people": self.people}
+        options = given(self.scene) | given(self.episode)
+        if (model := options.pop("detector_model")) != INDEPENDENT:
+            options["detector_model"] = chosen_model(model)
+        # A preset replaces the world and who is in it.
+        replaced = () if self.episode.density is None else DENSITIES["pilsun"]
+        return {name: value for name, value in options.items() if name not in replaced}
 
 
 def _plain(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:

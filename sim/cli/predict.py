@@ -52,8 +52,6 @@ class Predict:
     """Number of twins."""
     first_seed: int = 0
     """The first seed."""
-    delay: int = 0
-    """Number of frames by which the output of the tracker lags."""
     out: Annotated[Path | None, unset("FILE.json", "none")] = None
     """File of the result, of which `pilsim report` makes a page."""
     json: bool = False
@@ -115,7 +113,6 @@ class Predict:
     def _plan(self) -> PredictionPlan:
         from sim.prediction.halves import parse_frames
         from sim.prediction.predict import FITTED, PredictionPlan
-        from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
         from tracker.detector_models.model import chosen_model
 
         for name, least in (("seeds", 1), ("first_seed", 0)):
@@ -125,16 +122,11 @@ class Predict:
             raise ValueError("--fit and --detector-model exclude each other: the detector is fitted, or named")
         detectors = {self.detector_model or FITTED: chosen_model(self.detector_model) if self.detector_model else FITTED}
         detectors |= {name: chosen_model(name) for name in self.beside}
-        names = ("slam", "iterations", "correction", "confidence", "n_scan")
-        options = {name: value for name in names if (value := getattr(self.subject, name)) is not None}
         if self.subject.results is not None:
             raise ValueError("--results holds tracks made elsewhere, and a prediction tracks its twins; --tracker takes a function")
-        if self.subject.tracker:
-            load_tracker(self.subject.tracker)
-        tracker = TrackerUnderTest(self.subject.tracker, options | ({"delay": self.delay} if self.delay else {}))
         fit = parse_frames(self.fit, "--fit") if self.fit else None
         seeds = tuple(range(self.first_seed, self.first_seed + self.seeds))
-        return PredictionPlan(self.source, self.part.options(images=False), tracker, detectors, fit, seeds)
+        return PredictionPlan(self.source, self.part.options(images=False), self.subject.chosen(), detectors, fit, seeds)
 
 
 def _lines(found: Prediction) -> Iterator[str]:

@@ -1,19 +1,57 @@
-"""The expert options of `pilsim generate`: fields of a scenario. None keeps the value of the preset."""
+"""Options of simulated sequences that several commands share, most of them fields of a scenario. None keeps the value of the preset."""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from tyro.conf import UseAppendAction
 
-from sim.cli.options import unset
+from sim.cli.options import DetectorModelName, unset
 
 _OWN = "the preset's"
 Word = Annotated[str | None, unset("NAME", _OWN)]
 Whole = Annotated[int | None, unset("INT", _OWN)]
 Number = Annotated[float | None, unset("FLOAT", _OWN)]
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """The world, and who is in it."""
+
+    world: Word = None
+    """Name of the world, as `pilsim worlds` lists it. pilsun is an indoor laboratory with ramps, a step, a platform and furniture."""
+    difficulty: Number = None
+    """Difficulty of the terrain, from 0 (gentle) to 1."""
+    robots: Whole = None
+    """Number of rovers, each with a panoramic camera."""
+    people: Whole = None
+    """Number of people, in all."""
+
+
+USUAL = SceneOptions("pilsun", 0.5, 4, 10)
+"""The scene of commands without presets."""
+
+
+@dataclass(frozen=True)
+class BoxOptions:
+    """Where the boxes of people come from."""
+
+    detector_model: DetectorModelName = "independent"
+    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
+    detector: Literal["simulated", "pixels"] = "simulated"
+    """Source of the boxes: a simulated detector, which knows the truth, or the person detector on the rendered panoramas."""
+    model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
+    """The model of --detector pixels, an ONNX file that `train-detector` makes."""
+
+    @property
+    def pixels(self) -> bool:
+        """Whether boxes are found in the panoramas. Raises ValueError for a model without them."""
+        if self.model is not None and self.detector != "pixels":
+            raise ValueError(f"{self.model}: --model is for --detector pixels")
+        return self.detector == "pixels"
 
 
 @dataclass(frozen=True)
@@ -71,7 +109,7 @@ class CameraSettings:
 def camera_given(options: CameraSettings) -> dict[str, Any]:
     """Name → value of the settings of the cameras, as a scenario has them."""
     effects = {"effects": ",".join(options.effect)} if options.effect else {}
-    return given(options, ("camera", "view_camera")) | effects
+    return {name: value for name, value in given(options).items() if name != "effect"} | effects
 
 
 @dataclass(frozen=True)
@@ -118,7 +156,7 @@ def detector_given(options: DetectorSettings) -> dict[str, Any]:
     return values | {"detector_model": chosen_model(text)}
 
 
-def given(options: Any, names: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Name → value of the options that are not None. names: the fields to look at; all where it is empty."""
-    values = {name: getattr(options, name) for name in names or [field.name for field in dataclasses.fields(options)]}
+def given(options: Any) -> dict[str, Any]:
+    """Name → value of the options that are not None."""
+    values = {field.name: getattr(options, field.name) for field in dataclasses.fields(options)}
     return {name: value for name, value in values.items() if value is not None}

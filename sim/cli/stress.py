@@ -5,11 +5,13 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
 
-from sim.cli.options import DetectorModelName, json_text, options_of, unset
+from sim.cli.options import changed_options, json_text, options_of, unset
+from sim.cli.scenario_options import USUAL, BoxOptions, SceneOptions, given
+from tracker.options import OPTIONS, FilterOptions, PeopleOptions
 
 if TYPE_CHECKING:
     from sim.stress.sweeps import Case
@@ -18,33 +20,28 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class TrackerOptions:
+class TrackerOptions(PeopleOptions, FilterOptions):
     """The tracker under test."""
 
     tracker: Annotated[str, unset("MODULE:FUNCTION", "pilsim's own")] = ""
     """A tracker of your own: a function of (setup, ticks) that gives an Estimate a tick, as tracker.pipeline.track does."""
     results: Annotated[Path | None, unset("DIR", "none")] = None
     """Tracks made elsewhere, in place of a tracker: DIR/ID/SEED.txt, as density/3/4.txt; MOT15 with x, y, z."""
-    slam: Annotated[Literal["ekf", "iekf", "fej"] | None, unset("{ekf,iekf,fej}", "fej")] = None
-    """Filter of the robots' poses, as for `pilsim track`; a sweep of this parameter overrides it."""
-    iterations: Annotated[int | None, unset("INT", "2")] = None
-    """Number of linearizations of an update; ekf has one."""
-    correction: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on")] = None
-    """Whether the filter estimates each robot's odometry correction factor."""
-    confidence: Annotated[Literal["given", "learned"] | None, unset("{given,learned}", "given")] = None
-    """What confidences of detections say: a probability as given, or learned for each view while tracking."""
-    n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
-    """N-scan pruning: age after which a decision of the tracker of people is final, s; 0 is fastest."""
+
+    def chosen(self) -> TrackerUnderTest:
+        """The tracker with its changed options. Raises ValueError for one that there is not, and for options that it does not have."""
+        from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
+
+        if self.results is not None and not self.results.is_dir():
+            raise ValueError(f"{self.results}: no such folder")
+        if self.tracker:
+            load_tracker(self.tracker)
+        return TrackerUnderTest(self.tracker, changed_options(self, OPTIONS), "" if self.results is None else str(self.results.resolve()))
 
 
 @dataclass(frozen=True)
 class RoverOptions:
-    """Rovers and people in every simulated run, unless the sweep sets them; sim/README.md has cameras and effects."""
-
-    robots: int = 4
-    """Number of rovers."""
-    people: int = 10
-    """Number of people."""
+    """Rovers in every simulated run, unless the sweep sets them; sim/README.md has cameras and effects."""
 
     camera: Annotated[str, unset("MODEL[:OPTIONS]", "equirectangular")] = ""
     """Camera of the rovers, as for `pilsim generate`."""
@@ -99,14 +96,6 @@ class Stress:
     """Number of frames of a run; the sweep of the frame rate counts them at 6 frames per second."""
     width: int = 512
     """Width of a panorama, pixels."""
-    world: str = "pilsun"
-    """Name of the world, unless the sweep sets it."""
-    detector_model: DetectorModelName = "independent"
-    """Errors of a real detector: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
-    detector: Literal["simulated", "pixels"] = "simulated"
-    """Source of the boxes: a simulated detector, which knows the truth, or the person detector on the rendered panoramas."""
-    model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
-    """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     render: bool = True
     """Render panoramas and detect features in them. --no-render makes boxes and landmarks by ray casting, many times faster."""
     ablation: bool = False
@@ -115,8 +104,12 @@ class Stress:
     """A PETS 2009 sequence (as for `pilsim track`) to run with its twin, or alone where no sweep is named."""
     recording: Annotated[Path | None, unset("DIR", "none")] = None
     """A recording with truth (as for `pilsim track`) to test in place of simulated runs: fewer boxes, false boxes, fewer cameras."""
+    scene: Annotated[OmitArgPrefixes[SceneOptions], arg(name="scene")] = USUAL
+    """These options set the world and who is in it, unless the sweep sets them."""
+    boxes: Annotated[OmitArgPrefixes[BoxOptions], arg(name="detector")] = BoxOptions()
+    """These options choose where the boxes of people come from."""
     subject: Annotated[OmitArgPrefixes[TrackerOptions], arg(name="tracker")] = TrackerOptions()
-    """These options choose the tracker under test, for every run."""
+    """These options choose the tracker under test, for every run; a sweep of a parameter overrides it."""
     rovers: Annotated[OmitArgPrefixes[RoverOptions], arg(name="expert rover")] = RoverOptions()
     """These options set what every simulated run starts from."""
     workers: int = 1
@@ -140,7 +133,7 @@ class Stress:
         for name, least in (("seeds", 1), ("first_seed", 0), ("frames", 2)):
             if getattr(self, name) < least:
                 raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
-        check_name(self.world, "--world")
+        check_name(self.scene.world or "", "--world")
         self._check_detector()
         workers, trials = Workers(self.workers, self.machine.cluster, self.machine.limit), self._trials()
         rows = run_trials(trials, self.out, workers, self._command(), partial(progress_bar, desc="runs", unit="run", smoothing=0.1))
@@ -159,14 +152,12 @@ class Stress:
 
     def _check_detector(self) -> None:
         """Raises ValueError for --detector pixels without rendering, and for a model that cannot be used."""
-        if self.detector == "pixels":
+        if self.boxes.pixels:
             from tracker.person_detector.network import PersonNetwork
 
             if not self.render or self.pets is not None or self.recording is not None:
                 raise ValueError("--detector pixels needs rendered panoramas, without --no-render, --pets and --recording")
-            PersonNetwork(self.model)
-        elif self.model is not None:
-            raise ValueError(f"{self.model}: --model is for --detector pixels")
+            PersonNetwork(self.boxes.model)
 
     def _cases(self) -> list[Case]:
         from sim.stress.sweeps import cases, default_scenario, pets_cases, recording_cases
@@ -175,25 +166,23 @@ class Stress:
 
         if self.pets is not None and not self.pets.is_dir():
             raise ValueError(f"{self.pets}: no such folder")
-        start = replace(default_scenario(self.frames, self.width), world=self.world, detector_model=chosen_model(self.detector_model))
-        rovers = self.rovers
-        start = replace(
-            start, camera=rovers.camera, effects=",".join(rovers.effect), speed=rovers.speed, robots=rovers.robots, people=rovers.people
-        )
+        rovers, chosen = self.rovers, given(self.scene) | {"detector_model": chosen_model(self.boxes.detector_model)}
+        chosen |= {"camera": rovers.camera, "effects": ",".join(rovers.effect), "speed": rovers.speed}
+        start = replace(default_scenario(self.frames, self.width), **chosen)
         if self.recording is not None:
             if self.pets is not None:
                 raise ValueError("--recording and --pets exclude each other")
-            if self.detector_model != INDEPENDENT:
+            if self.boxes.detector_model != INDEPENDENT:
                 raise ValueError("--detector-model is for simulated runs, and --recording has boxes of its own")
             recording = open_recording(self.recording)
             if recording.truth is None:
                 raise ValueError(f"{self.recording}: has no truth, which a stress test needs")
             return recording_cases(self.sweep, str(self.recording.resolve()), len(recording.cameras), start)
         alone = self.pets is not None and not self.sweep
-        chosen = [] if alone else cases(self.sweep, start)
+        swept = [] if alone else cases(self.sweep, start)
         if not self.render:
-            self._check_no_render(chosen)
-        return chosen + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))
+            self._check_no_render(swept)
+        return swept + ([] if self.pets is None else pets_cases(str(self.pets.resolve()), start))
 
     def _check_no_render(self, chosen: list[Case]) -> None:
         """Raises ValueError for what only images show."""
@@ -205,31 +194,19 @@ class Stress:
                 what = f"--sweep {case.sweep}" if case.sweep in IMAGE_SWEEPS else "--camera" if case.scenario.camera else f"--effect {pixels[0]}"
                 raise ValueError(f"{what} changes images, needs a run without --no-render")
 
-    def _tracker(self) -> TrackerUnderTest:
-        from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
-
-        names = ("slam", "iterations", "correction", "confidence", "n_scan")
-        options = {name: value for name in names if (value := getattr(self.subject, name)) is not None}
-        if self.subject.results is not None and not self.subject.results.is_dir():
-            raise ValueError(f"{self.subject.results}: no such folder")
-        if self.subject.tracker:
-            load_tracker(self.subject.tracker)
-        return TrackerUnderTest(self.subject.tracker, options, "" if self.subject.results is None else str(self.subject.results.resolve()))
-
     def _trials(self) -> list[Trial]:
         """All trials, ordered by seed, so that an interrupted run has all settings of the first seeds."""
         from sim.stress.trial import Trial
 
         assert self.out is not None
-        tracker, out, made = self._tracker(), self.out.resolve(), []
+        tracker, out, made = self.subject.chosen(), self.out.resolve(), []
         for seed in range(self.first_seed, self.first_seed + self.seeds):
             for case in self._cases():
                 # The real sequence is the same for every seed.
                 if case.source != "pets" or seed == self.first_seed:
                     command = self._command(replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1))
-                    model = "" if self.model is None else str(self.model.resolve())
-                    pixels = self.detector == "pixels"
-                    made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ablation, command, pixels, model))
+                    model = "" if self.boxes.model is None else str(self.boxes.model.resolve())
+                    made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ablation, command, self.boxes.pixels, model))
         return made
 
     def _show(self) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import Out, options_of, unset
+from sim.cli.options import Out, changed_options, unset
+from tracker.options import OPTIONS, FilterOptions, HypothesisOptions, ImageOptions, PeopleOptions, parameters_from
 
 if TYPE_CHECKING:
     from tracker.formats.source_options import SourceOptions
@@ -42,64 +43,6 @@ class SourceChoice:
 
 
 @dataclass(frozen=True)
-class TrackletOptions:
-    """Tracklets of corners in the images."""
-
-    l_c: Annotated[int | None, unset("INT", "4")] = None
-    """L_c: number of frames that corners are followed back."""
-    delta_min: Annotated[float | None, unset("FLOAT", "0.05")] = None
-    """δ_min: a corner that moves less is static, px of the image at half its size."""
-    omega: Annotated[float | None, unset("FLOAT", "0.3")] = None
-    """ω: corners of one body differ in motion by at most this share of the box width."""
-
-
-@dataclass(frozen=True)
-class PeopleOptions:
-    """Parameters of the tracker of people."""
-
-    theta_s: Annotated[float | None, unset("FLOAT", "1.0")] = None
-    """θ_s: two tracks within this distance, m, that no view can tell apart are merged."""
-    v_max: Annotated[float | None, unset("FLOAT", "3.0")] = None
-    """v_max: maximum speed of a person, m/s; a faster track is deleted."""
-    delta_a: Annotated[float | None, unset("FLOAT", "1.29")] = None
-    """Δ_a: longest time that a track coasts without a detection, s."""
-    n_conf: Annotated[int | None, unset("INT", "2")] = None
-    """N_conf: number of frames before a track may be confirmed."""
-
-
-@dataclass(frozen=True)
-class HypothesisOptions:
-    """Parameters of multiple hypothesis tracking."""
-
-    k_h: Annotated[int | None, unset("INT", "1")] = None
-    """K_H: number of global hypotheses kept; above 1 the child hypotheses of each form a graph of their own, else all tracks form one."""
-    i_bls_max: Annotated[int | None, unset("INT", "2000")] = None
-    """i_bls^max: maximum number of moves of the clique search."""
-    n_scan: Annotated[float | None, unset("FLOAT", "1.43")] = None
-    """N-scan pruning: age after which a decision is final, s. With 0 decisions stand at once, which is fastest."""
-    seed_search: int = 0
-    """Seed of the clique search."""
-    dump_graphs: Annotated[Path | None, unset("DIR", "nowhere")] = None
-    """Folder for every weighted graph that is solved (DIMACS), with the clique that was chosen."""
-
-
-@dataclass(frozen=True)
-class SlamOptions:
-    """The filter that estimates the poses of the robots."""
-
-    slam: Annotated[Literal["ekf", "iekf", "fej", "invariant"] | None, unset("{ekf,iekf,fej,invariant}", "fej; UTIAS: invariant")] = None
-    """Filter of the robots' poses: extended, iterated, with first-estimates Jacobians, or (UTIAS alone) with the right-invariant error."""
-    iterations: Annotated[int | None, unset("INT", "2")] = None
-    """Number of linearizations of an update; ekf has one."""
-    correction: Literal["on", "off"] = "on"
-    """Whether the filter estimates each robot's odometry correction factor."""
-    persistence: Annotated[Literal["on", "off"] | None, unset("{on,off}", "on with fej")] = None
-    """Whether the filter models lasting errors: odometry biases, as of wheel slip, and drift of features; for fej or iekf."""
-    unknown_start: Annotated[str, unset("ROBOT,...", "none")] = ""
-    """Robots with an unknown start, as robot_1,robot_2. Each maps alone until its map matches the others' map."""
-
-
-@dataclass(frozen=True)
 class Track:
     """Track people and localize the robots in a sequence.
 
@@ -123,28 +66,24 @@ class Track:
     """Folder of tracks.txt (MOT15, meters) and robots.csv."""
     part: Annotated[OmitArgPrefixes[SourceChoice], arg(name="source")] = SourceChoice()
     """These options choose what of a source is read, and replace or degrade its detections."""
-    delay: int = 0
-    """Number of frames by which the output lags; later frames smooth the positions of people."""
-    confidence: Literal["given", "learned"] = "given"
-    """What confidences of detections say: a probability as given, or learned for each view while tracking, for detectors of any other scale."""
     detector: Literal["given", "simulated", "pixels"] = "given"
     """Boxes of the source, those of a simulated detector, or those found in the images. `simulated` is --project for recordings."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
     """The model of --detector pixels, an ONNX file that `train-detector` makes."""
     workers: Annotated[int | None, unset("INT", "one a core")] = None
     """Number of threads that find people in images, localize robots and track people. The result does not depend on it."""
-    images: bool = False
-    """Use the images, too: silhouettes and appearance. A recording needs video/ or images/ of any camera."""
+    unknown_start: Annotated[str, unset("ROBOT,...", "none")] = ""
+    """Robots with an unknown start, as robot_1,robot_2. Each maps alone until its map matches the others' map."""
     map: Literal["known", "unknown"] = "unknown"
     """UTIAS: whether the filter knows the landmarks."""
-    robots: Annotated[OmitArgPrefixes[SlamOptions], arg(name="expert SLAM")] = SlamOptions()
+    people: Annotated[OmitArgPrefixes[PeopleOptions], arg(name="tracking")] = PeopleOptions()
+    """These options change the tracker of people; those with a symbol are the paper's."""
+    extraction: Annotated[OmitArgPrefixes[ImageOptions], arg(name="image")] = ImageOptions()
+    """These options choose what is extracted from images; those with a symbol are the paper's."""
+    robots: Annotated[OmitArgPrefixes[FilterOptions], arg(name="expert SLAM")] = FilterOptions()
     """These options choose the filter that estimates the poses of the robots."""
-    people: Annotated[OmitArgPrefixes[PeopleOptions], arg(name="expert tracking")] = PeopleOptions()
-    """These are the paper's parameters of the tracker of people."""
     multiple: Annotated[OmitArgPrefixes[HypothesisOptions], arg(name="expert hypothesis")] = HypothesisOptions()
     """These are the paper's parameters of track trees and of the clique search."""
-    tracklets: Annotated[OmitArgPrefixes[TrackletOptions], arg(name="expert tracklet")] = TrackletOptions()
-    """The paper's parameters of tracklets need --images. Any of them has tracklets weigh boxes, too."""
 
     def run(self) -> None:
         from sim.parallel.pool import usable_cores
@@ -152,7 +91,6 @@ class Track:
         from tracker.formats.opening import format_of, images_checksum, open_sequence
         from tracker.formats.table import PILSIM, UTIAS
         from tracker.io.resume import INPUTS
-        from tracker.options import OPTIONS, parameters_from
         from tracker.person_detector.detected_ticks import detected_in_images
         from tracker.person_detector.network import PersonNetwork
         from tracker.run import check_output, tracked
@@ -172,7 +110,7 @@ class Track:
             raise ValueError(f"--workers is {threads}, needs at least 1")
         if self.detector == "simulated" and format_of(self.source).name != PILSIM and part.project is None:
             part = replace(part, project="")
-        options = part.options(self.images, pixels)
+        options = part.options(self.extraction.images, pixels)
         sequence = open_sequence(self.source, options)
         if pixels:
             # The network is checked before the work, and the run names it.
@@ -183,14 +121,14 @@ class Track:
             raise ValueError(f"{self.source}: no frame, since the files of detections hold no box and there is no truth")
         if not first.views:
             raise ValueError(f"{self.source}: no detections of any camera, needs detections/CAMERA.txt (MOT15), --detections or --project")
-        unknown = [name.strip() for name in self.robots.unknown_start.split(",") if name.strip()]
+        unknown = [name.strip() for name in self.unknown_start.split(",") if name.strip()]
         sequence = without_starts(sequence, unknown)
         run = {"source": self.source.name} | options.to_run() | ({"unknown_start": unknown} if unknown else {})
         if pixels:
             run["model"] = model
         if options.images:
             run[INPUTS] = images_checksum(self.source, options)
-        parameters = parameters_from({name: value for name, value, _ in options_of(self) if name in OPTIONS})
+        parameters = parameters_from(changed_options(self, OPTIONS))
         results = tracked(sequence, self.out, run, parameters, threads)
         people = len({identity for ids, _ in results.tracks.values() for identity in ids.tolist()})
         print(f"{self.out}: {people} people in {results.frames} frames; `pilsim score {self.source} {self.out}` scores it")
@@ -204,11 +142,11 @@ class Track:
 
         if self.part != SourceChoice():
             raise ValueError(f"{self.source}: --cameras, --frames, --detections and --degrade choose boxes of cameras; a UTIAS set has none")
-        if self.robots.unknown_start:
+        if self.unknown_start:
             raise ValueError(f"{self.source}: --unknown-start is for sequences; the robots of a UTIAS set start where their truth begins")
         if self.robots.persistence == "on":
             raise ValueError(f"{self.source}: --persistence is for sequences; biases of a UTIAS set are in the correction factor")
-        asked = {"mode": self.robots.slam, "iterations": self.robots.iterations, "correction": self.robots.correction == "on"}
+        asked = {"mode": self.robots.slam, "iterations": self.robots.iterations, "correction": self.robots.correction != "off"}
         parameters = PlanarParameters(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
         paths = track_utias(self.source, self.out, self.map == "known", parameters)
         counted = ", ".join(f"{count} {reason}" for reason, count in paths.run["counters"].items() if count) or "no measurements"

@@ -36,7 +36,7 @@ from tracker.geometry import Array
 from tracker.io.json_files import json_text
 from tracker.metrics.clear_mot import score
 from tracker.metrics.evaluation import matching_frames
-from tracker.options import CHOICES, OPTIONS, REAL, WHOLE, parameters_from
+from tracker.options import OPTIONS, parameters_from
 from tracker.pipeline import Parameters, track
 from tracker.recordings.degradation import BoxNoise, Degradation
 from tracker.sequence.results import Results
@@ -303,10 +303,9 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--frames", type=int, default=FRAMES, help="of crowds")
     out.add_argument("--cache", type=Path, metavar="DIR", help="keeps simulated crowds; delete it where the simulator changes")
     out.add_argument("--workers", type=int, default=1)
-    for name in OPTIONS:
-        kind = int if name in WHOLE else float if name in REAL else str
+    for name, form in OPTIONS.items():
         if name != "images":  # a row says whether it has images
-            out.add_argument(f"--{name.replace('_', '-')}", dest=name, type=kind, choices=CHOICES.get(name))
+            out.add_argument(f"--{name.replace('_', '-')}", dest=name, type=form.kind, choices=form.choices or None)
     return out
 
 

@@ -137,7 +137,7 @@ def test_help_and_version_from_a_shell(tmp_path: Path) -> None:
 def test_help_needs_no_heavy_module() -> None:
     code = "import sys, sim.cli.main; sim.cli.main.overview(); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"scipy", "mujoco", "numba", "cv2", "matplotlib", "tracker", "worlds"} & set(done.stdout.split())
+    assert not {"scipy", "mujoco", "numba", "cv2", "matplotlib", "tracker.pipeline", "worlds"} & set(done.stdout.split())
 
 
 @pytest.mark.parametrize("columns", [80, 200])
