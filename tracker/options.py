@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -40,7 +40,30 @@ class Least:
     def check(self, flag: str, value: float) -> None:
         """Raises ValueError for a value out of bounds."""
         if value < self.value or (self.above and value == self.value):
-            raise ValueError(f"{flag} is {value}, needs {f'more than {self.value:g}' if self.above else f'{self.value:g} or more'}")
+            raise ValueError(f"{flag} is {value}, needs {'more than' if self.above else 'at least'} {self.value:g}")
+
+
+@dataclass(frozen=True)
+class Ending:
+    """The ending of the name of a file."""
+
+    text: str
+
+    def check(self, flag: str, value: Path) -> None:
+        """Raises ValueError for another ending."""
+        if value.suffix.lower() != self.text:
+            raise ValueError(f"{flag} is {value}, needs a name that ends in {self.text}")
+
+
+def check_options(group: Any) -> None:
+    """Raises ValueError for an option out of the bounds that its annotation names. group: a dataclass of options, and of groups of them."""
+    for name, hint in get_type_hints(type(group), include_extras=True).items():
+        value = getattr(group, name)
+        if is_dataclass(value):
+            check_options(value)
+        for mark in getattr(hint, "__metadata__", ()):
+            if isinstance(mark, (Least, Ending)) and value is not None:
+                mark.check(f"--{name.replace('_', '-')}", value)
 
 
 POSITIVE, NOT_NEGATIVE = Least(0, above=True), Least(0)

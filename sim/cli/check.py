@@ -11,6 +11,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import json_text, unset
 from sim.cli.track import SourceChoice
+from tracker.options import Ending
 
 SHOWN = 100
 """Largest number of faults that are printed. All faults are counted."""
@@ -40,7 +41,7 @@ class Check:
 
     source: Annotated[Positional[Path], arg(metavar="DIR")]
     """The dataset, sequence or recording."""
-    picture: Annotated[Path | None, unset("FILE.png", "none")] = None
+    picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
     """Recordings: draw the plan, and the view of each camera with the ground grid."""
     choice: OmitArgPrefixes[SourceChoice] = SourceChoice()
     json: bool = False
@@ -88,8 +89,6 @@ class Check:
         from tracker.formats.opening import open_recording
         from tracker.recordings.calibration_check import LEGEND, check_calibration
 
-        if self.picture is not None and self.picture.suffix.lower() != ".png":
-            raise ValueError(f"--picture is {self.picture}, needs a name that ends in .png")
         recording = open_recording(self.source, self.choice.options(images=self.picture is not None), strict=False)
         report = check_calibration(recording)
         if self.json:

@@ -10,6 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from sim.cli.options import json_text, unset
+from tracker.options import Least
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Clique:
     """The graph: lines `p edge N M`, `n VERTEX WEIGHT`, `e A B`. A vertex without a line has the weight 1."""
     seconds: float = 10.0
     """Time limit of the search or of the proof, s."""
-    seed: int = 0
+    seed: Annotated[int, Least(0)] = 0
     """The seed of the search; the same seed makes the same moves."""
     target: Annotated[float | None, unset("WEIGHT", "none")] = None
     """The search stops at a clique of at least this weight."""
@@ -40,8 +41,6 @@ class Clique:
         from tracker.clique.dimacs import read_graph
         from tracker.clique.local_search import Limits, search
 
-        if self.seed < 0:
-            raise ValueError(f"--seed is {self.seed}, needs at least 0")
         graph = read_graph(self.file)
         search(graph, Limits(moves=1))  # Compilation must not count as search time.
         found = exact(graph, self.seconds) if self.exact else search(graph, Limits(seconds=self.seconds, target=self.target), self.seed)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from sim.cli.options import json_text, unset
+from sim.cli.options import json_text, locked, unset
+from tracker.options import Ending
 
 
 @dataclass(frozen=True)
@@ -34,20 +34,17 @@ class Compare:
 
     folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR [DIR ...]", help_behavior_hint="(at least one)")]
     """Folders of results; the first is the reference."""
-    out: Annotated[Path | None, unset("FILE.png", "none is drawn")] = None
+    out: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none is drawn")] = None
     """A picture of the differences with their intervals."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
         from sim.report.comparison import compare_paired, comparison_text, to_json
-        from tracker.io.file_lock import output_file_lock
 
-        if self.out is not None and self.out.suffix.lower() != ".png":
-            raise ValueError(f"--out is {self.out}, needs a name that ends in .png")
         if not self.folders:
             raise ValueError("compare needs folders of results, the first as the reference")
-        with nullcontext() if self.out is None else output_file_lock(self.out):
+        with locked(self.out):
             found = compare_paired(self.folders)
             print(json_text(to_json(found), indent=1) if self.json else comparison_text(found))
             if self.out is not None:

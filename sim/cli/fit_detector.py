@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import json_text, unset
+from sim.cli.options import json_text, locked, unset
 from sim.cli.track import SourceChoice
+from tracker.options import Ending
 
 if TYPE_CHECKING:
     from tracker.detector_models.fitting import Fit, Source
@@ -32,9 +32,9 @@ class FitDetector:
 
     source: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR [DIR ...]", help_behavior_hint="(at least one)")]
     """Recordings with truth, PETS 2009 or WILDTRACK; several are fitted together."""
-    out: Annotated[Path, arg(metavar="FILE.json")]
+    out: Annotated[Path, Ending(".json"), arg(metavar="FILE.json")]
     """The model."""
-    picture: Annotated[Path | None, unset("FILE.png", "none")] = None
+    picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
     """Draw all figures on one page."""
     name: Annotated[str, unset("NAME", "the name of the file")] = ""
     """Name of the model."""
@@ -45,17 +45,11 @@ class FitDetector:
     def run(self) -> None:
         from tracker.detector_models.fitting import fit_sources
         from tracker.io.atomic import write_text
-        from tracker.io.file_lock import output_file_lock
 
         if not self.source:
             raise ValueError("a folder is missing, needs one recording or more")
-        for option, path, ending in (("--out", self.out, ".json"), ("--picture", self.picture, ".png")):
-            if path is not None and path.suffix.lower() != ending:
-                raise ValueError(f"{option} is {path}, needs a name that ends in {ending}")
         sources = self._sources()
-        with ExitStack() as locks:
-            for path in filter(None, (self.out, self.picture)):
-                locks.enter_context(output_file_lock(path))
+        with locked(self.out, self.picture):
             try:
                 found = fit_sources(sources, self.name or self.out.stem)
             except ValueError as error:

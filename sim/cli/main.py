@@ -24,6 +24,7 @@ from tyro.conf import Positional
 
 from pilsim import CODE
 from sim.rendering.gl_context import GLUnavailable
+from tracker.options import check_options
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Start": ("demo", "doctor"),
@@ -157,19 +158,21 @@ def _message(error: Exception) -> str:
 
 
 def _parse(words: list[str]) -> Any:
-    """The command of the command line; None where its help was asked for and is printed. Raises ValueError, in one line, for a wrong word."""
+    """The command of the command line; None where its help was asked for and is printed. Raises ValueError for a wrong word or value."""
     _check_names(words)
     errors, output = io.StringIO(), _Output()
     # In a wide terminal, tyro would put expert options beside the common ones.
     os.environ["COLUMNS"] = str(width := min(WIDEST, shutil.get_terminal_size().columns))
     try:
         with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(output):
-            return tyro.cli(command_of(words[0]), prog=f"pilsim {words[0]}", args=today(words)[1:])
+            command: Any = tyro.cli(command_of(words[0]), prog=f"pilsim {words[0]}", args=today(words)[1:])
     except SystemExit as exit_:
         if exit_.code == 2:
             raise ValueError(f"{_first_part(errors.getvalue())}; see pilsim {words[0]} --help") from None
         print("\n".join(_wrapped(output.getvalue(), max(40, width))))
         return None
+    check_options(command)
+    return command
 
 
 class _Output(io.StringIO):

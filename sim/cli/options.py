@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+import shlex
 from collections.abc import Container, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +17,7 @@ from tracker.options import unset
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["DetectorModelName", "Out", "changed_options", "ground_area", "json_text", "options_of", "unset"]
+__all__ = ["DetectorModelName", "Out", "changed_options", "command_line", "ground_area", "json_text", "locked", "options_of", "unset"]
 
 Out = Annotated[Path, arg(metavar="DIR")]
 
@@ -49,6 +52,36 @@ def ground_area(text: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     if not (np.isfinite(area).all() and (area[1] > area[0]).all()):
         raise ValueError(f"--area is {text!r}, needs lowest x, lowest y, highest x, highest y in m, as in 0,0,7.7,3.4")
     return area
+
+
+def command_line(command: Any, without: Container[str], repeated: Container[str] = ()) -> str:
+    """The command line that gives a command its changed options. without: options to leave out. repeated: those with their name before each value."""
+    name = re.sub("(?<!^)(?=[A-Z])", "-", type(command).__name__).lower()
+    words = ["pilsim", name]
+    for option, value, usual in options_of(command):
+        flag = f"--{option.replace('_', '-')}"
+        if option == "source":
+            words.append(str(value))
+        elif value == usual or option in without:
+            continue
+        elif option in repeated:
+            words += [word for one in value for word in (flag, one)]
+        elif isinstance(value, bool):
+            words.append(flag if value else f"--no-{option}")
+        else:
+            words += [flag, *map(str, value if isinstance(value, tuple) else [value])]
+    return shlex.join(words)
+
+
+@contextmanager
+def locked(*files: Path | None) -> Iterator[None]:
+    """Lock the files that are written; None is none. Raises ValueError where another process writes one of them."""
+    from tracker.io.file_lock import output_file_lock
+
+    with ExitStack() as locks:
+        for path in filter(None, files):
+            locks.enter_context(output_file_lock(path))
+        yield
 
 
 def json_text(value: Any, indent: int | None = None) -> str:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from sim.cli.options import DetectorModelName, json_text, unset
+from sim.cli.options import DetectorModelName, json_text, locked, unset
 from sim.cli.scenario_options import USUAL, SceneOptions, given
+from tracker.options import Ending, Least
 
 if TYPE_CHECKING:
     from sim.policies.rollouts import EpisodeResult
@@ -35,7 +35,7 @@ class EpisodeOptions:
 class Training:
     """Training of a policy by PPO."""
 
-    train: Annotated[int | None, unset("INT", "no training")] = None
+    train: Annotated[int | None, Least(1), unset("INT", "no training")] = None
     """Train PPO for this number of decisions, in place of a comparison; needs the extra `rl`."""
     out: Path = Path("runs/ppo")
     """Folder of ppo.zip, curve.csv and curve.png."""
@@ -66,15 +66,15 @@ class Place:
 
     policy: tuple[str, ...] = ("random", "static", "lloyd", "greedy")
     """Policies to compare, one or more of random, static, lloyd, greedy, ppo:FILE."""
-    episodes: int = 20
+    episodes: Annotated[int, Least(1)] = 20
     """Episodes of each policy, with seeds from --seed on; ten seeds in a row share a map."""
-    seed: int = 0
+    seed: Annotated[int, Least(0)] = 0
     """The first seed."""
-    steps: int = 240
+    steps: Annotated[int, Least(1)] = 240
     """Decisions of an episode, two a second."""
-    workers: int = 1
+    workers: Annotated[int, Least(1)] = 1
     """Number of processes; the figures are the same with any number."""
-    picture: Annotated[Path | None, unset("FILE.png", "none is drawn")] = None
+    picture: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none is drawn")] = None
     """A picture of the means with their intervals."""
     json: bool = False
     """Print JSON alone: means, intervals and every episode."""
@@ -88,15 +88,7 @@ class Place:
     def run(self) -> None:
         import sim  # noqa: F401
         from sim.policies.rollouts import policy_of
-        from tracker.io.file_lock import output_file_lock
 
-        for name, value in (("episodes", self.episodes), ("steps", self.steps), ("train", self.training.train), ("workers", self.workers)):
-            if value is not None and value < 1:
-                raise ValueError(f"{name} is {value}, needs at least 1")
-        if self.seed < 0:
-            raise ValueError(f"seed is {self.seed}, needs at least 0")
-        if self.picture is not None and self.picture.suffix.lower() != ".png":
-            raise ValueError(f"--picture is {self.picture}, needs a name that ends in .png")
         if self.training.train is not None:
             from sim.policies.training import train
 
@@ -106,7 +98,7 @@ class Place:
             raise ValueError("policy is empty, needs one or more of random, static, lloyd, greedy, ppo:FILE")
         for name in self.policy:
             policy_of(name)
-        with nullcontext() if self.picture is None else output_file_lock(self.picture):
+        with locked(self.picture):
             self._compare()
 
     def _compare(self) -> None:

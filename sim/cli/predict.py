@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from sim.cli.options import json_text, options_of, unset
+from sim.cli.options import command_line, json_text, locked, unset
 from sim.cli.stress import TrackerOptions
 from sim.cli.track import SourceChoice
+from tracker.options import Ending, Least
 
 if TYPE_CHECKING:
     from sim.prediction.predict import Predicted, Prediction, PredictionPlan
@@ -48,11 +47,11 @@ class Predict:
     """Predict with this detector in place of the fitted one; all frames are used. A source without detections needs it."""
     beside: Annotated[tuple[str, ...], arg(metavar="NAME", help_behavior_hint="(default: none)")] = ()
     """Other detectors to show beside, as independent or fairmot."""
-    seeds: int = 5
+    seeds: Annotated[int, Least(1)] = 5
     """Number of twins."""
-    first_seed: int = 0
+    first_seed: Annotated[int, Least(0)] = 0
     """The first seed."""
-    out: Annotated[Path | None, unset("FILE.json", "none")] = None
+    out: Annotated[Path | None, Ending(".json"), unset("FILE.json", "none")] = None
     """File of the result, of which `pilsim report` makes a page."""
     json: bool = False
     """Print JSON alone."""
@@ -69,15 +68,10 @@ class Predict:
         from sim.prediction.record import content
         from sim.recording.record import versions
         from tracker.io.atomic import write_text
-        from tracker.io.file_lock import output_file_lock
         from tracker.io.progress import progress_bar
 
-        if self.out is not None and self.out.suffix.lower() != ".json":
-            raise ValueError(f"--out is {self.out}, needs a name that ends in .json")
         plan, pool = self._plan(), Pool(self.workers)
-        with ExitStack() as locks:
-            if self.out is not None:
-                locks.enter_context(output_file_lock(self.out))
+        with locked(self.out):
             bar = partial(progress_bar, desc="runs", unit="run", leave=False, disable=self.json)
             found = predict(plan, pool if self.workers > 1 else None, bar)
             text = json_text(content(plan, found, self._command(), versions()), indent=1)
@@ -99,25 +93,13 @@ class Predict:
 
     def _command(self) -> str:
         """The command line of this prediction, without what its result does not depend on."""
-        words = ["pilsim", "predict", str(self.source)]
-        for name, value, default in options_of(self):
-            if value == default or name in ("source", "out", "json", "workers"):
-                continue
-            flag = f"--{name.replace('_', '-')}"
-            if name == "detections":
-                words += [word for one in value for word in (flag, one)]
-            else:
-                words += [flag, *map(str, value)] if isinstance(value, tuple) else [flag, str(value)]
-        return shlex.join(words)
+        return command_line(self, ("out", "json", "workers"), repeated=("detections",))
 
     def _plan(self) -> PredictionPlan:
         from sim.prediction.halves import parse_frames
         from sim.prediction.predict import FITTED, PredictionPlan
         from tracker.detector_models.model import chosen_model
 
-        for name, least in (("seeds", 1), ("first_seed", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
         if self.fit and self.detector_model:
             raise ValueError("--fit and --detector-model exclude each other: the detector is fitted, or named")
         detectors = {self.detector_model or FITTED: chosen_model(self.detector_model) if self.detector_model else FITTED}

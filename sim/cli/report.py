@@ -9,6 +9,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from sim.cli.options import unset
+from tracker.options import Ending
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Report:
 
     folder: Annotated[Positional[Path], arg(metavar="FOLDER|FILE.json")]
     """The folder with results.jsonl, as `pilsim stress` writes it, or the file of `pilsim predict --out`."""
-    out: Annotated[Path | None, unset("FILE.html", "FOLDER/report.html or FILE.html")] = None
+    out: Annotated[Path | None, Ending(".html"), unset("FILE.html", "FOLDER/report.html or FILE.html")] = None
     """The page to write."""
     beside: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]", help_behavior_hint="(default: none)")] = ()
     """Other folders of `pilsim stress`, shown on the same page under their names: other trackers or other detectors."""
@@ -38,8 +39,6 @@ class Report:
         from sim.report.prediction_page import plots_folder, write_prediction_page
         from tracker.io.file_lock import folder_lock, output_file_lock
 
-        if self.out is not None and self.out.suffix.lower() != ".html":
-            raise ValueError(f"--out is {self.out}, needs a name that ends in .html")
         prediction = self.folder.suffix.lower() == ".json" and not self.folder.is_dir()
         if not self.folder.is_dir() and not (prediction and self.folder.is_file()):
             raise ValueError(f"{self.folder}: no such {'file' if prediction else 'folder'}")

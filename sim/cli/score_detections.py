@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from sim.cli.options import json_text, unset
+from sim.cli.options import json_text, locked, unset
+from tracker.options import Ending
 
 if TYPE_CHECKING:
     from tracker.metrics.box_detection import ImageBoxes, WantedBodies
@@ -41,23 +41,20 @@ class ScoreDetections:
     """Bodies of which less is seen are ignored, where the visible share is known."""
     heights: Annotated[str, unset("A:B", "all")] = ""
     """Heights of bodies in px that have to be found, as 20:256; others are ignored."""
-    plot: Annotated[Path | None, unset("FILE.png", "none")] = None
+    plot: Annotated[Path | None, Ending(".png"), unset("FILE.png", "none")] = None
     """Draw the reliability of the scores, and precision over recall."""
-    out: Annotated[Path | None, unset("FILE.json", "none")] = None
+    out: Annotated[Path | None, Ending(".json"), unset("FILE.json", "none")] = None
     """Write the scores as JSON."""
     json: bool = False
     """Print JSON alone."""
 
     def run(self) -> None:
         from tracker.io.atomic import write_text
-        from tracker.io.file_lock import output_file_lock
         from tracker.metrics.box_scores import box_scores, table
 
         self._check()
         wanted = self._wanted()
-        with ExitStack() as locks:
-            for path in filter(None, (self.out, self.plot)):
-                locks.enter_context(output_file_lock(path))
+        with locked(self.out, self.plot):
             images = self._images()
             scores = box_scores(images, wanted, self.min_score)
             if self.out is not None:
@@ -74,9 +71,6 @@ class ScoreDetections:
 
         if len(self.truth) != len(self.result) or not self.truth:
             raise ValueError(f"--truth names {len(self.truth)} and --result {len(self.result)}, needs one result for each source")
-        for option, path, ending in (("--out", self.out, ".json"), ("--plot", self.plot, ".png")):
-            if path is not None and path.suffix.lower() != ending:
-                raise ValueError(f"{option} is {path}, needs a name that ends in {ending}")
         if not math.isfinite(self.min_score):
             raise ValueError(f"--min-score is {self.min_score}, needs a finite number")
         if not 0 <= self.min_visible <= 1:

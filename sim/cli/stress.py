@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
 
-from sim.cli.options import changed_options, json_text, options_of, unset
+from sim.cli.options import changed_options, command_line, json_text, unset
 from sim.cli.scenario_options import USUAL, BoxOptions, SceneOptions, given
-from tracker.options import OPTIONS, FilterOptions, PeopleOptions
+from tracker.options import OPTIONS, FilterOptions, Least, PeopleOptions
 
 if TYPE_CHECKING:
     from sim.stress.sweeps import Case
@@ -88,11 +87,11 @@ class Stress:
     """Show the sweeps and do nothing else."""
     json: bool = False
     """With --list: print each case as a line of JSON, with its scenario. Otherwise: print the rows when all runs are done."""
-    seeds: int = 1
+    seeds: Annotated[int, Least(1)] = 1
     """Number of seeds of each case."""
-    first_seed: int = 0
+    first_seed: Annotated[int, Least(0)] = 0
     """The first seed."""
-    frames: int = 60
+    frames: Annotated[int, Least(2)] = 60
     """Number of frames of a run; the sweep of the frame rate counts them at 6 frames per second."""
     width: int = 512
     """Width of a panorama, pixels."""
@@ -130,9 +129,6 @@ class Stress:
             return
         if self.out is None:
             raise ValueError("--out is missing, needs a folder for the results")
-        for name, least in (("seeds", 1), ("first_seed", 0), ("frames", 2)):
-            if getattr(self, name) < least:
-                raise ValueError(f"--{name.replace('_', '-')} is {getattr(self, name)}, needs at least {least}")
         check_name(self.scene.world or "", "--world")
         self._check_detector()
         workers, trials = Workers(self.workers, self.machine.cluster, self.machine.limit), self._trials()
@@ -204,7 +200,7 @@ class Stress:
             for case in self._cases():
                 # The real sequence is the same for every seed.
                 if case.source != "pets" or seed == self.first_seed:
-                    command = self._command(replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1))
+                    command = replace(self, sweep=(case.id,), seeds=1, first_seed=seed, workers=1)._command()
                     model = "" if self.boxes.model is None else str(self.boxes.model.resolve())
                     made.append(Trial(case.with_seed(seed), tracker, out, self.render, self.ablation, command, self.boxes.pixels, model))
         return made
@@ -220,19 +216,6 @@ class Stress:
             values = ", ".join(map(str, sweep.values)) if not isinstance(sweep.values[0], str) else "; ".join(map(str, sweep.values))
             print(f"{sweep.name:12} {sweep.about}\n{'':12} {sweep.parameter}{f' ({sweep.unit})' if sweep.unit else ''}: {values}")
 
-    def _command(self, other: Stress | None = None) -> str:
-        """The command line of this run, or of another one."""
-        shown, words = other or self, ["pilsim", "stress"]
-        for name, value, default in options_of(shown):
-            if value == default or name in ("show", "json"):
-                continue
-            flag = f"--{name.replace('_', '-')}"
-            if name == "sweep":
-                words += [flag, *value]
-            elif name == "effect":
-                words += [word for one in value for word in (flag, one)]
-            elif isinstance(value, bool):
-                words.append(flag if value else f"--no-{name}")
-            else:
-                words += [flag, str(value)]
-        return shlex.join(words)
+    def _command(self) -> str:
+        """The command line of this run."""
+        return command_line(self, ("show", "json"), repeated=("effect",))

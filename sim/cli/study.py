@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional
 
 from sim.cli.options import Out, unset
+from tracker.options import Least
 
 if TYPE_CHECKING:
     from sim.studies.hypothesis_count import Material
@@ -43,18 +44,15 @@ class Study:
     """Folder of the results."""
     pets: Annotated[Path | None, unset("DIR", "synthetic people alone")] = None
     """A PETS 2009 folder; its views 1, 5 and 7 are used (images: view 1 alone, too)."""
-    repetitions: int = 20
+    repetitions: Annotated[int, Least(1)] = 20
     """Runs of each setting, each with another seed."""
-    frames: int = 200
+    frames: Annotated[int, Least(1)] = 200
     """Frames of each run."""
 
     def run(self) -> None:
         from sim.studies import hypothesis_count
         from tracker.io.file_lock import folder_lock
 
-        for name in ("repetitions", "frames"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"--{name} is {getattr(self, name)}, needs at least 1")
         if self.pets is not None:
             # A bad folder is refused before the first run, which takes long.
             hypothesis_count.check(self.pets, self.name == "images")

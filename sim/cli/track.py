@@ -10,7 +10,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from sim.cli.options import Out, changed_options, unset
-from tracker.options import OPTIONS, FilterOptions, HypothesisOptions, ImageOptions, PeopleOptions, parameters_from
+from tracker.options import OPTIONS, FilterOptions, HypothesisOptions, ImageOptions, Least, PeopleOptions, parameters_from
 
 if TYPE_CHECKING:
     from tracker.formats.source_options import SourceOptions
@@ -70,7 +70,7 @@ class Track:
     """Boxes of the source, those of a simulated detector, or those found in the images. `simulated` is --project for recordings."""
     model: Annotated[Path | None, unset("FILE.onnx", "the one of the package")] = None
     """The model of --detector pixels, an ONNX file that `train-detector` makes."""
-    workers: Annotated[int | None, unset("INT", "one a core")] = None
+    workers: Annotated[int | None, Least(1), unset("INT", "one a core")] = None
     """Number of threads that find people in images, localize robots and track people. The result does not depend on it."""
     unknown_start: Annotated[str, unset("ROBOT,...", "none")] = ""
     """Robots with an unknown start, as robot_1,robot_2. Each maps alone until its map matches the others' map."""
@@ -106,8 +106,6 @@ class Track:
         if self.model and not pixels:
             raise ValueError(f"{self.model}: --model is for --detector pixels")
         threads = usable_cores() if self.workers is None else self.workers
-        if threads < 1:
-            raise ValueError(f"--workers is {threads}, needs at least 1")
         if self.detector == "simulated" and format_of(self.source).name != PILSIM and part.project is None:
             part = replace(part, project="")
         options = part.options(self.extraction.images, pixels)

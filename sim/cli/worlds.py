@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from sim.cli.options import json_text, unset
+from sim.cli.options import json_text, locked, unset
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,9 @@ class Worlds:
 
     def run(self) -> None:
         from sim.visualization.world_survey import SurveyOptions, describe, survey
-        from tracker.io.file_lock import folder_lock, output_file_lock
+        from tracker.io.file_lock import folder_lock
 
-        with ExitStack() as locks:
-            if self.preview is not None:
-                locks.enter_context(folder_lock(self.preview))
-            if self.export is not None:
-                locks.enter_context(output_file_lock(self.export))
+        with nullcontext() if self.preview is None else folder_lock(self.preview), locked(self.export):
             rows = survey(self.name, self.difficulty, self.seed, SurveyOptions(self.preview, self.export, self.slip, self.distractors))
         print(json_text(rows, indent=1) if self.json else describe(rows))
         if not self.json:

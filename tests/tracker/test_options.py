@@ -39,7 +39,7 @@ def test_every_option_reaches_its_parameter() -> None:
         ({"correction": True}, "--correction is True, needs one of on, off"),
         ({"k_h": 0}, "--k-h is 0, needs more than 0"),
         ({"k_h": 2.5}, "--k-h is 2.5, needs a whole number"),
-        ({"n_scan": -0.5}, "--n-scan is -0.5, needs 0 or more"),
+        ({"n_scan": -0.5}, "--n-scan is -0.5, needs at least 0"),
         ({"hypotheses": "multiple"}, "option 'hypotheses' of the tracker is unknown"),
         ({"v_max": float("nan")}, "--v-max is nan, needs a number"),
         ({"images": "yes"}, "--images is 'yes', needs true or false"),

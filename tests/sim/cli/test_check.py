@@ -72,7 +72,6 @@ def test_bad_input(tmp_path: Path) -> None:
     sequences.write(tmp_path / "s")
     room = tmp_path / "room"
     for command, message in (
-        (Check(room, picture=Path("room.jpg")), "--picture is room.jpg, needs a name that ends in .png"),
         (Check(room, choice=SourceChoice(cameras="C9")), "camera is 'C9', needs one of C1, C2, C3, C4"),
         (Check(tmp_path / "empty"), "empty: holds nothing that pilsim opens"),
         (Check(tmp_path / "nowhere"), "nowhere: no such folder"),
