@@ -1,7 +1,7 @@
 """Writing a bag of ROS 2 with rosbags: an MCAP file with chunks, index and statistics, and the metadata.yaml beside it.
 
 Quality of service is written for each topic, so that `ros2 bag play` offers static topics to late subscribers.
-rosbags knows the messages of ROS 2 Humble; those of vision_msgs 4 are defined here. Later releases have the same fields.
+rosbags knows the messages of ROS 2 Humble; those of vision_msgs 4 and grid_map_msgs are defined here. Later releases have the same fields.
 """
 
 from __future__ import annotations
@@ -20,16 +20,20 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
-VISION = {
-    "Point2D": "float64 x\nfloat64 y",
-    "Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
-    "BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
-    "ObjectHypothesis": "string class_id\nfloat64 score",
-    "ObjectHypothesisWithPose": "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
-    "Detection2D": "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox2D bbox\nstring id",
-    "Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections",
+DEFINITIONS = {
+    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
+    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
+    "vision_msgs/msg/Detection2D": "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+    "vision_msgs/BoundingBox2D bbox\nstring id",
+    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nvision_msgs/Detection2D[] detections",
+    "grid_map_msgs/msg/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose",
+    "grid_map_msgs/msg/GridMap": "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
+    "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index",
 }
-"""Type of vision_msgs → its fields, one a line, as in a .msg file."""
+"""Type → its fields, one a line, as in a .msg file."""
 QUATERNION = "geometry_msgs/msg/Quaternion"
 NUMBERS = {"bool": False, "string": ""}
 """Basic type → the value of a field that a message leaves out; 0 of all others."""
@@ -85,14 +89,14 @@ class BagWriter(AbstractContextManager["BagWriter"]):
 
 @cache
 def message_types() -> Typestore:
-    """The types of ROS 2 Humble and of VISION. Raises ValueError where rosbags is not installed."""
+    """The types of ROS 2 Humble and DEFINITIONS. Raises ValueError where rosbags is not installed."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
         raise ValueError("bags need rosbags: pip install 'pilsim[ros]'") from None
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in VISION.items():
-        store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
+    for name, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
     return store
 
 

@@ -10,8 +10,12 @@ import numpy as np
 from tracker.formats.camera_parameters import CameraParameters
 from tracker.geometry import Array, Pose, quaternion_from_rotation, skew
 from tracker.geometry.cameras import Camera
+from tracker.geometry.ground import Grid
+from tracker.types import Start
 
 Message = dict[str, Any]
+GRAVITY = 9.81
+"""m/s²: specific force of a body at rest."""
 
 DISTORTION_MODELS = {"pinhole": "plumb_bob", "fisheye": "equidistant", "equirectangular": "equirectangular", "cylindrical": "cylindrical"}
 """Model of CameraParameters → distortion_model of CameraInfo. The first two are those of ROS, the others ours."""
@@ -97,6 +101,37 @@ def fixed_axes(covariance: Array, rotation: Array) -> Array:
     """Covariance (6, 6) of a right tangent → that along and about the axes of the parent frame. rotation (3, 3): of the pose."""
     R = np.kron(np.eye(2), rotation)
     return np.asarray(R @ covariance @ R.T)
+
+
+def start_message(start: Start, stamp: int, frame: str) -> Message:
+    """PoseWithCovarianceStamped of a robot's start; the covariance is along and about the axes of the frame."""
+    covariance = fixed_axes(start.covariance, start.T_world_robot.rotation)
+    return {"header": header(stamp, frame), "pose": {"pose": pose_message(start.T_world_robot), "covariance": covariance.ravel().tolist()}}
+
+
+def up_message(up: Array, sigma: float, stamp: int, frame: str) -> Message:
+    """Imu at rest of a direction of up (3,) and its error [rad]. It has no orientation and no angular velocity."""
+    message = imu_message(np.zeros(3), up * GRAVITY, (0.0, sigma * GRAVITY), stamp, frame)
+    # −1 in the first place: there is no such value (sensor_msgs/Imu).
+    return message | {"angular_velocity_covariance": [-1.0] + [0.0] * 8}
+
+
+def map_message(layers: dict[str, Grid], stamp: int, frame: str) -> Message:
+    """GridMap of height maps on one grid. Its first cell has the highest x and y, and x falls along the rows of memory."""
+    grid = next(iter(layers.values()))
+    (rows, columns), step = grid.heights.shape, grid.spacing
+    centre = np.append(grid.origin + np.array([columns - 1, rows - 1]) * step / 2, 0.0)
+    dimensions = [
+        {"label": "column_index", "size": rows, "stride": rows * columns},
+        {"label": "row_index", "size": columns, "stride": columns},
+    ]
+    return {
+        "header": header(stamp, frame),
+        "info": {"resolution": step, "length_x": columns * step, "length_y": rows * step, "pose": {"position": vector(centre)}},
+        "layers": list(layers),
+        "basic_layers": list(layers)[:1],
+        "data": [{"layout": {"dim": dimensions}, "data": layer.heights[::-1, ::-1].ravel()} for layer in layers.values()],
+    }
 
 
 def imu_message(rate: Array, force: Array, sigma: tuple[float, float], stamp: int, frame: str) -> Message:

@@ -24,9 +24,12 @@ from tracker.formats.ros.messages import (
     fixed_axes,
     header,
     imu_message,
+    map_message,
     odometry_message,
     pose_message,
+    start_message,
     transform,
+    up_message,
     wheels_message,
 )
 from tracker.geometry import Array, Pose
@@ -59,11 +62,14 @@ for `ros2 bag play` to offer the boxes. Ten lines of Python read it (pip install
 | /CAMERA/truth/detections | vision_msgs/Detection2DArray | boxes [px] of what is seen, id: the person's, score: visible share of the body |
 | /CAMERA/detections/markers, /CAMERA/truth/detections/markers | visualization_msgs/ImageMarker | the same boxes as lines on the image |
 | /ROBOT/odom | nav_msgs/Odometry | odometry from the start: ROBOT/odom → ROBOT/base_link as the robot believes |
+| /ROBOT/initialpose | geometry_msgs/PoseWithCovarianceStamped | the start that is known; once, latched |
+| /ROBOT/up | sensor_msgs/Imu | up as the robot knows it, as specific force at rest [m/s²], along the body's axes, with its variance |
 | /ROBOT/imu | sensor_msgs/Imu | angular velocity [rad/s], specific force [m/s²], along the body's axes; where the sequence has imu.csv |
 | /ROBOT/wheels | sensor_msgs/JointState | total angle of each wheel [rad]; where the sequence has wheels.csv |
 | /ROBOT/truth/odom | nav_msgs/Odometry | true pose in the world, and velocity since the frame before |
 | /ROBOT/truth/pose | geometry_msgs/PoseStamped | true pose in the world |
 | /truth/people | visualization_msgs/MarkerArray | people as cylinders of 1.75 m by 0.5 m on their feet, and their ids |
+| /terrain/map | grid_map_msgs/GridMap | height maps [m]: elevation of the ground, obstacles: the ground with walls and furniture; once, latched |
 | /terrain, /obstacles | visualization_msgs/Marker | the ground, and walls and furniture, as triangles; once, latched |
 
 Times [ns] are --epoch (0 where it was not given) · 10⁹ + frame · period, frames from 0; header and log have the same. To tf2 a time of 0 means
@@ -132,16 +138,22 @@ class BagScene:
 
     @cached_property
     def odometry(self) -> dict[tuple[int, str], Message]:
-        """(frame, robot) → Odometry: steps joined from the start of the robot on."""
-        poses = {robot: (Pose.identity(), np.zeros((6, 6))) for robot in self.recording.setup.moving_robots}
-        out = {}
-        for frame, steps in enumerate(self.recording.sequence.ticks.odometry()):
-            for robot, step in steps.items():
-                if robot in poses:
-                    pose, covariance = poses[robot]
-                    poses[robot] = pose @ step.T_before_now, composed_covariance(covariance, step.T_before_now, step.covariance)
-                    out[frame, robot] = self._odometry(frame, robot, step, *poses[robot])
+        """(frame, robot) → Odometry: steps joined from the start of the robot on, where it is in frame 0."""
+        none = Odometry(Pose.identity(), np.zeros((6, 6)))
+        poses = dict.fromkeys(self.recording.setup.moving_robots, (Pose.identity(), np.zeros((6, 6))))
+        out = {(0, robot): self._odometry(0, robot, none, *poses[robot]) for robot in poses}
+        for (frame, robot), step in self._steps.items():
+            pose, covariance = poses[robot]
+            poses[robot] = pose @ step.T_before_now, composed_covariance(covariance, step.T_before_now, step.covariance)
+            out[frame, robot] = self._odometry(frame, robot, step, *poses[robot])
         return out
+
+    @cached_property
+    def _steps(self) -> dict[tuple[int, str], Odometry]:
+        """(frame, robot) → the motion of a robot that moves since the frame before."""
+        moving = self.recording.setup.moving_robots
+        steps = enumerate(self.recording.sequence.ticks.odometry())
+        return {(frame, robot): step for frame, of_frame in steps for robot, step in of_frame.items() if robot in moving}
 
     def _odometry(self, frame: int, robot: str, step: Odometry, pose: Pose, covariance: Array) -> Message:
         period, name = self.recording.setup.period, self.robots[robot]
@@ -166,7 +178,13 @@ class BagScene:
             name = self.robots[robot]
             transforms.append(transform(f"{name}/base_link", f"{name}/imu", self.recording.imu_noise.T_body_imu, stamp))
         yield Topic("/tf_static", "tf2_msgs/TFMessage", latched=True), {"transforms": transforms}
+        for robot in setup.anchored_robots:
+            if (start := setup.starts[robot]) is not None:
+                message = start_message(start, stamp, WORLD)
+                yield Topic(f"/{self.robots[robot]}/initialpose", "geometry_msgs/PoseWithCovarianceStamped", latched=True), message
         if isinstance(setup.ground, Grid):
+            layers = {"elevation": setup.ground} | ({"obstacles": setup.occluders} if isinstance(setup.occluders, Grid) else {})
+            yield Topic("/terrain/map", "grid_map_msgs/GridMap", latched=True), map_message(layers, stamp, WORLD)
             maps = {"terrain": terrain_marker(setup.ground, "terrain", stamp)}
             if isinstance(setup.occluders, Grid):
                 maps["obstacles"] = terrain_marker(setup.occluders, "obstacles", stamp, above=setup.ground)
@@ -224,6 +242,10 @@ class BagScene:
         for robot, name in moving.items():
             if (frame, robot) in self.odometry:
                 yield Topic(f"/{name}/odom", "nav_msgs/Odometry"), self.odometry[frame, robot]
+            step = self._steps.get((frame, robot))
+            if step is not None and step.gravity is not None:
+                up = up_message(step.gravity, step.gravity_sigma, self.clocks[robot][frame], f"{name}/base_link")
+                yield Topic(f"/{name}/up", "sensor_msgs/Imu"), up
             pose = truth.T_world_robot[robot]
             yield Topic(f"/{name}/truth/odom", "nav_msgs/Odometry"), self._true_odometry(frame, robot, pose)
             yield Topic(f"/{name}/truth/pose", "geometry_msgs/PoseStamped"), {"header": header(stamp, WORLD), "pose": pose_message(pose)}
