@@ -44,6 +44,7 @@ class FitDetector:
 
     def run(self) -> None:
         from tracker.detector_models.fitting import fit_sources
+        from tracker.detector_models.model import model_text
         from tracker.io.atomic import write_text
 
         if not self.source:
@@ -54,7 +55,7 @@ class FitDetector:
                 found = fit_sources(sources, self.name or self.out.stem)
             except ValueError as error:
                 raise ValueError(f"{', '.join(map(str, self.source))}: {error}") from None
-            write_text(self.out, found.model.to_json())
+            write_text(self.out, model_text(found.model))
             if self.picture is not None:
                 from sim.visualization.detector_picture import draw_detector
 

@@ -15,7 +15,7 @@ import numpy as np
 from sim.datasets.presets import PRESETS
 from sim.scenario import INDEPENDENT, Scenario
 from sim.stress.faults import KNOWLEDGE, Faults
-from tracker.detector_models.model import named_model
+from tracker.detector_models.model import model_text, named_model
 
 Value = int | float | str
 
@@ -236,7 +236,7 @@ def _room_case(sweep: Sweep, number: int, start: Scenario) -> Case:
     if sweep.name == "lasting":
         model = named_model("faster-rcnn")
         changed = replace(model, standing=replace(model.standing, sites=float(value)))
-        scenario = replace(scenario, detector_model=changed.to_json())
+        scenario = replace(scenario, detector_model=model_text(changed))
     else:
         scenario = replace(scenario, **{sweep.parameter: value})  # type: ignore[arg-type]
     return Case(f"{sweep.name}/{number}", sweep.name, sweep.parameter, value, scenario, source=ROOM)

@@ -15,7 +15,6 @@ from tracker.detector_models.model import (
     CLEAR,
     EDGES,
     KNOTS,
-    MOST_SAMPLES,
     Confidences,
     DetectorModel,
     EdgeErrors,
@@ -25,6 +24,7 @@ from tracker.detector_models.model import (
     StandingBoxes,
 )  # fmt: skip
 from tracker.detector_models.samples import FalseSamples, PeopleSamples, Samples
+from tracker.detector_models.schema import MOST_SAMPLES
 from tracker.detector_models.second_boxes import fit_second
 from tracker.detector_models.trends import bounds_of, fitted_trend, folds_of, rows_of, trend_features
 from tracker.geometry import Array, Ints, Mask

@@ -13,9 +13,10 @@ import numpy as np
 from tracker.detector_models.comparison import distances
 from tracker.detector_models.fit import LEAST_VISIBLE, fit
 from tracker.detector_models.independent import IndependentErrors
-from tracker.detector_models.model import LONGEST, MOST_SAMPLES, DetectorModel
+from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import TruePeople, matched, observed, true_people
 from tracker.detector_models.samples import SITE_TIME, Samples, joined, samples_of
+from tracker.detector_models.schema import LONGEST, MOST_SAMPLES
 from tracker.detector_models.shared_errors import agreed
 from tracker.detector_models.simulation import Simulated, simulated_detections
 from tracker.formats.opening import open_recording

@@ -6,11 +6,13 @@ It reports the box of the visible part of a body, as a detector on images does: 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from tracker.detections.boxes import detections_from_boxes
 from tracker.detector_models.bodies import Place, SimulatedBoxes, TrueBodies
+from tracker.detector_models.schema import Count, Numbers, Share, check_numbers
 from tracker.geometry import Array, Mask, angles_from_bearing, bearing_from_angles
 from tracker.geometry.cameras import Camera, PanoramicCamera
 from tracker.types import Detections, ViewTruth
@@ -31,13 +33,16 @@ CLUTTER_WIDTH = 0.35
 class IndependentErrors:
     """Misses (share), clutter (mean number a view), noise (rad, sigma of an edge), min_visible (fraction of the body).
 
-    By default as in a scenario, but for clutter.
+    By default as in a scenario, but for clutter. In a file, each may be left out. Raises ValueError for values out of bounds.
     """
 
-    misses: float = 0.1
-    clutter: float = 0.0
-    noise: float = float(np.radians(0.15))
-    min_visible: float = 0.2
+    misses: Share = 0.1
+    clutter: Count = 0.0
+    noise: Annotated[float, Numbers((), 0.0, 1.0)] = float(np.radians(0.15))
+    min_visible: Share = 0.2
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
     def detect(self, camera: Camera, view: ViewTruth, rng: np.random.Generator) -> Detections:
         """Detections in one view, without identity and in random order. The draws for one person do not depend on whether another one was missed."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tracker.detector_models.bodies import FEATURES, OVERLAPS
 from tracker.detector_models.independent import IndependentErrors
+from tracker.detector_models.schema import Count, Numbers, Row, Share, Table, Time, check_numbers, part_of, real
 from tracker.detector_models.trends import TREND
 from tracker.io.json_files import json_text, parse_json, read_json
 from tracker.io.text_files import shown
@@ -28,8 +27,8 @@ CLEAR = 0.75
 """Visible share from which on a body counts as clear: boxes of bodies that are hidden more have larger errors."""
 INDEPENDENT = "independent"
 """The name of the model with independent errors, whose numbers are those of the scenario: it has no file."""
-MOST_SAMPLES = 400
-LONGEST = 1e6
+FITTED = "fitted"
+"""The kind of the models that are fitted to a detector; files without a kind are of this one."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +42,11 @@ class Misses:
     the logistic function of coefficients · features (bodies.FEATURES); sizes as in TrueBodies.features.
     """
 
-    coefficients: tuple[float, ...]
-    sizes: tuple[float, float]
-    time_s: float
-    flicker: float
-    unseen: float = 1.0
+    coefficients: Annotated[Row, Numbers((len(FEATURES),))]
+    sizes: Annotated[tuple[float, float], Numbers((2,))]
+    time_s: Time
+    flicker: Share
+    unseen: Share = 1.0
 
 
 @dataclass(frozen=True)
@@ -62,15 +61,15 @@ class EdgeErrors:
     near: body heights up to which boxes beside a body are its own (observations.match_frame); 0 for boxes that overlap alone.
     """
 
-    quantiles: tuple[tuple[tuple[float, ...], ...], ...]
-    lasting: tuple[float, ...]
-    time_s: tuple[float, ...]
-    correlation: tuple[tuple[float, ...], ...]
-    hidden: float
-    border: float
-    trend: tuple[tuple[float, ...], ...] = ()
-    trend_bounds: tuple[tuple[float, ...], ...] = ()
-    near: float = 0.0
+    quantiles: Annotated[tuple[Table, ...], Numbers((2, 4, KNOTS), rising=True)]
+    lasting: Annotated[Row, Numbers((4,), 0.0, 1.0)]
+    time_s: Annotated[Row, Numbers((4,), 0.0)]
+    correlation: Annotated[Table, Numbers((4, 4))]
+    hidden: Share
+    border: Share
+    trend: Annotated[Table, Numbers((4, len(TREND)), empty=True)] = ()
+    trend_bounds: Annotated[Table, Numbers((2, len(TREND)), empty=True)] = ()
+    near: Annotated[float, Numbers((), 0.0, 10.0)] = 0.0
 
 
 @dataclass(frozen=True)
@@ -80,19 +79,19 @@ class Confidences:
     lasting, time_s as in EdgeErrors.
     """
 
-    quantiles: tuple[float, ...]
-    coefficients: tuple[float, ...]
-    spread: float
-    lasting: float
-    time_s: float
+    quantiles: Annotated[Row, Numbers((KNOTS,), rising=True)]
+    coefficients: Annotated[Row, Numbers((len(FEATURES),))]
+    spread: Annotated[float, Numbers((), 0.0, 100.0)]
+    lasting: Share
+    time_s: Time
 
 
 @dataclass(frozen=True)
 class Merges:
     """Merged boxes: probability, by bins of overlap from OVERLAPS on, that one box stands for two people; time_s of its persistence."""
 
-    probability: tuple[float, ...]
-    time_s: float
+    probability: Annotated[Row, Numbers((len(OVERLAPS),), 0.0, 1.0)]
+    time_s: Time
 
 
 @dataclass(frozen=True)
@@ -105,19 +104,19 @@ class SecondBoxes:
     coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
     """
 
-    rates: tuple[float, ...]
-    time_s: float
-    samples: tuple[tuple[float, ...], ...]
-    coefficients: tuple[float, ...] = ()
-    step_s: float = 0.0
+    rates: Annotated[Row, Numbers((0,), 0.0, 1.0)]
+    time_s: Time
+    samples: Annotated[Table, Numbers((0, 8))]
+    coefficients: Annotated[Row, Numbers((len(FEATURES) + 1,), empty=True)] = ()
+    step_s: Time = 0.0
 
 
 @dataclass(frozen=True)
 class FalseBoxes:
     """False boxes that come anew: mean number a view and frame. samples (n, 4): distance, height and width in m on the ground, and confidence."""
 
-    rate: float
-    samples: tuple[tuple[float, ...], ...]
+    rate: Count
+    samples: Annotated[Table, Numbers((0, 4))]
 
 
 @dataclass(frozen=True)
@@ -130,13 +129,13 @@ class StandingBoxes:
     confidence, and 1 where it stood at the end of the fit. Such places end after life_s in the mean, and `births` of them come a second.
     """
 
-    sites: float
-    time_s: float
-    jitter: float
-    samples: tuple[tuple[float, ...], ...]
-    fixed: tuple[tuple[float, ...], ...] = ()
-    life_s: float = 0.0
-    births: float = 0.0
+    sites: Count
+    time_s: Time
+    jitter: Annotated[float, Numbers((), 0.0, 10.0)]
+    samples: Annotated[Table, Numbers((0, 6))]
+    fixed: Annotated[Table, Numbers((0, 8))] = ()
+    life_s: Time = 0.0
+    births: Count = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,20 +161,20 @@ class DetectorModel:
     counts: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check(self)
+        if self.bodies not in ("boxes", "places"):
+            raise ValueError(f"bodies is {self.bodies!r}, needs boxes or places")
+        for part in PARTS:
+            check_numbers(getattr(self, part), f"{part}.")
+        if bool(self.edges.trend) != bool(self.edges.trend_bounds):
+            raise ValueError("edges.trend needs trend_bounds, and they need it")
+        matrix = np.array(self.edges.correlation)
+        if not (np.allclose(matrix, matrix.T, atol=1e-6) and np.allclose(np.diag(matrix), 1.0, atol=1e-6) and np.abs(matrix).max() <= 1 + 1e-6):
+            raise ValueError("edges.correlation needs a symmetric matrix with 1 on its diagonal")
+        for part, needed in (("second", max(self.second.rates, default=0.0)), ("false", self.false.rate), ("standing", self.standing.sites)):
+            if needed and not getattr(self, part).samples:
+                raise ValueError(f"{part}.samples is empty, needs samples where there are such boxes")
 
-    def to_json(self) -> str:
-        """One JSON object, and the same bytes for the same model."""
-        return json_text({"schema": SCHEMA} | asdict(self)) + "\n"
 
-    @staticmethod
-    def from_json(text: str, where: str = "detector model") -> DetectorModel:
-        """Inverse of to_json. Raises ValueError, in one line that begins with `where`, for other content."""
-        return _model_of(parse_json(text, where), where)
-
-
-UNUSED = {"edges": {"fills", "fill_time_s"}}
-"""Part → fields that files of 0.4.0 have, and that are not read: predictions of real rows are as good without them."""
 PARTS: dict[str, type] = {
     "misses": Misses,
     "edges": EdgeErrors,
@@ -185,12 +184,24 @@ PARTS: dict[str, type] = {
     "false": FalseBoxes,
     "standing": StandingBoxes,
 }
+UNUSED = ("fills", "fill_time_s")
+"""Fields of `edges` in files of 0.4.0, which are not read: predictions of real rows are as good without them."""
+Model = DetectorModel | IndependentErrors
 
 
-def read_model(path: Path) -> DetectorModel:
+def model_text(model: Model) -> str:
+    """One JSON object, and the same bytes for the same model. `parse_model` is its inverse."""
+    kind = INDEPENDENT if isinstance(model, IndependentErrors) else FITTED
+    return json_text({"schema": SCHEMA, "kind": kind} | asdict(model)) + "\n"
+
+
+def parse_model(text: str, where: str = "detector model") -> Model:
+    """The model of a JSON text. Raises ValueError, in one line that begins with `where`, for other content."""
+    return _model_of(parse_json(text, where), where)
+
+
+def read_model(path: Path) -> Model:
     """Read a model file. Raises ValueError with the file and the field for invalid content."""
-    if not path.is_file():
-        raise ValueError(f"{path}: no such file")
     return _model_of(read_json(path), str(path))
 
 
@@ -204,8 +215,9 @@ def named_model(name: str) -> DetectorModel:
     """A model that comes with the package. Raises ValueError with all names for an unknown one."""
     if name not in model_names():
         raise ValueError(f"detector model is {name!r}, needs {INDEPENDENT}, a file, or one of {', '.join(model_names())}")
-    text = (resources.files("tracker.detector_models") / "models" / f"{name}.json").read_text(encoding="utf-8")
-    return DetectorModel.from_json(text, name)
+    found = parse_model((resources.files("tracker.detector_models") / "models" / f"{name}.json").read_text(encoding="utf-8"), name)
+    assert isinstance(found, DetectorModel)
+    return found
 
 
 def chosen_model(text: str) -> str:
@@ -216,12 +228,9 @@ def chosen_model(text: str) -> str:
     if text == INDEPENDENT or text in model_names():
         return text
     if Path(text).is_file() or text.endswith(".json"):
-        return read_model(Path(text)).to_json()
+        return model_text(read_model(Path(text)))
     named_model(text)
     return text
-
-
-Model = DetectorModel | IndependentErrors
 
 
 def model_of(choice: str, independent: IndependentErrors | None = None) -> Model:
@@ -231,35 +240,34 @@ def model_of(choice: str, independent: IndependentErrors | None = None) -> Model
     """
     if choice == INDEPENDENT:
         return independent or IndependentErrors()
-    return DetectorModel.from_json(choice) if choice.lstrip().startswith("{") else named_model(choice)
+    return parse_model(choice) if choice.lstrip().startswith("{") else named_model(choice)
 
 
-def _model_of(content: Any, where: str) -> DetectorModel:
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise ValueError(f"{where}: is no detector model of schema {SCHEMA}, as `pilsim fit-detector` writes it")
-    names = {f.name for f in fields(DetectorModel)} | {"schema"}
-    for kind, wrong in (("lacks", names - set(content)), ("has the unknown field", set(content) - names)):
-        if wrong:
-            raise ValueError(f"{where}: {kind} {shown(sorted(wrong)[0])}")
+def _model_of(content: Any, where: str) -> Model:
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA or content.get("kind", FITTED) not in (FITTED, INDEPENDENT):
+        raise ValueError(f"{where}: is no detector model of schema {SCHEMA}, {FITTED} or {INDEPENDENT}, as `pilsim fit-detector` writes it")
+    values = {name: value for name, value in content.items() if name not in ("schema", "kind")}
     try:
-        parts = {name: _part(name, cls, content[name]) for name, cls in PARTS.items()}
-        if not isinstance(content["name"], str) or not all(isinstance(content[key], dict) for key in ("made", "figures", "counts")):
-            raise ValueError("name needs a text; made, figures and counts need objects")
-        figures = {name: _triple(f"figures.{name}", value) for name, value in content["figures"].items()}
-        counts = {name: int(_real(f"counts.{name}", value)) for name, value in content["counts"].items()}
-        return DetectorModel(content["name"], content["bodies"], made=content["made"], figures=figures, counts=counts, **parts)
+        return part_of(IndependentErrors, values, "") if content.get("kind") == INDEPENDENT else _fitted(values)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
 
-def _part(name: str, cls: type, content: Any) -> Any:
-    needed = {f.name for f in fields(cls) if f.default is MISSING}
-    if isinstance(content, dict):
-        content = {key: value for key, value in content.items() if key not in UNUSED.get(name, ())}
-    if not isinstance(content, dict) or not needed <= set(content) <= {f.name for f in fields(cls)}:
-        raise ValueError(f"{name} needs the fields {', '.join(f.name for f in fields(cls))}")
-    part = cls(**{key: _frozen(f"{name}.{key}", value) for key, value in content.items()})
-    return replace(part, samples=tuple(map(_as_eight, part.samples))) if isinstance(part, SecondBoxes) and isinstance(part.samples, tuple) else part
+def _fitted(content: dict[str, Any]) -> DetectorModel:
+    names = {f.name for f in fields(DetectorModel)}
+    for kind, wrong in (("lacks", names - set(content)), ("has the unknown field", set(content) - names)):
+        if wrong:
+            raise ValueError(f"{kind} {shown(sorted(wrong)[0])}")
+    if not isinstance(content["name"], str) or not all(isinstance(content[key], dict) for key in ("made", "figures", "counts")):
+        raise ValueError("name needs a text; made, figures and counts need objects")
+    if isinstance(content["edges"], dict):
+        content["edges"] = {key: value for key, value in content["edges"].items() if key not in UNUSED}
+    parts: dict[str, Any] = {name: part_of(cls, content[name], name) for name, cls in PARTS.items()}
+    if isinstance(parts["second"].samples, tuple):
+        parts["second"] = replace(parts["second"], samples=tuple(map(_as_eight, parts["second"].samples)))
+    figures = {name: _triple(f"figures.{name}", value) for name, value in content["figures"].items()}
+    counts = {name: int(real(f"counts.{name}", value)) for name, value in content["counts"].items()}
+    return DetectorModel(content["name"], content["bodies"], made=content["made"], figures=figures, counts=counts, **parts)
 
 
 def _as_eight(row: Any) -> Any:
@@ -268,108 +276,7 @@ def _as_eight(row: Any) -> Any:
     return (*row, 1.0, 1.0, 0.0) if columns == 5 else (*row, 0.0) if columns == 7 else row
 
 
-def _frozen(name: str, value: Any) -> Any:
-    """Numbers, and lists of them as tuples."""
-    return tuple(_frozen(name, one) for one in value) if isinstance(value, list) else _real(name, value)
-
-
-def _real(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LONGEST:
-        raise ValueError(f"{name} is {shown(json.dumps(value))[:60]}, needs a number of at most {LONGEST:g}")
-    return float(value)
-
-
 def _triple(name: str, value: Any) -> tuple[float, float, float]:
-    if not isinstance(value, (list, tuple)) or len(value) != 3:
+    if not isinstance(value, list) or len(value) != 3:
         raise ValueError(f"{name} needs three numbers")
-    return _real(name, value[0]), _real(name, value[1]), _real(name, value[2])
-
-
-def _check(model: DetectorModel) -> None:
-    """Raises ValueError for a field of the wrong shape or out of bounds."""
-    if model.bodies not in ("boxes", "places"):
-        raise ValueError(f"bodies is {model.bodies!r}, needs boxes or places")
-    m, e, c = model.misses, model.edges, model.confidences
-    for name, value, shape in (
-        ("misses.coefficients", m.coefficients, (len(FEATURES),)),
-        ("misses.sizes", m.sizes, (2,)),
-        ("edges.quantiles", e.quantiles, (2, 4, KNOTS)),
-        ("edges.lasting", e.lasting, (4,)),
-        ("edges.time_s", e.time_s, (4,)),
-        ("edges.correlation", e.correlation, (4, 4)),
-        ("confidences.quantiles", c.quantiles, (KNOTS,)),
-        ("confidences.coefficients", c.coefficients, (len(FEATURES),)),
-        ("merges.probability", model.merges.probability, (len(OVERLAPS),)),
-    ):
-        _check_shape(name, value, shape)
-    _check_optional(model)
-    _check_samples("second.samples", model.second.samples, 8)
-    _check_samples("false.samples", model.false.samples, 4)
-    _check_samples("standing.samples", model.standing.samples, 6)
-    _check_samples("standing.fixed", model.standing.fixed, 8)
-    for name, value, low, high in (
-        ("misses.flicker", m.flicker, 0.0, 1.0),
-        ("misses.unseen", m.unseen, 0.0, 1.0),
-        ("edges.near", e.near, 0.0, 10.0),
-        ("standing.life_s", model.standing.life_s, 0.0, LONGEST),
-        ("standing.births", model.standing.births, 0.0, 1000.0),
-        ("confidences.lasting", c.lasting, 0.0, 1.0),
-        ("confidences.spread", c.spread, 0.0, 100.0),
-        ("standing.jitter", model.standing.jitter, 0.0, 10.0),
-        ("second.step_s", model.second.step_s, 0.0, LONGEST),
-        ("standing.sites", model.standing.sites, 0.0, 1000.0),
-        ("false.rate", model.false.rate, 0.0, 1000.0),
-        ("edges.hidden", e.hidden, 0.0, 1.0),
-        ("edges.border", e.border, 0.0, 1.0),
-        *((f"edges.lasting[{k}]", one, 0.0, 1.0) for k, one in enumerate(e.lasting)),
-        *((f"merges.probability[{k}]", one, 0.0, 1.0) for k, one in enumerate(model.merges.probability)),
-        *((f"second.rates[{k}]", one, 0.0, 1.0) for k, one in enumerate(model.second.rates)),
-        *((f"{part}.time_s", getattr(model, part).time_s, 0.0, LONGEST) for part in ("misses", "confidences", "merges", "second", "standing")),
-        *((f"edges.time_s[{k}]", one, 0.0, LONGEST) for k, one in enumerate(e.time_s)),
-    ):
-        if not (isinstance(value, float | int) and low <= value <= high):
-            raise ValueError(f"{name} is {value}, needs {low:g} to {high:g}")
-    for name, rows in (("edges.quantiles", (*e.quantiles[0], *e.quantiles[1])), ("confidences.quantiles", (c.quantiles,))):
-        if any((np.diff(row) < 0).any() for row in rows):
-            raise ValueError(f"{name} needs rows that do not fall")
-    matrix = np.array(e.correlation)
-    if not (np.allclose(matrix, matrix.T, atol=1e-6) and np.allclose(np.diag(matrix), 1.0, atol=1e-6) and np.abs(matrix).max() <= 1 + 1e-6):
-        raise ValueError("edges.correlation needs a symmetric matrix with 1 on its diagonal")
-    for part, needed in (("second", max(model.second.rates, default=0.0)), ("false", model.false.rate), ("standing", model.standing.sites)):
-        if needed and not getattr(model, part).samples:
-            raise ValueError(f"{part}.samples is empty, needs samples where there are such boxes")
-
-
-def _check_optional(model: DetectorModel) -> None:
-    """Fields that files of older models lack."""
-    e = model.edges
-    for name, value, shape in (
-        ("edges.trend", e.trend, (4, len(TREND))),
-        ("edges.trend_bounds", e.trend_bounds, (2, len(TREND))),
-        ("second.coefficients", model.second.coefficients, (len(FEATURES) + 1,)),
-    ):
-        if value:
-            _check_shape(name, value, shape)
-    if bool(e.trend) != bool(e.trend_bounds):
-        raise ValueError("edges.trend needs trend_bounds, and they need it")
-
-
-def _check_shape(name: str, value: Any, shape: tuple[int, ...]) -> None:
-    try:
-        found = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} needs {' x '.join(map(str, shape))} numbers") from None
-    if found.shape != shape or not np.isfinite(found).all():
-        raise ValueError(f"{name} needs {' x '.join(map(str, shape))} numbers")
-
-
-def _check_samples(name: str, value: Any, width: int) -> None:
-    if not isinstance(value, tuple) or len(value) > MOST_SAMPLES:
-        raise ValueError(f"{name} needs at most {MOST_SAMPLES} samples")
-    for row in value:
-        _check_shape(f"{name}[…]", row, (width,))
-
-
-def persistence(time_s: float, period: float) -> float:
-    """Correlation from one frame to the next of a process of time constant time_s."""
-    return math.exp(-period / time_s) if time_s > 0 else 0.0
+    return real(name, value[0]), real(name, value[1]), real(name, value[2])

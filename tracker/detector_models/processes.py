@@ -6,12 +6,12 @@ Samples of a person in a view are a series. Pairs of its frames at several lags 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import expit
 
-from tracker.detector_models.model import persistence
 from tracker.geometry import Array, Ints, Mask
 
 LAGS = (1, 2, 3, 5, 8, 13, 21, 34, 55)
@@ -135,6 +135,11 @@ def lasting_share(target: Array, weight: Array, decay: Array) -> tuple[float, fl
     loss = ((target - decay - lasting[:, None] * (1 - decay)) ** 2 * share).sum(axis=1)
     best = int(np.argmin(loss))
     return round(float(lasting[best]), 4), round(TIMES[best], 4)
+
+
+def persistence(time_s: float, period: float) -> float:
+    """Correlation from one frame to the next of a process of time constant time_s."""
+    return math.exp(-period / time_s) if time_s > 0 else 0.0
 
 
 def time_constant(rho: float, period: float) -> float:

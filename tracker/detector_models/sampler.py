@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import expit, ndtr
 
 from tracker.detector_models.bodies import MATCH, OVERLAPS, Place, SimulatedBoxes, TrueBodies, nearest_overlap
-from tracker.detector_models.model import CLEAR, KNOTS, DetectorModel, persistence
+from tracker.detector_models.model import CLEAR, KNOTS, DetectorModel
+from tracker.detector_models.processes import persistence
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, next_example, second_rates
 from tracker.detector_models.trends import trend_features
 from tracker.geometry import Array, Ints, Mask

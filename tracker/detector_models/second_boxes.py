@@ -6,8 +6,9 @@ import numpy as np
 from scipy.special import expit
 
 from tracker.detector_models import processes
-from tracker.detector_models.model import MOST_SAMPLES, SecondBoxes
+from tracker.detector_models.model import SecondBoxes
 from tracker.detector_models.samples import Samples
+from tracker.detector_models.schema import MOST_SAMPLES
 from tracker.geometry import Array, Ints, Mask
 
 MOST_SECONDS = 3

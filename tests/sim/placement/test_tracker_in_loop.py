@@ -6,7 +6,7 @@ import pytest
 from sim.placement.config import PlacementConfig
 from sim.placement.env import Placement
 from sim.placement.tracker_in_loop import MEMORY_DURATION, TrackMemory
-from tracker.detector_models.model import named_model
+from tracker.detector_models.model import model_text, named_model
 
 DT = 0.25
 COVARIANCE = 0.04 * np.eye(2)[None]
@@ -64,7 +64,7 @@ def detected(model: str) -> list[np.ndarray]:
 
 
 def test_the_model_gives_other_detections_and_the_same_again():
-    first, again, plain = detected("faster-rcnn"), detected(named_model("faster-rcnn").to_json()), detected("independent")
+    first, again, plain = detected("faster-rcnn"), detected(model_text(named_model("faster-rcnn"))), detected("independent")
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(first, plain, strict=True))
 

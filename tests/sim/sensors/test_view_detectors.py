@@ -11,7 +11,7 @@ from sim.recording.tracker_setup import make_setup
 from sim.scenario import Scenario
 from sim.simulation.simulation import Simulation
 from tests.sim.yard import yard
-from tracker.detector_models.model import named_model
+from tracker.detector_models.model import model_text, named_model
 
 SCENARIO = Scenario(seed=21, robots=1, people=8, frames=6, width=256, detector_model="faster-rcnn")
 
@@ -48,7 +48,7 @@ def test_the_same_scenario_gives_the_same_boxes_and_models_differ():
 def test_scenarios_hold_their_model():
     assert "detector_model" not in Scenario().to_json()
     assert Scenario.from_json(Scenario().to_json()) == Scenario()
-    for choice in ("fairmot", named_model("fairmot").to_json()):
+    for choice in ("fairmot", model_text(named_model("fairmot"))):
         scenario = Scenario(detector_model=choice)
         assert Scenario.from_json(scenario.to_json()) == scenario
     with pytest.raises(ValueError, match="detector model is 'yolo'"):

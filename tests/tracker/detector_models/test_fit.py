@@ -9,7 +9,7 @@ from tests.tracker.recordings.walked_room import walked_room
 from tracker.detector_models.comparison import distances, table
 from tracker.detector_models.fit import fit
 from tracker.detector_models.independent import IndependentErrors
-from tracker.detector_models.model import Confidences, DetectorModel, EdgeErrors, FalseBoxes, Merges, Misses, SecondBoxes, StandingBoxes
+from tracker.detector_models.model import Confidences, DetectorModel, EdgeErrors, FalseBoxes, Merges, Misses, SecondBoxes, StandingBoxes, model_text
 from tracker.detector_models.observations import TruePeople, observed
 from tracker.detector_models.samples import joined, samples_of
 from tracker.detector_models.simulation import simulated_detections
@@ -91,7 +91,7 @@ def test_intervals_hold_the_value(fitted):
 
 def test_the_same_samples_give_the_same_bytes(fitted):
     samples, _ = fitted
-    first, again = (fit(samples, "again", "places", {}, replicates=3).to_json() for _ in range(2))
+    first, again = (model_text(fit(samples, "again", "places", {}, replicates=3)) for _ in range(2))
     assert first == again
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.tracker.detector_models.test_sampler import CAMERA, PERIOD, bodies, people, plain, run
 from tracker.detector_models.fitting import at_its_places
-from tracker.detector_models.model import DetectorModel, SecondBoxes, StandingBoxes
+from tracker.detector_models.model import SecondBoxes, StandingBoxes, model_text, parse_model
 from tracker.detector_models.observations import match_frame
 from tracker.detector_models.sampler import FixedPlaces
 from tracker.detector_models.samples import FalseSamples, PeopleSamples, Samples
@@ -49,7 +49,7 @@ def test_boxes_move_by_the_trend():
     across = body.whole[0, [0, 2]].mean() / CAMERA.camera.width - 0.5
     for one, two in zip(run(moved, crowd, 5), run(still, crowd, 5), strict=True):
         np.testing.assert_allclose(one.boxes[:, 0] - two.boxes[:, 0], 0.5 * across * body.height[0], atol=1e-6)
-    assert DetectorModel.from_json(moved.to_json()).edges == moved.edges
+    assert parse_model(model_text(moved)).edges == moved.edges
 
 
 def test_fixed_places_stand_end_and_begin():

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from tests.tracker.detector_models.test_sampler import bodies, people, plain, run
-from tracker.detector_models.model import DetectorModel, SecondBoxes
+from tracker.detector_models.model import SecondBoxes, model_text, parse_model
 from tracker.detector_models.second_boxes import examples, runs
 
 
@@ -41,7 +41,7 @@ def test_a_second_box_takes_the_steps_of_its_run():
     at = [offsets.index(offset) for offset in seen]
     assert all(abs(a - b) == 1 for a, b in pairwise(at))
     assert set(at) == {0, 1, 2}
-    assert DetectorModel.from_json(still.to_json()).second == second
+    assert parse_model(model_text(still)).second == second
     # Rows without runs stay where they are while a box lasts.
     frozen = replace(still, second=replace(second, step_s=0.0))
     lefts = [one.boxes[one.confidence == 0.5] - one.boxes[one.confidence != 0.5] for one in run(frozen, crowd, 5)]
