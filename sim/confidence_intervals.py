@@ -109,6 +109,20 @@ def student_interval(values: Sequence[float], confidence: float = 0.95, bounds: 
     return _around(array, low if bounds[0] is None else max(low, bounds[0]), high if bounds[1] is None else min(high, bounds[1]))
 
 
+def one_more_interval(values: Sequence[float], bounds: Bounds = UNBOUNDED) -> Interval:
+    """The mean of the finite ones of values, and where one more value would lie with 95 %: mean ± t(n − 1) s √(1 + 1/n), cut at `bounds`.
+
+    The mean is NaN where no value is finite. One value has no interval.
+    """
+    known = np.array([value for value in values if np.isfinite(value)])
+    if len(known) < 2:
+        return Interval(float(known.mean()) if len(known) else float("nan"), None, None, len(known))
+    mean, n = float(known.mean()), len(known)
+    wide = float(stats.t.ppf(0.975, n - 1) * known.std(ddof=1) * np.sqrt(1 + 1 / n))
+    low, high = (np.inf * sign if bound is None else bound for bound, sign in zip(bounds, (-1, 1), strict=True))
+    return Interval(mean, max(mean - wide, low), min(mean + wide, high), n)
+
+
 def paired(first: Mapping[int, float], second: Mapping[int, float], confidence: float = 0.95, bounds: Bounds = UNBOUNDED) -> Interval | None:
     """The second less the first, seed by seed, over the seeds that both have. None where they share none.
 

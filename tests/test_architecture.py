@@ -76,7 +76,7 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "training": {"datasets", "sensors", "simulation", "rendering", "parallel", "scenario"},
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},
         "stress": {"policies", "datasets", "recording", "sensors", "visualization", "parallel", "scenario"},
-        "prediction": {"stress", "parallel"},
+        "prediction": {"stress", "parallel", "confidence_intervals"},
         "tuning": {"stress", "parallel", "confidence_intervals"},
         "report": {"stress", "prediction", "confidence_intervals"},
         "studies": {"recording", "stress", "scenario"},

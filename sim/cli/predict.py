@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,11 +15,8 @@ from sim.cli.track import SourceChoice
 from tracker.options import Ending, Least
 
 if TYPE_CHECKING:
-    from sim.prediction.predict import Predicted, Prediction, PredictionPlan
-
-ROWS = (("MOTA", "mota"), ("IDF1", "idf1"), ("HOTA", "hota"), ("misses", "misses"), ("false positives", "false_positives"), ("switches", "switches"))
-"""Title and name of the figures that are shown."""
-WIDE = 28
+    from sim.prediction.predict import PredictionPlan
+    from sim.prediction.prediction import Cells
 
 
 @dataclass(frozen=True)
@@ -65,7 +60,7 @@ class Predict:
     def run(self) -> None:
         from sim.parallel.pool import Pool
         from sim.prediction.predict import predict
-        from sim.prediction.record import content
+        from sim.prediction.prediction import PredictionRecord
         from sim.recording.record import versions
         from tracker.io.atomic import write_text
         from tracker.io.progress import progress_bar
@@ -74,7 +69,9 @@ class Predict:
         with locked(self.out):
             bar = partial(progress_bar, desc="runs", unit="run", leave=False, disable=self.json)
             found = predict(plan, pool if self.workers > 1 else None, bar)
-            text = json_text(content(plan, found, self._command(), versions()), indent=1)
+            by = plan.tracker
+            record = PredictionRecord(str(self.source), by.name, by.options, plan.seeds, self._command(), versions(), found)
+            text = json_text(record.to_dict(), indent=1)
             if self.out is not None:
                 write_text(self.out, text + "\n")
         if self.json:
@@ -84,10 +81,10 @@ class Predict:
         fitted = "" if found.fit_frames is None else f"; models of {found.fit_frames[0]}:{found.fit_frames[1]}"
         cameras = ", ".join(found.cameras)
         print(f"{self.source}: {found.people} people in frames {first}:{end} of {cameras}{fitted}; {self.seeds} twins, intervals of one run, 95 %")
-        if found.shared is not None:
-            off = f"{found.shared.by_place:.2f} m by place and {found.shared.deviation:.2f} m by person"
-            print(f"All views agree that the truth is off by {off}, and that statures differ by {100 * found.shared.stature:.0f} %; twins do, too.")
-        print("\n".join(_lines(found)))
+        if (errors := found.truth_errors) is not None:
+            off = f"{errors['by_place']:.2f} m by place and {errors['deviation']:.2f} m by person"
+            print(f"All views agree that the truth is off by {off}, and that statures differ by {100 * errors['stature']:.0f} %; twins do, too.")
+        print("\n".join(_aligned(found.head("figure"), *found.score_lines(), *found.cause_lines())))
         if self.out is not None:
             print(f"{self.out}: written; `pilsim report {self.out}` makes a page of it")
 
@@ -111,32 +108,7 @@ class Predict:
         return PredictionPlan(self.source, self.part.options(images=False), self.subject.chosen(), detectors, fit, seeds)
 
 
-def _lines(found: Prediction) -> Iterator[str]:
-    """The table: a row for each score, then for each cause of errors that occurs. Columns are detectors, and the real boxes."""
-    names = list(found.twins)
-    yield f"{'':{WIDE}}" + "".join(f"{name[:WIDE]:>{WIDE}}" for name in names) + (f"{'real':>10}" if found.real else "")
-    predicted = {name: found.predicted(name) for name in names}
-    for title, key in ROWS:
-        digits = 3 if key in ("mota", "idf1", "hota") else 1
-        real = "" if found.real is None else _number(found.real.figures[key], 3 if digits == 3 else 0)
-        yield _row(title, [predicted[name][key] for name in names], digits, real)
-    causes = {name: found.causes(name) for name in names}
-    for kind, of in causes[names[0]].items():
-        for cause in of:
-            values = [causes[name][kind][cause] for name in names]
-            count = 0 if found.real is None else found.real.causes[kind][cause]
-            if count or any(value.mean for value in values):
-                yield _row(f"  {kind}: {cause}", values, 1, "" if found.real is None else str(count))
-
-
-def _row(title: str, values: list[Predicted], digits: int, real: str) -> str:
-    return f"{title:{WIDE}}" + "".join(f"{_text(value, digits):>{WIDE}}" for value in values) + (f"{real:>10}" if real else "")
-
-
-def _text(value: Predicted, digits: int) -> str:
-    interval = "" if value.low is None or value.high is None else f" [{value.low:.{digits}f}, {value.high:.{digits}f}]"
-    return _number(value.mean, digits) + interval
-
-
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+def _aligned(head: Cells, *lines: Cells) -> list[str]:
+    """The rows of a table with columns of equal width."""
+    wide = [max(map(len, column)) for column in zip(head, *lines, strict=True)]
+    return [f"{row[0]:{wide[0]}}" + "".join(f"  {cell:>{n}}" for cell, n in zip(row[1:], wide[1:], strict=True)) for row in (head, *lines)]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sim.prediction.prediction import Frames
 from tracker.detector_models.fit import fit
 from tracker.detector_models.fitting import Source, at_its_places, fit_view
 from tracker.detector_models.model import Model
@@ -18,8 +19,6 @@ from tracker.recordings import Recording
 
 LEAST_FRAMES = 2
 """Of each part."""
-Frames = tuple[int, int]
-"""First frame and the one after the last."""
 
 
 @dataclass(frozen=True, eq=False)

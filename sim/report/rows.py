@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from sim.confidence_intervals import Interval, bounds_of, mean_interval
-from tracker.io.json_files import parse_json
-from tracker.io.text_files import read_text, shown
+from tracker.io.json_files import JsonObject, parse_json
+from tracker.io.text_files import read_text
 
 SCHEMA = 1
 ROWS = "results.jsonl"
@@ -194,61 +194,33 @@ def _check_unique(rows: Iterable[Row]) -> None:
 
 
 def _row(line: str, where: str) -> Row:
-    content = parse_json(line, where)
-    if not isinstance(content, dict):
-        raise ValueError(f"{where}: a JSON {type(content).__name__}, needs an object")
-    if content.get("schema") != SCHEMA:
-        raise ValueError(f"{where}: schema is {shown(str(content.get('schema')))[1:-1]}, this version reads {SCHEMA}")
-    fields = _Fields(content, where)
-    tracker = fields.a("tracker", dict)
+    row = JsonObject(parse_json(line, where), where)
+    row.check_schema(SCHEMA)
+    tracker = row.a("tracker", dict)
     if not isinstance(tracker.get("name"), str):
         raise ValueError(f"{where}: tracker has no name")
-    causes = fields.maybe("causes", dict) or {}
-    ladder = fields.maybe("ladder", dict) or {}
-    moments = fields.maybe("moments", list) or []
+    moments = row.maybe("moments", list) or []
     if not all(isinstance(m, dict) for m in moments):
         raise ValueError(f"{where}: moments needs objects")
+    scores, limits = (row.part(name).numbers() if row.values.get(name) is not None else {} for name in ("scores", "limits"))
     return Row(
-        **{name: fields.a(name, str) for name in ("id", "sweep", "parameter", "command")},
-        value=_value(content.get("value"), where),
-        seed=fields.a("seed", int),
+        **{name: row.a(name, str) for name in ("id", "sweep", "parameter", "command")},
+        value=_value(row.values.get("value"), where),
+        seed=row.a("seed", int),
         tracker=tracker["name"],
         options=tracker.get("options") or {},
-        scenario=fields.a("scenario", dict),
-        rendered=fields.a("rendered", bool),
-        seconds=_numbers({"seconds": content.get("seconds")}, where).get("seconds"),
-        error=fields.maybe("error", str),
-        scores=_numbers(fields.maybe("scores", dict) or {}, f"{where}: scores"),
-        limits=_numbers(fields.maybe("limits", dict) or {}, f"{where}: limits"),
-        causes={kind: _numbers(_object(counts, where, kind), f"{where}: {kind}") for kind, counts in causes.items()},
-        ablation={m: _numbers(_object(ladder[m], where, m), f"{where}: ladder {m}") for m in ("mota", "metres") if ladder.get(m)},
+        scenario=row.a("scenario", dict),
+        rendered=row.a("rendered", bool),
+        seconds=JsonObject({"seconds": row.values.get("seconds")}, where).numbers().get("seconds"),
+        error=row.maybe("error", str),
+        scores=scores,
+        limits=limits,
+        causes={kind: counts.numbers() for kind, counts in row.parts("causes").items()},
+        ablation={m: found for m, part in row.parts("ladder").items() if m in ("mota", "metres") and (found := part.numbers())},
         moments=tuple(moments),
-        versions=fields.maybe("versions", dict) or {},
+        versions=row.maybe("versions", dict) or {},
         where=where,
     )
-
-
-@dataclass(frozen=True)
-class _Fields:
-    """The fields of a row, read with a check of their types."""
-
-    content: dict[str, Any]
-    where: str
-
-    def a(self, name: str, kind: type) -> Any:
-        value = self.content.get(name)
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise ValueError(f"{self.where}: {name} is {'missing' if value is None else type(value).__name__}, needs {kind.__name__}")
-        return value
-
-    def maybe(self, name: str, kind: type) -> Any:
-        return None if self.content.get(name) is None else self.a(name, kind)
-
-
-def _object(value: Any, where: str, name: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"{where}: {name} is {type(value).__name__}, needs an object")
-    return value
 
 
 def _value(value: Any, where: str) -> Any:
@@ -257,11 +229,3 @@ def _value(value: Any, where: str) -> Any:
     if value is not None and not isinstance(value, (str, int, float, bool)):
         raise ValueError(f"{where}: value is {type(value).__name__}")
     return value
-
-
-def _numbers(values: dict[str, Any], where: str) -> dict[str, float]:
-    """The numbers that are not null. Raises ValueError for a value that is not a finite number."""
-    for name, value in values.items():
-        if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)):
-            raise ValueError(f"{where}: {shown(name)[1:-1]} is {shown(str(value))}, needs a finite number or null")
-    return {name: value for name, value in values.items() if value is not None}

@@ -19,7 +19,8 @@ import numpy as np
 from scipy.stats import kendalltau, spearmanr
 
 from sim.prediction.halves import fit_views, open_halves, twin
-from sim.prediction.predict import FITTED, Prediction, PredictionPlan, predict
+from sim.prediction.predict import FITTED, PredictionPlan, predict
+from sim.prediction.prediction import Prediction
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.conftest import DATA
 from tracker.detector_models.comparison import distances
@@ -79,7 +80,7 @@ def trackers(row: Row, others: bool) -> dict[str, TrackerUnderTest]:
 def within(found: Prediction, detector: str) -> bool:
     """Whether a detector predicts a row within BOUNDS."""
     assert found.real is not None
-    predicted = found.predicted(detector)
+    predicted = found.forecasts[detector].figures
     return all(abs(predicted[name].mean - found.real.figures[name]) <= bound for name, bound in BOUNDS.items())
 
 
@@ -87,8 +88,8 @@ def line(name: str, found: Prediction) -> str:
     """A row of the table, in Markdown: real, then each detector, with a star where it is within BOUNDS."""
     assert found.real is not None
     cells = ["{mota:.3f} / {idf1:.3f}".format(**found.real.figures)]
-    for detector in found.twins:
-        predicted = found.predicted(detector)
+    for detector in found.forecasts:
+        predicted = found.forecasts[detector].figures
         cells.append(f"{predicted['mota'].mean:.3f} / {predicted['idf1'].mean:.3f}" + (" *" if within(found, detector) else ""))
     return f"| {name} | " + " | ".join(cells) + " |"
 
@@ -96,7 +97,7 @@ def line(name: str, found: Prediction) -> str:
 def errors(found: Prediction) -> str:
     """Misses, false positives and switches: real, then of each detector."""
     assert found.real is not None
-    of = [found.real.figures, *({k: v.mean for k, v in found.predicted(d).items()} for d in found.twins)]
+    of = [found.real.figures, *({k: v.mean for k, v in of.figures.items()} for of in found.forecasts.values())]
     return "; ".join(f"{f['misses']:.0f} {f['false_positives']:.0f} {f['switches']:.0f}" for f in of)
 
 
@@ -105,7 +106,7 @@ def ranks(table: Mapping[str, Mapping[str, Prediction]], detector: str, figure: 
     real, predicted, right, pairs = list[list[float]](), list[list[float]](), 0, 0
     for of in table.values():
         real.append([one.real.figures[figure] for one in of.values() if one.real is not None])
-        predicted.append([one.predicted(detector)[figure].mean for one in of.values()])
+        predicted.append([one.forecasts[detector].figures[figure].mean for one in of.values()])
         for a, b in combinations(range(len(of)), 2):
             if real[-1][a] != real[-1][b]:
                 right += (real[-1][a] - real[-1][b]) * (predicted[-1][a] - predicted[-1][b]) > 0

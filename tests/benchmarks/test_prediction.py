@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sim.prediction.predict import FIGURES, Outcome, Prediction, outcome
+from sim.prediction.predict import outcome
+from sim.prediction.prediction import FIGURES, Forecast, Outcome, Prediction
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.benchmarks import prediction
 from tests.benchmarks.room import room
@@ -26,7 +27,7 @@ def made(*mota: float) -> dict[str, Prediction]:
     out = {}
     for k, value in enumerate(mota):
         real, twin = dict.fromkeys(FIGURES, value), dict.fromkeys(FIGURES, 1 - (1 - value) / 2)
-        twins = {name: (Outcome(twin, {}),) for name in prediction.DETECTORS}
+        twins = {name: Forecast.of([Outcome(twin, {})]) for name in prediction.DETECTORS}
         out[str(k)] = Prediction(twins, Outcome(real, {}), (0, 2), (2, 4), 3, ("C1",))
     return out
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,61 @@ def _finite(value: Any) -> Any:
 def parse_json(text: str, where: str) -> Any:
     """The JSON value of a text. Raises ValueError that begins with `where` as read_json does."""
     return _parsed(text, where, where)
+
+
+@dataclass(frozen=True)
+class JsonObject:
+    """An object of a JSON file, read with a check of types. where: the file and the fields that lead to it, with which every error begins."""
+
+    values: dict[str, Any]
+    where: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.values, dict):
+            raise ValueError(f"{self.where}: a JSON {type(self.values).__name__}, needs an object")
+
+    def check_schema(self, schema: int, writer: str = "") -> None:
+        """Raises ValueError for a file of another schema. writer: a note on what writes it."""
+        if (found := self.values.get("schema")) != schema:
+            raise ValueError(f"{self.where}: schema is {shown(str(found))[1:-1]}, this version reads {schema}{writer}")
+
+    def a(self, name: str, kind: type) -> Any:
+        """The value of a field. Raises ValueError where it is missing, or of another type; a boolean is no number."""
+        value = self.values.get(name)
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            raise ValueError(f"{self.where}: {name} is {'missing' if value is None else type(value).__name__}, needs {kind.__name__}")
+        return value
+
+    def maybe(self, name: str, kind: type) -> Any:
+        """As `a`, and None for a field that is missing or null."""
+        return None if self.values.get(name) is None else self.a(name, kind)
+
+    def part(self, name: str) -> JsonObject:
+        """The object of a field."""
+        if name not in self.values:
+            raise ValueError(f"{self.where}: {name} is missing, needs an object")
+        return JsonObject(self.values[name], f"{self.where}: {name}")
+
+    def parts(self, name: str) -> dict[str, JsonObject]:
+        """Name → object of all fields of the object `name`; none where it is missing or null."""
+        whole = JsonObject({}, "") if self.values.get(name) is None else self.part(name)
+        return {key: whole.part(key) for key in whole.values}
+
+    def numbers(self) -> dict[str, float]:
+        """The numbers that are not null. Raises ValueError for a value that is neither a number nor null."""
+        for name, value in self.values.items():
+            if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)):
+                raise ValueError(f"{self.where}: {shown(name)[1:-1]} is {shown(str(value))}, needs a finite number or null")
+        return {name: value for name, value in self.values.items() if value is not None}
+
+    def integers(self, name: str, count: int | None = None) -> list[int]:
+        """The whole numbers of a list. count: how many there must be."""
+        found = self.a(name, list)
+        if not all(isinstance(value, int) and not isinstance(value, bool) for value in found):
+            raise ValueError(f"{self.where}: {name} holds other values than integers")
+        if count not in (None, len(found)):
+            raise ValueError(f"{self.where}: {name} has {len(found)} values, needs {count}")
+        return found
 
 
 def _parsed(text: str, where: str, at_line: str) -> Any:

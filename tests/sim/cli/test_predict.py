@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sim.cli.main import main
+from sim.confidence_intervals import bounds_of, one_more_interval
 from sim.prediction import PredictionPlan, predict
 from sim.prediction.halves import fit_views, open_halves, twin
-from sim.prediction.predict import BOUNDS, Predicted
 from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.tracker.recordings.walked_room import walked_room
 from tracker.formats.recording_export import write_recording
@@ -87,12 +87,11 @@ def test_workers_change_nothing(room):
 
 
 def test_intervals_are_of_one_more_run():
-    found = Predicted.of([0.8, 0.9], BOUNDS["idf1"])
+    found = one_more_interval([0.8, 0.9, float("nan")], bounds_of("idf1"))
     # t of one degree of freedom is 12.706; s is 0.0707.
-    assert (found.mean, found.high) == pytest.approx((0.85, 1.0))
-    assert found.low == 0.0
-    assert Predicted.of([0.8, 0.9], BOUNDS["mota"]).low == pytest.approx(0.85 - 12.706 * 0.070711 * np.sqrt(1.5), abs=1e-3)
-    assert Predicted.of([3.0]).low is None
+    assert (found.mean, found.low, found.high) == pytest.approx((0.85, 0.0, 1.0))
+    assert one_more_interval([0.8, 0.9], bounds_of("mota")).low == pytest.approx(0.85 - 12.706 * 0.070711 * np.sqrt(1.5), abs=1e-3)
+    assert one_more_interval([3.0]).low is None
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,12 @@ from typing import Any
 
 import pytest
 
-from sim.prediction import PredictionPlan
-from sim.prediction.predict import FIGURES, FITTED, Outcome, Predicted, Prediction
-from sim.prediction.record import content, read_prediction
+from sim.confidence_intervals import one_more_interval
+from sim.prediction.predict import FITTED
+from sim.prediction.prediction import FIGURES, Forecast, Outcome, Prediction, PredictionRecord, read_prediction
 from sim.report.prediction_page import plots, write_prediction_page
-from sim.stress.tracker_under_test import TrackerUnderTest
 from tests.sim.browser import CHROMIUM, Browser
 from tracker.detector_models.model import INDEPENDENT
-from tracker.formats.source_options import SourceOptions
 from tracker.io.json_files import json_text
 
 
@@ -33,16 +31,18 @@ def run(misses: int, false: int, switches: int, occluded: int) -> Outcome:
     return Outcome({name: float(value) for name, value in figures.items()}, causes)
 
 
-def made(real: bool = True, seeds: int = 2) -> tuple[PredictionPlan, Prediction]:
+def made(real: bool = True, seeds: int = 2) -> PredictionRecord:
     """A prediction by two detectors, which is known in advance."""
-    plan = PredictionPlan(Path("hall & <yard>"), SourceOptions(), TrackerUnderTest(options={"delay": 5}), seeds=tuple(range(3, 3 + seeds)))
-    twins = {FITTED: tuple(run(6 + 2 * k, 2, 1, 4) for k in range(seeds)), INDEPENDENT: tuple(run(1, 0, 0, 1) for _ in range(seeds))}
-    return plan, Prediction(twins, run(20, 4, 1, 17) if real else None, (0, 40), (40, 80), 7, ("C1", "C2"))
+    twins = {FITTED: [run(6 + 2 * k, 2, 1, 4) for k in range(seeds)], INDEPENDENT: [run(1, 0, 0, 1)] * seeds}
+    forecasts = {name: Forecast.of(runs) for name, runs in twins.items()}
+    found = Prediction(forecasts, run(20, 4, 1, 17) if real else None, (0, 40), (40, 80), 7, ("C1", "C2"), {"stature": 0.04})
+    command = "pilsim predict 'hall & <yard>'"
+    return PredictionRecord("hall & <yard>", "default", {"delay": 5}, tuple(range(3, 3 + seeds)), command, {"pilsim": "0.4.0"}, found)
 
 
-def written(folder: Path, plan: PredictionPlan, found: Prediction) -> Path:
+def written(folder: Path, record: PredictionRecord) -> Path:
     path = folder / "hall.json"
-    path.write_text(json_text(content(plan, found, "pilsim predict 'hall & <yard>'", {"pilsim": "0.4.0"}), indent=1))
+    path.write_text(json_text(record.to_dict(), indent=1))
     return path
 
 
@@ -51,21 +51,13 @@ pytestmark = pytest.mark.render
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = written(tmp_path_factory.mktemp("prediction"), *made())
+    path = written(tmp_path_factory.mktemp("prediction"), made())
     write_prediction_page(path)
     return path
 
 
 def test_a_file_that_is_read_has_what_was_written(file: Path) -> None:
-    plan, found = made()
-    record = read_prediction(file)
-    assert (record.source, record.tracker, record.options, record.seeds) == ("hall & <yard>", "default", {"delay": 5}, plan.seeds)
-    assert (record.frames, record.fit_frames, record.people, record.cameras) == ((40, 80), (0, 40), 7, ("C1", "C2"))
-    for name, forecast in record.forecasts.items():
-        assert forecast.figures == found.predicted(name)
-        assert forecast.causes == found.causes(name)
-    assert record.real is not None
-    assert record.real.figures["misses"] == 20
+    assert read_prediction(file) == made()
 
 
 def test_the_page_is_well_formed_and_has_the_figures(file: Path) -> None:
@@ -75,7 +67,7 @@ def test_the_page_is_well_formed_and_has_the_figures(file: Path) -> None:
     assert len(ids) == len(set(ids))
     rows = {row[0].text: [cell.text for cell in row[1:]] for row in page.iter("tr")}
     # 7 misses, 2 false and 1 switch on average; Student's t of one degree of freedom makes the interval reach 1.
-    bound = Predicted.of([0.91, 0.89], (-1e9, 1.0))
+    bound = one_more_interval([0.91, 0.89], (None, 1.0))
     assert rows["MOTA"] == [f"0.900 ({bound.low:.3f} to 1.000)", "0.990 (0.990 to 0.990)", "0.750"]
     assert rows["misses: occluded"] == ["4.0 (4.0 to 4.0)", "1.0 (1.0 to 1.0)", "17"]
     assert [rows[seed][0] for seed in ("3", "4")] == ["0.990", "0.990"]
@@ -86,7 +78,7 @@ def test_the_page_is_well_formed_and_has_the_figures(file: Path) -> None:
 
 def test_plots_lie_beside_it(file: Path) -> None:
     folder = file.with_name("hall-report")
-    names = {plot.name for plot in plots(read_prediction(file))}
+    names = {plot.name for plot in plots(read_prediction(file).found)}
     assert names == {"mota", "idf1", "hota", "misses", "false-positives", "switches"}
     assert {path.name for path in folder.iterdir()} == {f"{name}.{ending}" for name in names for ending in ("png", "csv")}
     with (folder / "misses.csv").open() as table:
@@ -96,7 +88,7 @@ def test_plots_lie_beside_it(file: Path) -> None:
 
 
 def test_a_page_without_real_boxes_and_of_one_twin(tmp_path: Path) -> None:
-    path = written(tmp_path, *made(real=False, seeds=1))
+    path = written(tmp_path, made(real=False, seeds=1))
     text = write_prediction_page(path, tmp_path / "other.html").read_text(encoding="utf-8")
     ElementTree.fromstring(text.removeprefix("<!DOCTYPE html>"))
     assert "no real boxes to compare with" in text
@@ -111,7 +103,7 @@ def test_a_page_without_real_boxes_and_of_one_twin(tmp_path: Path) -> None:
         ({"schema": None}, "schema is None, this version reads 1"),
         ({"predicted": {}}, "predicted is empty"),
         ({"predicted": {"fitted": []}}, "predicted: fitted: a JSON list, needs an object"),
-        ({"real": {"figures": {"mota": "high"}, "causes": {}}}, "real: figures: mota is str, needs a number or null"),
+        ({"real": {"figures": {"mota": "high"}, "causes": {}}}, "real: figures: mota is 'high', needs a finite number or null"),
         ({"real": {"figures": {}, "causes": {"misses": {}}}}, "real: causes: false positives is missing"),
         ({"frames": [1]}, "frames has 1 values, needs 2"),
         ({"seeds": [0.5]}, "seeds holds other values than integers"),
@@ -119,7 +111,7 @@ def test_a_page_without_real_boxes_and_of_one_twin(tmp_path: Path) -> None:
     ],
 )
 def test_damaged_files_are_refused(tmp_path: Path, change: dict[str, Any], said: str) -> None:
-    path = written(tmp_path, *made())
+    path = written(tmp_path, made())
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(ValueError, match=said) as caught:
         write_prediction_page(path)
