@@ -88,7 +88,7 @@ class Generate:
     """Width of a panorama, pixels; it is half as high. Images of fixed cameras are three quarters as wide."""
     fixed_cameras: Whole = None
     """Number of fixed cameras."""
-    cameras: Annotated[str | None, unset("NAME,...", "all; 1 of a twin by --annotations")] = None
+    cameras: Annotated[str | None, unset("NAME,...", "all; 1 of PETS 2009")] = None
     """Names or numbers of the cameras of a twin, as in 1,5,7."""
     render: bool = True
     """Render images. A twin with --no-render has boxes by ray casting and no rovers; it is written as a recording."""
@@ -163,7 +163,8 @@ class Generate:
         return preset_of(self.preset, settings | changes)
 
     def _twin(self) -> None:
-        from sim.datasets.twin_generation import TwinOrder, generate_twin
+        from sim.datasets.twin_generation import generate_twin
+        from sim.datasets.twin_sources import Twin
 
         own = {"frames", "robots", "width", "seed", "detector_model", "difficulty"}
         changes = self._given()
@@ -171,6 +172,10 @@ class Generate:
         if set(changes) - own or self.fixed_cameras is not None or not plain:
             named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(own | {"workers", "render"}))
             raise ValueError(f"a twin takes --cameras and {named}; the source sets the rest")
-        order = TwinOrder(self.source, self.twin.annotations, self.twin.calibration, self.cameras, changes, self.render, self.workers)
-        for line in generate_twin(order, self.out):
+        file, calibration = self.twin.annotations, self.twin.calibration
+        source = self.source or file
+        if source is None or (self.source is None) == (file is None) or (file is None) != (calibration is None):
+            raise ValueError("a twin needs SOURCE, or --annotations FILE and --calibration DIR")
+        names = tuple(text.strip() for text in (self.cameras or "").split(",") if text.strip())
+        for line in generate_twin(Twin(source, names, calibration=calibration, **changes), self.out, self.render, self.workers):
             print(line)

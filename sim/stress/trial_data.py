@@ -11,8 +11,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from sim.datasets.fixed_cameras import corner_cameras
-from sim.datasets.pets_twin import Twin, annotations_of, recording_of
 from sim.datasets.presets import PRESETS
+from sim.datasets.twin import recording_of
+from sim.datasets.twin_sources import Twin
 from sim.policies.driven_simulation import PolicySimulation
 from sim.recording.frames import Frame, raycast_frames
 from sim.recording.record import SimulatedSequence, rendered_frames
@@ -20,7 +21,7 @@ from sim.recording.tracker_setup import make_setup, told_setup
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.stress.sweeps import OWN_GOALS, RECORDED, ROOM, Case
 from tracker.formats.opening import open_recording, open_sequence
-from tracker.formats.pets2009 import PETS_AREA, PETS_VIEWS, calibration_of
+from tracker.formats.pets2009 import PETS_AREA, PETS_VIEWS
 from tracker.formats.source_options import SourceOptions
 from tracker.geometry import Array, Ints, Mask, angles_from_bearing, wrap
 from tracker.geometry.cameras import Camera
@@ -163,18 +164,9 @@ def _read_recording(case: Case) -> TrialData:
 
 def _twin_recording(case: Case) -> SimulatedSequence:
     """The twin of the sequence, as the same cameras see it."""
-    folder, scenario = Path(case.folder), case.scenario
-    return recording_of(
-        Twin(
-            annotations_of(folder),
-            calibration_of(folder) or folder / "calibration",
-            PETS_VIEWS,
-            robots=1,
-            width=scenario.width,
-            seed=scenario.seed,
-            detector_model=scenario.detector_model,
-        )
-    )
+    scenario, views = case.scenario, tuple(map(str, PETS_VIEWS))
+    twin = Twin(Path(case.folder), views, robots=1, width=scenario.width, seed=scenario.seed, detector_model=scenario.detector_model)
+    return recording_of(twin)
 
 
 def match_persons(detections: Detections, camera: Camera, boxes: Boxes) -> Ints:

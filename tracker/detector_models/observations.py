@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tracker.detector_models.bodies import MATCH, TrueBodies, bodies_in_view, nearest_overlap
 from tracker.formats.opening import format_of
-from tracker.formats.pets2009 import ground_truth, read_annotations
+from tracker.formats.pets2009 import annotation_file, ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
 from tracker.geometry.cameras import Camera
 from tracker.geometry.image_boxes import body_outlines, box_overlaps, clipped
@@ -87,14 +87,12 @@ def true_people(path: Path, recording: Recording, cameras: Iterable[str] = ()) -
         raise ValueError(f"{path}: its boxes are labels and not of a detector, needs detections (--detections)")
     if format_of(path).name == "pets2009":
         first = int((recording.source.get("frames") or [0])[0])
-        files = sorted((path / "annotations").glob("*.xml"))
-        whole = [file for file in files if "cropped" not in file.name] or files
-        if whole and "View_001" in recording.cameras:
+        if (file := annotation_file(path)) is not None and "View_001" in recording.cameras:
             camera = recording.cameras["View_001"]
-            content = {frame - first: one for frame, one in read_annotations(whole[0]).items() if 0 <= frame - first < recording.frames}
+            content = {frame - first: one for frame, one in read_annotations(file).items() if 0 <= frame - first < recording.frames}
             places = ground_truth(content, camera.camera, camera.pose, recording.ground)
             boxes = {"View_001": {frame: box for frame, (_, box) in content.items()}}
-            return TruePeople(places, boxes if names == ["View_001"] else {}, str(whole[0]))
+            return TruePeople(places, boxes if names == ["View_001"] else {}, str(file))
     if not recording.truth:
         raise ValueError(f"{path}: has no truth, which a fit needs")
     return TruePeople(recording.truth, {})

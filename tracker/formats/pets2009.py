@@ -203,6 +203,12 @@ def calibration_of(path: Path) -> Path | None:
     return next((p for p in (path / "calibration", path.parent / "calibration") if p.is_dir()), None)
 
 
+def annotation_file(path: Path) -> Path | None:
+    """The annotations in a PETS 2009 folder, or None. Complete ones, whose people also walk outside the evaluated area, are preferred."""
+    files = sorted((path / "annotations").glob("*.xml"))
+    return next((file for file in files if "cropped" not in file.name), next(iter(files), None))
+
+
 def read_pets(path: Path, options: SourceOptions) -> Recording:
     """Read a PETS 2009 folder; calibration/ lies in it or beside it. Of `options`, cameras and the names in detections count here.
 

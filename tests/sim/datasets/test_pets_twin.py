@@ -9,19 +9,19 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.datasets.pets_twin import Twin, box_overlaps, confine_rovers, recording_of, walkers_of
-from sim.datasets.twin_picture import draw_pets_twin
+from sim.datasets.twin import annotated_overlaps, confine_rovers, recording_of
+from sim.datasets.twin_picture import draw_twin
+from sim.datasets.twin_sources import Twin, true_motion
 from sim.recording.record import write_sequence
 from tests.commands import pilsim
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
-from tracker.formats.pets2009 import read_annotations
 from tracker.geometry import Array
 from tracker.geometry.cameras import Panorama, Tsai
 from tracker.io.tsai_xml import read_camera
 from tracker.pipeline import track
 from tracker.sequence.reader import read_sequence
-from tracker.sequence.truth_tables import read_views
+from tracker.sequence.truth_tables import read_boxes, read_views
 
 FRAMES = 8
 STATURE = {4: 1.62, 9: 1.85, 17: 2.4}
@@ -47,13 +47,12 @@ def pets(tmp_path: Path) -> Twin:
             lines.append(f'<object id="{person}"><box h="{h:.4f}" w="{0.35 * h:.4f}" xc="{low[0]:.4f}" yc="{low[1] - h / 2:.4f}"/></object>')
         lines.append("</objectlist></frame>")
     (tmp_path / "a.xml").write_text("\n".join([*lines, "</dataset>"]))
-    return Twin(tmp_path / "a.xml", tmp_path, robots=1, width=256)
+    return Twin(tmp_path / "a.xml", robots=1, width=256, calibration=tmp_path)
 
 
 def test_paths_and_statures_are_recovered_from_boxes(pets: Twin) -> None:
-    _, camera, T = read_camera(pets.calibration / "View_001.xml")
-    walkers = walkers_of(read_annotations(pets.annotations), camera, T)
-    assert walkers.id.tolist() == [4, 9, 17]
+    walkers = true_motion(pets)
+    assert walkers.ids.tolist() == [4, 9, 17]
     assert np.isnan(walkers.position[2, :3]).all()
     for row, person in enumerate((4, 9, 17)):
         for frame in range(3 if person == 17 else 0, FRAMES):
@@ -73,7 +72,7 @@ def test_rovers_are_confined_to_the_area_of_the_paths() -> None:
 
 @pytest.mark.render
 def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> None:
-    write_sequence(recording_of(replace(pets, frames=6), plaza()), tmp_path / "twin")
+    write_sequence(recording_of(replace(pets, frames=6), world=plaza()), tmp_path / "twin")
     sequence = read_sequence(tmp_path / "twin")
     assert list(sequence.setup.mounts) == ["robot_0_camera", "View_001"]
     assert isinstance(sequence.setup.mounts["robot_0_camera"].camera, Panorama)
@@ -98,50 +97,50 @@ def test_the_twin_is_a_sequence_for_the_tracker(pets: Twin, tmp_path: Path) -> N
 
 @pytest.mark.render
 def test_boxes_of_the_twin_overlap_the_annotated_boxes(data: Callable[..., Path], tmp_path: Path) -> None:
-    pets = Twin(data("pets2009", "S2.L1", "annotations", "PETS2009-S2L1.xml"), data("pets2009", "calibration"), frames=10, robots=1, width=128)
-    write_sequence(recording_of(pets, plaza()), tmp_path / "twin")
-    overlaps = box_overlaps(pets, tmp_path / "twin")
+    folder = data("pets2009")
+    pets = Twin(folder / "S2.L1" / "annotations" / "PETS2009-S2L1.xml", frames=10, robots=1, width=128, calibration=folder / "calibration")
+    motion = true_motion(pets)
+    write_sequence(recording_of(pets, motion, plaza()), tmp_path / "twin")
+    overlaps = annotated_overlaps(motion, read_boxes(tmp_path / "twin"))
     assert len(overlaps) == 30
     assert np.median(overlaps) >= 0.6
-    path = draw_pets_twin(pets, tmp_path / "twin")
+    path = draw_twin(motion, tmp_path / "twin")
     assert path == tmp_path / "twin" / "twin.png"
     picture = cv2.imread(str(path))
     # The picture has the real frame, too, where the video is installed.
     assert picture is not None
     assert picture.shape[0] == 576 + 30
     assert picture.shape[1] in (768 + 6, 2 * (768 + 6))
+    # Without the annotated view, there is nothing to compare with.
+    assert not true_motion(replace(pets, cameras=("View_005",))).boxes
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("name", "frames"), [("S2.L1/annotations/PETS2009-S2L1.xml", 40), ("S1.L1/annotations/PETS2009-S1L1-1.xml", 20)])
+@pytest.mark.parametrize(("name", "frames"), [("S2.L1", 40), ("S1.L1", 20)])
 def test_boxes_overlap_in_campus(data: Callable[..., Path], tmp_path: Path, name: str, frames: int) -> None:
-    pets = Twin(data("pets2009", *name.split("/")), data("pets2009", "calibration"), (1, 5, 7), frames, robots=1, width=256)
-    write_sequence(recording_of(pets), tmp_path / "twin")
-    assert np.median(box_overlaps(pets, tmp_path / "twin")) >= 0.6
+    pets = Twin(data("pets2009", name), ("1", "5", "7"), frames, robots=1, width=256)
+    motion = true_motion(pets)
+    write_sequence(recording_of(pets, motion), tmp_path / "twin")
+    assert np.median(annotated_overlaps(motion, read_boxes(tmp_path / "twin"))) >= 0.6
 
 
 @pytest.mark.parametrize(
     ("change", "old", "new", "message"),
     [
-        ({"views": (1, 6)}, "", "", r"View_006.xml: no such file; there are View_001.xml"),
-        ({"annotations": Path("nowhere.xml")}, "", "", r"nowhere.xml: no such file"),
+        ({"cameras": ("1", "6")}, "", "", r"camera is '6', needs one of View_001"),
+        ({"source": Path("nowhere.xml")}, "", "", r"nowhere.xml: no such file"),
+        ({"difficulty": 0.5}, "", "", r"--difficulty is for halls"),
         ({"frames": 9}, "", "", r"frames is 9, needs 1 to 8"),
-        ({}, 'id="4"', 'id="0"', r"object id is 0, needs 1 to 65535"),
         ({}, '<box h="', '<box h="-', r"a.xml:line 3: field box.h is -\d+"),
-        ({}, "object id", "thing id", r"a.xml: nobody is annotated in 8 frames"),
+        ({}, "object id", "thing id", r"a.xml: nobody is in the truth of 8 frames"),
         ({}, "</dataset>", "", r"a.xml: is not XML"),
     ],
 )
 def test_invalid_twins_are_refused(pets: Twin, tmp_path: Path, change: dict[str, object], old: str, new: str, message: str) -> None:
-    text = pets.annotations.read_text().replace("</object>", "</thing>" if new == "thing id" else "</object>")
-    pets.annotations.write_text(text.replace(old, new) if old else text)
+    text = pets.source.read_text().replace("</object>", "</thing>" if new == "thing id" else "</object>")
+    pets.source.write_text(text.replace(old, new) if old else text)
     with pytest.raises(ValueError, match=message):
-        recording_of(replace(pets, **change), plaza())
-
-
-def test_the_annotated_view_is_needed_for_the_comparison(pets: Twin, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="need 1: the annotations are of View_001"):
-        box_overlaps(replace(pets, views=(5,)), tmp_path)
+        recording_of(replace(pets, **change), world=plaza())
 
 
 @pytest.mark.command

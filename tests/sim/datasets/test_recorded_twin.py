@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.datasets.recorded_twin import RecordedTwin, plan_of, recording_of, true_motion
-from sim.datasets.twin_generation import TwinOrder, generate_twin
+from sim.datasets.twin import plan_of, recording_of
+from sim.datasets.twin_generation import generate_twin
+from sim.datasets.twin_sources import Twin, true_motion
 from tracker.formats.opening import open_recording
 from tracker.geometry import Array, Pose
 from tracker.geometry.cameras import pinhole
@@ -55,29 +56,29 @@ def source(tmp_path: Path) -> Path:
     return folder
 
 
-def order(source: Path, **changes: object) -> TwinOrder:
-    """The order of a twin by one worker."""
-    return replace(TwinOrder(source, None, None, None, {}, workers=1), **changes)
+def made(out: Path, source: Path, render: bool = False, workers: int = 1, **changes: object) -> list[str]:
+    """Write the twin, and what is said of it."""
+    return list(generate_twin(replace(Twin(source), **changes), out, render, workers))
 
 
 def test_the_hall_encloses_paths_and_cameras(source: Path) -> None:
-    twin = RecordedTwin(source)
+    twin = Twin(source)
     motion = true_motion(twin)
     plan = plan_of(motion)
     assert plan.walled
     # Cameras keep 0.15 m and paths 0.6 m from the walls; the area is inside.
     np.testing.assert_allclose(plan.extent, [[0.05, 0.15], [5.15, 3.15]])
     assert plan.wall_height == pytest.approx(3.3)
-    made = recording_of(twin, motion)
-    assert made.scenario.world == "hall:room=0.05:0.15:5.15:3.15"
-    assert made.provenance["twin"]["ids"] == [0, 7, 70000]
-    world = catalogue.build(made.scenario.world, np.random.default_rng(0), 0.0)
+    found = recording_of(twin, motion)
+    assert found.scenario.world == "hall:room=0.05:0.15:5.15:3.15"
+    assert found.provenance["twin"]["ids"] == [0, 7, 70000]
+    world = catalogue.build(found.scenario.world, np.random.default_rng(0), 0.0)
     assert world.feet.free_at([feet(person, frame)[:2] for person in (0, 7) for frame in range(FRAMES)]).all()
 
 
 def test_without_images_the_twin_is_a_recording_with_the_same_people(source: Path, tmp_path: Path) -> None:
-    lines = list(generate_twin(order(source, render=False), tmp_path / "twin"))
-    list(generate_twin(order(source, render=False), tmp_path / "again"))
+    lines = made(tmp_path / "twin", source)
+    made(tmp_path / "again", source)
     same_files(tmp_path / "twin", tmp_path / "again")
     assert lines[1] == "3 people in 5 frames, before 2 cameras"
     original, twin = open_recording(source), open_recording(tmp_path / "twin")
@@ -110,11 +111,11 @@ def same_files(one: Path, two: Path) -> None:
 @pytest.mark.render
 def test_rendered_it_is_a_sequence_with_any_number_of_workers(source: Path, tmp_path: Path) -> None:
     for workers in (1, 2):
-        lines = list(generate_twin(order(source, workers=workers, changes={"frames": 4}), tmp_path / f"{workers}"))
+        lines = made(tmp_path / f"{workers}", source, True, workers, frames=4, robots=1, width=64)
         assert lines[1] == f"{tmp_path / f'{workers}' / 'twin.png'} shows a frame beside the source's"
     same_files(tmp_path / "1", tmp_path / "2")
     sequence = read_sequence(tmp_path / "1")
-    assert list(sequence.setup.mounts) == ["C1", "C2"]
+    assert list(sequence.setup.mounts) == ["robot_0_camera", "C1", "C2"]
     assert sequence.setup.mounts["C1"].camera == LENS
     boxes = read_boxes(tmp_path / "1")[3, "C2"]
     assert sorted(boxes.person.tolist()) == [1, 2, 3]
@@ -122,7 +123,7 @@ def test_rendered_it_is_a_sequence_with_any_number_of_workers(source: Path, tmp_
     assert picture is not None
     assert picture.shape == (150, 2 * 166, 3)
     # The twin of the twin, with its images or by one of its cameras, has the same people again.
-    list(generate_twin(order(tmp_path / "1", render=False, views="2"), tmp_path / "again"))
+    made(tmp_path / "again", tmp_path / "1", cameras=("2",))
     again = open_recording(tmp_path / "again")
     assert list(again.cameras) == ["C2"]
     assert again.truth is not None
@@ -132,14 +133,14 @@ def test_rendered_it_is_a_sequence_with_any_number_of_workers(source: Path, tmp_
 
 
 def test_paths_stay_free_in_a_furnished_hall(source: Path, tmp_path: Path) -> None:
-    list(generate_twin(order(source, render=False, changes={"difficulty": 1.0}), tmp_path / "twin"))
+    made(tmp_path / "twin", source, difficulty=1.0)
     twin = open_recording(tmp_path / "twin")
     assert twin.truth is not None
     assert np.ptp(np.concatenate([places[:, 2] for _, places in twin.truth.values()])) > 0.005
 
 
 def test_wildtrack_is_a_square(data: Callable[..., Path]) -> None:
-    motion = true_motion(RecordedTwin(data("wildtrack"), frames=40))
+    motion = true_motion(Twin(data("wildtrack"), frames=40))
     plan = plan_of(motion)
     assert not plan.walled
     assert len(motion.cameras) == 7
@@ -150,8 +151,8 @@ def test_wildtrack_is_a_square(data: Callable[..., Path]) -> None:
 
 def test_pets_by_its_folder_is_the_twin_by_its_files(data: Callable[..., Path], tmp_path: Path) -> None:
     folder = data("pets2009", "S2.L1")
-    lines = list(generate_twin(order(folder, render=False, views="1,5", changes={"frames": 2}), tmp_path / "twin"))
-    assert lines == [f"{tmp_path / 'twin'}: a recording without images (README.md in it); `pilsim track {tmp_path / 'twin'}` tracks it"]
+    lines = made(tmp_path / "twin", folder, cameras=("1", "5"), frames=2)
+    assert lines[0] == f"{tmp_path / 'twin'}: a recording without images (README.md in it); `pilsim track {tmp_path / 'twin'}` tracks it"
     twin = open_recording(tmp_path / "twin")
     assert list(twin.cameras) == ["View_001", "View_005"]
     assert twin.truth is not None
@@ -161,15 +162,15 @@ def test_pets_by_its_folder_is_the_twin_by_its_files(data: Callable[..., Path], 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"changes": {"frames": 9}}, "frames is 9, needs 1 to 5, the frames of"),
-        ({"views": "C9"}, "camera is 'C9', needs one of C1, C2"),
-        ({"render": False, "changes": {"robots": 1}}, "robots is 1, needs 0 without rendering"),
+        ({"frames": 9}, "frames is 9, needs 1 to 5, the frames of"),
+        ({"cameras": ("C9",)}, "camera is 'C9', needs one of C1, C2"),
+        ({"robots": 1}, "robots is 1, needs 0 without rendering"),
         ({"workers": 0}, "workers is 0, needs 1 to 1024"),
     ],
 )
-def test_orders_that_do_not_fit_are_refused(source: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
+def test_twins_that_do_not_fit_are_refused(source: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        list(generate_twin(order(source, **changes), tmp_path / "out"))
+        made(tmp_path / "out", source, **changes)
     assert not (tmp_path / "out").exists()
 
 
@@ -178,13 +179,13 @@ def test_sources_that_cannot_have_a_twin_are_refused(source: Path, tmp_path: Pat
     for name in ("recording.json", "detections/C1.txt"):
         (tmp_path / "blind" / name).write_bytes((source / "recording.json").read_bytes() if name.endswith("json") else b"")
     with pytest.raises(ValueError, match=r"blind: has no truth, which a twin needs"):
-        list(generate_twin(order(tmp_path / "blind"), tmp_path / "out"))
+        made(tmp_path / "out", tmp_path / "blind")
     with pytest.raises(ValueError, match=r"MRCLAM_Dataset1: is a UTIAS set .*needs a source with cameras and boxes"):
-        list(generate_twin(order(data("utias", "MRCLAM_Dataset1")), tmp_path / "out"))
+        made(tmp_path / "out", data("utias", "MRCLAM_Dataset1"))
     cameras = {"C2": RecordingCamera(LENS, Pose.identity(), "r0")}
     carried = Recording(4.0, cameras, {}, {0: (np.array([1]), np.zeros((1, 3)))}, robots={"r0": RecordingRobot(Start(Pose.identity(), np.eye(6)))})
     (tmp_path / "carried").mkdir()
     write_recording(tmp_path / "carried", carried)
-    with pytest.raises(ValueError, match=r"camera C2 is on a robot, needs cameras that stand still; --views chooses some"):
-        list(generate_twin(order(tmp_path / "carried"), tmp_path / "out"))
+    with pytest.raises(ValueError, match=r"camera C2 is on a robot, needs cameras that stand still; --cameras chooses some"):
+        made(tmp_path / "out", tmp_path / "carried")
     assert not (tmp_path / "out").exists()

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.crowd.replay import Paths
-from sim.datasets.pets_twin import confine_rovers
+from sim.datasets.twin import confine_rovers
 from sim.recording.record import SimulatedSequence, write_sequence
 from sim.recording.tracker_setup import FixedCamera
 from sim.scenario import Scenario
