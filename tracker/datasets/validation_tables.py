@@ -88,7 +88,7 @@ def _poses(folder: Path, tables: _Tables) -> Iterator[Finding]:
 
 def _robot_detections(folder: Path, tables: _Tables, setup: Setup) -> Iterator[Finding]:
     """Detections of other robots must agree with the true poses."""
-    for (k, camera), seen in read_robot_detections(folder, setup, len(tables.truth)).items():
+    for (k, camera), seen in read_robot_detections(folder / "companions.csv", setup, range(len(tables.truth))).items():
         poses, mount = tables.truth[k].T_world_robot, setup.mounts[camera]
         positions = np.array([(poses[robot] @ setup.mount_of(robot).T_body_camera).translation for robot in seen.robot])
         offset = (poses[mount.robot] @ mount.T_body_camera).inverse().apply(positions)

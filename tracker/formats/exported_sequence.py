@@ -25,11 +25,11 @@ from tracker.io.image_files import decode_image
 from tracker.io.json_files import read_json
 from tracker.io.mot15 import Mot15Rows, rows_from_boxes
 from tracker.sequence.calibration import pose_from
-from tracker.sequence.reader import read_sequence
+from tracker.sequence.reader import read_robot_detections, read_sequence
 from tracker.sequence.robot_sensors import read_imu, read_sensor_setup, read_stamps, read_wheels
 from tracker.sequence.schema import DETECTIONS
 from tracker.sequence.truth_tables import read_views
-from tracker.types import Detections, ImuSamples, Sequence, Setup, Truth, ViewTruth, WheelSamples
+from tracker.types import Detections, ImuSamples, RobotDetections, Sequence, Setup, Truth, ViewTruth, WheelSamples
 
 Progress = Callable[[Iterable[int], str], Iterable[int]]
 """Wraps the frames of a sequence, with its name, to show progress."""
@@ -157,6 +157,12 @@ class RecordedSequence:
             covariance = c[:, [6, 7, 7, 8]].reshape(-1, 2, 2)
             out[key] = Detections(bearing, c[:, 3:5], c[:, 5], covariance, np.zeros((len(c), 0)))
         return out
+
+    @cached_property
+    def robot_detections(self) -> dict[tuple[int, str], RobotDetections]:
+        """(frame, camera) → other robots that are seen. Views that see none have no entry."""
+        file = self.folder / "companions.csv"
+        return read_robot_detections(file, self.setup, range(len(self.truth))) if file.name in self._checksums else {}
 
     def detection_boxes(self, frame: int, camera: str) -> tuple[Array, Array]:
         """Detected boxes (n, 4) left, top, width, height px from the corner of the image, and confidence (n,)."""

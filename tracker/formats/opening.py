@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.detections.boxes import detections_from_boxes
+from tracker.formats.ros.bag_reader import is_bag
 from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.formats.table import PILSIM, SOURCES, UTIAS, Format, is_sequence
 from tracker.io.picture_folders import content_checksum
@@ -21,7 +22,7 @@ from tracker.recordings.images import VideoFile
 from tracker.sequence.dataset import FILE as DATASET
 from tracker.sequence.dataset import MANIFEST
 from tracker.sequence.reader import read_sequence
-from tracker.types import Odometry, RobotDetections, Sequence, Setup, Tick, Ticks, Truth, View
+from tracker.types import Odometry, Sequence, Setup, Tick, Ticks, Truth, View
 
 NAMED = 4
 """Sequences of a dataset that an error names."""
@@ -41,6 +42,8 @@ def format_of(path: Path) -> Format:
             return form
     if (path / DATASET).is_file() and (names := sorted(found.name for found in path.iterdir() if is_sequence(found))):
         raise ValueError(f"{path}: is a dataset, needs one of its sequences: {', '.join(names[:NAMED])}{', …' if len(names) > NAMED else ''}")
+    if is_bag(path):
+        raise ValueError(f"{path}: is a bag, of which `pilsim import` makes a recording; `pilsim info` lists its topics")
     wrong = "is a file" if path.is_file() else "holds nothing that pilsim opens"
     raise ValueError(f"{path}: {wrong}, needs the folder of one of: {'; '.join(form.title for form in SOURCES)}")
 
@@ -149,10 +152,8 @@ class SelectedTicks:
 
     def _view(self, view: View, frame: int) -> View:
         seen = view.robot_detections
-        kept = [] if seen is None else [k for k, robot in enumerate(seen.robot) if robot in self.setup.starts]
-        if seen is not None and len(kept) < len(seen.robot):
-            left = RobotDetections(seen.bearing[kept], tuple(seen.robot[k] for k in kept), seen.covariance[kept])
-            view = replace(view, robot_detections=left)
+        if seen is not None:
+            view = replace(view, robot_detections=seen.choose(self.setup.starts))
         if view.camera not in self.detections:
             return view
         boxes, confidence = self.detections[view.camera].get(frame, (np.zeros((0, 4)), np.zeros(0)))

@@ -6,15 +6,17 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from tracker.formats.exported_sequence import JPEG, PNG, RecordedSequence
-from tracker.geometry import Pose
+from tracker.geometry import Array, Pose
 from tracker.recordings import Recording, RecordingCamera, RecordingRobot
 from tracker.recordings.folder import write_recording
 from tracker.recordings.images import ImageFiles
-from tracker.types import Odometry
+from tracker.types import Odometry, RobotDetections
 
 README = """
     SEQUENCE/recording.json               rate [1/s], area [m], ground [m, or terrain.npz], height [m], frames, and the cameras
     SEQUENCE/detections/CAMERA.txt        MOT15, frames from 1: frame, -1, left, top, width, height [px], confidence, -1, -1, -1
+    SEQUENCE/detections/CAMERA.covariance.npy   covariance of each box [rad²] by the detector: c00, c01, c11 (azimuth, elevation), a row for each box
+    SEQUENCE/robot_detections.csv         other robots that a camera sees, frames from 1, columns as companions.csv of a sequence of pilsim
     SEQUENCE/truth.txt                    MOT15, frames from 1: frame, id, -1, -1, -1, -1, visible share, x, y, z [m, the ground under the body]
     SEQUENCE/images/CAMERA/000001.jpg     images, frames from 1; or video/CAMERA.mp4
     SEQUENCE/robots.json                  robots that carry cameras: where they start (position [m], quaternion w, x, y, z; covariance 6 x 6)
@@ -25,7 +27,7 @@ Cameras: x_camera = R x_world + t [m], x right, y down, z ahead; on a robot, x_c
 K and distortion are OpenCV's, for the first pixel's centre at (0, 0). An equirectangular or cylindrical image begins at its corner (0, 0).
 World: right-handed, z up. Boxes may lie partly outside the image.
 
-A recording does not hold: masks, key points, visibility in each camera, what robots see of each other, and the detector's own covariances.
+A recording does not hold: masks, key points, and visibility in each camera.
 """
 
 
@@ -54,6 +56,12 @@ def recording_of(sequence: RecordedSequence) -> Recording:
         truth: dict[int, Pose] = {t.index: t.T_world_robot[robot] for t in sequence.truth}
         robots[robot] = RecordingRobot(setup.starts[robot], odometry, truth)
     images = {name: _images(sequence, name) for name in cameras}
+    seen: dict[str, dict[int, RobotDetections]] = {}
+    for (frame, name), robots_seen in sequence.robot_detections.items():
+        seen.setdefault(name, {})[frame] = robots_seen
+    covariances: dict[str, dict[int, Array]] = {}
+    for (frame, name), found in sequence.detections.items():
+        covariances.setdefault(name, {})[frame] = found.covariance.reshape(-1, 4)[:, [0, 1, 3]]
     _check_images(sequence, images)
     return Recording(
         sequence.rate,
@@ -66,6 +74,8 @@ def recording_of(sequence: RecordedSequence) -> Recording:
         height=setup.height,
         occluders=setup.occluders,
         pillars=setup.pillars,
+        covariances=covariances,
+        robot_detections=seen,
         visible={t.index: t.visible.max(axis=1, initial=0.0) for t in sequence.truth},
         images={name: of_camera for name, of_camera in images.items() if of_camera.files},
         robots=robots,

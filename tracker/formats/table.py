@@ -125,7 +125,7 @@ FORMATS = (
     _written("EuRoC MAV", Export("euroc", "EuRoC MAV data", euroc.README, euroc.export_euroc, ("epoch", "faces"))),
     _written("KITTI odometry", Export("kitti", "KITTI odometry", kitti.README, kitti.export_kitti)),
     _written("COLMAP", Export("colmap", "COLMAP", colmap.README, colmap.export_colmap)),
-    _written("MCAP, ROS 2", Export("mcap", "MCAP with ROS 2 messages", scene.README, scene.export_mcap, ("epoch",))),
+    _written("MCAP, ROS 1, ROS 2", Export("mcap", "MCAP with ROS 2 messages", scene.README, scene.export_mcap, ("epoch",))),
 )
 """All formats; those that are opened stand first, in the order in which a folder is compared with them."""
 SOURCES = tuple(form for form in FORMATS if form.matches is not _never)

@@ -2,6 +2,8 @@
 
 * recording.json: rate and cameras; optional format, area, ground, height and frames.
 * detections/CAMERA.txt (MOT15): frame from 1, -1, left, top, width, height [px], confidence, -1, -1, -1.
+* detections/CAMERA.covariance.npy (optional): c00, c01, c11 [rad²] of each box, the covariance of Detections (rows, 3), in the order of the rows.
+* robot_detections.csv (optional): other robots that a camera sees: frame from 1, and the columns of companions.csv of a sequence.
 * detections/CAMERA.npy (optional): appearance vectors of the boxes, an array (rows, d) of floating-point numbers, a row for each row of
   CAMERA.txt in the same order. They are compared by their cosine: length and scale do not matter. A row of zeros says nothing.
 * truth.txt (MOT15, optional): frame from 1, id, -1, -1, -1, -1, visible share, x, y, z [m]. Who is not seen (0) is not scored.
@@ -40,14 +42,14 @@ from tracker.recordings.camera_json import camera_from, camera_to
 from tracker.recordings.images import ImageFiles, ImageSource, VideoFile, image_sources
 from tracker.recordings.recording import MAX_FRAMES, STATURE, FrameBoxes, FrameVectors, Recording, RecordingCamera, RecordingRobot
 from tracker.sequence.calibration import pose_from, pose_row
-from tracker.sequence.reader import odometry_from
-from tracker.sequence.schema import ODOMETRY, POSE
-from tracker.sequence.writer import odometry_row
-from tracker.types import Start
+from tracker.sequence.reader import odometry_from, read_robot_detections
+from tracker.sequence.schema import ODOMETRY, POSE, ROBOT_DETECTIONS
+from tracker.sequence.writer import odometry_row, robot_detection_rows
+from tracker.types import RobotDetections, Start
 
 FILE = "recording.json"
 FORMAT = "pilsim-recording/1"
-ROBOT_TRUTH = "robot_truth.csv"
+ROBOT_TRUTH, ROBOTS_SEEN, COVARIANCES = "robot_truth.csv", "robot_detections.csv", ".covariance.npy"
 KEYS = ("format", "rate", "area", "ground", "height", "frames", "cameras")
 OUTSIDE = 1.0
 """m: true people may be this far outside the area. Farther ones tell of a wrong unit or a wrong area."""
@@ -91,7 +93,8 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             occluders=occluders,
             images=image_sources(path, cameras),
             robots=robots,
-            appearances=_appearances(path / "detections", list(cameras)),
+            appearances=_of_boxes(path / "detections", list(cameras), ".npy"),
+            covariances=_of_boxes(path / "detections", list(cameras), COVARIANCES),
             source={"source": "recording", "cameras": list(cameras), "files": _checksums(path)},
         )
     except (TypeError, ValueError) as error:
@@ -101,7 +104,16 @@ def read_recording(path: Path, strict: bool = True) -> Recording:
             recording.check_heights()
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from None
+        if (path / ROBOTS_SEEN).is_file():
+            recording = replace(recording, robot_detections=_robots_seen(path / ROBOTS_SEEN, recording))
     return _with_truth(path, recording, strict)
+
+
+def _robots_seen(file: Path, recording: Recording) -> dict[str, dict[int, RobotDetections]]:
+    found: dict[str, dict[int, RobotDetections]] = {}
+    for (frame, camera), seen in read_robot_detections(file, recording.setup(), range(1, recording.frames + 1)).items():
+        found.setdefault(camera, {})[frame - 1] = seen
+    return found
 
 
 def _content(file: Path) -> dict[str, Any]:
@@ -153,12 +165,12 @@ def read_boxes(file: Path) -> dict[int, tuple[Array, Array]]:
     return {frame - 1: of_frame for frame, of_frame in read_detections(file).items()}
 
 
-def _appearances(folder: Path, cameras: list[str]) -> dict[str, FrameVectors]:
-    """The vectors of all cameras that have some, where `folder` holds CAMERA.txt and CAMERA.npy.
+def _of_boxes(folder: Path, cameras: list[str], ending: str) -> dict[str, FrameVectors]:
+    """The vectors of all cameras that have some, where `folder` holds CAMERA.txt and CAMERA with the ending.
 
     Raises ValueError for an array of another shape or type, and for numbers that are not finite.
     """
-    return {name: _vectors(folder / f"{name}.npy", folder / f"{name}.txt") for name in cameras if (folder / f"{name}.npy").is_file()}
+    return {name: _vectors(folder / (name + ending), folder / f"{name}.txt") for name in cameras if (folder / (name + ending)).is_file()}
 
 
 def _vectors(file: Path, text: Path) -> dict[int, Array]:
@@ -280,7 +292,7 @@ def _start(entry: Any, where: str) -> Start | None:
 
 
 def _checksums(path: Path) -> dict[str, str]:
-    beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH)
+    beside = ("truth.txt", "robots.json", "odometry.csv", ROBOT_TRUTH, ROBOTS_SEEN)
     files = [path / FILE, *sorted(path.glob("detections/[!.]*.txt")), *sorted(path.glob("detections/[!.]*.npy")), *(path / name for name in beside)]
     return checksums(path, files)
 
@@ -300,7 +312,12 @@ def write_recording(folder: Path, recording: Recording) -> None:
     (folder / "detections").mkdir()
     for name, boxes in recording.detections.items():
         write_mot15(folder / "detections" / f"{name}.txt", rows_from_boxes({frame + 1: of_frame for frame, of_frame in boxes.items()}))
-    _write_appearances(folder / "detections", recording.detections, recording.appearances)
+    _write_of_boxes(folder / "detections", ".npy", recording.detections, recording.appearances)
+    _write_of_boxes(folder / "detections", COVARIANCES, recording.detections, recording.covariances)
+    if recording.robot_detections:
+        seen_by = ((frame, name, seen) for name, of_camera in recording.robot_detections.items() for frame, seen in of_camera.items())
+        rows_seen = [row for frame, name, seen in sorted(seen_by, key=lambda s: s[:2]) for row in robot_detection_rows(frame + 1, name, seen)]
+        write_table(folder / ROBOTS_SEEN, list(ROBOT_DETECTIONS), rows_seen)
     if recording.truth is not None:
         rows = rows_from_tracks({frame + 1: people for frame, people in recording.truth.items()})
         seen = [recording.visible.get(frame, np.ones(len(ids))) for frame, (ids, _) in sorted(recording.truth.items())]
@@ -311,15 +328,15 @@ def write_recording(folder: Path, recording: Recording) -> None:
         _copy_images(folder, name, source)
 
 
-def _write_appearances(folder: Path, detections: Mapping[str, Mapping[int, tuple[Array, Array]]], appearances: Mapping[str, FrameVectors]) -> None:
-    """Write CAMERA.npy of each camera with vectors, in the order of its boxes; zeros where a frame has boxes and no vectors."""
-    for name, vectors in appearances.items():
+def _write_of_boxes(folder: Path, ending: str, detections: Mapping[str, FrameBoxes], of_cameras: Mapping[str, FrameVectors]) -> None:
+    """Write a file of each camera with vectors, in the order of its boxes; zeros where a frame has boxes and no vectors."""
+    for name, vectors in of_cameras.items():
         length = max((of_frame.shape[1] for of_frame in vectors.values()), default=0)
         if not length:
             continue
         parts = [vectors.get(frame, np.zeros((len(boxes), length))) for frame, (boxes, _) in detections[name].items()]
-        with new_file(folder / f"{name}.npy") as part, part.open("wb") as out:
-            np.save(out, np.concatenate(parts).astype(np.float32))
+        with new_file(folder / (name + ending)) as part, part.open("wb") as out:
+            np.save(out, np.concatenate(parts).astype(np.float64 if ending == COVARIANCES else np.float32))
 
 
 def _write_ground(folder: Path, recording: Recording) -> float | str:

@@ -5,7 +5,7 @@ Frames count from 0 here; files count from 1, as MOTChallenge does. Positions ar
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from tracker.geometry.ground import Flat, Ground
 from tracker.io.mot15 import MAX_FRAME
 from tracker.recordings.images import ImageFiles, ImageSource, TicksWithImages
 from tracker.sequence.calibration import MAX_RATE, MIN_RATE
-from tracker.types import Detections, Mount, Odometry, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
+from tracker.types import Detections, Mount, Odometry, RobotDetections, Sequence, Setup, Start, Tick, Ticks, TicksInMemory, Truth, View
 
 FrameBoxes = Mapping[int, tuple[Array, Array]]
 """Frame from 0 → boxes (n, 4) left, top, width, height px and confidence (n,). Frames without boxes may have no entry."""
@@ -30,7 +30,7 @@ MAX_FRAMES = MAX_FRAME
 """Of a recording, which holds a value for each frame, also for those without data."""
 MAX_VIEWS = 1 << 24
 """Frames times cameras: a tick holds a view for each."""
-NOBODY = Detections.none()
+NOBODY, NO_ROBOT = Detections.none(), RobotDetections.none()
 STATURE = (1.4, 2.3)
 """m: the default band of body heights, as in Setup."""
 
@@ -90,6 +90,8 @@ class Recording:
     truth: frame from 0 → ids (k,) and positions (k, 3) m of people, or None. frames: number of frames, 0 for as many as there are boxes or truth.
     area: (2, 2) m, the lowest and highest x, y in which people are reported, or None. ground: the terrain. height: band of body heights, m.
     appearances: camera → frame → vectors (n, d) of the boxes of that frame, as in Detections; they are left out where other boxes come in.
+    covariances: camera → frame → (n, 3) rad²: c00, c01, c11 of the covariance in Detections that the detector states; left out likewise.
+    robot_detections: camera → frame → the other robots that it sees; empty where no detector of robots runs.
     visible: frame → (k,) the largest share of each true person that a camera sees, in [0, 1]; 1 for frames without an entry.
     occluders: height map of walls and furniture, or None. pillars: as in Setup. images: camera → its images. robots: name → RecordingRobot.
 
@@ -110,6 +112,8 @@ class Recording:
     robots: Mapping[str, RecordingRobot] = field(default_factory=dict)
     visible: Mapping[int, Array] = field(default_factory=dict)
     appearances: Mapping[str, FrameVectors] = field(default_factory=dict)
+    covariances: Mapping[str, FrameVectors] = field(default_factory=dict)
+    robot_detections: Mapping[str, Mapping[int, RobotDetections]] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=lambda: {"source": "recording"})
 
     def __post_init__(self) -> None:
@@ -138,12 +142,16 @@ class Recording:
             raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
         if self.frames * len(self.cameras) > MAX_VIEWS:
             raise ValueError(f"frames is {self.frames} of {len(self.cameras)} cameras, needs at most {MAX_VIEWS} views in all")
-        for name, vectors in self.appearances.items():
-            boxes = self.detections.get(name, {})
-            for frame, of_frame in vectors.items():
-                count = len(boxes[frame][0]) if frame in boxes else 0
-                if np.ndim(of_frame) != 2 or len(of_frame) != count:
-                    raise ValueError(f"appearances of {name}, frame {frame}, have shape {np.shape(of_frame)}, needs ({count}, d), one for each box")
+        for kind, of_cameras in (("appearances", self.appearances), ("covariances", self.covariances)):
+            for name, vectors in of_cameras.items():
+                self._check_vectors(f"{kind} of {name}", vectors, self.detections.get(name, {}))
+
+    @staticmethod
+    def _check_vectors(what: str, vectors: FrameVectors, boxes: FrameBoxes) -> None:
+        for frame, of_frame in vectors.items():
+            count = len(boxes[frame][0]) if frame in boxes else 0
+            if np.ndim(of_frame) != 2 or len(of_frame) != count:
+                raise ValueError(f"{what}, frame {frame}, have shape {np.shape(of_frame)}, needs ({count}, d), one for each box")
 
     def check_heights(self) -> None:
         """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and says why."""
@@ -169,8 +177,8 @@ class Recording:
 
     def with_detections(self, detections: Mapping[str, FrameBoxes]) -> Recording:
         """The recording with other detections of the named cameras. It has at least as many frames as before."""
-        kept = {name: vectors for name, vectors in self.appearances.items() if name not in detections}
-        changed = replace(self, frames=0, detections={**self.detections, **detections}, appearances=kept)
+        kept, stated = ({n: v for n, v in of.items() if n not in detections} for of in (self.appearances, self.covariances))
+        changed = replace(self, frames=0, detections={**self.detections, **detections}, appearances=kept, covariances=stated)
         return replace(changed, frames=max(self.frames, changed.frames))
 
     def pose_at(self, camera: RecordingCamera, frame: int) -> Pose | None:
@@ -195,6 +203,8 @@ class Recording:
             cameras=chosen,
             detections={name: self.detections[name] for name in names if name in self.detections},
             appearances={name: self.appearances[name] for name in names if name in self.appearances},
+            covariances={name: self.covariances[name] for name in names if name in self.covariances},
+            robot_detections={name: _of_robots(self.robot_detections[name], carriers) for name in names if name in self.robot_detections},
             images={name: self.images[name] for name in names if name in self.images},
             robots={name: robot for name, robot in self.robots.items() if name in carriers},
         )
@@ -217,6 +227,8 @@ class Recording:
             self,
             detections={name: part(boxes) for name, boxes in self.detections.items()},
             appearances={name: part(vectors) for name, vectors in self.appearances.items()},
+            covariances={name: part(vectors) for name, vectors in self.covariances.items()},
+            robot_detections={name: part(seen) for name, seen in self.robot_detections.items()},
             truth=None if self.truth is None else part(self.truth),
             visible=part(self.visible),
             images={name: source.cut(first, end) for name, source in self.images.items()},
@@ -256,7 +268,8 @@ class Recording:
     @cached_property
     def _empty_views(self) -> dict[str, View]:
         """Frames without boxes share their views, as there may be many."""
-        return {name: View(name, NOBODY) for name in self.cameras}
+        nobody = NO_ROBOT if self.robot_detections else None
+        return {name: View(name, NOBODY, robot_detections=nobody) for name in self.cameras}
 
     def _tick(self, index: int) -> Tick:
         views = []
@@ -265,13 +278,16 @@ class Recording:
                 continue  # an empty view would say that the camera sees nobody
             found = self.detections.get(name, {}).get(index)
             odometry = self.robots[camera.robot].odometry.get(index) if camera.robot is not None else None
-            if found is None and odometry is None:
+            robots = self.robot_detections.get(name, {}).get(index, NO_ROBOT) if self.robot_detections else None
+            if found is None and odometry is None and not robots:
                 views.append(self._empty_views[name])
                 continue
             detections = NOBODY if found is None else detections_from_boxes(camera.camera, *found)
             if len(detections) and index in (vectors := self.appearances.get(name, {})):
                 detections = replace(detections, appearance=vectors[index])
-            views.append(View(name, detections, odometry=odometry))
+            if len(detections) and index in (stated := self.covariances.get(name, {})):
+                detections = replace(detections, covariance=stated[index][:, [0, 1, 1, 2]].reshape(-1, 2, 2))
+            views.append(View(name, detections, odometry=odometry, robot_detections=robots))
         return Tick(index, index / self.rate, tuple(views))
 
     def _truth(self) -> tuple[Truth, ...] | None:
@@ -288,6 +304,11 @@ class Recording:
             empty = not poses and not len(ids)
             out.append(nobody.at(index) if empty else Truth(index, poses, ids, positions, np.tile(visible[:, None], len(self.cameras))))
         return tuple(out)
+
+
+def _of_robots(seen: Mapping[int, RobotDetections], robots: Collection[str | None]) -> dict[int, RobotDetections]:
+    """The detections of some robots alone."""
+    return {frame: of_frame.choose([name for name in of_frame.robot if name in robots]) for frame, of_frame in seen.items()}
 
 
 def _area(area: ArrayLike) -> Array:

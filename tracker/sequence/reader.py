@@ -108,7 +108,7 @@ class _DiskTicks:
         frames = range(count)
         self._odometry = rows_by_frame(folder / "odometry.csv", ODOMETRY, ("robot",), {"frame": frames, "robot": setup.starts})
         self._detections = rows_by_frame(folder / "detections.csv", DETECTIONS, (), {"frame": frames, "camera": setup.mounts})
-        self._robot_detections = read_robot_detections(folder, setup, count) if "companions.csv" in files else None
+        self._robot_detections = read_robot_detections(folder / "companions.csv", setup, frames) if "companions.csv" in files else None
 
     def __len__(self) -> int:
         return self.count
@@ -150,13 +150,13 @@ class _DiskTicks:
         return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 
 
-def read_robot_detections(folder: Path, setup: Setup, count: int) -> dict[tuple[int, str], RobotDetections]:
-    """Read the detections of other robots: (frame, camera) → detections. Views without detections have no entry.
+def read_robot_detections(path: Path, setup: Setup, frames: range) -> dict[tuple[int, str], RobotDetections]:
+    """Read a table of other robots that are seen: (frame, camera) → detections. Views without detections have no entry.
 
-    count: number of frames. Raises ValueError with the path for invalid rows, robots without a camera, and robots that detect themselves.
+    frames: those that there are. Raises ValueError with the path for invalid rows, robots without a camera, and robots that detect themselves.
     """
-    path, found = folder / "companions.csv", dict[tuple[int, str], list[dict[str, Any]]]()
-    known = {"frame": range(count), "camera": setup.mounts, "robot": setup.starts}
+    found = dict[tuple[int, str], list[dict[str, Any]]]()
+    known = {"frame": frames, "camera": setup.mounts, "robot": setup.starts}
     for k, rows in rows_by_frame(path, ROBOT_DETECTIONS, ("camera", "robot"), known).items():
         for row in rows:
             found.setdefault((k, row["camera"]), []).append(row)

@@ -47,7 +47,7 @@ from tracker.sequence.schema import (
     people_columns,
 )
 from tracker.sequence.truth_tables import box_rows, camera_row, joint_rows, keypoint_rows
-from tracker.types import Odometry, SensorSamples, SensorSetup, Setup, Tick, Truth, View, ViewTruth
+from tracker.types import Odometry, RobotDetections, SensorSamples, SensorSetup, Setup, Tick, Truth, View, ViewTruth
 
 LARGE = 250_000
 """A table with more values than this is also written as NPZ."""
@@ -103,6 +103,12 @@ class Layers:
 def view_name(camera: str, frame: int) -> str:
     """The name CAMERA/FRAME of the files of a view, without suffix."""
     return f"{camera}/{frame:06d}"
+
+
+def robot_detection_rows(frame: int, camera: str, seen: RobotDetections) -> list[list[Any]]:
+    """The rows of companions.csv of a view."""
+    named = zip(seen.robot, seen.bearing, seen.covariance, strict=True)
+    return [[frame, camera, robot, *map(float, [*b, s[0, 0], s[0, 1], s[1, 1]])] for robot, b, s in named]
 
 
 def odometry_row(frame: int, robot: str, odometry: Odometry) -> list[object]:
@@ -220,8 +226,7 @@ class SequenceWriter:
             self._rows["detections"].append([k, view.camera, *map(float, [*b, *e, c, s[0, 0], s[0, 1], s[1, 1]])])
         if view.robot_detections is not None:
             self._has_robot_detections, seen = True, view.robot_detections
-            for robot, b, s in zip(seen.robot, seen.bearing, seen.covariance, strict=True):
-                self._rows["companions"].append([k, view.camera, robot, *map(float, [*b, s[0, 0], s[0, 1], s[1, 1]])])
+            self._rows["companions"].extend(robot_detection_rows(k, view.camera, seen))
 
     def add_image(self, frame: int, camera: str, image: Image) -> str:
         """Queue the RGB image of a view, for its file and for the video, and return the path of the file."""

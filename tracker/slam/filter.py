@@ -18,6 +18,7 @@ from tracker.ekf.odometry_biases import bias_scale
 from tracker.ekf.state import JointState
 from tracker.geometry import Array, Floats, Indices, Mask, Pose, angles_from_bearing
 from tracker.geometry.cameras import Panorama
+from tracker.slam.constant_velocity import ConstantVelocity
 from tracker.slam.data_association import Matches, associate, identify, on_robots, within_gate
 from tracker.slam.image_features import moved_to_frame, turned_to_frame
 from tracker.slam.landmark_initialization import LandmarkInitializer
@@ -46,6 +47,7 @@ class Slam:
         self._counters: Counter[str] = Counter()
         self._unknown_starts = UnknownStarts(setup, parameters, Slam)
         self._odometry_gap: dict[str, tuple[int, Array]] = {}
+        self._without_odometry = {name: ConstantVelocity(setup.period) for name in setup.starts}
         self._relocalizer = Relocalizer(parameters.relocalization, setup.period)
         self.sighted: dict[str, Sightings] = {}
         self._inflation = np.repeat(parameters.inflation_sigma, 3) ** 2
@@ -158,7 +160,10 @@ class Slam:
                 )
 
     def _predict(self, name: str, views: list[View]) -> None:
-        """Predict by odometry. In a gap the covariance is inflated, because the robot may have stopped or have moved on at its last speed."""
+        """Predict by odometry. In a gap the covariance is inflated, because the robot may have stopped or have moved on at its last speed.
+
+        A robot that never had odometry moves at constant velocity.
+        """
         odometry = next((v.odometry for v in views if v.odometry is not None), None)
         if odometry is not None:
             stated = odometry.covariance
@@ -174,6 +179,9 @@ class Slam:
             self._joint.inflate(self._team[name], (2 * gap + 1) * np.repeat([step[:3].sum(), step[3:].sum()], 3))
             self._odometry_gap[name] = gap + 1, step
             self._counters["no odometry"] += 1
+        elif (guess := self._without_odometry[name].step(self.pose(name))) is not None:
+            self._joint.predict(self._team[name], *guess)
+            self._counters["constant velocity"] += 1
 
     def _with_error_model(self, name: str, odometry: Odometry) -> tuple[Odometry, Array | None]:
         """The odometry with the covariance that prediction needs, and what maps the odometry biases to its tangent.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,3 +109,8 @@ class RobotDetections:
 
     def __len__(self) -> int:
         return len(self.robot)
+
+    def choose(self, robots: Collection[str]) -> RobotDetections:
+        """The detections of these robots alone."""
+        kept = [k for k, robot in enumerate(self.robot) if robot in robots]
+        return self if len(kept) == len(self) else RobotDetections(self.bearing[kept], tuple(self.robot[k] for k in kept), self.covariance[kept])

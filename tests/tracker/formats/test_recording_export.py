@@ -34,6 +34,7 @@ def test_a_sequence_is_read_back(sequence: Path, exported: Exported) -> None:
             np.testing.assert_array_equal(v.image, w.image)
             np.testing.assert_allclose(v.detections.bearing, w.detections.bearing, atol=1e-6)
             np.testing.assert_allclose(v.detections.extent, w.detections.extent, atol=1e-6)
+            np.testing.assert_allclose(v.detections.covariance, w.detections.covariance, rtol=1e-12)
             assert (v.odometry is None) == (w.odometry is None)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from tracker.recordings import FrameBoxes, Recording, RecordingCamera, Recording
 from tracker.recordings.folder import START_SIGMA, read_recording, write_recording
 from tracker.types import Odometry, Start
 
+T = TypeVar("T")
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 BOXES, IMU, ODOMETRY = "vision_msgs/Detection2DArray", "sensor_msgs/Imu", "nav_msgs/Odometry"
 
@@ -137,15 +138,16 @@ class Survey:
         self.paths = {name: OdometryPath(topic) for name, topic in names.items()}
         self.ups = {topic: UpPath(topic) for topic in self.topics.imu}
         self.boxes = {topic: BoxTopic() for topic in self.topics.detections}
-        takers: dict[str, Taker] = {topic: lambda _, message: self.tree.add(message) for topic in self.bag.of_kind(*TRANSFORMS)}
-        takers |= {path.topic: self._growing(path.topic, path.add) for path in self.paths.values()}
-        takers |= {topic: self._growing(topic, up.add) for topic, up in self.ups.items()}
-        takers |= {topic: boxes.add for topic, boxes in self.boxes.items()}
-        if self.topics.exported:
-            takers |= self.truth.takers(self.bag.kinds)
-        for topic, log, message in self.bag.messages(takers):
+        takers: list[tuple[str, Taker]] = [(topic, lambda _, message: self.tree.add(message)) for topic in self.bag.of_kind(*TRANSFORMS)]
+        takers += [(path.topic, self._growing(path.topic, path.add)) for path in self.paths.values()]
+        takers += [(topic, self._growing(topic, up.add)) for topic, up in self.ups.items()]
+        takers += [(topic, boxes.add) for topic, boxes in self.boxes.items()]
+        takers += self.truth.takers(self.bag.kinds) if self.topics.exported else []
+        by_topic = {topic: [take for other, take in takers if other == topic] for topic, _ in takers}
+        for topic, log, message in self.bag.messages(by_topic):
             try:
-                takers[topic](log, message)
+                for take in by_topic[topic]:
+                    take(log, message)
             except ValueError as error:
                 raise ValueError(f"{self.bag.path}: {topic} at {seconds(log)} s: {error}") from None
         self.growing.tell(self.bag.path, self.tell)
@@ -201,17 +203,18 @@ class Survey:
         """The recording without its images, which are copied already."""
         carried = {robot: [n for n, c in self.placed.items() if c.robot == robot] for robot in dict.fromkeys(c.robot for c in self.placed.values())}
         robots = {name: self._robot(name, cameras, times) for name, cameras in carried.items() if name is not None}
-        truth = self.topics.exported
-        grids = self.truth.grids
+        truth, grids, detections = self.topics.exported, self.truth.grids, self._detections(times)
         return Recording(
             times.rate,
             self.placed,
-            self._detections(times),
+            detections,
             self.truth.people_by_frame(times) if truth else None,
             frames=times.count,
             ground=grids.get(GROUND, Flat(self.topics.ground)),
             occluders=grids.get(TOPS),
             robots=robots,
+            covariances=self._of_cameras(self.truth.covariances, times, detections),
+            robot_detections=self._of_cameras(self.truth.robots, times),
             visible=self.truth.visible_by_frame(times),
         )
 
@@ -244,6 +247,18 @@ class Survey:
             if mount is not None and (found := up.up(*stamps.tolist())) is not None:
                 return replace(step, gravity=mount.rotation @ found[0], gravity_sigma=found[1])
         return step
+
+    @staticmethod
+    def _of_cameras(
+        stamped: Mapping[str, Mapping[int, T]], times: FrameTimes, boxes: Mapping[str, FrameBoxes] | None = None
+    ) -> dict[str, dict[int, T]]:
+        """Camera → stamp → value as camera → frame → value, where there are boxes."""
+        out = {
+            name: {times.of_camera(name, stamp): value for stamp, value in of_camera.items()}
+            for name, of_camera in stamped.items()
+            if name in times.stamps
+        }
+        return {name: {f: v for f, v in of.items() if f is not None and (boxes is None or f in boxes.get(name, {}))} for name, of in out.items()}
 
     def _detections(self, times: FrameTimes) -> dict[str, FrameBoxes]:
         """Camera → its boxes by frame. Raises ValueError for boxes in the frame of no camera."""

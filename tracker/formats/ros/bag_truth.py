@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tracker.formats.ros.bag_times import FrameTimes
-from tracker.formats.ros.bag_values import grids_from_map, people_from_markers
+from tracker.formats.ros.bag_values import directions_from_message, grids_from_map, people_from_markers, stamp_of
 from tracker.formats.ros.frame_tree import pose_from_message
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.ground import Grid
+from tracker.types import RobotDetections
 
 PEOPLE, TERRAIN = "/truth/people", "/terrain/map"
-BOXES, POSE, START = "/truth/detections", "/truth/pose", "/initialpose"
+BOXES, SEEN, ROBOTS, POSE, START = "/truth/detections", "/detections", "/robots", "/truth/pose", "/initialpose"
 """Ends of the topics of a camera and of a robot."""
 GROUND, TOPS = "elevation", "obstacles"
 """Layers of the terrain: the ground, and the ground with walls and furniture."""
@@ -27,30 +29,29 @@ Taker = Callable[[int, Any], None]
 class BagTruth:
     """people: time of the log [ns] → ids (k,) and feet (k, 3) m. visible: time → person → the largest share that a camera sees.
 
+    covariances: camera → stamp [ns] → (n, 3) rad²: c00, c01, c11 of its boxes. robots: camera → stamp → other robots that it sees.
     poses: robot → time → T_world_robot. starts: robot → covariance (6, 6) of its start's right tangent. grids: layer of the terrain → height map.
     """
 
     people: dict[int, tuple[Ints, Array]] = field(default_factory=dict)
     visible: dict[int, dict[int, float]] = field(default_factory=dict)
+    covariances: dict[str, dict[int, Array]] = field(default_factory=dict)
+    robots: dict[str, dict[int, RobotDetections]] = field(default_factory=dict)
     poses: dict[str, dict[int, Pose]] = field(default_factory=dict)
     starts: dict[str, Array] = field(default_factory=dict)
     grids: dict[str, Grid] = field(default_factory=dict)
 
-    def takers(self, kinds: Mapping[str, str]) -> dict[str, Taker]:
-        """Topic → what takes its messages, of the topics of a bag."""
-        out: dict[str, Taker] = {}
-        for topic in kinds:
-            name = topic[1:].partition("/")[0]
-            if topic == PEOPLE:
-                out[topic] = self._add_people
-            elif topic == TERRAIN:
-                out[topic] = self._add_terrain
-            elif topic == f"/{name}{BOXES}":
-                out[topic] = self._add_boxes
-            elif topic == f"/{name}{POSE}":
-                out[topic] = self._of_robot(name, self._add_pose)
-            elif topic == f"/{name}{START}":
-                out[topic] = self._of_robot(name, self._add_start)
+    def takers(self, topics: Iterable[str]) -> list[tuple[str, Taker]]:
+        """What takes the messages of the topics of a bag."""
+        whole = {PEOPLE: self._add_people, TERRAIN: self._add_terrain}
+        named = {BOXES: self._add_boxes, SEEN: self._add_covariances, ROBOTS: self._add_robots, POSE: self._add_pose, START: self._add_start}
+        out: list[tuple[str, Taker]] = []
+        for topic in topics:
+            name, _, end = topic[1:].partition("/")
+            if topic in whole:
+                out.append((topic, whole[topic]))
+            elif f"/{end}" in named:
+                out.append((topic, partial(named[f"/{end}"], name)))
         return out
 
     def _add_people(self, log: int, message: Any) -> None:
@@ -59,14 +60,20 @@ class BagTruth:
     def _add_terrain(self, _: int, message: Any) -> None:
         self.grids = grids_from_map(message)
 
-    def _add_boxes(self, log: int, message: Any) -> None:
+    def _add_covariances(self, name: str, _: int, message: Any) -> None:
+        covariance = directions_from_message(message)[1]
+        self.covariances.setdefault(name, {})[stamp_of(message)] = covariance.reshape(-1, 4)[:, [0, 1, 3]]
+
+    def _add_robots(self, name: str, _: int, message: Any) -> None:
+        bearing, covariance = directions_from_message(message)
+        names = tuple(detection.id for detection in message.detections)
+        self.robots.setdefault(name, {})[stamp_of(message)] = RobotDetections(bearing, names, covariance)
+
+    def _add_boxes(self, _: str, log: int, message: Any) -> None:
         shares = self.visible.setdefault(log, {})
         for detection in message.detections:
             person, share = int(detection.id), float(detection.results[0].hypothesis.score)
             shares[person] = max(share, shares.get(person, 0.0))
-
-    def _of_robot(self, name: str, add: Callable[[str, int, Any], None]) -> Taker:
-        return lambda log, message: add(name, log, message)
 
     def _add_pose(self, name: str, log: int, message: Any) -> None:
         self.poses.setdefault(name, {})[log] = pose_from_message(message.pose.position, message.pose.orientation)

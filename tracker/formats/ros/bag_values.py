@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.geometry import Array, Ints
-from tracker.geometry.cameras import Camera, Cylinder, Fisheye, Panorama, Pinhole
+from tracker.geometry import Array, Ints, tangent_basis
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera, Cylinder, Fisheye, Panorama, Pinhole
 from tracker.geometry.ground import Grid
 from tracker.io.image_files import PNG, encoded, image_size
 
@@ -107,6 +107,15 @@ def boxes_from_message(message: Any) -> tuple[Array, Array]:
         boxes.append([centre.x - box.size_x / 2, centre.y - box.size_y / 2, box.size_x, box.size_y])
         scores.append(max((getattr(r, "hypothesis", r).score for r in detection.results), default=1.0))
     return np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(scores, dtype=np.float64)
+
+
+def directions_from_message(message: Any) -> tuple[Array, Array]:
+    """Detection2DArray of our own export → directions (n, 3) of unit length in the camera's frame, and covariances (n, 2, 2) rad²."""
+    poses = [detection.results[0].pose for detection in message.detections]
+    bearing = np.array([[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in poses]).reshape(-1, 3) @ OPTICAL_FROM_CAMERA
+    spread = np.array([p.covariance for p in poses]).reshape(-1, 6, 6)[:, :3, :3]
+    basis = tangent_basis(bearing) @ OPTICAL_FROM_CAMERA.T
+    return bearing, np.asarray(basis @ spread @ np.swapaxes(basis, 1, 2))
 
 
 def people_from_markers(message: Any) -> tuple[Ints, Array]:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from tracker.formats.camera_parameters import CameraParameters
-from tracker.geometry import Array, Pose, quaternion_from_rotation, skew
-from tracker.geometry.cameras import Camera
+from tracker.geometry import Array, Pose, quaternion_from_rotation, skew, tangent_basis
+from tracker.geometry.cameras import OPTICAL_FROM_CAMERA, Camera
 from tracker.geometry.ground import Grid
-from tracker.types import Start
+from tracker.types import RobotDetections, Start
 
 Message = dict[str, Any]
 GRAVITY = 9.81
@@ -154,16 +154,42 @@ def wheels_message(names: Iterable[str], angles: Array, stamp: int, frame: str) 
     return {"header": header(stamp, frame), "name": list(names), "position": angles.tolist()}
 
 
-def detections_message(boxes: Array, scores: Array, ids: Iterable[str], stamp: int, frame: str) -> Message:
-    """Detection2DArray of people. boxes (n, 4): left, top, width, height px from the image's corner. scores (n,). ids: n texts."""
-    top = header(stamp, frame)
+def detections_message(boxes: Array, scores: Array, ids: Iterable[str], top: Message, directions: list[Message] | None = None) -> Message:
+    """Detection2DArray of people. boxes (n, 4): left, top, width, height px from the image's corner. scores (n,). ids: n texts.
+
+    top: its header. directions: PoseWithCovariance of each box, as direction_messages makes them.
+    """
     detections = [
         {
             "header": top,
-            "results": [{"hypothesis": {"class_id": "person", "score": score}}],
+            "results": [{"hypothesis": {"class_id": "person", "score": score}, "pose": pose}],
             "bbox": {"center": {"position": {"x": left + width / 2 - 0.5, "y": up + height / 2 - 0.5}}, "size_x": width, "size_y": height},
             "id": name,
         }
-        for (left, up, width, height), score, name in zip(boxes.tolist(), scores.tolist(), ids, strict=True)
+        for (left, up, width, height), score, name, pose in zip(boxes.tolist(), scores.tolist(), ids, directions or [{}] * len(boxes), strict=True)
     ]
     return {"header": top, "detections": detections}
+
+
+def direction_messages(bearing: Array, covariance: Array) -> list[Message]:
+    """PoseWithCovariance of directions (n, 3) of unit length in the camera's frame, x ahead; covariance (n, 2, 2) rad² in their tangent planes.
+
+    Places and their covariances are along the axes of the optical frame.
+    """
+    basis = tangent_basis(bearing) @ OPTICAL_FROM_CAMERA.T
+    out = []
+    for place, spread in zip(bearing @ OPTICAL_FROM_CAMERA.T, np.swapaxes(basis, 1, 2) @ covariance @ basis, strict=True):
+        full = np.zeros((6, 6))
+        full[:3, :3] = spread
+        out.append({"pose": {"position": vector(place)}, "covariance": full.ravel().tolist()})
+    return out
+
+
+def robots_message(seen: RobotDetections, pixels: Array, top: Message) -> Message:
+    """Detection2DArray of other robots: points without a size at `pixels` (n, 2), and directions. top: its header."""
+    message = detections_message(
+        np.column_stack([pixels, np.zeros_like(pixels)]), np.ones(len(seen)), seen.robot, top, direction_messages(seen.bearing, seen.covariance)
+    )
+    for detection in message["detections"]:
+        detection["results"][0]["hypothesis"]["class_id"] = "robot"
+    return message

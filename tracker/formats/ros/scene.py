@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -21,12 +21,14 @@ from tracker.formats.ros.messages import (
     composed_covariance,
     compressed_image,
     detections_message,
+    direction_messages,
     fixed_axes,
     header,
     imu_message,
     map_message,
     odometry_message,
     pose_message,
+    robots_message,
     start_message,
     transform,
     up_message,
@@ -35,7 +37,7 @@ from tracker.formats.ros.messages import (
 from tracker.geometry import Array, Pose
 from tracker.geometry.ground import Grid
 from tracker.sequence.schema import WHEEL_NAMES
-from tracker.types import Odometry
+from tracker.types import Detections, Odometry
 
 WORLD = "world"
 IMAGE_MARKER = "visualization_msgs/ImageMarker"
@@ -59,6 +61,7 @@ for `ros2 bag play` to offer the boxes. Ten lines of Python read it (pip install
 | /CAMERA/image/compressed | sensor_msgs/CompressedImage | the sequence's own JPEG or PNG, in CAMERA/optical |
 | /CAMERA/camera_info | sensor_msgs/CameraInfo | calibration, with each image |
 | /CAMERA/detections | vision_msgs/Detection2DArray | boxes [px] of the detector, score: its confidence |
+| /CAMERA/robots | vision_msgs/Detection2DArray | other robots that it sees, as points [px] without a size; id: the robot |
 | /CAMERA/truth/detections | vision_msgs/Detection2DArray | boxes [px] of what is seen, id: the person's, score: visible share of the body |
 | /CAMERA/detections/markers, /CAMERA/truth/detections/markers | visualization_msgs/ImageMarker | the same boxes as lines on the image |
 | /ROBOT/odom | nav_msgs/Odometry | odometry from the start: ROBOT/odom → ROBOT/base_link as the robot believes |
@@ -77,6 +80,7 @@ Times [ns] are --epoch (0 where it was not given) · 10⁹ + frame · period, fr
 images, calibrations, detections, odometry, IMU and wheels have the times of the clock of their camera or robot, and the log has true times.
 world: right-handed, z up, metres. base_link and camera: x forward, y left, z up; optical: x right, y down, z ahead. A transform maps points of the
 child to the parent.
+Detections and robots: pose is the unit direction of the box's middle along the axes of CAMERA/optical, its covariance that of the direction [rad²].
 Boxes: centre and size [px]; the first pixel's centre is (0, 0). In a panorama a box over the seam passes the right edge.
 odom: pose.covariance is that of the odometry alone, summed from the start, along and about the axes of ROBOT/odom [m, rad]. Twist: the motion
 since the frame before over the period [m/s, rad/s], along the axes of the body before it. ROBOT/odom is the start pose that is known; a robot
@@ -272,16 +276,23 @@ class BagScene:
             yield Topic(f"/{name}/image/compressed", "sensor_msgs/CompressedImage"), image
         yield Topic(f"/{name}/camera_info", "sensor_msgs/CameraInfo"), camera_info(self.recording.cameras[camera], stamp, optical)
         boxes, confidence = self.recording.detection_boxes(frame, camera)
-        given = detections_message(boxes, confidence, [""] * len(boxes), stamp, optical)
+        found = self.recording.detections.get((frame, camera), Detections.none())
+        directions = direction_messages(found.bearing, found.covariance)
+        given = detections_message(boxes, confidence, [""] * len(boxes), header(stamp, optical), directions)
         white = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 0.8}
         turn = self.recording.cameras[camera].width if self.recording.cameras[camera].wraps else np.inf
         yield Topic(f"/{name}/detections", "vision_msgs/Detection2DArray"), given
         yield Topic(f"/{name}/detections/markers", IMAGE_MARKER), boxes_marker(boxes, [white] * len(boxes), turn, stamp, optical)
+        if (frame, camera) in self.recording.robot_detections:
+            others = self.recording.robot_detections[frame, camera]
+            others = replace(others, robot=tuple(self.robots[robot] for robot in others.robot))
+            pixels = self.recording.cameras[camera].pixels_from_bearings(others.bearing)[0] + 0.5 - self.recording.cameras[camera].pixel_centre
+            yield Topic(f"/{name}/robots", "vision_msgs/Detection2DArray"), robots_message(others, pixels, header(stamp, optical))
         if (frame, camera) in self.recording.views:
             true = self.recording.views[frame, camera].boxes
             seen = true.visible > 0
             edges, people = ltwh_from_edges(true.seen[seen]), true.person[seen].tolist()
-            message = detections_message(edges, true.visible[seen], map(str, people), self.stamps[frame], optical)
+            message = detections_message(edges, true.visible[seen], map(str, people), header(self.stamps[frame], optical))
             yield Topic(f"/{name}/truth/detections", "vision_msgs/Detection2DArray"), message
             # Foxglove draws markers of the image's own time.
             marker = boxes_marker(edges, [person_color(person) for person in people], turn, stamp, optical)

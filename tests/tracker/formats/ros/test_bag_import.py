@@ -7,14 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
+from tests.tracker import sequences
 from tests.tracker.formats.ros.robot_bag import COMPRESSED, EPOCH, FORMS, HEIGHT, MOUNT, WIDTH, RobotBag, Row, image_message, jpeg_message, pose_at
+from tracker.formats.exporting import export
+from tracker.formats.opening import open_sequence
 from tracker.formats.ros.bag import message_types
 from tracker.formats.ros.bag_import import BagTopics, read_bag
 from tracker.formats.ros.bag_reader import bag_text, summarize_bag
 from tracker.formats.ros.messages import header
+from tracker.formats.source_options import SourceOptions
 from tracker.geometry.cameras import Panorama
+from tracker.metrics.evaluation import evaluate
+from tracker.pipeline import track
+from tracker.sequence.reader import read_sequence
+from tracker.sequence.results import Results
 
 PANORAMA = BagTopics({"/pano/image_raw": "panorama"}, ("/odom",), ("/imu",))
 
@@ -185,3 +193,99 @@ def test_without_rosbags_one_line_says_what_to_install(tmp_path: Path, monkeypat
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(ValueError, match=r"bags need rosbags: pip install 'pilsim\[ros\]'"):
         summarize_bag(bag)
+
+
+@pytest.fixture(scope="module")
+def again(exported: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of the bag of the plaza."""
+    bag, out = exported("mcap") / "plaza", tmp_path_factory.mktemp("again") / "plaza"
+    read_bag(bag, BagTopics.of_export(bag), out)
+    return out
+
+
+def test_our_own_export_is_tracked_and_scored_as_the_sequence(sequence: Path, again: Path) -> None:
+    """The same ids, places to 1 mm, and the same scores, of people and of the robot."""
+    one, other = read_sequence(sequence), open_sequence(again)
+    tracked, retracked = (Results.of(track(s.setup, s.ticks), run={}) for s in (one, other))
+    assert sum(len(ids) for ids, _ in tracked.tracks.values()) >= 6
+    for frame, (ids, places) in tracked.tracks.items():
+        assert_array_equal(retracked.tracks[frame][0], ids)
+        assert_allclose(retracked.tracks[frame][1], places, atol=1e-3)
+    scores, rescored = evaluate(one, tracked), evaluate(other, retracked)
+    assert rescored["targets"] == pytest.approx(scores["targets"], abs=1e-3)
+    assert rescored["robots"]["ate_m"] == pytest.approx(scores["robots"]["ate_m"], abs=1e-3)
+    for s, t in zip(one.truth or (), other.truth or (), strict=True):
+        assert_array_equal(s.person_id, t.person_id)
+        assert_allclose(s.visible.max(axis=1), t.visible.max(axis=1), atol=1e-6)
+
+
+def test_the_images_of_our_own_export_are_the_same_files(sequence: Path, again: Path) -> None:
+    for file in (sequence / "images" / "robot_0_camera").iterdir():
+        copy = again / "images" / "robot_0_camera" / f"{int(file.stem) + 1:06d}{file.suffix}"
+        assert copy.read_bytes() == file.read_bytes()
+
+
+def test_pictures_and_odometry_of_our_own_export_alone(sequence: Path, exported: Callable[[str], Path], tmp_path: Path) -> None:
+    """As the sequence without its boxes and terrain: the same images, odometry, mounts and start; no truth is read."""
+    topics = BagTopics({"/robot_0_camera/image/compressed": "", "/view_1/image/compressed": "pinhole"}, ("/robot_0/odom",), ("/robot_0/up",))
+    recording = read_bag(exported("mcap") / "plaza", topics, tmp_path / "out")
+    assert recording.truth is None
+    assert recording.robots["robot_0"].truth is None
+    one, other = read_sequence(sequence), recording.sequence(images=True)
+    assert list(other.setup.mounts) == ["robot_0_camera", "view_1"]
+    start, expected = other.setup.starts["robot_0"], one.setup.starts["robot_0"]
+    assert start is not None
+    assert expected is not None
+    assert_allclose((start.T_world_robot.inverse() @ expected.T_world_robot).log(), 0, atol=1e-9)
+    for a, b in zip(one.ticks, other.ticks, strict=True):
+        for v in b.views:
+            w = next(w for w in a.views if w.camera == v.camera)
+            assert v.image is not None
+            assert_array_equal(v.image, w.image)
+            assert (v.odometry is None) == (w.odometry is None)
+            if v.odometry is not None and w.odometry is not None:
+                assert_allclose((v.odometry.T_before_now.inverse() @ w.odometry.T_before_now).log(), 0, atol=1e-9)
+                assert_allclose(v.odometry.covariance, w.odometry.covariance, rtol=1e-6, atol=1e-15)
+                assert_allclose(v.odometry.gravity, w.odometry.gravity, atol=1e-9)
+
+
+def test_another_bag_is_no_export(tmp_path: Path) -> None:
+    bag = RobotBag().write(tmp_path / "walk")
+    with pytest.raises(ValueError, match="has no /truth/people and /CAMERA/camera_info, needs a bag of `pilsim export --format mcap`"):
+        BagTopics.of_export(bag)
+
+
+def test_a_robot_without_odometry_is_said(tmp_path: Path) -> None:
+    notes: list[str] = []
+    bag = RobotBag().write(tmp_path / "walk")
+    recording = read_bag(bag, BagTopics({"/pano/image_raw": "panorama"}), tmp_path / "out", notes.append)
+    assert recording.cameras["pano"].robot == "robot"
+    assert recording.robots["robot"].odometry == {}
+    assert notes == ["robot: no odometry, so that motion is predicted at constant velocity and lengths have no scale"]
+    sequence = recording.sequence()
+    last = list(track(sequence.setup, sequence.ticks))[-1]
+    assert last.counters["constant velocity"] == 10
+    assert last.T_world_robot["robot"].translation[0] > 0.3
+
+
+@pytest.mark.parametrize("form", ["mcap", "recording"])
+def test_robots_that_see_each_other_and_covariances_are_kept(tmp_path: Path, form: str) -> None:
+    """Through a bag, and through a recording; two robots of which only the views know each other."""
+    sequences.write(tmp_path / "pair")
+    export(tmp_path / "pair", form, tmp_path / "out")
+    folder = tmp_path / "out" / "pair"
+    if form == "mcap":
+        read_bag(folder, BagTopics.of_export(folder), tmp_path / "again")
+        folder = tmp_path / "again"
+    one, other = read_sequence(tmp_path / "pair"), open_sequence(folder)
+    for a, b in zip(one.ticks, other.ticks, strict=True):
+        for v, w in zip(a.views, b.views, strict=True):
+            assert v.robot_detections is not None
+            assert w.robot_detections is not None
+            assert v.robot_detections.robot == w.robot_detections.robot
+            assert_allclose(v.robot_detections.bearing, w.robot_detections.bearing, atol=1e-12)
+            assert_allclose(v.robot_detections.covariance, w.robot_detections.covariance, atol=1e-18)
+            assert_allclose(v.detections.bearing, w.detections.bearing, atol=1e-9)
+            assert_allclose(v.detections.covariance, w.detections.covariance, atol=1e-15)
+    only = open_sequence(folder, SourceOptions.parse(cameras="robot_1_camera"))
+    assert all(not view.robot_detections for tick in only.ticks for view in tick.views)
