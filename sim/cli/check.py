@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,10 +30,12 @@ class Check:
 
     Another source with fixed cameras is a recording of one's own, WILDTRACK or
     PETS 2009, for instance. The command prints a line a camera, and what looks wrong.
-    It tells of units (mm, cm), of R or t in the other direction, of frames that are
-    numbered otherwise, and of swapped cameras.
+    It tells of units (mm, cm), of R or t in the other direction, of camera axes, of
+    boxes of other or mirrored images, of frames that are numbered otherwise, of frames
+    without boxes, of swapped cameras, and of images that do not fit the boxes.
 
-    The exit code is 0 where nothing is wrong, else 2.
+    The exit code is 0 where nothing is wrong, and 2 where an error is named. It is 1
+    where the boxes fit nothing and no error is known that explains it.
 
     Examples: pilsim check D
               pilsim check D/pilsun-00000 --json
@@ -102,6 +105,9 @@ class Check:
             draw_calibration(recording, report, self.picture)
             if not self.json:
                 print(f"wrote {self.picture}")
+        if report.unexplained:
+            print(f"{self.source}: something is wrong, and no known error explains it", file=sys.stderr)
+            sys.exit(1)
         if count := len(report.findings):
             raise ValueError(f"{self.source}: {count} thing{'s' * (count > 1)} look{'s' * (count == 1)} wrong")
         if not self.json:

@@ -109,7 +109,7 @@ class Track:
         if self.detector == "simulated" and format_of(self.source).name != PILSIM and part.project is None:
             part = replace(part, project="")
         options = part.options(self.extraction.images, pixels)
-        sequence = open_sequence(self.source, options)
+        sequence = open_sequence(self.source, options, checked=True)
         if pixels:
             # The network is checked before the work, and the run names it.
             model = PersonNetwork(self.model).checksum

@@ -13,7 +13,7 @@ from tracker.detector_models.model import Model
 from tracker.detector_models.observations import true_people
 from tracker.detector_models.shared_errors import SharedErrors, agreed, drawn
 from tracker.detector_models.simulation import simulated_detections
-from tracker.formats.opening import open_recording
+from tracker.formats.opening import open_recording, say_suspicion
 from tracker.formats.source_options import SourceOptions
 from tracker.recordings import Recording
 
@@ -60,6 +60,7 @@ def open_halves(path: Path, options: SourceOptions, fit_frames: Frames | None = 
     Raises ValueError, with the path, for a recording without truth, for cameras on robots, and for parts that are not there.
     """
     whole = open_recording(path, options)
+    say_suspicion(path, whole)
     if moving := [name for name, camera in whole.cameras.items() if camera.robot is not None]:
         raise ValueError(f"{path}: camera {moving[0]} is on a robot, needs cameras that stand still; --cameras chooses some")
     first = options.frames[0] if options.frames is not None else 0

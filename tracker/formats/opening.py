@@ -15,7 +15,9 @@ from tracker.formats.source_options import SourceOptions, camera_named
 from tracker.formats.table import PILSIM, SOURCES, UTIAS, Format, is_sequence
 from tracker.io.picture_folders import content_checksum
 from tracker.io.resume import checksum
+from tracker.io.time_order import say
 from tracker.recordings import FrameBoxes, Recording
+from tracker.recordings.calibration_check import suspicion
 from tracker.recordings.degradation import Degradation, degraded_boxes, noisy_boxes, projected_boxes
 from tracker.recordings.folder import read_boxes
 from tracker.recordings.images import VideoFile
@@ -66,8 +68,11 @@ def open_recording(path: Path, options: SourceOptions | None = None, strict: boo
     return _with_options(path, recording, options)
 
 
-def open_sequence(path: Path, options: SourceOptions | None = None) -> Sequence:
-    """Open a folder of any format as the tracker takes it. Raises ValueError as open_recording, and for UTIAS sets, which have no cameras."""
+def open_sequence(path: Path, options: SourceOptions | None = None, checked: bool = False) -> Sequence:
+    """Open a folder of any format as the tracker takes it. checked: whether a line tells where `pilsim check` finds that boxes fit nothing.
+
+    Raises ValueError as open_recording, and for UTIAS sets, which have no cameras.
+    """
     options, form = options or SourceOptions(), format_of(path)
     if form.name == UTIAS:
         raise ValueError(f"{path}: is {form.title}, which has robots and no cameras; `track` and `score` read it")
@@ -78,10 +83,18 @@ def open_sequence(path: Path, options: SourceOptions | None = None) -> Sequence:
     recording = open_recording(path, options)
     if options.pixels:
         recording = _of_images(path, recording)
+    elif checked:
+        say_suspicion(path, recording)
     try:
         return recording.sequence(options.images)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def say_suspicion(path: Path, recording: Recording) -> None:
+    """Log in one line where `pilsim check` would say that the boxes of a recording fit nothing, or that frames have no boxes."""
+    if found := suspicion(recording):
+        say(f"{path}: something is wrong with the input ({found}); `pilsim check {path}` tells more")
 
 
 def images_checksum(path: Path, options: SourceOptions) -> str:

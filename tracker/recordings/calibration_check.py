@@ -1,6 +1,7 @@
 """The check of a recording's calibration: figures of each fixed camera, and likely errors in words.
 
-It tells whether units, the direction of R and t, frame numbers, or the order of cameras look wrong: calibration_errors.py and calibration_timing.py.
+It tells whether units, the direction of R and t, boxes, frame numbers, or the order of cameras look wrong: calibration_errors.py and
+calibration_timing.py. What none of these explains is told by the table itself: calibration_verdict.py.
 Without truth, three errors cannot be seen: frames of all detections against the truth, units of the truth, and all frames of another video.
 Where people stand still, no error of frames can be seen.
 """
@@ -20,11 +21,13 @@ from tracker.recordings.calibration_errors import (
     Finding,
     swapped_cameras,
     wrong_area_unit,
+    wrong_boxes,
     wrong_extrinsics,
     wrong_truth_unit,
 )
 from tracker.recordings.calibration_feet import CalibrationCase, Reference
 from tracker.recordings.calibration_timing import shifted_frames, stretched_frames
+from tracker.recordings.calibration_verdict import doubts
 from tracker.recordings.recording import Recording, RecordingCamera
 
 MOST_FINDINGS = 6
@@ -36,14 +39,27 @@ ABSENT = 1e6
 """m: distances of feet are told up to this."""
 
 STEPS: tuple[Callable[[CalibrationCase], Corrected | None], ...] = (
-    wrong_extrinsics,
+    lambda case: _that_mends(case, wrong_extrinsics, alone=True),
+    lambda case: _that_mends(case, wrong_boxes) if doubts(case) else None,
     wrong_truth_unit,
     swapped_cameras,
     stretched_frames,
-    shifted_frames,
+    lambda case: _that_mends(case, shifted_frames),
     wrong_area_unit,
 )
 """Tests, in this order. What one finds is corrected before the next."""
+UNEXPLAINED = "unexplained"
+"""Kind of a finding that no named error explains."""
+
+
+def _that_mends(case: CalibrationCase, test: Callable[[CalibrationCase], Corrected | None], alone: bool = False) -> Corrected | None:
+    """What a test finds, if its cameras are then right: something else may look like it.
+
+    alone: by figures of these cameras alone, as others and the truth may have errors, too.
+    """
+    found = test(case)
+    concerned = set(found[0].cameras or case.lenses) if found else set()
+    return None if found is None or any(concerned & set(cameras) for cameras, _ in doubts(found[1], alone)) else found
 
 
 @dataclass(frozen=True)
@@ -74,11 +90,19 @@ class CameraCheck:
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """cameras: figures of the fixed cameras. moving: names of cameras on robots, which are not checked. findings: likely errors."""
+    """cameras: figures of the fixed cameras. moving: names of cameras on robots, which are not checked. findings: likely errors.
+
+    Findings of the kind UNEXPLAINED are figures that no right recording shows, after all named errors are corrected.
+    """
 
     cameras: tuple[CameraCheck, ...]
     moving: tuple[str, ...]
     findings: tuple[Finding, ...]
+
+    @property
+    def unexplained(self) -> tuple[Finding, ...]:
+        """The findings without a name."""
+        return tuple(finding for finding in self.findings if finding.kind == UNEXPLAINED)
 
     def to_json(self) -> dict[str, Any]:
         """As `pilsim check --json` prints it: the fields by their names."""
@@ -104,7 +128,7 @@ class CalibrationReport:
             )
         if self.moving:
             out.append(f"{', '.join(self.moving)}: on robots, not checked")
-        return out + [f"looks wrong: {finding.words}" for finding in self.findings]
+        return out + [f"{'something is wrong' if one.kind == UNEXPLAINED else 'looks wrong'}: {one.words}" for one in self.findings]
 
 
 def _short(value: float) -> str:
@@ -133,7 +157,13 @@ def _findings(case: CalibrationCase) -> list[Finding]:
             break
         found.append(corrected[0])
         case = corrected[1]
-    return found + _below_ground(case)
+    return [*found, *_below_ground(case), *(Finding(UNEXPLAINED, cameras, words) for cameras, words in doubts(case))]
+
+
+def suspicion(recording: Recording) -> str:
+    """One line on what no right recording shows; "" where nothing speaks against it. It takes a fraction of the time of all tests."""
+    case = CalibrationCase.of(recording)
+    return "; ".join([*(words for _, words in doubts(case)), *(finding.words for finding in _below_ground(case))])
 
 
 def _below_ground(case: CalibrationCase) -> list[Finding]:

@@ -1,4 +1,5 @@
-"""Errors of extrinsics that people make: units, the direction of R and t, cameras swapped. Each is tested by the correction that it needs.
+"""Errors of cameras and boxes that people make: units, the direction of R and t, axes, sizes of images, cameras swapped. Each is tested by the
+correction that it needs.
 
 A correction is reported where it is clearly better than the calibration as given, and that one is bad. Two figures say so.
 The first is the nearness of feet to true people or, without truth, to the feet of other cameras.
@@ -7,7 +8,7 @@ The second is the share of boxes with the height of a person.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import combinations
@@ -17,6 +18,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tracker.geometry import Array
+from tracker.geometry.camera_protocol import Camera
 from tracker.geometry.ground import inside_area
 from tracker.recordings.calibration_feet import CalibrationCase, Extrinsics, Nearness, Reference, nearness, reference_of
 
@@ -29,8 +31,8 @@ LEAST_TALL = 0.2
 LEAST_BOXES = 20
 MOST_CAMERAS = 12
 """Up to so many cameras all pairs are compared, else those that agree badly."""
-MM, CM = 1e-3, 1e-2
-UNITS = {MM: "millimetres", CM: "centimetres"}
+UNITS = {1e-3: ("mm", "millimetres"), 1e-2: ("cm", "centimetres"), 0.1: ("dm", "decimetres")}
+"""m → short and long name."""
 AREA_RATIO = (0.2, 5.0)
 """Bounds of the side of the area over that of the places of people."""
 TOO_WIDE = 30.0
@@ -49,54 +51,69 @@ class Finding:
 Corrected = tuple[Finding, CalibrationCase]
 
 
-def _given(e: Extrinsics) -> Extrinsics:
-    return e
-
-
-def _transposed(e: Extrinsics) -> Extrinsics:
-    return e[0].T, e[1]
-
-
-def _from_centre(e: Extrinsics) -> Extrinsics:
-    return e[0], -e[0] @ e[1]
-
-
-def _inverted(e: Extrinsics) -> Extrinsics:
-    return e[0].T, -e[0].T @ e[1]
-
-
-FORMS: dict[str, tuple[Callable[[Extrinsics], Extrinsics], str]] = {
-    "": (_given, ""),
-    "rotation-transposed": (_transposed, "R is transposed (it turns camera axes into world axes)"),
-    "translation-is-centre": (_from_centre, "t is the place of the camera c, and needs to be -R c"),
-    "camera-to-world": (_inverted, "R and t lead from camera to world, and need to be R^T and -R^T t"),
-}
-"""Kind → the correction of the extrinsics, and what it says."""
+def _as_given(case: CalibrationCase, names: Iterable[str]) -> CalibrationCase:
+    return case
 
 
 @dataclass(frozen=True)
 class Correction:
-    """A correction of extrinsics: the form, a key of FORMS, and the scale of t."""
+    """A correction of some cameras. kind: short name. words: what is wrong. apply: (case, names of cameras) → the corrected case."""
 
-    form: str
-    scale: float = 1.0
-
-    def apply(self, extrinsics: Extrinsics) -> Extrinsics:
-        R, t = FORMS[self.form][0](extrinsics)
-        return R, t * self.scale
-
-    @property
-    def kind(self) -> str:
-        return "+".join(part for part in (self.form, {MM: "units-mm", CM: "units-cm"}.get(self.scale, "")) if part)
-
-    @property
-    def words(self) -> str:
-        unit = f"t is in {UNITS[self.scale]}, and needs to be in metres" if self.scale in UNITS else ""
-        return "; ".join(part for part in (FORMS[self.form][1], unit) if part)
+    kind: str = ""
+    words: str = ""
+    apply: Callable[[CalibrationCase, Iterable[str]], CalibrationCase] = _as_given
 
 
-CORRECTIONS = tuple(Correction(form, scale) for scale in (1.0, MM, CM) for form in FORMS if form or scale != 1.0)
-AS_GIVEN = Correction("")
+OPENGL = np.diag([1.0, -1.0, -1.0])
+"""From the camera axes of OpenGL and Blender (right, up, backward) to ours (right, down, ahead)."""
+FORMS: dict[str, tuple[Callable[[Array, Array], Extrinsics], str]] = {
+    "": (lambda R, t: (R, t), ""),
+    "rotation-transposed": (lambda R, t: (R.T, t), "R is transposed (it turns camera axes into world axes)"),
+    "translation-is-centre": (lambda R, t: (R, -R @ t), "t is the place of the camera c, and needs to be -R c"),
+    "camera-to-world": (lambda R, t: (R.T, -R.T @ t), "R and t lead from camera to world, and need to be R^T and -R^T t"),
+    "opengl-axes": (lambda R, t: (OPENGL @ R, OPENGL @ t), "the camera's axes are OpenGL's (y up, z backward), and need to be y down, z ahead"),
+    "opengl-camera-to-world": (
+        lambda R, t: (OPENGL @ R.T, -OPENGL @ R.T @ t),
+        "R and t lead from a camera with OpenGL's axes (y up, z backward) to the world; with G = diag(1, -1, -1) they need to be G R^T and -G R^T t",
+    ),
+}
+"""Kind → the correction of the extrinsics, and what it says."""
+
+
+def _of_extrinsics(form: str, scale: float) -> Correction:
+    change, words = FORMS[form]
+
+    def apply(case: CalibrationCase, names: Iterable[str]) -> CalibrationCase:
+        changed = {name: change(*case.extrinsics[name]) for name in names}
+        return case.with_extrinsics({name: (R, t * scale) for name, (R, t) in changed.items()})
+
+    kind = "+".join(part for part in (form, f"units-{UNITS[scale][0]}" if scale in UNITS else "") if part)
+    unit = f"t is in {UNITS[scale][1]}, and needs to be in metres" if scale in UNITS else ""
+    return Correction(kind, "; ".join(part for part in (words, unit) if part), apply)
+
+
+def _of_boxes(kind: str, words: str, change: Callable[[Array, Camera], Array]) -> Correction:
+    return Correction(kind, words, lambda case, names: case.with_changed_boxes(names, change))
+
+
+def _of_width(width: int) -> Correction:
+    words = f"boxes are of images {width} px wide, and need to be of those of the calibration"
+    return _of_boxes("boxes-of-other-size", words, lambda box, lens: box * (lens.width / width))
+
+
+AS_GIVEN = Correction()
+EXTRINSICS = tuple(_of_extrinsics(form, scale) for scale in (1.0, *UNITS) for form in FORMS if form or scale != 1.0)
+BOXES = (
+    _of_boxes("boxes-in-shares", "boxes are shares of the image, and need to be in pixels", lambda b, lens: b * ([lens.width, lens.height] * 2)),
+    _of_boxes(
+        "boxes-mirrored",
+        "boxes are of mirrored images",
+        lambda b, lens: np.column_stack([lens.width - b[:, 0] - b[:, 2], b[:, 1:]]),
+    ),
+    _of_boxes("boxes-of-half-size", "the calibration is of images twice the size of those with the boxes", lambda b, _: 2.0 * b),
+    _of_boxes("boxes-of-twice-the-size", "the calibration is of images half the size of those with the boxes", lambda b, _: b / 2),
+    *(_of_width(width) for width in (320, 416, 512, 640, 800, 960, 1024, 1280, 1920, 3840)),
+)
 
 
 @dataclass(frozen=True)
@@ -125,32 +142,41 @@ def better(near: Nearness, given: Nearness) -> bool:
 
 def wrong_extrinsics(case: CalibrationCase) -> Corrected | None:
     """The correction of R and t that is clearly better, with the cameras that need it."""
-    found = _by_truth(case) if case.truth is not None else _by_agreement(case)
-    found = found or _by_heights(case)
+    return _corrected(case, EXTRINSICS)
+
+
+def wrong_boxes(case: CalibrationCase) -> Corrected | None:
+    """The correction of boxes that is clearly better: other units, mirrored images, or images of another size."""
+    return _corrected(case, BOXES)
+
+
+def _corrected(case: CalibrationCase, corrections: Corrections) -> Corrected | None:
+    found = _by_truth(case, corrections) if case.truth is not None else _by_agreement(case, corrections)
+    found = found or _by_heights(case, corrections)
     if not found:
         return None
-    kind = max({c.kind for c, _, _ in found.values()}, key=lambda kind: sum(c.kind == kind for c, _, _ in found.values()))
-    chosen = {name: trials for name, trials in found.items() if trials[0].kind == kind}
-    chosen = _extended(case, chosen)
-    corrected = case.with_extrinsics({name: trials[0].apply(case.extrinsics[name]) for name, trials in chosen.items()})
-    now, before = (float(np.mean([one.plausible for one in ones])) for ones in zip(*((new, old) for _, new, old in chosen.values()), strict=True))
-    correction = next(iter(chosen.values()))[0]
-    words = f"{_named(chosen, case)}: {correction.words}. So read, {now:.0%} of the boxes have the height of a person, {before:.0%} as given"
-    return Finding(kind, tuple(chosen), words), corrected
+    words = [trial.correction.words for trial, _ in found.values()]
+    most = max(dict.fromkeys(words), key=words.count)
+    chosen = _extended(case, {name: trials for name, trials in found.items() if trials[0].correction.words == most})
+    correction = next(iter(chosen.values()))[0].correction
+    now, before = (float(np.mean([one.plausible for one in ones])) for ones in zip(*chosen.values(), strict=True))
+    figures = f"So read, {now:.0%} of the boxes have the height of a person, {before:.0%} as given"
+    return Finding(correction.kind, tuple(chosen), f"{_named(chosen, case)}: {correction.words}. {figures}"), correction.apply(case, chosen)
 
 
-Found = dict[str, tuple[Correction, Trial, Trial]]
-"""Camera → the correction, the trial of it, and the trial of what is given."""
+Corrections = tuple[Correction, ...]
+Found = dict[str, tuple[Trial, Trial]]
+"""Camera → the trial of the correction, and that of what is given."""
 
 
 def _extended(case: CalibrationCase, found: Found) -> Found:
     """With the other cameras for which heights alone speak for the same correction: a camera may be far from the true people, or agree badly."""
-    correction, empty = next(iter(found.values()))[0], reference_of([])
+    correction, empty = next(iter(found.values()))[0].correction, reference_of([])
     out: Found = {}
     for name in case.lenses:
         given, trial = (_trial(case, name, one, empty) for one in (AS_GIVEN, correction))
         if name in found or trial.clearly_better(given, alone=True):
-            out[name] = found.get(name, (correction, trial, given))
+            out[name] = found.get(name, (trial, given))
     return out
 
 
@@ -159,7 +185,7 @@ def _named(names: Found, case: CalibrationCase) -> str:
 
 
 def _trial(case: CalibrationCase, name: str, correction: Correction, reference: Reference) -> Trial:
-    feet = case.sampled_feet(name, correction.apply(case.extrinsics[name]))
+    feet = correction.apply(case, (name,)).sampled_feet(name)
     return Trial(correction, nearness(feet, reference), feet.plausible(case.band))
 
 
@@ -168,27 +194,27 @@ def _best(trials: list[Trial], given: Trial, alone: bool = False) -> Trial | Non
     return max(good, key=lambda trial: trial.near.mean + trial.plausible, default=None)
 
 
-def _by_truth(case: CalibrationCase) -> Found:
+def _by_truth(case: CalibrationCase, corrections: Corrections) -> Found:
     assert case.truth is not None
     reference = Reference(case.truth.frame, case.truth.point)
-    return _each(case, lambda _: reference)
+    return _each(case, corrections, lambda _: reference)
 
 
-def _each(case: CalibrationCase, reference_for: Callable[[str], Reference], alone: bool = False) -> Found:
+def _each(case: CalibrationCase, corrections: Corrections, reference_for: Callable[[str], Reference], alone: bool = False) -> Found:
     """Each camera by itself."""
     found: Found = {}
     for name in case.lenses:
         reference = reference_for(name)
         given = _trial(case, name, AS_GIVEN, reference)
-        best = _best([_trial(case, name, correction, reference) for correction in CORRECTIONS], given, alone)
+        best = _best([_trial(case, name, correction, reference) for correction in corrections], given, alone)
         if best is not None:
-            found[name] = best.correction, best, given
+            found[name] = best, given
     return found
 
 
-def _by_heights(case: CalibrationCase) -> Found:
+def _by_heights(case: CalibrationCase, corrections: Corrections) -> Found:
     empty = reference_of([])
-    return _each(case, lambda _: empty, alone=True) if case.truth is None or _far_from_truth(case) else {}
+    return _each(case, corrections, lambda _: empty, alone=True) if case.truth is None or _far_from_truth(case) else {}
 
 
 def _far_from_truth(case: CalibrationCase) -> bool:
@@ -198,25 +224,20 @@ def _far_from_truth(case: CalibrationCase) -> bool:
     return all(nearness(case.sampled_feet(name), reference).mean < MORE for name in case.lenses)
 
 
-def _by_agreement(case: CalibrationCase) -> Found:
+def _by_agreement(case: CalibrationCase, corrections: Corrections) -> Found:
     """Without truth: one camera against the others as given, or all cameras with the same correction."""
     case = case.part()
-    single = _each(case, case.others)
-    together = _together(case)
-    if together is None or (single and min(t.near.mean for _, t, _ in single.values()) > together[1].near.mean):
+    single = _each(case, corrections, case.others)
+    together = _together(case, corrections)
+    if together is None or (single and min(trial.near.mean for trial, _ in single.values()) > together[0].near.mean):
         return single if len(single) < len(case.lenses) or together is None else {}
-    correction, trial, given = together
-    return dict.fromkeys(case.lenses, (correction, trial, given))
+    return dict.fromkeys(case.lenses, together)
 
 
-def _together(case: CalibrationCase) -> tuple[Correction, Trial, Trial] | None:
-    trials = []
-    for correction in (AS_GIVEN, *CORRECTIONS):
-        moved = case.with_extrinsics({name: correction.apply(e) for name, e in case.extrinsics.items()})
-        near, plausible = agreement(moved)
-        trials.append(Trial(correction, near, plausible))
+def _together(case: CalibrationCase, corrections: Corrections) -> tuple[Trial, Trial] | None:
+    trials = [Trial(correction, *agreement(correction.apply(case, case.lenses))) for correction in (AS_GIVEN, *corrections)]
     best = _best(trials[1:], trials[0])
-    return None if best is None else (best.correction, best, trials[0])
+    return None if best is None else (best, trials[0])
 
 
 def agreement(case: CalibrationCase, names: tuple[str, ...] = ()) -> tuple[Nearness, float]:
@@ -225,8 +246,7 @@ def agreement(case: CalibrationCase, names: tuple[str, ...] = ()) -> tuple[Nearn
     feet = {name: case.feet(name) for name in case.lenses}
     near, plausible = [], []
     for name in names:
-        rows = case.sample(name)
-        own = replace(feet[name], frame=feet[name].frame[rows], point=feet[name].point[rows], height=feet[name].height[rows])
+        own = feet[name].select(case.sample(name))
         near.append(nearness(own, reference_of([other for key, other in feet.items() if key != name])))
         plausible.append(own.plausible(case.band))
     return reduce(add, near), float(np.mean(plausible))
@@ -250,9 +270,9 @@ def wrong_truth_unit(case: CalibrationCase) -> Corrected | None:
     scale = max(trials, key=lambda key: trials[key].mean)
     if not better(trials[scale], given):
         return None
-    words = f"truth: x and y are in {UNITS[scale]}, and need to be in metres. So read, feet are near true people; as given, near none"
+    words = f"truth: x and y are in {UNITS[scale][1]}, and need to be in metres. So read, feet are near true people; as given, near none"
     truth = replace(case.truth, point=case.truth.point * scale)
-    return Finding(f"truth-{'mm' if scale == MM else 'cm'}", (), words), replace(case, truth=truth)
+    return Finding(f"truth-{UNITS[scale][0]}", (), words), replace(case, truth=truth)
 
 
 def _spread(points: Array) -> float:
@@ -270,11 +290,11 @@ def wrong_area_unit(case: CalibrationCase) -> Corrected | None:
     if len(places) < LEAST_BOXES:
         return None
     side = float(np.linalg.norm(case.area[1] - case.area[0])) / max(_spread(places), 1.0)
-    for scale, unit in UNITS.items():
+    for scale, (short, unit) in UNITS.items():
         inside = inside_area(places, case.area * scale).mean()
         if side > TOO_WIDE and AREA_RATIO[0] < side * scale < AREA_RATIO[1] and inside > 0.5:
             words = f"area: is in {unit}, and needs to be in metres. So read, {inside:.0%} of the people are in it"
-            return Finding(f"area-{'mm' if scale == MM else 'cm'}", (), words), replace(case, area=case.area * scale)
+            return Finding(f"area-{short}", (), words), replace(case, area=case.area * scale)
     return None
 
 

@@ -5,7 +5,7 @@ A calibration is tested by its feet. Under the right one they lie near people of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,9 +18,13 @@ from tracker.recordings.recording import FrameBoxes, Recording
 
 NEAR = 0.4
 """m: standard deviation of the kernel exp(−d²/2σ²) of distances d. A body is 0.5 m wide."""
+STANDING, FEET = 0.3, 0.17
+"""m: errors of the place of feet: of any person, and of a tenth of a body's height, by which boxes miss the ground."""
 FAR = 2.0
 """m: distances beyond this count as this."""
-APART = 10 * FAR
+WIDEST = 9.0
+"""m: the same where the error of places is that of distant feet."""
+APART = 20.0
 """m: distance of successive frames along the third axis of the search tree, so that no neighbour is found in another frame."""
 REACH, REACH_TERRAIN = 1e6, 500.0
 """m: greatest length of a line of sight to flat ground and to terrain. Units may be wrong, so the former is long."""
@@ -69,19 +73,25 @@ class BoxRays:
 
 @dataclass(frozen=True, eq=False)
 class Feet:
-    """Feet of one camera on the ground: frame (n,); point (n, 2) m, NaN where a line of sight does not meet the ground; height (n,) m.
+    """Feet of one camera on the ground: frame (n,); point (n, 2) m, NaN where a line of sight does not meet the ground; height, error (n,) m.
 
     height: of a body that stands there and reaches to the upper edge of the box; NaN as above.
+    error: of the place where the lower edge of the box misses the feet by a tenth of the body: it grows with the distance over the camera's height.
     """
 
     frame: Ints
     point: Array
     height: Array
+    error: Array
 
     @property
     def grounded(self) -> Mask:
         """(n,) whether each line of sight meets the ground."""
         return np.asarray(np.isfinite(self.point[:, 0]))
+
+    def select(self, rows: Mask | Ints | slice) -> Feet:
+        """The feet in `rows`."""
+        return Feet(self.frame[rows], self.point[rows], self.height[rows], self.error[rows])
 
     def plausible(self, band: tuple[float, float]) -> float:
         """Share of the boxes that stand on the ground with the height of a person, `band` m; 0 without boxes."""
@@ -99,8 +109,10 @@ def project(rays: BoxRays, extrinsics: Extrinsics, ground: Ground) -> Feet:
     point, hit = ground.intersect(np.broadcast_to(centre, foot.shape), foot, reach)
     hit = hit & above
     across = np.maximum(np.hypot(head[:, 0], head[:, 1]), 1e-9)
-    height = centre[2] - point[:, 2] + np.hypot(*(point - centre)[:, :2].T) * head[:, 2] / across
-    return Feet(rays.frame, np.where(hit[:, None], point[:, :2], np.nan), np.where(hit, height, np.nan))
+    distance = np.hypot(*(point - centre)[:, :2].T)
+    height = centre[2] - point[:, 2] + distance * head[:, 2] / across
+    error = np.hypot(STANDING, FEET * distance / np.maximum(centre[2] - point[:, 2], STANDING))
+    return Feet(rays.frame, np.where(hit[:, None], point[:, :2], np.nan), np.where(hit, height, np.nan), error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,12 +169,13 @@ class Reference:
 class Nearness:
     """How near feet are to people, above what chance gives.
 
-    gain (n,): kernel of the distance, less its mean for the opposite places of other frames; NaN for boxes in frames without people.
+    gain (n,): kernel of the distance, less `chance`, its mean for the opposite places of other frames; NaN for boxes in frames without people.
     block (n,): block of time of each box.
     """
 
     gain: Array
     block: Ints
+    chance: Array
 
     @property
     def mean(self) -> float:
@@ -174,9 +187,16 @@ class Nearness:
         """Number of boxes in frames with people."""
         return int(np.isfinite(self.gain).sum())
 
+    @property
+    def agreement(self) -> float:
+        """The mean gain over the most that chance leaves: 0 for a wrong calibration, up to 1 for a right one, however many people there are."""
+        known = np.isfinite(self.gain)
+        return self.mean / max(1 - float(self.chance[known].mean()), 1e-3) if known.any() else 0.0
+
     def __add__(self, other: Nearness) -> Nearness:
         """Both sets of boxes."""
-        return Nearness(np.concatenate([self.gain, other.gain]), np.concatenate([self.block, other.block]))
+        gain, chance = (np.concatenate(part) for part in ((self.gain, other.gain), (self.chance, other.chance)))
+        return Nearness(gain, np.concatenate([self.block, other.block]), chance)
 
     def better_than(self, other: Nearness) -> tuple[float, float]:
         """Difference of the means, and its standard error from blocks of time."""
@@ -190,21 +210,25 @@ class Nearness:
         return self.mean - other.mean, float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 2 else np.inf
 
 
-def nearness(feet: Feet, reference: Reference, frame: Ints | None = None) -> Nearness:
-    """Compare feet with people of the same frame. frame (n,): frames of the feet in the numbering of `reference`; as they are where None."""
+def nearness(feet: Feet, reference: Reference, frame: Ints | None = None, by_error: bool = False) -> Nearness:
+    """Compare feet with people of the same frame. frame (n,): frames of the feet in the numbering of `reference`; as they are where None.
+
+    by_error: whether a distance counts as a share of the error of the place, in place of NEAR m.
+    """
     frame = feet.frame if frame is None else frame
+    scale, most = (feet.error, WIDEST) if by_error else (np.full(len(frame), NEAR), FAR)
     span = feet.frame.max() - feet.frame.min() + 1 if len(feet.frame) else 1
     block = (feet.frame - feet.frame.min()) * BLOCKS // span if len(feet.frame) else feet.frame
     if not len(reference.frames):
-        return Nearness(np.full(len(frame), np.nan), block)
+        return Nearness(np.full(len(frame), np.nan), block, np.zeros(len(frame)))
     opposite = 2 * reference.centre - feet.point
-    chance = [_kernel(reference.distances(reference.far_frames(frame, part), opposite)) for part in (1 / 3, 2 / 3)]
-    gain = _kernel(reference.distances(frame, feet.point)) - np.mean(chance, axis=0)
-    return Nearness(np.where(np.isin(frame, reference.frames), gain, np.nan), block)
 
+    def kernel(frames: Ints, places: Array) -> Array:
+        return np.asarray(np.exp(-((reference.distances(frames, places, most) / scale) ** 2) / 2))
 
-def _kernel(distance: Array) -> Array:
-    return np.asarray(np.exp(-((distance / NEAR) ** 2) / 2))
+    chance = np.mean([kernel(reference.far_frames(frame, part), opposite) for part in (1 / 3, 2 / 3)], axis=0)
+    gain = kernel(frame, feet.point) - chance
+    return Nearness(np.where(np.isin(frame, reference.frames), gain, np.nan), block, chance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +236,7 @@ class CalibrationCase:
     """What a calibration is tested on: fixed cameras, their boxes, and true people or None.
 
     rate: frames per second. lenses, extrinsics, rays: by camera. area: (2, 2) m or None. band: lowest and highest stature, m.
+    occluders: height map of walls and furniture, or None.
     """
 
     rate: float
@@ -223,6 +248,7 @@ class CalibrationCase:
     ground: Ground
     area: Array | None
     band: tuple[float, float]
+    occluders: Ground | None = None
 
     @staticmethod
     def of(recording: Recording) -> CalibrationCase:
@@ -244,6 +270,7 @@ class CalibrationCase:
             recording.ground,
             None if recording.area is None else np.asarray(recording.area),
             recording.height,
+            recording.occluders,
         )
 
     @property
@@ -289,6 +316,12 @@ class CalibrationCase:
         boxes = {**self.boxes, **{name: self.boxes[other] for name, other in names.items()}}
         rays = {**self.rays, **{name: BoxRays.of(self.lenses[name], boxes[name], self.end) for name in names}}
         return replace(self, boxes=boxes, rays=rays)
+
+    def with_changed_boxes(self, names: Iterable[str], change: Callable[[Array, Camera], Array]) -> CalibrationCase:
+        """The case whose boxes (n, 4) px of some cameras are changed."""
+        boxes = {name: {f: (change(box, self.lenses[name]), score) for f, (box, score) in self.boxes[name].items()} for name in names}
+        rays = {name: BoxRays.of(self.lenses[name], boxes[name]) for name in names}
+        return replace(self, boxes={**self.boxes, **boxes}, rays={**self.rays, **rays})
 
     def with_frames(self, changed: Mapping[str, Ints]) -> CalibrationCase:
         """The case with other frames (n,) of the boxes of some cameras."""

@@ -83,9 +83,8 @@ class Motion:
     def of_truth(people: People) -> Motion:
         """True people; the velocity is the central difference of a person's places."""
         row = {key: k for k, key in enumerate(zip(people.frame.tolist(), people.id.tolist(), strict=True))}
-        step = (
-            int(np.diff(np.unique(people.frame)).min(initial=1)) if len(np.unique(people.frame)) < 2 else int(np.diff(np.unique(people.frame)).min())
-        )
+        frames = np.unique(people.frame)
+        step = int(np.diff(frames).min()) if len(frames) > 1 else 1
         before, after = (np.array([row.get((frame + sign * step, one), -1) for frame, one in row], dtype=np.int64).reshape(-1) for sign in (-1, 1))
         velocity = (people.point[after] - people.point[before]) / (2 * step)
         velocity[(before < 0) | (after < 0)] = np.nan
@@ -143,7 +142,7 @@ def _stretch(case: CalibrationCase, names: tuple[str, ...], references: Mapping[
         parts = []
         for name in names:
             rows = slice(None, None, part)
-            one = Feet(feet[name].frame[rows], feet[name].point[rows], feet[name].height[rows])
+            one = feet[name].select(rows)
             parts.append(nearness(one, references[name], _numbered(one.frame, numbering)))
         return reduce(add, parts)
 
@@ -382,7 +381,8 @@ def _best_shift(a: Motion, b: Motion) -> int:
     """Frames to add to those of `a`, where feet are then clearly nearer. A single frame is left to the regression, which knows biases of feet."""
     reference = Reference(b.frame, b.point)
     rows = slice(None, None, 1 + len(a.frame) // TRIED)
-    feet = Feet(a.frame[rows], a.point[rows], np.zeros(len(a.frame[rows])))
+    unknown = np.zeros(len(a.frame[rows]))
+    feet = Feet(a.frame[rows], a.point[rows], unknown, unknown)
     near = {shift: nearness(feet, reference, feet.frame + shift).mean for shift in range(-MOST_SHIFT, MOST_SHIFT + 1)}
     best = max(near, key=lambda key: near[key])
     return best if abs(best) > 1 and near[best] > max(near[shift] for shift in (-1, 0, 1)) * CLEARLY else 0
