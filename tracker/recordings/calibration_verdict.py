@@ -31,7 +31,7 @@ WITH_CAMERAS = 0.2
 """Agreement with other cameras that see the place: less, as others miss people, and walls hide some."""
 MIDDLE = 1.0
 """m: height of the middle of a body."""
-MOST_CHANCE = 0.75
+MOST_CHANCE = 0.7
 """Above it nothing can be told: everybody stands at one place, or people are everywhere."""
 ERRORS = 2.0
 """Standard errors by which agreement has to be below its bound."""
