@@ -1,7 +1,7 @@
 """The last test of a calibration: what a right recording shows, whatever may be wrong with another one. Each figure has a bound with a reason.
 
-Agreement is the share of boxes whose feet are at a person of the same frame, above chance. It is 0 for a wrong calibration, in a crowd, too. A place is as
-sure as its lower edge, which may miss the feet by a tenth of the body (Feet.error). So distant feet of a low camera may be metres off.
+Agreement is the share of boxes whose feet are at a person of the same frame, above chance. It is 0 for a wrong calibration, in a crowd, too.
+A place is as sure as its lower edge, which may miss the feet by a tenth of the body (Feet.error). So distant feet of a low camera may be metres off.
 """
 
 from __future__ import annotations
