@@ -24,6 +24,8 @@ LEAST_IN_IMAGE = 0.25
 """Bodies of which a smaller share lies in the image are no subject of a detector."""
 MATCH = 0.3
 """Least IoU of a box with the true box, or with its visible part, of the person whom it shows."""
+LEAST_VISIBLE = 0.02
+"""A smaller visible share is none: such bodies say nothing of the features."""
 OVERLAPS = (0.3, 0.5, 0.7)
 """Lower ends of the bins of overlap, the intersection of two true boxes over the smaller one, in which merges are counted."""
 FEATURES = ("constant", "hidden", "mostly hidden", "size", "cut")
@@ -57,10 +59,25 @@ class TrueBodies:
         return np.asarray(np.maximum(self.whole[:, 3] - self.whole[:, 1], 1.0))
 
     def features(self, image_height: int, sizes: tuple[float, float]) -> Array:
-        """Features (n, 5) in the order of FEATURES. sizes: lowest and highest log2 of body over image height; others are taken to the nearest."""
-        hidden = 1.0 - self.visible
-        size = np.clip(np.log2(self.height / image_height), *sizes)
-        return np.column_stack([np.ones(len(hidden)), hidden, np.maximum(hidden - 0.5, 0.0), size, self.cut])
+        """Features (n, 5), as features_of; image_height px."""
+        return features_of(self.visible, np.log2(self.height / image_height), self.cut, sizes)
+
+    def parts(self, camera: Camera) -> tuple[Array, Array]:
+        """Edges (n, 4) px of the parts in the image, and of the visible parts; where nothing is visible, those in the image stand for them."""
+        part = clipped(self.whole[:, :2], self.whole[:, 2:], camera)
+        return part, np.where((self.seen[:, 2] > self.seen[:, 0])[:, None], self.seen, part)
+
+    def placed(self, camera: Camera) -> tuple[Array, Array]:
+        """Middles (n, 2) of the parts in the image, over its size, and log2 (n,) of body over image height."""
+        part = self.parts(camera)[0]
+        place = np.column_stack([part[:, [0, 2]].mean(axis=1) / camera.width, part[:, [1, 3]].mean(axis=1) / camera.height])
+        return place, np.log2(self.height / camera.height)
+
+
+def features_of(visible: Array, size: Array, cut: Array, sizes: tuple[float, float]) -> Array:
+    """Features (n, 5) in the order of FEATURES. size (n,): log2 of body over image height, within the lowest and highest of `sizes`."""
+    hidden = 1.0 - visible
+    return np.column_stack([np.ones(len(hidden)), hidden, np.maximum(hidden - 0.5, 0.0), np.clip(size, *sizes), cut])
 
 
 class Place(NamedTuple):
@@ -153,18 +170,19 @@ def _unhidden(box: Array, nearer: Array, camera: Camera) -> tuple[Array, float]:
     return edges, float(free.mean())
 
 
-def overlaps(edges: Array) -> Array:
-    """Intersection of each two boxes (n, 4) px over the smaller one, (n, n)."""
-    low, high = np.maximum(edges[:, None, :2], edges[None, :, :2]), np.minimum(edges[:, None, 2:], edges[None, :, 2:])
-    area = np.maximum(np.prod(edges[:, 2:] - edges[:, :2], axis=1), 1e-9)
-    return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=2) / np.minimum(area[:, None], area[None]))
+def intersections(first: Array, second: Array) -> tuple[Array, Array, Array]:
+    """Areas px²: of the intersections (n, m) of boxes (n, 4) and (m, 4) px, of the first (n, 1), and of the second (1, m)."""
+    low, high = np.maximum(first[:, None, :2], second[None, :, :2]), np.minimum(first[:, None, 2:], second[None, :, 2:])
+    one, two = (np.maximum(np.prod(edges[:, 2:] - edges[:, :2], axis=1), 1e-9) for edges in (first, second))
+    return np.prod(np.maximum(high - low, 0.0), axis=2), one[:, None], two[None]
 
 
 def nearest_overlap(bodies: TrueBodies) -> tuple[Ints, Array]:
     """The nearer person (n,) whose box overlaps that of each person most, −1 for none, and the overlap (n,)."""
     if not len(bodies.person):
         return np.zeros(0, dtype=np.int64), np.zeros(0)
-    shared = overlaps(bodies.whole)
+    common, one, two = intersections(bodies.whole, bodies.whole)
+    shared = common / np.minimum(one, two)
     shared[bodies.distance[:, None] <= bodies.distance[None]] = 0.0
     other = np.argmax(shared, axis=1)
     most = shared[np.arange(len(other)), other]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit, gammaincinv, ndtri, stdtrit
 
 from tracker.detector_models import processes
-from tracker.detector_models.bodies import FEATURES, OVERLAPS
+from tracker.detector_models.bodies import FEATURES, LEAST_VISIBLE, OVERLAPS
 from tracker.detector_models.model import (
     CLEAR,
     EDGES,
@@ -24,9 +24,9 @@ from tracker.detector_models.model import (
     StandingBoxes,
 )  # fmt: skip
 from tracker.detector_models.samples import FalseSamples, PeopleSamples, Samples
-from tracker.detector_models.schema import MOST_SAMPLES
+from tracker.detector_models.schema import MOST_SAMPLES, Row, Table
 from tracker.detector_models.second_boxes import fit_second
-from tracker.detector_models.trends import bounds_of, fitted_trend, folds_of, rows_of, trend_features
+from tracker.detector_models.trends import fit_trend, folds_of, trend_features
 from tracker.geometry import Array, Ints, Mask
 
 LEAST_BODIES, LEAST_PEOPLE, LEAST_FOUND = 200, 2, 100
@@ -40,8 +40,6 @@ INFORMATIVE = 0.05
 """Body heights by which an edge must be moved inward to tell whether a detector fills in what is hidden."""
 PRIOR = 1.0
 """Ridge of the logistic regression, as so many squared coefficients."""
-LEAST_VISIBLE = 0.02
-"""A smaller visible share is none: such bodies say nothing of the features."""
 
 
 def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], replicates: int = REPLICATES, view_alone: bool = False) -> DetectorModel:
@@ -57,15 +55,17 @@ def fit(samples: Samples, name: str, bodies: str, made: Mapping[str, Any], repli
             f"too little truth: {len(people)} true bodies of {len(persons)} people, {found} of these bodies with a box,"
             f" needs at least {LEAST_BODIES} bodies, {LEAST_PEOPLE} people and {LEAST_FOUND} boxes"
         )
-    parts, rng = _parts(samples, np.ones(len(people)), None, view_alone), np.random.default_rng(0)
+    plain, rng = (np.ones(len(people)), np.ones(len(false.view))), np.random.default_rng(0)
+    parts = _parts(samples, *plain, view_alone)
     drawn = list[dict[str, float]]()
     of_person = np.searchsorted(persons, people.person)
     blocks = _blocks(false, samples.period)
     for _ in range(replicates):
         weight = np.bincount(rng.integers(0, len(persons), len(persons)), minlength=len(persons)).astype(float)
         frame_weight = np.bincount(rng.integers(0, blocks[1], blocks[1]), minlength=blocks[1]).astype(float)
-        drawn.append(figures(_parts(samples, weight[of_person], frame_weight[blocks[0]]), samples, weight[of_person], frame_weight[blocks[0]]))
-    best = figures(parts, samples, np.ones(len(people)), np.ones(len(false.view)))
+        weights = weight[of_person], frame_weight[blocks[0]]
+        drawn.append(figures(_parts(samples, *weights), samples, *weights))
+    best = figures(parts, samples, *plain)
     found_figures = {}
     for key, value in best.items():
         if np.isfinite(value):
@@ -128,22 +128,17 @@ def _blocks(false: FalseSamples, period: float) -> tuple[Ints, int]:
     return false.view * each + np.minimum(false.frame // length, each - 1), each * max(1, len(false.frames))
 
 
-def _parts(samples: Samples, weight: Array, box_weight: Array | None, view_alone: bool = False) -> dict[str, Any]:
+def _parts(samples: Samples, weight: Array, box_weight: Array, view_alone: bool = False) -> dict[str, Any]:
     """The parts of a model, with a weight (n,) for each true body and (m,) for each false box."""
-    people, false = samples.people, samples.false
-    sizes = _sizes(people)
-    features = people.features(sizes)
-    misses = _misses(samples, features, sizes, weight)
-    edges = _edges(samples, weight, view_alone)
-    confidences = _confidences(samples, features, weight)
-    boxes = np.ones(len(false.view)) if box_weight is None else box_weight
+    sizes = _sizes(samples.people)
+    features = samples.people.features(sizes)
     return {
-        "misses": misses,
-        "edges": edges,
-        "confidences": confidences,
+        "misses": _misses(samples, features, sizes, weight),
+        "edges": _edges(samples, weight, view_alone),
+        "confidences": _confidences(samples, features, weight),
         "merges": _merges(samples, weight),
         "second": fit_second(samples, features, weight),
-        "false": _new(false, boxes),
+        "false": _new(samples.false, box_weight),
         "standing": _standing(samples),
     }
 
@@ -200,18 +195,18 @@ def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
     hidden = _share_filled(people.moved, people.hidden_in, tiled * inside)
     # Edges that something hides say how a detector fills in, and nothing of its errors.
     error = terms_of(np.where(people.hidden_in > INFORMATIVE, np.nan, edge_errors(people, hidden, border)))
-    trend, bounds = _trend(people, error) if view_alone else ((), ())
+    place = people.place, people.size, people.visible
+    trend, bounds = fit_trend(place, error, folds_of(people.person, people.frame)) if view_alone else ((), ())
     if trend:
-        error = error - trend_features(people.place, people.size, people.visible, np.array(bounds)) @ np.array(trend).T
+        error = error - trend_features(*place, np.array(bounds)) @ np.array(trend).T
     clear = people.visible >= CLEAR
-    tables, lasting, times, scores = [list[tuple[float, ...]](), list[tuple[float, ...]]()], [], [], []
+    tables, lasting, times, scores = [list[Row](), list[Row]()], [], [], []
     for k in range(4):
         score = np.full(len(error), np.nan)
         for table, group in zip(tables, (clear, ~clear), strict=True):
             used = np.isfinite(error[:, k]) & (weight > 0) & group
             mine = used if used.sum() >= LEAST_GROUP else np.isfinite(error[:, k]) & (weight > 0)
-            knots = _weighted_quantiles(error[mine, k], weight[mine], _grid())
-            table.append(tuple(np.round(np.maximum.accumulate(knots), 5).tolist()))
+            table.append(_knots(error[mine, k], weight[mine], 5))
             score[used] = normal_scores(np.where(used, error[:, k], np.nan), weight)[used]
         share, time_s = processes.lasting_and_drifting(score, samples.pairs, weight)
         lasting.append(share)
@@ -225,20 +220,10 @@ def _edges(samples: Samples, weight: Array, view_alone: bool) -> EdgeErrors:
     return EdgeErrors(rows, tuple(lasting), tuple(times), matrix, hidden, border, trend, bounds)
 
 
-def _trend(people: PeopleSamples, error: Array) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
-    """Coefficients and bounds as in EdgeErrors, of errors (n, 4) of the terms; both () where no regression is better than none."""
-    bounds = bounds_of(trend_features(people.place, people.size, people.visible, np.array([[-np.inf], [np.inf]])))
-    features = trend_features(people.place, people.size, people.visible, bounds)
-    folds = folds_of(people.person, people.frame)
-    rows = rows_of([fitted_trend(features, error[:, k], folds) for k in range(4)])
-    return rows, tuple(map(tuple, bounds.tolist())) if rows else ()
-
-
-def _grid() -> Array:
-    """Probabilities of the knots; the first and the last are those of rare values, which one outlier must not set."""
-    grid = np.linspace(0.0, 1.0, KNOTS)
-    grid[0], grid[-1] = 0.005, 0.995
-    return np.asarray(grid)
+def _knots(value: Array, weight: Array, digits: int) -> Row:
+    """Quantiles (KNOTS,) of values. The first and the last knot are those of rare values, which one outlier must not set."""
+    grid = np.clip(np.linspace(0.0, 1.0, KNOTS), 0.005, 0.995)
+    return tuple(np.round(_weighted_quantiles(value, weight, grid), digits).tolist())
 
 
 def normal_scores(value: Array, weight: Array) -> Array:
@@ -253,7 +238,7 @@ def normal_scores(value: Array, weight: Array) -> Array:
     return out
 
 
-def _correlation(scores: Array, weight: Array) -> tuple[tuple[float, ...], ...]:
+def _correlation(scores: Array, weight: Array) -> Table:
     whole = np.isfinite(scores).all(axis=1) & (weight > 0)
     if whole.sum() < 20:
         return tuple(tuple(row) for row in np.eye(4).tolist())
@@ -274,8 +259,8 @@ def _confidences(samples: Samples, features: Array, weight: Array) -> Confidence
     rest = score - features @ coefficients
     spread = float(np.sqrt(np.average(rest[used] ** 2, weights=weight[used])))
     lasting, time_s = processes.lasting_and_drifting(rest / max(spread, 1e-6), samples.pairs, weight)
-    knots = _weighted_quantiles(people.confidence[used], weight[used], _grid())
-    return Confidences(tuple(np.round(knots, 4).tolist()), tuple(np.round(coefficients, 4).tolist()), round(spread, 4), lasting, time_s)
+    knots = _knots(people.confidence[used], weight[used], 4)
+    return Confidences(knots, tuple(np.round(coefficients, 4).tolist()), round(spread, 4), lasting, time_s)
 
 
 def _merges(samples: Samples, weight: Array) -> Merges:
@@ -293,7 +278,7 @@ def _merges(samples: Samples, weight: Array) -> Merges:
     return Merges(tuple(shares), processes.hidden_chain(p, people.merged, pairs, weight * mine, flickers=(0.0,))[0])
 
 
-def _thinned(rows: Array) -> tuple[tuple[float, ...], ...]:
+def _thinned(rows: Array) -> Table:
     """At most MOST_SAMPLES rows, evenly spread in their order."""
     step = max(1, -(-len(rows) // MOST_SAMPLES))
     return tuple(tuple(row) for row in np.round(rows[::step], 4).tolist())

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from tracker.detector_models.bodies import LEAST_VISIBLE
 from tracker.detector_models.comparison import distances
-from tracker.detector_models.fit import LEAST_VISIBLE, fit
+from tracker.detector_models.fit import fit
 from tracker.detector_models.independent import IndependentErrors
 from tracker.detector_models.model import DetectorModel
 from tracker.detector_models.observations import TruePeople, matched, observed, true_people

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tracker.detector_models.bodies import MATCH, TrueBodies, bodies_in_view, nearest_overlap
+from tracker.detector_models.bodies import MATCH, TrueBodies, bodies_in_view, intersections, nearest_overlap
 from tracker.formats.opening import format_of
 from tracker.formats.pets2009 import annotation_file, ground_truth, read_annotations
 from tracker.geometry import Array, Ints, Mask, Pose
@@ -147,7 +147,8 @@ def match_frame(name: str, frame: int, bodies: TrueBodies, found: tuple[Array, A
     free = np.setdiff1d(np.arange(len(edges)), match[match >= 0])
     if n and len(free):
         again = box_overlaps(inside[free], whole)
-        part = _share_inside(inside[free], whole)
+        common, area, _ = intersections(inside[free], whole)
+        part = common / area
         best = np.argmax(np.maximum(again, part), axis=1)
         mine = (again[np.arange(len(free)), best] >= MATCH) | (part[np.arange(len(free)), best] >= INSIDE)
         owner[free[mine]] = best[mine]
@@ -186,12 +187,6 @@ def _shows_both(box: Array, first: Array, second: Array) -> bool:
     both = np.concatenate([np.minimum(first[:2], second[:2]), np.maximum(first[2:], second[2:])])
     alike = box_overlaps(box[None], np.array([both, first, second]))[0]
     return bool(alike[0] >= MERGED and alike[0] > alike[1:].max() + MERGED_GAIN)
-
-
-def _share_inside(boxes: Array, whole: Array) -> Array:
-    low, high = np.maximum(boxes[:, None, :2], whole[None, :, :2]), np.minimum(boxes[:, None, 2:], whole[None, :, 2:])
-    area = np.maximum(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1), 1e-9)
-    return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=2) / area[:, None])
 
 
 def _unwrapped(edges: Array, whole: Array, width: int) -> Array:

@@ -43,8 +43,8 @@ def logistic(features: Array, outcome: Array, weight: Array, prior: float) -> Ar
     return np.asarray(np.clip(beta, -1e3, 1e3))
 
 
-def pairs_of(view: Ints, person: Ints, frame: Ints, period: float, used: Mask | None = None) -> Pairs:
-    """Pairs of samples of the same person in the same view at LAGS. Rows are ordered by view, person and frame. used (n,): rows that may pair."""
+def pairs_of(view: Ints, person: Ints, frame: Ints, period: float) -> Pairs:
+    """Pairs of samples of the same person in the same view at LAGS. Rows are ordered by view, person and frame."""
     out = []
     for lag in LAGS:
         # Frames are distinct within a series, so that the partner is at most `lag` rows ahead.
@@ -53,8 +53,6 @@ def pairs_of(view: Ints, person: Ints, frame: Ints, period: float, used: Mask | 
             first = np.arange(len(view) - ahead)
             then = first + ahead
             same = (view[first] == view[then]) & (person[first] == person[then]) & (frame[then] - frame[first] == lag)
-            if used is not None:
-                same &= used[first] & used[then]
             found.append(np.column_stack([first, then])[same])
         both = np.concatenate(found)
         if len(both):

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from scipy.special import expit, ndtr
 
-from tracker.detector_models.bodies import MATCH, OVERLAPS, Place, SimulatedBoxes, TrueBodies, nearest_overlap
+from tracker.detector_models.bodies import LEAST_VISIBLE, MATCH, OVERLAPS, Place, SimulatedBoxes, TrueBodies, nearest_overlap
 from tracker.detector_models.model import CLEAR, KNOTS, DetectorModel
 from tracker.detector_models.processes import persistence
 from tracker.detector_models.second_boxes import example_kinds, examples_by_kind, next_example, second_rates
@@ -25,8 +25,6 @@ LOST = 2.0
 """A standing false box is replaced where it is farther from the camera than so many times its first distance and as many metres."""
 HALVINGS = 4
 """How often the errors of a box that would not match its body are halved, at most."""
-LEAST_VISIBLE = 0.02
-"""A smaller visible share is none."""
 
 
 @final
@@ -137,10 +135,9 @@ class ViewSampler:
 
     def _trend(self, bodies: TrueBodies) -> Array:
         """What errors (4, n) of the terms are by place, size and visible share."""
-        part, errors = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], self.camera), self.model.edges
-        place = np.column_stack([part[:, [0, 2]].mean(axis=1) / self.camera.width, part[:, [1, 3]].mean(axis=1) / self.camera.height])
-        size = np.log2(bodies.height / self.camera.height)
-        return np.asarray(np.array(errors.trend) @ trend_features(place, size, bodies.visible, np.array(errors.trend_bounds)).T)
+        errors = self.model.edges
+        features = trend_features(*bodies.placed(self.camera), bodies.visible, np.array(errors.trend_bounds))
+        return np.asarray(np.array(errors.trend) @ features.T)
 
     def _second(self, bodies: TrueBodies, rows: Ints, seen: tuple[Mask, Mask, Array], features: Array) -> tuple[Array, Array, Ints]:
         """Second boxes: edges (n, 4) px, confidences (n,), persons (n,).
@@ -292,9 +289,7 @@ def confidence_of(model: DetectorModel, features: Array, score: Array) -> Array:
 
 def expected_edges(model: DetectorModel, bodies: TrueBodies, camera: Camera) -> Array:
     """Edges (n, 4) px of boxes without errors: of the whole body, less what the detector leaves out of its hidden part and beyond the border."""
-    part = clipped(bodies.whole[:, :2], bodies.whole[:, 2:], camera)
-    seen = np.where((bodies.seen[:, 2] > bodies.seen[:, 0])[:, None], bodies.seen, part)
-    e = model.edges
+    (part, seen), e = bodies.parts(camera), model.edges
     return np.asarray(bodies.whole + (1 - e.border) * (part - bodies.whole) + (1 - e.hidden) * (seen - part))
 
 

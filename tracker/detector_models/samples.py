@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
-from tracker.detector_models.bodies import TrueBodies, nearest_overlap
+from tracker.detector_models.bodies import TrueBodies, features_of, nearest_overlap
 from tracker.detector_models.observations import ViewFrame, ground_place, judged
 from tracker.detector_models.processes import Pairs, pairs_of
 from tracker.geometry import Array, Ints, Mask
-from tracker.geometry.image_boxes import box_overlaps, clipped
+from tracker.geometry.camera_protocol import Camera
+from tracker.geometry.image_boxes import box_overlaps
 from tracker.recordings import Recording
 
 SITE_BOXES, SITE_TIME = 5, 2.0
@@ -58,9 +59,8 @@ class PeopleSamples:
         return len(self.view)
 
     def features(self, sizes: tuple[float, float]) -> Array:
-        """As TrueBodies.features."""
-        hidden = 1.0 - self.visible
-        return np.column_stack([np.ones(len(self)), hidden, np.maximum(hidden - 0.5, 0.0), np.clip(self.size, *sizes), self.cut])
+        """Features (n, 5), as bodies.features_of."""
+        return features_of(self.visible, self.size, self.cut, sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class FalseSamples:
     seconds: Array
 
 
-Rows = TypeVar("Rows", PeopleSamples, FalseSamples)
+Rows = TypeVar("Rows")
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def samples_of(recording: Recording, frames: Iterable[ViewFrame], everywhere: bo
     boxes: dict[str, list[tuple[int, Array, float]]] = {name: [] for name in names}
     for one in frames:
         camera = recording.cameras[one.camera].camera
-        rows.append(_rows(one, number[one.camera], (camera.width, camera.height), clipped(one.bodies.whole[:, :2], one.bodies.whole[:, 2:], camera)))
+        rows.append(_rows(one, number[one.camera], camera))
         for box in one.free.tolist():
             if one.owner[box] >= 0:
                 owner = int(one.owner[box])
@@ -143,25 +143,24 @@ def joined(parts: Sequence[Samples]) -> Samples:
         views, persons = views + len(part.cameras), persons + len(np.unique(p.person))
         sites += int(f.site.max(initial=-1)) + 1
     names = tuple(name for part in parts for name in part.cameras)
-    return Samples(_concatenated(people), _concatenated(false), parts[0].period, names)
+    return Samples(concatenated(people), concatenated(false), parts[0].period, names)
 
 
-def _concatenated(parts: Sequence[Rows]) -> Rows:
-    """Rows of several values as one; numbers are added."""
-    columns: dict[str, list[Any]] = {f.name: [getattr(part, f.name) for part in parts] for f in fields(parts[0])}
-    whole: dict[str, Any] = {name: sum(v) if isinstance(v[0], int) else np.concatenate(v) for name, v in columns.items()}
-    return type(parts[0])(**whole)
+def concatenated(parts: Sequence[Rows]) -> Rows:
+    """Rows of several values of a dataclass as one; numbers are added."""
+    columns = {name: [vars(part)[name] for part in parts] for name in vars(parts[0])}
+    return type(parts[0])(**{name: sum(v) if isinstance(v[0], int) else np.concatenate(v) for name, v in columns.items()})
 
 
-def _rows(one: ViewFrame, view: int, image: tuple[int, int], part: Array) -> tuple[Any, ...]:
-    """Columns of PeopleSamples of a view and frame; part (n, 4): edges of the bodies in the image."""
+def _rows(one: ViewFrame, view: int, camera: Camera) -> tuple[Any, ...]:
+    """Columns of PeopleSamples of a view and frame."""
     bodies: TrueBodies = one.bodies
     n, height = len(bodies.person), bodies.height[:, None]
     detected, merged = one.match >= 0, one.merged >= 0
     held = np.zeros(n, dtype=bool)
     held[one.merged[merged]] = True
     inward = np.array([1.0, 1.0, -1.0, -1.0])
-    seen = np.where((bodies.seen[:, 2] > bodies.seen[:, 0])[:, None], bodies.seen, part)
+    part, seen = bodies.parts(camera)
     hidden_in, border_in = inward * (seen - part) / height, inward * (part - bodies.whole) / height
     error, confidence = np.full((n, 4), np.nan), np.full(n, np.nan)
     error[detected] = (one.edges[one.match[detected]] - bodies.whole[detected]) / height[detected]
@@ -171,10 +170,9 @@ def _rows(one: ViewFrame, view: int, image: tuple[int, int], part: Array) -> tup
     confidence[held] = np.nan
     other, most = nearest_overlap(bodies)
     seconds = np.bincount(one.owner[one.owner >= 0], minlength=n)
-    place = np.column_stack([part[:, [0, 2]].mean(axis=1) / image[0], part[:, [1, 3]].mean(axis=1) / image[1]])
     near = detected[np.maximum(other, 0)] & (other >= 0) if n else detected
     overlap = np.where(other >= 0, most, 0.0)
-    size = np.log2(bodies.height / image[1])
+    place, size = bodies.placed(camera)
     return (
         np.full(n, view), bodies.person, np.full(n, one.frame), size, bodies.visible, bodies.cut, place, detected, merged, overlap, near,
         hidden_in, border_in, inward * error, confidence, seconds, error,

@@ -17,6 +17,7 @@ from tracker.detector_models.bodies import BODY
 from tracker.detector_models.model import CLEAR
 from tracker.detector_models.observations import TruePeople, ViewFrame, matched
 from tracker.detector_models.processes import LAGS, TIMES, lasting_share
+from tracker.detector_models.samples import concatenated
 from tracker.geometry import Array, Ints
 from tracker.recordings import Recording
 
@@ -130,11 +131,11 @@ def box_errors(recording: Recording, truth: TruePeople, views: Iterable[Iterable
             found = bodies.person[rows][ok], size + one.frame, size + number, moved[ok], slope[ok], at[ok, :2], top[ok]
             mine.append(BoxErrors(*found))
             heights.append(height[ok])
-        view, tall = _joined(mine), np.concatenate(heights)[:, None]
+        view, tall = concatenated(mine), np.concatenate(heights)[:, None]
         if len(tall):
             error, top = view.error - tall * np.median(view.error / tall, axis=0), view.top - np.median(view.top)
             out.append(replace(view, error=error, top=top))
-    return _joined(out)
+    return concatenated(out)
 
 
 def fit_shared_errors(found: BoxErrors, period: float) -> SharedErrors | None:
@@ -258,10 +259,6 @@ def _terms(feet: Array, bounds: Array) -> Array:
     """Terms (n, TERMS) of the field at feet (n, 2 or more) m."""
     x, y = np.clip(2 * (feet[:, :2] - bounds[0]) / (bounds[1] - bounds[0]) - 1, -1.0, 1.0).T
     return np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
-
-
-def _joined(parts: list[BoxErrors]) -> BoxErrors:
-    return BoxErrors(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(BoxErrors)))
 
 
 def _no_errors() -> BoxErrors:

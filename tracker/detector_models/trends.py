@@ -5,10 +5,9 @@ Calibration, lean and size of a body give such errors. They move with a walking 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from tracker.detector_models.schema import Table
 from tracker.geometry import Array, Ints, Mask
 
 TREND = ("across", "down", "across²", "down²", "across · down", "size", "hidden")
@@ -80,6 +79,14 @@ def _loss(x: Array, y: Array, fold: Ints, strength: float) -> float:
     return total
 
 
-def rows_of(coefficients: Sequence[Array]) -> tuple[tuple[float, ...], ...]:
-    """Coefficients of all terms as a model holds them; () where all are 0."""
-    return tuple(tuple(np.round(row, 5).tolist()) for row in coefficients) if any(np.any(row) for row in coefficients) else ()
+def fit_trend(place: tuple[Array, Array, Array], error: Array, folds: Ints) -> tuple[Table, Table]:
+    """Coefficients (4, 7) and bounds (2, 7) of the features, as a model holds them, of errors (n, 4) of the terms; both () for no regression.
+
+    place: as trend_features takes place, size and visible share.
+    """
+    bounds = bounds_of(trend_features(*place, np.array([[-np.inf], [np.inf]])))
+    features = trend_features(*place, bounds)
+    rows = [fitted_trend(features, error[:, k], folds) for k in range(error.shape[1])]
+    if not any(np.any(row) for row in rows):
+        return (), ()
+    return tuple(tuple(np.round(row, 5).tolist()) for row in rows), tuple(map(tuple, bounds.tolist()))
