@@ -136,18 +136,18 @@ def describe(column: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Files:
-    """checksums: path of a sequence in the dataset ('' for a single sequence) → file → SHA-256."""
+class ManifestFiles:
+    """The files of a dataset by its manifests. checksums: path of a sequence in the dataset ('' for a single sequence) → file → SHA-256."""
 
     checksums: dict[str, dict[str, str]]
 
     @staticmethod
-    def of(folder: Path) -> _Files:
+    def of(folder: Path) -> ManifestFiles:
         found = {}
         for path in sequences(folder):
             prefix = "" if path == folder else path.name + "/"
             found[prefix] = {name: entry["sha256"] for name, entry in read_json(path / "manifest.json")["files"].items()}
-        return _Files(found)
+        return ManifestFiles(found)
 
     def holding(self, name: str) -> list[str]:
         """Paths of the file `name` in all sequences that have it."""
@@ -166,10 +166,10 @@ def write_croissant(folder: Path) -> None:
 
 def croissant_of(folder: Path) -> dict[str, Any]:
     """The content of croissant.json as JSON values."""
-    files = _Files.of(folder)
+    files = ManifestFiles.of(folder)
     distribution = [_manifest(folder, prefix) for prefix in files.checksums]
     records = []
-    for name, (file, columns, text) in _tables(folder).items():
+    for name, (file, columns, text) in tables_of(folder).items():
         paths = files.holding(file)
         if paths:
             distribution += [_object(prefix + file, sha256[file], "text/csv") for prefix, sha256 in files.checksums.items() if file in sha256]
@@ -198,7 +198,8 @@ def croissant_of(folder: Path) -> dict[str, Any]:
     }
 
 
-def _tables(folder: Path) -> dict[str, tuple[str, Mapping[str, type], str]]:
+def tables_of(folder: Path) -> dict[str, tuple[str, Mapping[str, type], str]]:
+    """TABLES with that of people, whose columns depend on the cameras."""
     calibration = read_json(sequences(folder)[0] / "calibration.json")
     return TABLES | {"people": ("truth/people.csv", people_columns_of(sequences(folder)[0], calibration["cameras"]), PEOPLE)}
 

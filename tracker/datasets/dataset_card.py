@@ -6,11 +6,9 @@ https://huggingface.co/docs/hub/datasets-cards
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from tracker.datasets.croissant import ManifestFiles, tables_of
 from tracker.io.atomic import write_text
 from tracker.io.json_files import read_json
 from tracker.sequence.dataset import read_dataset, sequences
@@ -19,19 +17,8 @@ LICENSE = "apache-2.0"
 TASKS = ("object-detection", "image-segmentation", "keypoint-detection")
 TAGS = ("synthetic", "multi-object-tracking", "multi-camera", "slam", "panoramas", "pedestrians")
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"), (10_000_000, "1M<n<10M"))
-TABLES = {
-    "boxes": "truth/boxes.csv",
-    "keypoints": "truth/keypoints.csv",
-    "people": "truth/people.csv",
-    "robots": "truth/robots.csv",
-    "cameras": "truth/cameras.csv",
-    "detections": "detections.csv",
-    "odometry": "odometry.csv",
-    "imu": "imu.csv",
-    "wheels": "wheels.csv",
-    "stamps": "stamps.csv",
-}
-"""Configuration on the hub → table of each sequence; those that no sequence has are left out."""
+TABLES = ("boxes", "keypoints", "people", "robots", "cameras", "detections", "odometry", "imu", "wheels", "stamps")
+"""Tables of croissant.json that are configurations on the hub; those that no sequence has are left out."""
 
 BODY = """
 People walk through the world `{world}` ({people} a sequence), robots with panoramic cameras drive among them ({robots}), and fixed pinhole cameras
@@ -60,31 +47,6 @@ images look like a simulator's, and a detector trained on them alone will not do
 """
 
 
-@dataclass(frozen=True)
-class _Size:
-    """Total numbers of frames and images, frames per second, names of moving and of fixed cameras."""
-
-    frames: int
-    images: int
-    rate: float
-    moving: tuple[str, ...]
-    fixed: tuple[str, ...]
-
-    @staticmethod
-    def of(paths: Iterable[Path]) -> _Size:
-        frames = images = 0
-        calibration: dict[str, Any] = {}
-        for path in paths:
-            names = [name for name in read_json(path / "manifest.json")["files"] if name.startswith("images/")]
-            calibration = read_json(path / "calibration.json")
-            images += len(names)
-            frames += len(names) // max(1, len(calibration["cameras"]))
-        cameras = calibration.get("cameras", {})
-        fixed = tuple(name for name, camera in cameras.items() if camera["model"] != "panorama")
-        moving = tuple(name for name in cameras if name not in fixed)
-        return _Size(frames, images, 1 / calibration.get("period", 1.0), moving, fixed)
-
-
 def write_card(folder: Path) -> None:
     """Write README.md of a dataset. Raises ValueError where `folder` is no dataset, or has no complete sequence."""
     write_text(folder / "README.md", card_of(folder))
@@ -92,31 +54,27 @@ def write_card(folder: Path) -> None:
 
 def card_of(folder: Path) -> str:
     """The text of README.md. The same dataset gives the same text."""
-    dataset, found = read_dataset(folder), sequences(folder)
-    size = _Size.of(found)
-    names = [path.name for path in found]
-    title = f"{dataset.preset} by pilsim"
+    dataset, files, paths = read_dataset(folder), ManifestFiles.of(folder), sequences(folder)
     scenario = dataset.scenario
+    calibrations = [read_json(path / "calibration.json") for path in paths]
+    images = [sum(name.startswith("images/") for name in found) for found in files.checksums.values()]
+    fixed = [camera["model"] != "panorama" for camera in calibrations[-1]["cameras"].values()]
     body = BODY.format(
         people=scenario.get("people", "Several"),
         world=scenario.get("world", "a world"),
-        robots=len(size.moving),
-        fixed=len(size.fixed),
-        sequences=len(names),
-        frames=size.frames,
-        rate=round(size.rate, 6),
-        images=size.images,
-        names=f"`{names[0]}`" if len(names) == 1 else f"`{names[0]}` to `{names[-1]}`",
-        first=names[0],
+        robots=len(fixed) - sum(fixed),
+        fixed=sum(fixed),
+        sequences=len(paths),
+        frames=sum(count // max(1, len(one["cameras"])) for count, one in zip(images, calibrations, strict=True)),
+        rate=round(1 / calibrations[-1].get("period", 1.0), 6),
+        images=sum(images),
+        names=f"`{paths[0].name}`" if len(paths) == 1 else f"`{paths[0].name}` to `{paths[-1].name}`",
+        first=paths[0].name,
     )
-    return "\n".join(["---", *_front(title, size.images, _tables(found)), "---", "", f"# {title}", *body.splitlines(), ""])
-
-
-def _tables(found: Iterable[Path]) -> dict[str, list[str]]:
-    """Configuration on the hub → its files, as paths in the dataset."""
-    files = {path.name: read_json(path / "manifest.json")["files"] for path in found}
-    paths = {config: [f"{name}/{file}" for name, there in files.items() if file in there] for config, file in TABLES.items()}
-    return {config: listed for config, listed in paths.items() if listed}
+    file_of = {name: file for name, (file, *_) in tables_of(folder).items()}
+    tables = {config: listed for config in TABLES if (listed := files.holding(file_of[config]))}
+    title = f"{dataset.preset} by pilsim"
+    return "\n".join(["---", *_front(title, sum(images), tables), "---", "", f"# {title}", *body.splitlines(), ""])
 
 
 def _front(title: str, images: int, tables: dict[str, list[str]]) -> list[str]:

@@ -13,7 +13,6 @@ from sim.datasets.twin import annotated_overlaps, confine_rovers, recording_of
 from sim.datasets.twin_picture import draw_twin
 from sim.datasets.twin_sources import Twin, true_motion
 from sim.recording.record import write_sequence
-from tests.commands import pilsim
 from tests.sim.plaza import plaza
 from tests.tracker.formats.test_pets2009 import CAMERA
 from tracker.geometry import Array
@@ -141,12 +140,3 @@ def test_invalid_twins_are_refused(pets: Twin, tmp_path: Path, change: dict[str,
     pets.source.write_text(text.replace(old, new) if old else text)
     with pytest.raises(ValueError, match=message):
         recording_of(replace(pets, **change), world=plaza())
-
-
-@pytest.mark.command
-def test_an_invalid_file_gives_one_line(pets: Twin, tmp_path: Path) -> None:
-    (tmp_path / "View_001.xml").write_text("<Camera/>")
-    done = pilsim("generate", "twin", "--annotations", "a.xml", "--calibration", ".", "--out", "twin", cwd=tmp_path)
-    assert (done.returncode, len(done.stderr.strip().splitlines())) == (2, 1), done.stderr
-    assert "View_001.xml:line 1: field Geometry" in done.stderr
-    assert not (tmp_path / "twin").exists()

@@ -76,18 +76,10 @@ def test_bad_files(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="holds no whole row"):
         read_rows(stress_rows.write(tmp_path, [], tail="{"))
     whole = json.dumps(stress_rows.row("density", 0, 5, 0))
-    for middle, message in (
-        ("{torn", "jsonl:2: not JSON"),
-        ("[1]", "jsonl:2: a JSON list, needs"),
-        ('{"a": NaN}', "holds NaN, needs finite numbers"),
-        ("[" * 9999, "too deep"),
-    ):
+    for middle, message in (("{torn", "jsonl:2: not JSON"), ("[1]", "jsonl:2: a JSON list, needs")):
         (tmp_path / "results.jsonl").write_text(f"{whole}\n{middle}\n{whole}\n")
         with pytest.raises(ValueError, match=message):
             read_rows(tmp_path)
-    (tmp_path / "results.jsonl").write_bytes(b"\xff\xfe\n")
-    with pytest.raises(ValueError, match="not a text file"):
-        read_rows(tmp_path)
 
 
 def test_an_id_has_one_value(tmp_path: Path) -> None:
