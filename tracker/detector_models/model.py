@@ -98,8 +98,8 @@ class Merges:
 class SecondBoxes:
     """Second boxes of a person: rates[k] is the probability of at least k + 1 of them; time_s of their persistence.
 
-    samples (n, 8): errors of the four edges in heights of the body; confidence, visible share, 1 where there was no first box, and 1 where the
-    next row is the same box step_s later. Errors are from the first box, or from the whole body where there is none.
+    samples (n, 8): errors of the four edges in heights of the body; confidence, visible share, and 1 where there was no first box.
+    The last column is 1 where the next row is the same box step_s later. Errors are from the first box, or from the whole body where there is none.
     While a box lasts, it takes the rows of a run, to and fro; with step_s 0 it keeps its sample.
     coefficients (6,): of the features and of the lack of a first box. Their logistic function is the probability of any; () for rates[0].
     """
