@@ -49,6 +49,8 @@ BOTTLENECK_AHEAD, BOTTLENECK_HALF_WIDTH = 0.7, 0.4
 """m: distance at which a bottleneck is recognized; half width below which a passage is a bottleneck."""
 GROUP_DISTANCE = 0.8
 """m: distance to the centre of the rest of the group beyond which a person waits or hurries."""
+CLEARANCE_MAP, AWAY_X_MAP, AWAY_Y_MAP, HEIGHT_MAP = np.arange(4)
+"""Numbers of a grid's maps. They are NumPy's, since numba compiles a function anew for each literal that it is called with."""
 _WALL_PUSH, _WALL_RANGE = 3.0, 0.1
 _CLEAR = 0.02
 _FASTEST = 2.5
@@ -97,7 +99,7 @@ def _cell(grid: SteeringGrid, x: float, y: float) -> tuple[int, int, float, floa
 
 
 @njit(cache=True)
-def _map_value(grid: SteeringGrid, x: float, y: float, k: int) -> float:
+def _map_value(grid: SteeringGrid, x: float, y: float, k: np.integer) -> float:
     """Map k at (x, y) m, bilinear."""
     i, j, u, v = _cell(grid, x, y)
     m = grid.maps
@@ -129,13 +131,13 @@ def desired_motion(body: Array, grid: SteeringGrid, groups: tuple[Numbers, Array
         if not grid.known[int(body[i, GOAL])]:
             return desired, True
         x, y = body[i, X], body[i, Y]
-        desired[i, CLEARANCE] = _map_value(grid, x, y, 0)
+        desired[i, CLEARANCE] = _map_value(grid, x, y, CLEARANCE_MAP)
         if body[i, PAUSE] > 0:
             continue
         ex, ey = _goal_direction(grid, int(body[i, GOAL]), x, y)
         ex, ey, pace = _group_cohesion(body, i, group, (ex, ey))
         # Tobler (1993): the speed is proportional to exp(−3.5 |slope + 0.05|); here with the slope of the next stride, and 1 on the level.
-        rise = _map_value(grid, x + 0.5 * ex, y + 0.5 * ey, 3) - _map_value(grid, x - 0.2 * ex, y - 0.2 * ey, 3)
+        rise = _map_value(grid, x + 0.5 * ex, y + 0.5 * ey, HEIGHT_MAP) - _map_value(grid, x - 0.2 * ex, y - 0.2 * ey, HEIGHT_MAP)
         slope = max(math.exp(-3.5 * (abs(rise / 0.7 + 0.05) - 0.05)), 0.3)
         desired[i, DIRECTION_X], desired[i, DIRECTION_Y], desired[i, SPEED] = ex, ey, speed[i] * slope * pace
         if desired[i, CLEARANCE] > BOTTLENECK_AHEAD + BOTTLENECK_HALF_WIDTH:
@@ -151,7 +153,7 @@ def desired_motion(body: Array, grid: SteeringGrid, groups: tuple[Numbers, Array
 def _is_bottleneck(grid: SteeringGrid, x: float, y: float, direction: tuple[float, float]) -> bool:
     """Whether (x, y) m is too narrow for two people across `direction`."""
     aside_x, aside_y = -BOTTLENECK_HALF_WIDTH * direction[1], BOTTLENECK_HALF_WIDTH * direction[0]
-    return _map_value(grid, x + aside_x, y + aside_y, 0) <= 0 and _map_value(grid, x - aside_x, y - aside_y, 0) <= 0
+    return _map_value(grid, x + aside_x, y + aside_y, CLEARANCE_MAP) <= 0 and _map_value(grid, x - aside_x, y - aside_y, CLEARANCE_MAP) <= 0
 
 
 @njit(cache=True)
@@ -191,7 +193,7 @@ def _accelerate(out: Array, i: Number, inputs: tuple[Array, Array], grid: Steeri
     ex, ey, speed = desired[DIRECTION_X], desired[DIRECTION_Y], min(desired[SPEED], effect[HEADWAY_SPEED])
     if effect[YIELDS] > 0:
         # Step to the right to let others through.
-        ex, ey, speed = ey, -ex, 0.4 * (_map_value(grid, out[i, X] + 0.3 * ey, out[i, Y] - 0.3 * ex, 0) > 0.1)
+        ex, ey, speed = ey, -ex, 0.4 * (_map_value(grid, out[i, X] + 0.3 * ey, out[i, Y] - 0.3 * ex, CLEARANCE_MAP) > 0.1)
     if effect[ASKED_TO_YIELD] > 0:
         speed = 0.0
     ax = (ex * speed - out[i, VX]) / RELAXATION + effect[FORCE_X]
@@ -199,8 +201,8 @@ def _accelerate(out: Array, i: Number, inputs: tuple[Array, Array], grid: Steeri
     # The repulsion of a wall is negligible beyond ten times its range.
     if desired[CLEARANCE] < 10 * _WALL_RANGE:
         wall = _WALL_PUSH * math.exp(-max(desired[CLEARANCE], 0.0) / _WALL_RANGE)
-        ax += wall * _map_value(grid, out[i, X], out[i, Y], 1)
-        ay += wall * _map_value(grid, out[i, X], out[i, Y], 2)
+        ax += wall * _map_value(grid, out[i, X], out[i, Y], AWAY_X_MAP)
+        ay += wall * _map_value(grid, out[i, X], out[i, Y], AWAY_Y_MAP)
     vx, vy = out[i, VX] + ax * dt, out[i, VY] + ay * dt
     pace = math.hypot(vx, vy)
     along = (vx * math.cos(out[i, HEADING]) + vy * math.sin(out[i, HEADING])) / max(pace, 1e-9)
@@ -219,13 +221,13 @@ def _accelerate(out: Array, i: Number, inputs: tuple[Array, Array], grid: Steeri
 @njit(cache=True)
 def _stay_in_free_space(out: Array, i: Number, body: Array, grid: SteeringGrid) -> None:
     """Move body i back into free space if it has left it; to its previous position if that fails."""
-    short = _CLEAR - _map_value(grid, out[i, X], out[i, Y], 0)
+    short = _CLEAR - _map_value(grid, out[i, X], out[i, Y], CLEARANCE_MAP)
     tries = 0
     while short > 0 and tries < 3:
         x, y = out[i, X], out[i, Y]
-        out[i, X] += (short + 0.01) * _map_value(grid, x, y, 1)
-        out[i, Y] += (short + 0.01) * _map_value(grid, x, y, 2)
-        short = _CLEAR - _map_value(grid, out[i, X], out[i, Y], 0)
+        out[i, X] += (short + 0.01) * _map_value(grid, x, y, AWAY_X_MAP)
+        out[i, Y] += (short + 0.01) * _map_value(grid, x, y, AWAY_Y_MAP)
+        short = _CLEAR - _map_value(grid, out[i, X], out[i, Y], CLEARANCE_MAP)
         tries += 1
     if short >= _CLEAR:
         out[i, X], out[i, Y] = body[i, X], body[i, Y]

@@ -100,7 +100,7 @@ def _edges(space: FreeSpace, nodes: Array, cell: NDArray[np.int64]) -> sparse.cs
     for k, (c, r) in enumerate(cell.tolist()):
         for step in ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2)):
             other = number.get((c + step[0], r + step[1]))
-            if other is not None and segment_is_free(grid, nodes[k], nodes[other]):
+            if other is not None and segment_is_free(grid, tuple(nodes[k]), tuple(nodes[other])):
                 pairs.append((k, other))
     a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     return sparse.csr_matrix((np.hypot(*(nodes[a] - nodes[b]).T), (a, b)), shape=(len(nodes), len(nodes)))

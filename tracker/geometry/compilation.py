@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config, types
+from numba.core import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
-from numba.core.registry import cpu_target
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -36,13 +35,6 @@ class RepairedCache(FunctionCache):
         except Exception:
             self._empty()
             return None
-
-    def holds(self, arguments: tuple[Any, ...]) -> bool:
-        """Whether the function is in the cache for arguments of these types of numba. It is not loaded."""
-        try:
-            return self._index_key(arguments, cpu_target.target_context.codegen()) in self._cache_file._load_index()
-        except Exception:
-            return False
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep a compiled function, if possible."""
@@ -64,22 +56,11 @@ def njit(cache: bool = False, **options: Any) -> Callable[[Function], Function]:
 
     def decorate(function: Function) -> Function:
         dispatcher = compile_function(function)
-        _take_literals_as_integers(dispatcher)
         if cache and (found := _cache_of(dispatcher.py_func)) is not None:
             dispatcher._cache = found
         return cast(Function, dispatcher)
 
     return decorate
-
-
-def _take_literals_as_integers(dispatcher: Any) -> None:
-    """Let a kernel that another one calls with a literal be compiled for its type alone. Numba compiles it for each literal, too."""
-    resolve = dispatcher.get_call_template
-
-    def get_call_template(arguments: Any, by_name: Any) -> Any:
-        return resolve([types.unliteral(a) for a in arguments], {name: types.unliteral(a) for name, a in by_name.items()})
-
-    dispatcher.get_call_template = get_call_template
 
 
 def _imported(function: Callable[..., Any]) -> tuple[Any, ...]:

@@ -310,7 +310,7 @@ def start_landmark(s: Any, settings: Any, robot: int, scan: Any, i: int) -> None
     G, own = invert_measurement(s, (settings.mode == FEJ, at, to), scan.z[i], scan.sigma[i])
     if settings.mode == BOUND:
         s.mean[to : to + 2] = settings.truth[scan.subject[i] - robots]
-        G, own = invert_measurement(s, (False, at, -to), scan.z[i], scan.sigma[i])
+        G, own = invert_measurement(s, (settings.mode == FEJ, at, -to), scan.z[i], scan.sigma[i])
     s.first[to : to + 2] = s.mean[to : to + 2]
     cross = G @ s.P[at : at + 6]
     s.P[to : to + 2], s.P[:, to : to + 2] = cross, cross.T

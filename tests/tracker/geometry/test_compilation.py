@@ -104,23 +104,3 @@ def test_a_folder_of_another_user_is_no_cache(folder: Path, tmp_path: Path) -> N
     places = {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "temporary")}
     assert run(folder, **places) == "42\n"
     assert not list(strange.rglob("*"))
-
-
-LITERALS = """
-from tracker.geometry.compilation import njit
-
-@njit(cache=True)
-def plus(x, k):
-    return x + k
-
-@njit(cache=True)
-def total(x):
-    return plus(x, 1) + plus(x, k=2) + plus(plus(x, x), -3)
-
-print(total(20), len(plus.signatures))
-"""
-
-
-def test_literals_make_no_kernels_of_their_own(folder: Path) -> None:
-    (folder / "kernel.py").write_text(LITERALS)
-    assert run(folder) == "80 1\n"
