@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import pytest
@@ -27,6 +28,22 @@ def data() -> Callable[..., Path]:
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def dask_cluster() -> Iterator[Any]:
+    """A Dask cluster of two workers of one thread."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def cluster(dask_cluster: Any) -> Any:
+    """The cluster of all tests, with both workers: Dask starts another one where a test killed one."""
+    with dask_cluster.get_client() as client:
+        client.wait_for_workers(2)
+    return dask_cluster
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

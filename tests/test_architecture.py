@@ -287,6 +287,14 @@ def test_tracker_runs_without_mujoco() -> None:
 
 
 @pytest.mark.command
+def test_importing_a_house_needs_neither_plots_nor_videos_nor_bags() -> None:
+    """`import sim` registers the environment of gymnasium; the tracker's pipeline is what a user's program imports."""
+    code = "import sys, sim, tracker.pipeline, worlds.catalogue; print(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert not {"matplotlib", "av", "mcap", "rosbags", "torch", "tyro"} & set(done.stdout.split())
+
+
+@pytest.mark.command
 def test_folders_at_the_top() -> None:
     tracked = subprocess.run(["git", "ls-files"], capture_output=True, text=True, cwd=ROOT, check=True).stdout.split()
     assert {name.split("/")[0] for name in tracked if "/" in name} <= TOP

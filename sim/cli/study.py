@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional
 
@@ -81,30 +82,29 @@ class Study:
 
     def _fig4(self) -> str:
         from sim.studies import hypothesis_count
-        from tracker.io.progress import progress_bar
 
         materials = self._materials(("", hypothesis_count.DEGRADATION))
         total = len(materials) * self.repetitions * len(hypothesis_count.K_H) * len(hypothesis_count.I_BLS_MAX)
-        cells = list(progress_bar(hypothesis_count.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
-        hypothesis_count.draw(cells, self.out / "fig4.png")
-        return hypothesis_count.summary(cells)
+        return self._finished(hypothesis_count, hypothesis_count.study(self.out, materials, self.repetitions), total)
 
     def _graphs(self) -> str:
         from sim.studies import clique_graphs
-        from tracker.io.progress import progress_bar
 
         materials = self._materials(("",))
         total = len(materials) * self.repetitions * len(clique_graphs.FORMS) * len(clique_graphs.STARTS)
-        runs = list(progress_bar(clique_graphs.study(self.out, materials, self.repetitions), total=total, unit="run"))[-1]
-        clique_graphs.draw(runs, self.out / "graphs.png")
-        return clique_graphs.summary(runs)
+        return self._finished(clique_graphs, clique_graphs.study(self.out, materials, self.repetitions), total)
 
     def _images(self) -> str:
         from sim.studies import image_tracklets
-        from tracker.io.progress import progress_bar
 
         materials = image_tracklets.materials(self.out, self.pets)
         total = image_tracklets.count_runs(materials, self.repetitions)
-        cells = list(progress_bar(image_tracklets.study(self.out, materials, self.frames, self.repetitions), total=total, unit="run"))[-1]
-        image_tracklets.draw(cells, self.out / "images.png")
-        return image_tracklets.summary(cells)
+        return self._finished(image_tracklets, image_tracklets.study(self.out, materials, self.frames, self.repetitions), total)
+
+    def _finished(self, study: Any, runs: Iterator[list[Any]], total: int) -> str:
+        """Run what is left of a study, and draw it; its summary. study: its module. runs: all runs so far, after each of `total`."""
+        from tracker.io.progress import progress_bar
+
+        made = list(progress_bar(runs, total=total, unit="run"))[-1]
+        study.draw(made, self.out / f"{self.name}.png")
+        return str(study.summary(made))

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.placement.config import YAW
 from sim.placement.episode import Episode
-from sim.placement.map import PlacementMap
+from sim.placement.map import CHEST_HEIGHT, PlacementMap
 from sim.placement.visibility import line_of_sight
 from tracker.geometry import Array, Image
 
@@ -19,8 +19,8 @@ OBSTACLE_HEIGHT = 0.8
 """Height above the floor from which a cell counts as an obstacle, m."""
 COLOURS = ((214, 105, 30), (38, 110, 190), (46, 139, 87), (150, 80, 170), (190, 160, 20), (200, 60, 90), (30, 150, 160), (120, 90, 60))
 """RGB of the robots, in their order."""
-LEGEND_HEIGHT, CHEST_HEIGHT = 40, 1.2
-"""Height of the legend, px; height above the floor at which a point has to be visible, m."""
+LEGEND_HEIGHT = 40
+"""Height of the legend, px."""
 WALKED, ROUGH = (240.0, 236.0, 227.0), (219.0, 213.0, 200.0)
 INK, PAPER, SEEN_TWICE, SEEN_ONCE, UNSEEN = (40, 42, 46), (250, 249, 246), (34, 139, 64), (226, 158, 36), (200, 46, 46)
 _SHIFT = 4

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.placement.beliefs import AZIMUTH_SIGMA, ELEVATION_SIGMA, LOST_SIGMA, POSITION_SIGMA
-from sim.placement.map import PlacementMap
+from sim.placement.map import CHEST_HEIGHT, PlacementMap
 from sim.placement.visibility import line_of_sight
 from sim.policies.policy import TeamKnowledge, waypoint_action
 from sim.policies.waypoints import RECOVERY_TIME, UnseenMap
@@ -25,8 +25,6 @@ ROUNDS = 2
 """Rounds in which the robots choose in turn, each given the choices of the others."""
 REPEATED_VIEW_GAIN = (1.0, 0.4, 0.1)
 """Relative gain of observing an unknown person whom no, one or two other robots observe, too."""
-CHEST_HEIGHT = 1.2
-"""Height above the floor at which a person has to be visible, m."""
 SAMPLE_OFFSETS = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
 """Sample positions of a person, in standard deviations along the axes."""
 

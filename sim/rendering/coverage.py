@@ -29,10 +29,10 @@ class UnoccludedExtent:
 def covered(slot_bits: NDArray[np.uint32], nearest: NDArray[np.int32], count: int, wraps: bool) -> list[UnoccludedExtent]:
     """Extents of `count` ≤ BITS bodies. nearest (H, W): flat texel index of every pixel; wraps: whether the image is a full panorama."""
     pixels, rows, columns = _count(slot_bits.ravel(), nearest, count)
-    return [UnoccludedExtent(int(pixels[k]), _bounding_box(rows[k], columns[k], wraps)) for k in range(count)]
+    return [UnoccludedExtent(int(pixels[k]), bounding_box(rows[k], columns[k], wraps)) for k in range(count)]
 
 
-def _bounding_box(rows: NDArray[np.int64], columns: NDArray[np.bool_], wraps: bool) -> Array:
+def bounding_box(rows: NDArray[np.int64], columns: NDArray[np.bool_], wraps: bool) -> Array:
     """The smallest box (4,) from the first and last row (2,) and the used columns (W,). In a panorama it starts after the widest gap."""
     across = np.flatnonzero(columns)
     if not len(across):

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from sim.pedestrian.skeleton import LIMBS
 from sim.rendering.draw_list import GROUPS
-from sim.sensors.true_boxes import HIPS, People
+from sim.sensors.true_boxes import People, boxes_of, truth_above
 from sim.simulation.simulation import ABSENT, Simulation
 from tracker.geometry import Array, Ints, Mask, Pose, perturbed_bearings
 from tracker.geometry.cameras import Camera
 from tracker.geometry.ground import Grid
-from tracker.types import Boxes, Keypoints, Sightings, ViewTruth
+from tracker.types import Keypoints, Sightings, ViewTruth
 from worlds.engine import mujoco
 
 DRAWN_GROUPS = np.array([1, 1, 1, 1, 0, 0], np.uint8)
@@ -181,14 +181,8 @@ class RaycastCamera:
             full.append(outline)
             visible_boxes.append(box if share > 0 else np.zeros(4))
             visible.append(share)
-        below = eye[None]
-        terrain = self.simulation.world.terrain
-        ground, normal = float(terrain.height_at(below)[0]), terrain.normal_at(below)[0]
-        if not kept:
-            return ViewTruth(T_world_camera, ground, normal, Boxes.none(), Keypoints.none())
-        middle = people.joints[kept][:, HIPS].mean(axis=1)
-        boxes = Boxes(people.person[kept], np.array(visible_boxes), np.array(full), np.array(visible), np.linalg.norm(middle - eye, axis=1))
-        return ViewTruth(T_world_camera, ground, normal, boxes, Keypoints.none())
+        boxes = boxes_of(people, kept, eye, (visible_boxes, full, visible))
+        return truth_above(self.simulation.world, T_world_camera, boxes, Keypoints.none())
 
     def sightings(self, T_world_camera: Pose, rng: np.random.Generator) -> Sightings:
         """Landmarks visible from a panorama at T_world_camera, as of LandmarkSensor."""

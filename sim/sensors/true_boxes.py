@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rendering.coverage import UnoccludedExtent
+from sim.rendering.coverage import UnoccludedExtent, bounding_box
 from sim.sensors.keypoints import InstanceImage, true_keypoints
 from tracker.geometry import Array, Ints, Pose
 from tracker.geometry.compilation import njit
@@ -47,7 +47,6 @@ def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[Unoccl
     unoccluded (m,): extent of each person without occlusion. In a panorama a box across the seam has left in [0, W) and right > W.
     visible: visible pixels over unoccluded pixels. People without an unoccluded pixel are left out.
     """
-    seam = image.instances.shape[1] if image.camera.wraps else None
     present = people.person.tolist()
     pixels, rows, used = _extents(image.instances, _slots(present), len(present))
     kept, seen, visible = [], [], []
@@ -55,13 +54,18 @@ def true_boxes(image: InstanceImage, people: People, unoccluded: Sequence[Unoccl
         if not body.pixels:
             continue
         kept.append(k)
-        seen.append(_box(rows[k], used[k], seam))
+        seen.append(bounding_box(rows[k], used[k], image.camera.wraps) if pixels[k] else np.zeros(4))
         visible.append(pixels[k] / body.pixels)
+    return boxes_of(people, kept, image.T_world_camera.translation, (seen, [unoccluded[k].box for k in kept], visible))
+
+
+def boxes_of(people: People, kept: list[int], eye: Array, found: tuple[list[Array], list[Array], list[float]]) -> Boxes:
+    """The boxes of the people at the places `kept`. eye (3,) m: the camera. found: the seen and the full box, and the visible share, of each."""
     if not kept:
         return Boxes.none()
+    seen, full, visible = map(np.array, found)
     middle = people.joints[kept][:, HIPS].mean(axis=1)
-    distance = np.linalg.norm(middle - image.T_world_camera.translation, axis=1)
-    return Boxes(people.person[kept], np.array(seen), np.array([unoccluded[k].box for k in kept]), np.array(visible), distance)
+    return Boxes(people.person[kept], seen, full, visible, np.linalg.norm(middle - eye, axis=1))
 
 
 def _slots(persons: list[int]) -> NDArray[np.int64]:
@@ -90,21 +94,3 @@ def _extents(instances, slots, count):  # type: ignore[no-untyped-def]
             pixels[k] += 1
             columns[k, j] = True
     return pixels, rows, columns
-
-
-def _box(rows: NDArray[np.int64], columns: NDArray[np.bool_], seam: int | None) -> Array:
-    """Edges left, top, right, bottom (4,) from the first and last row (2,) and the used columns (W,); zeros where none is used.
-
-    seam: width of a panorama, whose boxes may cross it, else None.
-    """
-    used = np.flatnonzero(columns)
-    if not len(used):
-        return np.zeros(4)
-    if seam is None:
-        return np.array([used[0], rows[0], used[-1] + 1, rows[1] + 1], dtype=np.float64)
-    # The widest cyclic gap between used columns is outside of the body.
-    gaps = np.diff(used, append=used[0] + seam)
-    gap = int(np.argmax(gaps))
-    left = int(used[(gap + 1) % len(used)])
-    right = int(used[gap]) + (seam if used[gap] < left else 0)
-    return np.array([left, rows[0], right + 1, rows[1] + 1], dtype=np.float64)

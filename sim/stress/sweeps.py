@@ -6,7 +6,7 @@ A case is a Scenario, faults, and options of the tracker. A case and a seed give
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -174,23 +174,23 @@ def cases(names: Iterable[str], start: Scenario) -> list[Case]:
     """
     out, simulated = dict[str, Case](), SWEEPS | CAMERA_SWEEPS | ROOM_SWEEPS
     modelled = start.detector_model != INDEPENDENT
-    for name in list(names) or [name for name in SWEEPS if not (modelled and name in DETECTOR_SWEEPS)]:
-        sweep, _, number = name.partition("/")
-        if sweep not in simulated:
-            raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(simulated)}")
-        if modelled and sweep in DETECTOR_SWEEPS:
-            raise ValueError(f"--sweep {sweep} varies the independent detector, and --detector-model has errors of its own")
-        for k in _numbers(simulated[sweep], number):
-            out[f"{sweep}/{k}"] = _case(simulated[sweep], k, start)
+    for sweep, k in _chosen(list(names) or [name for name in SWEEPS if not (modelled and name in DETECTOR_SWEEPS)], simulated):
+        if modelled and sweep.name in DETECTOR_SWEEPS:
+            raise ValueError(f"--sweep {sweep.name} varies the independent detector, and --detector-model has errors of its own")
+        out[f"{sweep.name}/{k}"] = _case(sweep, k, start)
     return list(out.values())
 
 
-def _numbers(sweep: Sweep, number: str) -> range:
-    """The numbers of the values that are meant: one, or all where there is no number. Raises ValueError for one that there is not."""
-    count = len(sweep.values)
-    if number and not (number.isdecimal() and int(number) < count):
-        raise ValueError(f"--sweep is '{sweep.name}/{number}', needs {sweep.name}/0 to {sweep.name}/{count - 1}")
-    return range(int(number), int(number) + 1) if number else range(count)
+def _chosen(names: Iterable[str], known: Mapping[str, Sweep], beside: str = "") -> Iterator[tuple[Sweep, int]]:
+    """Sweep and number of each value that is meant: one, or all of a sweep without a number. Raises ValueError for one that there is not."""
+    for name in names:
+        sweep, _, number = name.partition("/")
+        if sweep not in known:
+            raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(known)}{beside}")
+        count = len(known[sweep].values)
+        if number and not (number.isdecimal() and int(number) < count):
+            raise ValueError(f"--sweep is '{sweep}/{number}', needs {sweep}/0 to {sweep}/{count - 1}")
+        yield from ((known[sweep], k) for k in ([int(number)] if number else range(count)))
 
 
 def _case(sweep: Sweep, number: int, start: Scenario) -> Case:
@@ -257,15 +257,11 @@ def recording_cases(names: Iterable[str], folder: str, cameras: int, start: Scen
     Raises ValueError for an unknown name. Cases that would leave no camera are left out.
     """
     out: dict[str, Case] = {}
-    for name in list(names) or list(RECORDING_SWEEPS):
-        sweep, _, number = name.partition("/")
-        if sweep not in RECORDING_SWEEPS:
-            raise ValueError(f"--sweep is {name!r}, needs one of {', '.join(RECORDING_SWEEPS)} with --recording")
-        for k in _numbers(RECORDING_SWEEPS[sweep], number):
-            value, parameter = RECORDING_SWEEPS[sweep].values[k], RECORDING_SWEEPS[sweep].parameter
-            if parameter != "fewer" or int(value) < cameras:
-                faults = Faults(dropout=float(value)) if parameter == "dropout" else Faults()
-                out[f"{sweep}/{k}"] = Case(f"{sweep}/{k}", sweep, parameter, value, start, faults, source=RECORDED, folder=folder)
+    for sweep, k in _chosen(list(names) or RECORDING_SWEEPS, RECORDING_SWEEPS, " with --recording"):
+        value, name = sweep.values[k], f"{sweep.name}/{k}"
+        if sweep.parameter != "fewer" or int(value) < cameras:
+            faults = Faults(dropout=float(value)) if sweep.parameter == "dropout" else Faults()
+            out[name] = Case(name, sweep.name, sweep.parameter, value, start, faults, source=RECORDED, folder=folder)
     return list(out.values())
 
 

@@ -10,16 +10,12 @@ from pathlib import Path
 import pytest
 
 from sim.cli.main import COMMANDS, main
+from tests.commands import pilsim
 from tests.tracker import sequences
 from tests.tracker.planar_slam.mrclam import write_set
 from tracker.metrics.trajectory import MEASURES
 
 TARGET_KEYS = """mota motp_m motp_percent false_positives misses switches fragments mostly_tracked mostly_lost truths idf1 hota moda modp"""
-PILSIM = Path(sys.executable).parent / "pilsim"
-
-
-def pilsim(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([PILSIM, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, check=False, timeout=200)
 
 
 def refused(*arguments: object, cwd: Path) -> str:
@@ -298,7 +294,7 @@ def test_people_on_a_part_of_the_ground_are_scored(tmp_path: Path) -> None:
 @pytest.mark.command
 def test_no_gl_is_one_line(tmp_path: Path) -> None:
     environment = {"MUJOCO_GL": "osmesa", "PATH": "/usr/bin:/bin", "PYOPENGL_PLATFORM": "nonsense"}
-    command = [str(PILSIM), "demo", "--frames", "1", "--out", "out"]
+    command = [Path(sys.executable).parent / "pilsim", "demo", "--frames", "1", "--out", "out"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1

@@ -12,12 +12,14 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tyro
 
 from sim.cli.generate import Generate
+from tests.commands import pilsim
 from tracker.datasets.validation import validate
 from tracker.formats.summary import summarize, summary_text
 from tracker.io.file_lock import file_lock
@@ -26,10 +28,6 @@ from tracker.sequence.dataset import sequences
 PILSIM = Path(sys.executable).parent / "pilsim"
 SMALL = ["--frames", "3", "--width", "128", "--robots", "1", "--people", "2", "--fixed-cameras", "4", "--count", "2"]
 SMALL += ["--detector-model", "faster-rcnn"]
-
-
-def pilsim(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([PILSIM, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=550, **options)  # type: ignore[call-overload, no-any-return]
 
 
 def sums(folder: Path) -> dict[str, str]:
@@ -207,7 +205,8 @@ def small_files(limit: int) -> Callable[[], None]:
 
 @pytest.mark.command
 def test_a_full_disk_is_one_line_and_leaves_no_sequence(tmp_path: Path) -> None:
-    done = pilsim("generate", "pilsun", *SMALL, "--out", tmp_path / "D", preexec_fn=small_files(20_000))
+    command = [PILSIM, "generate", "pilsun", *SMALL, "--out", tmp_path / "D"]
+    done = subprocess.run(command, preexec_fn=small_files(20_000), capture_output=True, text=True, check=False)
     assert "File too large" in last_line(done)
     assert not (tmp_path / "D").exists()
 
@@ -236,22 +235,20 @@ def test_killed_at_random_moments_and_resumed(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(dataset: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        pids = [worker.pid for worker in cluster.workers.values()]
-        arguments = [PILSIM, "generate", "pilsun", *SMALL, "--range", "--classes", "--video", "--cluster", cluster.scheduler_address, "--out"]
-        run = subprocess.Popen([*arguments, tmp_path / "D"], stderr=subprocess.PIPE, text=True)
-        deadline = time.monotonic() + 200
-        while not list(tmp_path.glob("D/.pilsun-*.partial/images/robot_0_camera/000000.jpg")):
-            assert time.monotonic() < deadline
-            assert run.poll() is None
-            time.sleep(0.05)
-        holders = [int(path.read_text().split()[0]) for path in tmp_path.glob("D/.pilsun-*.lock.pid")]
-        assert set(holders) <= set(pids)
-        os.kill(holders[0], signal.SIGKILL)
-        _, said = run.communicate(timeout=400)
-        assert run.returncode == 0, said
+def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(dataset: Path, tmp_path: Path, cluster: Any) -> None:
+    pids = [worker.pid for worker in cluster.workers.values()]
+    arguments = [PILSIM, "generate", "pilsun", *SMALL, "--range", "--classes", "--video", "--cluster", cluster.scheduler_address, "--out"]
+    run = subprocess.Popen([*arguments, tmp_path / "D"], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 200
+    while not list(tmp_path.glob("D/.pilsun-*.partial/images/robot_0_camera/000000.jpg")):
+        assert time.monotonic() < deadline
+        assert run.poll() is None
+        time.sleep(0.05)
+    holders = [int(path.read_text().split()[0]) for path in tmp_path.glob("D/.pilsun-*.lock.pid")]
+    assert set(holders) <= set(pids)
+    os.kill(holders[0], signal.SIGKILL)
+    _, said = run.communicate(timeout=400)
+    assert run.returncode == 0, said
     assert sums(tmp_path / "D") == sums(dataset)
 
 

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -73,12 +74,10 @@ def test_an_invalid_cluster_address_is_refused() -> None:
 
 
 @pytest.mark.soak
-def test_a_cluster_gives_results_in_order() -> None:
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        pool = Pool(cluster=cluster.scheduler_address)
-        assert list(pool.results(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
-        assert sorted(pool.as_completed(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
+def test_a_cluster_gives_results_in_order(cluster: Any) -> None:
+    pool = Pool(cluster=cluster.scheduler_address)
+    assert list(pool.results(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
+    assert sorted(pool.as_completed(math.sqrt, [(n * n,) for n in range(9)])) == list(range(9))
 
 
 @pytest.mark.soak

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -28,8 +29,7 @@ def test_parts_are_even_and_within_bounds() -> None:
 
 
 @pytest.mark.soak
-def test_a_cluster_draws_one_sequence_though_a_worker_and_the_command_are_killed(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
+def test_a_cluster_draws_one_sequence_though_a_worker_and_the_command_are_killed(tmp_path: Path, cluster: Any) -> None:
     words = ["generate", "pilsun", "--frames", str(FRAMES), "--width", "128", "--robots", "1", "--people", "3", "--fixed-cameras", "0", "--no-mesh"]
     command = [sys.executable, "-m", "pilsim", *words]
     here = subprocess.Popen([*command, "--workers", "1", "--out", tmp_path / "here"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -41,18 +41,17 @@ def test_a_cluster_draws_one_sequence_though_a_worker_and_the_command_are_killed
             assert run.poll() is None
             time.sleep(0.01)
 
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        assert here.wait() == 0
-        there = [*command, "--cluster", cluster.scheduler_address, "--out", str(folder)]
-        run = subprocess.Popen(there, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        wait_for(1)
-        os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
-        wait_for(SHORTEST + 1)
-        run.kill()
-        run.wait()
-        assert SHORTEST < len(journal.read_bytes().splitlines()) - 1 < FRAMES
-        again = subprocess.run(there, capture_output=True, text=True, check=False)
-        assert again.returncode == 0, again.stderr
+    assert here.wait() == 0
+    there = [*command, "--cluster", cluster.scheduler_address, "--out", str(folder)]
+    run = subprocess.Popen(there, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wait_for(1)
+    os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+    wait_for(SHORTEST + 1)
+    run.kill()
+    run.wait()
+    assert SHORTEST < len(journal.read_bytes().splitlines()) - 1 < FRAMES
+    again = subprocess.run(there, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
     assert checksum(folder / "pilsun-00000") == checksum(tmp_path / "here" / "pilsun-00000")
     assert not list(folder.glob(".*partial"))
 

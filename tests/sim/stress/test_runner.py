@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 
 from sim.scenario import Scenario
-from sim.stress.runner import Workers, key_of, run_trials
+from sim.stress.runner import Worker, Workers, key_of, run_trials
 from sim.stress.sweeps import Case
 from sim.stress.tracker_under_test import TrackerUnderTest
 from sim.stress.trial import ROBOTS, Trial, empty_row, row_of
-from sim.stress.worker import Worker
 from tests.tracker.person_detector.blob_network import write_blob_network
 from tracker.io.file_lock import file_lock
 from tracker.metrics.landmark_map import MapScore
@@ -125,25 +124,12 @@ def test_rows_of_the_tracker_have_a_clique_gap(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_a_cluster_gives_the_rows_of_this_machine(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
+def test_rows_do_not_depend_on_workers_and_machines(tmp_path: Path, cluster: Any) -> None:
     rows = []
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        for name, workers in (("here", Workers(2)), ("there", Workers(cluster=cluster.scheduler_address))):
-            folder = tmp_path / name
-            made = run_trials([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, workers, "pilsim stress")
-            rows.append([{key: value for key, value in row.items() if key != "seconds"} for row in made])
+    for name, workers in (("one", Workers(1)), ("two", Workers(2)), ("cluster", Workers(cluster=cluster.scheduler_address))):
+        folder = tmp_path / name
+        made = run_trials([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, workers, "pilsim stress")
+        rows.append([{key: value for key, value in row.items() if key != "seconds"} for row in made])
+    # In the order of their seeds: 3, 4, 1005.
     assert [row["error"] is None for row in rows[0]] == [True, False, True]
-    assert rows[0] == rows[1]
-
-
-@pytest.mark.soak
-def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
-    scores = []
-    for workers in (1, 2):
-        folder = tmp_path / str(workers)
-        made = run_trials([trial(folder), trial(folder, seed=3), trial(folder, "raising", seed=4)], folder, Workers(workers), "pilsim stress")
-        # In the order of their seeds: 3, 4, 1005.
-        assert [row["error"] is None for row in made] == [True, False, True]
-        scores.append([(row["seed"], row["scores"], row["causes"]) for row in made])
-    assert scores[0] == scores[1]
+    assert rows[0] == rows[1] == rows[2]
