@@ -88,4 +88,4 @@ class SequenceTask:
         place = corner_cameras if self.preset.corners else place_cameras
         fixed = place(world, self.preset.views, scenario.view_width)
         simulation, made_by = Simulation(scenario, world=world), provenance(self.name, self.preset)
-        return SimulatedSequence(scenario, simulation, fixed, made_by, self.form, drawing, self.cluster)
+        return SimulatedSequence(simulation, fixed, made_by, self.form, drawing, self.cluster)

@@ -73,8 +73,8 @@ def _write_without_images(made: SimulatedSequence, folder: Path, area: Array | N
 
     area (2, 2): lowest and highest x, y, m, in which people are reported, or None.
     """
-    setup = make_setup(made.scenario, made.simulation, made.fixed)
-    frames = raycast_frames(made.scenario, made.simulation, setup)
+    setup = make_setup(made.simulation, made.fixed)
+    frames = raycast_frames(made.simulation, setup)
     detections: dict[str, dict[int, tuple[Array, Array]]] = {name: {} for name in setup.mounts}
     truth: dict[int, tuple[Ints, Array]] = {}
     visible: dict[int, Array] = {}

@@ -101,9 +101,10 @@ def _lens_effects(scenario: Scenario, rigs: list[MountedRig]) -> dict[str, Image
     return out
 
 
-def effect_rows(scenario: Scenario, simulation: Simulation, setup: Setup) -> list[list[object]]:
+def effect_rows(simulation: Simulation, setup: Setup) -> list[list[object]]:
     """Rows of truth/effects.csv: camera, effect, value (degrees and m for errors of mounts), and for specks and drops their middle and radius, px."""
-    rigs, given, out = mounted_rigs(scenario, simulation, setup), scenario.camera_effects.given(), list[list[object]]()
+    scenario = simulation.scenario
+    rigs, given, out = mounted_rigs(simulation, setup), scenario.camera_effects.given(), list[list[object]]()
     for name, chain in _lens_effects(scenario, rigs).items():
         for effect, value in given.items():
             if effect in ("dust", "drops"):

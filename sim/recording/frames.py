@@ -12,7 +12,6 @@ from typing import final
 import numpy as np
 
 from sim.rendering.panorama import RenderedImage
-from sim.scenario import Scenario
 from sim.sensors.raycast_camera import RaycastCamera
 from sim.sensors.robot_detector import RobotDetector, is_rover_panorama
 from sim.sensors.robot_sensors import RobotSensors
@@ -62,13 +61,14 @@ class Frame:
     rows: list[list[object]] = field(default_factory=list)
 
 
-def simulated_frames(scenario: Scenario, simulation: Simulation, setup: Setup, sensors: RobotSensors | None = None) -> Iterator[FrameState]:
+def simulated_frames(simulation: Simulation, setup: Setup, sensors: RobotSensors | None = None) -> Iterator[FrameState]:
     """Advance a simulation frame by frame, from its current state as frame 0, and yield the state of every frame.
 
     sensors: those of the scenario where they are made already.
     """
-    sensors = sensors or RobotSensors.of(scenario, simulation, setup)
-    robot_detector = RobotDetector(scenario, setup, simulation)
+    scenario = simulation.scenario
+    sensors = sensors or RobotSensors.of(simulation, setup)
+    robot_detector = RobotDetector(simulation, setup)
     for index in range(scenario.frames):
         if index:
             simulation.step()
@@ -117,7 +117,8 @@ def tick_of(index: int, period: float, mounts: Mapping[str, Mount], measured: Me
 class FrameAssembler:
     """Makes frames of states and the truth of their views. It draws the errors of the detectors: call it once a frame, in their order."""
 
-    def __init__(self, scenario: Scenario, simulation: Simulation, setup: Setup) -> None:
+    def __init__(self, simulation: Simulation, setup: Setup) -> None:
+        scenario = simulation.scenario
         self._mounts, self._period = setup.mounts, scenario.period
         self._detectors = ViewDetectors(scenario, setup.mounts, simulation.all_persons)
 
@@ -146,11 +147,12 @@ def _visible_fractions(persons: Ints, views: list[ViewTruth]) -> Array:
     return out
 
 
-def raycast_frames(scenario: Scenario, simulation: Simulation, setup: Setup, raycast_camera: RaycastCamera | None = None) -> Iterator[Frame]:
+def raycast_frames(simulation: Simulation, setup: Setup, raycast_camera: RaycastCamera | None = None) -> Iterator[Frame]:
     """The frames of a scenario without rendering: views by ray casting, and sightings of landmarks for panoramas of rovers."""
-    raycast_camera, assembler = raycast_camera or RaycastCamera(simulation), FrameAssembler(scenario, simulation, setup)
+    scenario = simulation.scenario
+    raycast_camera, assembler = raycast_camera or RaycastCamera(simulation), FrameAssembler(simulation, setup)
     landmark_streams = {name: scenario.stream(f"sightings/{name}") for name, mount in setup.mounts.items() if is_rover_panorama(simulation, mount)}
-    for state in simulated_frames(scenario, simulation, setup):
+    for state in simulated_frames(simulation, setup):
         poses = {name: state.truth.T_world_robot[mount.robot] @ mount.T_body_camera for name, mount in setup.mounts.items()}
         true = {name: raycast_camera.view(setup.mounts[name].camera, pose, state.people) for name, pose in poses.items()}
         seen = {name: raycast_camera.sightings(poses[name], rng) for name, rng in landmark_streams.items()}

@@ -35,12 +35,13 @@ from tracker.types import Boxes, Keypoints, Setup, ViewTruth
 from worlds.export import export
 
 
-def rendered_frames(scenario: Scenario, simulation: Simulation, setup: Setup) -> Iterator[Frame]:
+def rendered_frames(simulation: Simulation, setup: Setup) -> Iterator[Frame]:
     """The frames of a scenario with their images, in memory."""
-    plan, assembler = ShotPlan(scenario, simulation, setup), FrameAssembler(scenario, simulation, setup)
+    scenario = simulation.scenario
+    plan, assembler = ShotPlan(simulation, setup), FrameAssembler(simulation, setup)
     colours = CameraColours(scenario, plan.rigs)
     with MomentRenderer(DrawnScene.of(simulation, plan, ImageForm(), raw=True)) as renderer:
-        for state in simulated_frames(scenario, simulation, setup):
+        for state in simulated_frames(simulation, setup):
             moment = plan.moment(state)
             rendered, rows = renderer.render(moment), plan.rows(state)
             colour = colours.images(rendered.lenses)
@@ -63,7 +64,6 @@ class SimulatedSequence:
     The bytes do not depend on either.
     """
 
-    scenario: Scenario
     simulation: Simulation
     fixed: Mapping[str, FixedCamera]
     provenance: dict[str, Any]
@@ -73,7 +73,12 @@ class SimulatedSequence:
 
     @staticmethod
     def of(scenario: Scenario, workers: DrawingWorkers | None = None) -> SimulatedSequence:
-        return SimulatedSequence(scenario, Simulation(scenario), {}, json.loads(scenario.to_json()), workers=workers)
+        return SimulatedSequence(Simulation(scenario), {}, json.loads(scenario.to_json()), workers=workers)
+
+    @property
+    def scenario(self) -> Scenario:
+        """That of the simulation."""
+        return self.simulation.scenario
 
 
 def record(scenario: Scenario, folder: Path, progress: Any = None, workers: int = 1) -> None:
@@ -100,12 +105,12 @@ def write_sequence(recording: SimulatedSequence, folder: Path, progress: Any = N
     """As `record`, for a prepared SimulatedSequence."""
     check_absent(folder)
     scenario, simulation, form = recording.scenario, recording.simulation, recording.form
-    setup = make_setup(scenario, simulation, recording.fixed)
+    setup = make_setup(simulation, recording.fixed)
     assert isinstance(setup.occluders, Grid)
-    sensors, told = RobotSensors.of(scenario, simulation, setup), told_setup(scenario, simulation, setup)
+    sensors, told = RobotSensors.of(simulation, setup), told_setup(simulation, setup)
     writer = SequenceWriter(folder, told, setup.occluders, form, sensors.setup() if sensors else None)
     if scenario.effects:
-        writer.add_effects(effect_rows(scenario, simulation, setup), setup, scenario.camera_effects.moves)
+        writer.add_effects(effect_rows(simulation, setup), setup, scenario.camera_effects.moves)
     made_with = versions()
     about = {"provenance": recording.provenance, "versions": made_with, "form": vars(form)}
     # A video cannot be continued.
@@ -128,7 +133,7 @@ class _Frames:
     def __init__(self, recording: SimulatedSequence, setup: Setup, journal: FrameJournal) -> None:
         self._recording, self._setup, self._journal = recording, setup, journal
         scenario, simulation = recording.scenario, recording.simulation
-        self._plan, self._assembler = ShotPlan(scenario, simulation, setup), FrameAssembler(scenario, simulation, setup)
+        self._plan, self._assembler = ShotPlan(simulation, setup), FrameAssembler(simulation, setup)
         self._colours = CameraColours(scenario, self._plan.rigs)
         self._raw = self._colours.changed or recording.form.video
         self._simulated: deque[tuple[FrameState, dict[str, Pose], list[list[object]]]] = deque()
@@ -158,7 +163,7 @@ class _Frames:
 
     def _moments(self, sensors: RobotSensors | None) -> Iterator[Moment | None]:
         made = self._recording
-        for state in simulated_frames(made.scenario, made.simulation, self._setup, sensors):
+        for state in simulated_frames(made.simulation, self._setup, sensors):
             moment = self._plan.moment(state)
             self._simulated.append((state, moment.views, self._plan.rows(state)))
             yield None if state.index in self._journal.drawn else moment

@@ -22,7 +22,6 @@ from sim.cameras.partial import PartialCamera
 from sim.cameras.stitching import HalfPanorama
 from sim.effects import Effects
 from sim.recording.frames import FrameState
-from sim.scenario import Scenario
 from sim.sensors.true_boxes import People
 from sim.simulation.simulation import Simulation
 from tracker.geometry import Array, Ints, Pose
@@ -47,8 +46,9 @@ def rig_of(text: str, width: int) -> Rig:
     return Rig.of(text, width)
 
 
-def mounted_rigs(scenario: Scenario, simulation: Simulation, setup: Setup) -> list[MountedRig]:
+def mounted_rigs(simulation: Simulation, setup: Setup) -> list[MountedRig]:
     """The rigs of all rovers and fixed cameras."""
+    scenario = simulation.scenario
     own = rig_of(scenario.camera, scenario.width)
     out = [MountedRig(f"{robot}_camera", robot, own, simulation.T_body_camera) for robot in simulation.robots]
     for name in setup.starts:
@@ -169,12 +169,13 @@ class ShotPlan:
     rigs: of all cameras. shots: s before the frame → what is rendered at that time, the earliest first.
     """
 
-    def __init__(self, scenario: Scenario, simulation: Simulation, setup: Setup) -> None:
+    def __init__(self, simulation: Simulation, setup: Setup) -> None:
+        scenario = simulation.scenario
         effects = scenario.camera_effects
         simulation.keep_steps = simulation.keep_steps or effects.moves
         self._simulation, self._mounts, self._period, self._moves = simulation, setup.mounts, scenario.period, effects.moves
         self._times = ShutterTimes.of(effects, 1 / scenario.physics_rate)
-        self.rigs = mounted_rigs(scenario, simulation, setup)
+        self.rigs = mounted_rigs(simulation, setup)
         self.shots = self._planned()
 
     def _planned(self) -> dict[float, list[PartShot]]:

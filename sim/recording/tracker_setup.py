@@ -36,11 +36,12 @@ class FixedCamera:
     T_world_camera: Pose
 
 
-def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, FixedCamera] | None = None) -> Setup:
+def make_setup(simulation: Simulation, fixed: Mapping[str, FixedCamera] | None = None) -> Setup:
     """The setup of a simulation at its first frame. Start poses of rovers have random errors with sigma START_SIGMA.
 
     fixed: name → camera, in addition to those of the rovers. Raises ValueError where there is no camera at all.
     """
+    scenario = simulation.scenario
     scenario.check_any_camera(len(fixed or {}))
     rig = rig_of(scenario.camera, scenario.width)
     rng = scenario.stream("starts")
@@ -67,16 +68,17 @@ def make_setup(scenario: Scenario, simulation: Simulation, fixed: Mapping[str, F
     return Setup(mounts, terrain, starts, scenario.period, height=band, occluders=occluders)
 
 
-def told_setup(scenario: Scenario, simulation: Simulation, true: Setup) -> Setup:
+def told_setup(simulation: Simulation, true: Setup) -> Setup:
     """The setup that the tracker is told: every rig is turned by mount_angle about a random axis, and moved by mount_shift in a random direction.
 
     The lenses of a rig move together. Axis and direction are of the stream "calibration/NAME". Without these effects it is the true one.
     """
+    scenario = simulation.scenario
     effects = scenario.camera_effects
     if effects.mount_angle is None and effects.mount_shift is None:
         return true
     mounts = dict(true.mounts)
-    for mounted in mounted_rigs(scenario, simulation, true):
+    for mounted in mounted_rigs(simulation, true):
         error = _mount_error(scenario, mounted)
         for view in mounted.rig.views:
             name = mounted.name + view.suffix

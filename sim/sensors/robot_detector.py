@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.scenario import Scenario
 from sim.sensors.raycast_camera import Raycaster
 from sim.simulation.simulation import Simulation
 from tracker.geometry import perturbed_bearings
@@ -27,7 +26,8 @@ def is_rover_panorama(simulation: Simulation, mount: Mount) -> bool:
 class RobotDetector:
     """Detects rovers in the current state of a simulation. The draws of a camera come from its stream "companions/CAMERA"."""
 
-    def __init__(self, scenario: Scenario, setup: Setup, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, setup: Setup) -> None:
+        scenario = simulation.scenario
         self._misses, self._noise = scenario.misses, scenario.bearing_noise
         self._simulation, self._raycaster = simulation, Raycaster(simulation)
         self._mounts = {name: mount for name, mount in setup.mounts.items() if mount.robot in simulation.robots}

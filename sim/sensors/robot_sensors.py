@@ -31,7 +31,8 @@ class RobotSensors:
     camera's of the setup.
     """
 
-    def __init__(self, scenario: Scenario, simulation: Simulation, setup: Setup) -> None:
+    def __init__(self, simulation: Simulation, setup: Setup) -> None:
+        scenario = simulation.scenario
         self.scenario, self._simulation = scenario, simulation
         simulation.keep_steps = simulation.keep_steps or bool(scenario.imu or scenario.wheels)
         self.clocks = _draw_clocks(scenario, [*simulation.robots, *setup.mounts])
@@ -48,9 +49,10 @@ class RobotSensors:
         self._wheel_clocks = [scenario.stream(f"{robot}/wheels/stamps") for robot in robots]
 
     @staticmethod
-    def of(scenario: Scenario, simulation: Simulation, setup: Setup) -> RobotSensors | None:
+    def of(simulation: Simulation, setup: Setup) -> RobotSensors | None:
         """The sensors, or None where the scenario has none of them."""
-        return RobotSensors(scenario, simulation, setup) if scenario.imu or scenario.wheels or scenario.clock else None
+        scenario = simulation.scenario
+        return RobotSensors(simulation, setup) if scenario.imu or scenario.wheels or scenario.clock else None
 
     def setup(self) -> SensorSetup:
         """What a user of the samples knows of the sensors, and the true errors of the clocks."""

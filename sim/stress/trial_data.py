@@ -84,17 +84,17 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
     if case.source == RECORDED:
         return _read_recording(case)
     recording = _recording_of(case)
-    setup = make_setup(recording.scenario, recording.simulation, recording.fixed)
+    setup = make_setup(recording.simulation, recording.fixed)
     if case.source == "twin":
         setup = _with_fixed_cameras_only(setup)
     landmarks = None
     if rendered and not case.source:
         # Instances and ranges are large and not needed any more.
-        frames = [replace(frame, images={}) for frame in rendered_frames(recording.scenario, recording.simulation, setup)]
+        frames = [replace(frame, images={}) for frame in rendered_frames(recording.simulation, setup)]
     else:
         camera = RaycastCamera(recording.simulation)
         landmarks = camera.landmarks
-        frames = list(raycast_frames(recording.scenario, recording.simulation, setup, camera))
+        frames = list(raycast_frames(recording.simulation, setup, camera))
         frames = [_crop_truth(frame, setup) for frame in frames] if setup.area is not None else frames
     if detector is not None:
         sites = sites_of(setup)
@@ -107,7 +107,7 @@ def simulate_case(case: Case, rendered: bool, detector: PersonDetector | None = 
     }
     ticks = case.faults.degraded_ticks(setup, recorded, case.scenario.seed)
     truth, views = tuple(frame.truth for frame in frames), [frame.views for frame in frames]
-    told = told_setup(recording.scenario, recording.simulation, setup)
+    told = told_setup(recording.simulation, setup)
     return TrialData(case, setup, recorded, truth, views, case.faults.degraded_setup(told), ticks, person, landmarks)
 
 
@@ -120,7 +120,7 @@ def _recording_of(case: Case) -> SimulatedSequence:
         return replace(made, fixed=corner_cameras(made.simulation.world, PRESETS[ROOM].views, case.scenario.view_width))
     if not case.policy:
         return SimulatedSequence.of(case.scenario)
-    return SimulatedSequence(case.scenario, PolicySimulation(case.scenario, "" if case.policy == OWN_GOALS else case.policy), {}, {})
+    return SimulatedSequence(PolicySimulation(case.scenario, "" if case.policy == OWN_GOALS else case.policy), {}, {})
 
 
 def _with_fixed_cameras_only(setup: Setup) -> Setup:

@@ -41,7 +41,7 @@ STITCHED = "dual-fisheye:output=stitched"
 def simulated(scenario: Scenario) -> Iterator[Frame]:
     """The frames of the scenario, rendered with its cameras and effects."""
     simulation = Simulation(scenario)
-    yield from rendered_frames(scenario, simulation, make_setup(scenario, simulation))
+    yield from rendered_frames(simulation, make_setup(simulation))
 
 
 def milliseconds(effects: str, camera: str = "", frames: int = FRAMES, width: int = 1024) -> float:

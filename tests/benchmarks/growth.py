@@ -105,9 +105,9 @@ def simulated(frames: int) -> dict[str, float]:
     """Time and memory of frames without rendering, two rovers and four people. Memory is compared with that after a tenth of the frames."""
     scenario = Scenario(people=4, robots=2, frames=frames)
     simulation = Simulation(scenario)
-    setup = make_setup(scenario, simulation)
+    setup = make_setup(simulation)
     started, after, found = time.process_time(), frames // 10, np.zeros(0)
-    for state in simulated_frames(scenario, simulation, setup):
+    for state in simulated_frames(simulation, setup):
         if state.index >= after and state.index % (frames // 100) == 0:
             found = np.append(found, resident())
     return {"ms a frame": 1e3 * (time.process_time() - started) / frames, "MiB more": float(found.max() - found[0])}

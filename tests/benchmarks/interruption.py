@@ -40,7 +40,7 @@ def start(simulation: Simulation, folder: Path, workers: int) -> int:
     try:
         os.setsid()
         with drawing_workers(workers) as drawing:
-            write_sequence(SimulatedSequence(SCENARIO, simulation, {}, json.loads(SCENARIO.to_json()), workers=drawing), folder)
+            write_sequence(SimulatedSequence(simulation, {}, json.loads(SCENARIO.to_json()), workers=drawing), folder)
         code = 0
     except KeyboardInterrupt:
         code = 130

@@ -28,10 +28,10 @@ def writing(folder: Path) -> None:
         for written in (False, True):
             simulation = Simulation(scenario)
             fixed = place_cameras(simulation.world, 4, 768)
-            recording = SimulatedSequence(scenario, simulation, fixed, {}, form)
-            setup = make_setup(scenario, simulation, fixed)
+            recording = SimulatedSequence(simulation, fixed, {}, form)
+            setup = make_setup(simulation, fixed)
             assert isinstance(setup.occluders, Grid)
-            frames = rendered_frames(scenario, simulation, setup)
+            frames = rendered_frames(simulation, setup)
             next(frames)
             begun = time.perf_counter(), time.process_time()
             if written:

@@ -100,7 +100,7 @@ def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> Non
 
 def test_walls_occlude_people_and_beams_do_not() -> None:
     simulation = Simulation(Scenario(seed=3))
-    setup = make_setup(Scenario(seed=3), simulation)
+    setup = make_setup(simulation)
     assert isinstance(setup.occluders, Grid)
     assert isinstance(setup.ground, Grid)
     above = setup.occluders.heights - setup.ground.heights

@@ -126,9 +126,9 @@ def test_a_sequence_with_videos_starts_anew(tmp_path: Path) -> None:
 @pytest.mark.render
 def test_a_killed_worker_is_one_line() -> None:
     simulation = Simulation(SCENARIO)
-    setup = make_setup(SCENARIO, simulation)
-    plan = ShotPlan(SCENARIO, simulation, setup)
-    moments = [plan.moment(state) for state in simulated_frames(SCENARIO, simulation, setup)]
+    setup = make_setup(simulation)
+    plan = ShotPlan(simulation, setup)
+    moments = [plan.moment(state) for state in simulated_frames(simulation, setup)]
     with drawing_workers(2) as workers:
         assert workers is not None
         drawn = workers.draw(DrawnScene.of(simulation, plan, ImageForm(), raw=False), moments * 50)

@@ -71,10 +71,10 @@ MOVING = Scenario(
 
 def test_every_row_is_that_of_rays_from_its_own_pose_and_time() -> None:
     simulation = Simulation(MOVING)
-    setup = make_setup(MOVING, simulation)
-    *_, frame = rendered_frames(MOVING, simulation, setup)
+    setup = make_setup(simulation)
+    *_, frame = rendered_frames(simulation, setup)
     name = "robot_0_camera_front"
-    image, true, lens = frame.images[name], frame.views, mounted_rigs(MOVING, simulation, setup)[0].rig.lenses[0]
+    image, true, lens = frame.images[name], frame.views, mounted_rigs(simulation, setup)[0].rig.lenses[0]
     rows = [row for row in frame.rows if row[1] == name]
     assert len(rows) > 5
     moved = 0.0

@@ -24,8 +24,8 @@ WIDTH = SCENARIO.width
 @pytest.fixture(scope="module")
 def both() -> tuple[list[Frame], list[Frame]]:
     rendered, unrendered = (Simulation(SCENARIO, world=yard()) for _ in range(2))
-    setup = make_setup(SCENARIO, rendered)
-    return list(rendered_frames(SCENARIO, rendered, setup)), list(raycast_frames(SCENARIO, unrendered, setup))
+    setup = make_setup(rendered)
+    return list(rendered_frames(rendered, setup)), list(raycast_frames(unrendered, setup))
 
 
 def apart(a: Array, b: Array) -> Array:
@@ -67,7 +67,7 @@ def test_detections_are_of_the_same_kind(both: tuple[list[Frame], list[Frame]]) 
 
 def test_the_same_seed_gives_the_same_sightings() -> None:
     scenario = replace(SCENARIO, robots=1, people=2, frames=2)
-    a, b = (list(raycast_frames(scenario, s := Simulation(scenario, world=yard()), make_setup(scenario, s))) for _ in range(2))
+    a, b = (list(raycast_frames(s := Simulation(scenario, world=yard()), make_setup(s))) for _ in range(2))
     for x, y in zip(a, b, strict=True):
         first, second = x.tick.views[0].sightings, y.tick.views[0].sightings
         assert first is not None

@@ -38,7 +38,7 @@ LEGS = [k for k, name in enumerate(KEYPOINT_NAMES) if name.split("_")[-1] in ("h
 
 
 def stage() -> SimulatedSequence:
-    return SimulatedSequence(SCENARIO, Simulation(SCENARIO, world=yard()), FIXED, {})
+    return SimulatedSequence(Simulation(SCENARIO, world=yard()), FIXED, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +137,9 @@ def test_ranges_and_the_ground_below(written: Written) -> None:
 def moments() -> list[tuple[Frame, Setup, Array]]:
     """Two frames in memory, and the first hit of the ray to every joint of every view that is not the limb of that joint."""
     one = stage()
-    setup = make_setup(one.scenario, one.simulation, one.fixed)
+    setup = make_setup(one.simulation, one.fixed)
     out = []
-    for moment, _ in zip(rendered_frames(one.scenario, one.simulation, setup), range(2), strict=False):
+    for moment, _ in zip(rendered_frames(one.simulation, setup), range(2), strict=False):
         out.append((moment, setup, rays_to_joints(one.simulation, moment, {name: mount.camera for name, mount in setup.mounts.items()})))
     return out
 

@@ -26,14 +26,14 @@ SCENARIO = Scenario(seed=31, robots=4, people=8, frames=6, width=256)
 @pytest.fixture(scope="module")
 def glimpses() -> list[Frame]:
     simulation = Simulation(SCENARIO, world=yard())
-    return list(raycast_frames(SCENARIO, simulation, make_setup(SCENARIO, simulation)))
+    return list(raycast_frames(simulation, make_setup(simulation)))
 
 
 def test_a_rover_is_detected_if_nothing_occludes_it() -> None:
     """Against MuJoCo's rays, which test every cell of the ground."""
     scenario = replace(SCENARIO, misses=0.0, bearing_noise=0.0, camera_height=0.8)
     simulation = Simulation(scenario, world=yard())
-    robot_detector = RobotDetector(scenario, make_setup(scenario, simulation), simulation)
+    robot_detector = RobotDetector(simulation, make_setup(simulation))
     groups, geom = np.array([1, 1, 1, 1, 0, 0], np.uint8), np.zeros(1, np.int32)
     seen = hidden = 0
     for _ in range(12):
@@ -57,7 +57,7 @@ def test_a_rover_is_detected_if_nothing_occludes_it() -> None:
 
 
 def test_errors_are_as_the_covariance_says(glimpses: list[Frame]) -> None:
-    setup = make_setup(SCENARIO, Simulation(SCENARIO, world=yard()))
+    setup = make_setup(Simulation(SCENARIO, world=yard()))
     squares, there = [], 0
     for glimpse in glimpses:
         for view in glimpse.tick.views:
@@ -74,9 +74,9 @@ def test_errors_are_as_the_covariance_says(glimpses: list[Frame]) -> None:
 def test_more_misses_change_nothing_else(glimpses: list[Frame]) -> None:
     """Misses do not move other detections. Detections of people and sightings are identical without detection of robots."""
     simulation = Simulation(SCENARIO, world=yard())
-    setup = make_setup(SCENARIO, simulation)
+    setup = make_setup(simulation)
     unoccluded = replace(setup, mounts=dict(list(setup.mounts.items())[:1]))
-    for a, b in zip(glimpses, raycast_frames(SCENARIO, simulation, unoccluded), strict=True):
+    for a, b in zip(glimpses, raycast_frames(simulation, unoccluded), strict=True):
         one, other = a.tick.views[0], b.tick.views[0]
         assert one.detections.bearing.tobytes() == other.detections.bearing.tobytes()
         assert one.sightings is not None
@@ -87,7 +87,7 @@ def test_more_misses_change_nothing_else(glimpses: list[Frame]) -> None:
 
 
 def test_a_blinded_camera_sees_no_robots(glimpses: list[Frame]) -> None:
-    setup = make_setup(SCENARIO, Simulation(SCENARIO, world=yard()))
+    setup = make_setup(Simulation(SCENARIO, world=yard()))
     ticks = [glimpse.tick for glimpse in glimpses]
     sent = Faults(dropout=0.5).degraded_ticks(setup, ticks, 1)
     blind = [view for tick in sent for view in tick.views if view.sightings is None]
@@ -104,7 +104,7 @@ def test_rendered_runs_detect_the_same_rovers(tmp_path: Path) -> None:
     scenario = Scenario(seed=31, robots=3, people=4, frames=3, width=256)
     record(scenario, tmp_path / "s")
     simulation = Simulation(scenario)
-    unrendered = raycast_frames(scenario, simulation, make_setup(scenario, simulation))
+    unrendered = raycast_frames(simulation, make_setup(simulation))
     count = 0
     for tick, glimpse in zip(read_sequence(tmp_path / "s").ticks, unrendered, strict=True):
         for a, b in zip(tick.views, glimpse.tick.views, strict=True):

@@ -35,8 +35,8 @@ class Drive:
     poses: list[dict[str, Pose]]
 
     @staticmethod
-    def of(scenario: Scenario, simulation: Simulation) -> Drive:
-        states = list(simulated_frames(scenario, simulation, make_setup(scenario, simulation)))
+    def of(simulation: Simulation) -> Drive:
+        states = list(simulated_frames(simulation, make_setup(simulation)))
         return Drive([state.samples for state in states], [state.truth.T_world_robot for state in states])
 
     def imu(self, robot: str) -> ImuSamples:
@@ -94,7 +94,7 @@ def test_samples_of_two_steps_turn_as_their_steps_do_to_second_order() -> None:
     scenario = dataclasses.replace(QUARRY, robots=1, frames=13, timestep=0.0025, imu="ideal@198")
     assert scenario.imu_steps == 2
     simulation = Simulation(scenario, yard(0.15))
-    sensors, pose = RobotSensors(scenario, simulation, make_setup(scenario, simulation)), simulation.T_world_robot("robot_0")
+    sensors, pose = RobotSensors(simulation, make_setup(simulation)), simulation.T_world_robot("robot_0")
     R, bound, h = Rotation.from_matrix(pose.rotation), 0.0, 1 / 396
     sensors.sample(0)
     for frame in range(1, scenario.frames):
@@ -162,7 +162,7 @@ FULL = Scenario(robots=2, people=1, frames=3, imu="bmi088", wheels=66, clock="of
 
 def test_sensors_change_nothing_else_and_the_same_seed_gives_the_same_samples() -> None:
     bare = dataclasses.replace(FULL, imu="", wheels=0.0, clock="")
-    runs = [list(raycast_frames(each, s := Simulation(each, yard()), make_setup(each, s))) for each in (FULL, bare, FULL)]
+    runs = [list(raycast_frames(s := Simulation(each, yard()), make_setup(s))) for each in (FULL, bare, FULL)]
     for full, plain, again in zip(*runs, strict=True):
         for view, other in zip(full.tick.views, plain.tick.views, strict=True):
             np.testing.assert_array_equal(view.detections.bearing, other.detections.bearing)
@@ -182,7 +182,7 @@ def test_sensors_change_nothing_else_and_the_same_seed_gives_the_same_samples() 
 
 def test_every_clock_is_its_own() -> None:
     simulation = Simulation(FULL, yard())
-    sensors = RobotSensors(FULL, simulation, make_setup(FULL, simulation))
+    sensors = RobotSensors(simulation, make_setup(simulation))
     clocks = sensors.setup().clocks
     assert list(clocks) == ["robot_0", "robot_1", "robot_0_camera", "robot_1_camera"]
     assert clocks["robot_1_camera"] == (0.0, 50.0, 0.0)
@@ -200,7 +200,7 @@ def test_clocks_of_unknown_cameras_and_wrong_sensors_are_refused() -> None:
     scenario = dataclasses.replace(FULL, clock="View_003:offset=1")
     simulation = Simulation(scenario, yard())
     with pytest.raises(ValueError, match=re.escape("clock names 'View_003', needs one of robot_0, robot_1, robot_0_camera")):
-        RobotSensors(scenario, simulation, make_setup(scenario, simulation))
+        RobotSensors(simulation, make_setup(simulation))
     for field, value, message in (
         ("imu", "mpu", "imu is 'mpu', needs NAME or NAME@HZ"),
         ("imu", "bmi088@50", "imu is 50 Hz, needs 100 to 400 Hz"),

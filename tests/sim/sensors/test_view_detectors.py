@@ -18,13 +18,13 @@ SCENARIO = Scenario(seed=21, robots=1, people=8, frames=6, width=256, detector_m
 
 def raycast(scenario):
     simulation = Simulation(scenario, yard())
-    return list(raycast_frames(scenario, simulation, make_setup(scenario, simulation)))
+    return list(raycast_frames(simulation, make_setup(simulation)))
 
 
 @pytest.mark.render
 def test_rendered_and_ray_cast_views_have_nearly_the_same_boxes():
     simulation = Simulation(SCENARIO, yard())
-    rendered = [frame.tick.views[0].detections for frame in rendered_frames(SCENARIO, simulation, make_setup(SCENARIO, simulation))]
+    rendered = [frame.tick.views[0].detections for frame in rendered_frames(simulation, make_setup(simulation))]
     cast = [frame.tick.views[0].detections for frame in raycast(SCENARIO)]
     assert sum(map(len, cast)) > 20
     pairs = [(a, b) for a, b in zip(rendered, cast, strict=True) if len(a) == len(b)]

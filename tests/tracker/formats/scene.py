@@ -49,4 +49,4 @@ def record(folder: Path, cameras: int = 3, seed: int = 11) -> None:
     simulation = Simulation(scenario, world=confine_rovers(plaza(), position), paths=paths)
     camera = pinhole(320, 240, 1.2)
     fixed = {f"view_{k}": FixedCamera(camera, looking(eye, (-5.0, -4.0, 0.5))) for k, eye in enumerate(EYES[:cameras])}
-    write_sequence(SimulatedSequence(scenario, simulation, fixed, json.loads(scenario.to_json())), folder)
+    write_sequence(SimulatedSequence(simulation, fixed, json.loads(scenario.to_json())), folder)
