@@ -130,8 +130,8 @@ def _run(plan: Plan, tasks: list[SequenceTask]) -> None:
     if plan.cluster is None:
         tasks = [dataclasses.replace(task, workers=max(1, plan.workers // len(tasks))) for task in tasks]
     else:
-        with cluster(plan.cluster) as client:
-            threads = sum(client.nthreads().values())
+        with cluster(plan.cluster) as (_, threads):
+            pass
         if len(tasks) < threads:
             pool = Pool(min(len(tasks), usable_cores()))
             tasks = [dataclasses.replace(task, cluster=plan.cluster) for task in tasks]

@@ -94,8 +94,8 @@ class Pool:
     def _executor(self, threads: bool) -> Iterator[tuple[Executor, int]]:
         """An executor, and the number of calls in progress at once: two a thread of a cluster."""
         if self.cluster is not None:
-            with cluster(self.cluster) as client:
-                yield client.get_executor(pure=False), 2 * max(1, sum(client.nthreads().values()))
+            with cluster(self.cluster) as (client, number):
+                yield client.get_executor(pure=False), 2 * number
         elif threads:
             with ThreadPoolExecutor(self.workers) as executor:
                 yield executor, self.workers
@@ -180,9 +180,10 @@ def _cluster_losses() -> tuple[type[Exception], ...]:
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Client]:
-    """A connection to a Dask cluster with workers. Raises ValueError where Dask is missing or the address is invalid, and OSError where no scheduler
-    answers or it has no worker.
+def cluster(address: str) -> Iterator[tuple[Client, int]]:
+    """A connection to a Dask cluster with workers, and the number of their threads.
+
+    Raises ValueError where Dask is missing or the address is invalid, and OSError where no scheduler answers or it has no worker.
     """
     try:
         from distributed import Client
@@ -200,7 +201,7 @@ def cluster(address: str) -> Iterator[Client]:
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
         except TimeoutError:
             raise OSError(f"{address}: this cluster has no worker after {CONNECT_TIMEOUT} s; `dask worker {address}` starts one") from None
-        yield client
+        yield client, max(1, sum(client.nthreads().values()))
 
 
 @contextmanager

@@ -76,8 +76,7 @@ def draw_on_cluster(
     missing: the number of moments other than None. versions: package → version, which a worker must have, too.
     Raises ValueError and OSError as `cluster`.
     """
-    with cluster(address) as client:
-        threads = max(1, sum(client.nthreads().values()))
+    with cluster(address) as (client, threads):
         (known,) = client.scatter([scene], broadcast=True, hash=False)
         executor, left, length = client.get_executor(pure=False), iter(moments), part_length(missing, threads)
         parts = iter(lambda: list(islice(left, length)), [])

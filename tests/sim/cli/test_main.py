@@ -30,47 +30,6 @@ def refused(*arguments: object, cwd: Path) -> str:
     return lines[0]
 
 
-@pytest.mark.command
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--frames", "0"], "frames is 0, needs a whole number in [1, "),
-        (["--robots", "0"], "robots is 0, needs a whole number in [1, "),
-        (["--people", "-1"], "people is -1"),
-        (["--difficulty", "1.5"], "difficulty is 1.5, needs a number in [0, 1]"),
-        (["--difficulty", "nan"], "difficulty is nan"),
-        (["--world", "atlantis"], "pilsun"),
-        (["--width", "1023"], "width is 1023"),
-        (["--people", "900"], "people"),
-        (["--robots", "60"], "robots"),
-    ],
-)
-def test_bad_scenarios(arguments: list[str], message: str, tmp_path: Path) -> None:
-    assert message in refused("demo", *arguments, "--out", "out", cwd=tmp_path)
-
-
-@pytest.mark.command
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "a command is missing, needs one of demo, doctor, "),
-        (["frobnicate"], 'pilsim has no command "frobnicate"; see pilsim --help'),
-        (["demo", "--frames", "abc"], "Error parsing --frames: invalid literal for int() with base 10: 'abc'; see pilsim demo --help"),
-        (["generate", "pilsun", "--out", "x", "--frmes", "3"], 'generate has no option "--frmes" (did you mean --frames?); see pilsim generate'),
-        (["export", "x", "--format", "jpeg", "--out", "y"], "invalid choice 'jpeg' for argument '--format'"),
-        (["generate", "pilsun"], "Missing from pilsim generate: --out DIR"),
-        (["track", "x", "--out", "y", "--l-c", "4"], "no such folder"),
-        (["compare"], "compare needs folders of results, the first as the reference"),
-        (["stress", "--world", "mars", "--sweep", "robots/0", "--out", "y"], "--world is 'mars', needs one of campus, forest, "),
-        (["stress", "--pets", "nowhere", "--out", "y"], "nowhere: no such folder"),
-        (["clique", "x.clq", "--seed", "-1"], "--seed is -1, needs at least 0"),
-        (["worlds", "pilsun", "--slip", "inf"], "seconds is inf, needs 0 to 3600"),
-    ],
-)
-def test_unknown_commands_and_options(arguments: list[str], message: str, tmp_path: Path) -> None:
-    assert message in refused(*arguments, cwd=tmp_path)
-
-
 def exit_code(*words: str) -> int:
     """The exit code of the command line in this process."""
     with pytest.MonkeyPatch.context() as patch:
@@ -85,6 +44,8 @@ def exit_code(*words: str) -> int:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        ("", "a command is missing, needs one of demo, doctor, "),
+        ("frobnicate", 'pilsim has no command "frobnicate"; see pilsim --help'),
         ("trak x", 'pilsim has no command "trak"; did you mean track? see pilsim --help'),
         ("Track x", 'pilsim has no command "Track"; did you mean track? see pilsim --help'),
         ("--seed 3 demo", "--seed stands before the command; see pilsim --help"),
@@ -97,20 +58,48 @@ def exit_code(*words: str) -> int:
             'track has no option "--slm" (did you mean --slam?), "--detection" (did you mean --detections?), "--xyzzy"; see pilsim track --help',
         ),
         ("demo --hlep", 'demo has no option "--hlep" (did you mean --help?); see pilsim demo --help'),
+        ("demo 3", "Unrecognized options: 3; see pilsim demo --help"),
+        ("demo --frames abc", "Error parsing --frames: invalid literal for int() with base 10: 'abc'; see pilsim demo --help"),
+        ("generate pilsun --frames x --out D", "--frames is 'x', needs INT; see pilsim generate --help"),
+        ("generate pilsun --difficulty high --out D", "--difficulty is 'high', needs FLOAT; see pilsim generate --help"),
+        ("generate pilsun", "Missing from pilsim generate: --out DIR"),
+        ("export x --format jpeg --out y", "invalid choice 'jpeg' for argument '--format'"),
         ("report runs --out page.pdf", "--out is page.pdf, needs a name that ends in .html"),
         ("check room --picture room.jpg", "--picture is room.jpg, needs a name that ends in .png"),
         ("place --episodes 0", "--episodes is 0, needs at least 1"),
         ("place --train 0", "--train is 0, needs at least 1"),
         ("stress --frames 1 --out D", "--frames is 1, needs at least 2"),
+        ("clique x.clq --seed -1", "--seed is -1, needs at least 0"),
         ("track x --v-max 0 --out D", "--v-max is 0.0, needs more than 0"),
-        ("demo 3", "Unrecognized options: 3; see pilsim demo --help"),
-        ("generate pilsun --frames x --out D", "--frames is 'x', needs INT; see pilsim generate --help"),
-        ("generate pilsun --difficulty high --out D", "--difficulty is 'high', needs FLOAT; see pilsim generate --help"),
+        ("track x --out y --l-c 4", "no such folder"),
+        ("compare", "compare needs folders of results, the first as the reference"),
+        ("stress --world mars --sweep robots/0 --out y", "--world is 'mars', needs one of campus, forest, "),
+        ("stress --pets nowhere --out y", "nowhere: no such folder"),
+        ("worlds pilsun --slip inf", "seconds is inf, needs 0 to 3600"),
+        ("demo --frames 0", "frames is 0, needs a whole number in [1, "),
+        ("demo --robots 0", "robots is 0, needs a whole number in [1, "),
+        ("demo --people -1", "people is -1"),
+        ("demo --difficulty 1.5", "difficulty is 1.5, needs a number in [0, 1]"),
+        ("demo --difficulty nan", "difficulty is nan"),
+        ("demo --world atlantis", "pilsun"),
+        ("demo --width 1023", "width is 1023"),
     ],
 )
-def test_misspelt_names_and_values(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line_and_leaves_nothing(
+    words: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     assert exit_code(*words.split()) == 2
-    assert capsys.readouterr().err == f"error: {message}\n"
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert message in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.command
+@pytest.mark.parametrize("words", ["--people 900", "--robots 60"])
+def test_a_world_too_small(words: str, tmp_path: Path) -> None:
+    assert words.split()[0].strip("-") in refused("demo", *words.split(), "--out", "out", cwd=tmp_path)
 
 
 @pytest.mark.parametrize("columns", [80, 200])
