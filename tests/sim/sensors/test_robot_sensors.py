@@ -50,7 +50,7 @@ class Drive:
 
 @pytest.fixture(scope="module")
 def quarry() -> Drive:
-    return Drive.of(QUARRY, Simulation(QUARRY))
+    return Drive.of(Simulation(QUARRY))
 
 
 def integrated(imu: ImuSamples, start: Pose, scheme: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -111,7 +111,7 @@ def test_samples_of_two_steps_turn_as_their_steps_do_to_second_order() -> None:
 @pytest.mark.soak
 def test_errors_of_samples_are_those_of_the_part_at_their_rate() -> None:
     scenario = Scenario(robots=1, people=0, frames=31, timestep=0.0025, imu="icm20948@198", seed=5)
-    imu, part = Drive.of(scenario, Simulation(scenario, yard())).imu("robot_0"), PARTS["icm20948"]
+    imu, part = Drive.of(Simulation(scenario, yard())).imu("robot_0"), PARTS["icm20948"]
     for name, density, walk in (("gyro", part.gyro_noise, part.gyro_walk), ("force", part.force_noise, part.force_walk)):
         bias = getattr(imu, f"{name}_bias")
         noise = getattr(imu, name) - getattr(imu, f"true_{name}") - bias
@@ -131,7 +131,7 @@ def test_specific_force_is_up_at_rest(quarry: Drive) -> None:
 @pytest.mark.soak
 def test_wheels_roll_the_true_distance_within_the_slip() -> None:
     scenario = Scenario(robots=2, people=0, frames=91, wheels=198, seed=1)
-    drive, slip = Drive.of(scenario, Simulation(scenario, yard())), wheel_slip.measure(Simulation(scenario, yard()), 15.0)
+    drive, slip = Drive.of(Simulation(scenario, yard())), wheel_slip.measure(Simulation(scenario, yard()), 15.0)
     assert slip.error > 0
     for robot in ("robot_0", "robot_1"):
         wheels = drive.wheels(robot)
@@ -152,7 +152,7 @@ def test_wheels_roll_the_true_distance_within_the_slip() -> None:
 def test_wheels_at_a_rate_that_no_frame_divides() -> None:
     scenario = Scenario(robots=1, people=0, frames=4, wheels=49.5, seed=1)
     fine = dataclasses.replace(scenario, wheels=198)
-    coarse, every = (Drive.of(each, Simulation(each, yard())).wheels("robot_0") for each in (scenario, fine))
+    coarse, every = (Drive.of(Simulation(each, yard())).wheels("robot_0") for each in (scenario, fine))
     np.testing.assert_allclose(coarse.time, np.arange(25) * 4 / 198, rtol=1e-12)
     np.testing.assert_array_equal(coarse.angle, every.angle[::4])
 
