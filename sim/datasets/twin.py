@@ -80,7 +80,7 @@ def recording_of(twin: Twin, motion: TrueMotion | None = None, world: World | No
     paths = Paths(people, scenario.period * np.arange(scenario.frames, dtype=np.float64), position, motion.stature)
     simulation = Simulation(scenario, world=confine_rovers(site, position) if scenario.robots else site, paths=paths)
     origin = motion.origin | ({} if kept else {"ids": ids.tolist()})
-    return SimulatedSequence(scenario, simulation, motion.cameras, json.loads(scenario.to_json()) | {"twin": origin})
+    return SimulatedSequence(simulation, motion.cameras, json.loads(scenario.to_json()) | {"twin": origin})
 
 
 def confine_rovers(world: World, position: Array) -> World:
