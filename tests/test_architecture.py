@@ -54,7 +54,8 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "detector_models": {"geometry", "types", "io", "detections", "recordings", "formats"},
         "metrics": {"geometry", "types", "io", "sequence", "ekf", "slam", "recordings", "formats", "detector_models"},
         "pipeline": {"reading_ahead", "geometry", "types", "detections", "tracks", "mht", "slam"},
-        "options": {"pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},
+        "parameter_file": {"io"},
+        "options": {"parameter_file", "pipeline", "types", "detections", "tracks", "mht", "slam", "ekf"},
         "run": {"pipeline", "types", "io", "sequence"},
     },
     "sim": {
@@ -77,8 +78,8 @@ LAYERS: dict[str, dict[str, set[str]]] = {
         "policies": {"placement", "simulation", "robots", "parallel", "scenario", "confidence_intervals"},
         "stress": {"policies", "datasets", "recording", "sensors", "visualization", "parallel", "scenario"},
         "prediction": {"stress", "parallel", "confidence_intervals"},
-        "tuning": {"stress", "parallel", "confidence_intervals"},
-        "report": {"stress", "prediction", "confidence_intervals"},
+        "tuning": {"stress", "prediction", "parallel", "confidence_intervals"},
+        "report": {"stress", "prediction", "tuning", "confidence_intervals"},
         "studies": {"recording", "stress", "scenario"},
         "cli": {
             "scenario", "confidence_intervals", "cameras", "effects", "rendering", "pedestrian", "robots", "parallel", "crowd", "simulation",

@@ -30,7 +30,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Start": ("demo", "doctor"),
     "Data": ("generate", "worlds", "check", "info", "import", "export", "view"),
     "Tracking": ("detect", "track", "score", "score-detections", "clique"),
-    "Experiments": ("fit-detector", "train-detector", "predict", "stress", "report", "compare", "place", "study"),
+    "Experiments": ("fit-detector", "train-detector", "predict", "tune", "stress", "report", "compare", "place", "study"),
 }
 """The commands as the overview shows them."""
 COMMANDS = tuple(name for names in GROUPS.values() for name in names)

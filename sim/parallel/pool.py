@@ -82,7 +82,7 @@ class Pool:
     def _ended(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool) -> Iterator[tuple[int, Any]]:
         """Number and result of each call, as they end. One call per worker is in progress: a queue would outlive a main process that was killed."""
         pending: dict[Future[Any], int] = {}
-        with losses(), self._executor(threads) as (executor, most):
+        with losses(), self.executor(threads) as (executor, most):
             for number, call in enumerate(calls):
                 pending[executor.submit(function, *call)] = number
                 while len(pending) >= most:
@@ -91,7 +91,7 @@ class Pool:
                 yield from _taken(pending)
 
     @contextmanager
-    def _executor(self, threads: bool) -> Iterator[tuple[Executor, int]]:
+    def executor(self, threads: bool = False) -> Iterator[tuple[Executor, int]]:
         """An executor, and the number of calls in progress at once: two a thread of a cluster."""
         if self.cluster is not None:
             with cluster(self.cluster) as (client, number):

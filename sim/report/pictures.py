@@ -53,7 +53,7 @@ def album_of(folder: Path, moments: Sequence[tuple[Row, dict[str, Any]]]) -> lis
     read = [(row, moment, _images(folder, row, moment)) for row, moment in moments]
     images = [image for _, _, (found, _) in read for image in found]
     for quality in QUALITIES:
-        encoded = [_jpeg(image, quality) for image in images]
+        encoded = [jpeg(image, quality) for image in images]
         if sum(len(picture.data) for picture in encoded) <= BUDGET:
             break
     left = iter(encoded)
@@ -83,7 +83,8 @@ def _images(folder: Path, row: Row, moment: dict[str, Any]) -> tuple[list[Any], 
     return found, missing
 
 
-def _jpeg(image: Any, quality: int) -> Picture:
+def jpeg(image: Any, quality: int) -> Picture:
+    """An image (BGR) as a JPEG of at most WIDTH px."""
     height, width = image.shape[:2]
     if width > WIDTH:
         height, width = round(height * WIDTH / width), WIDTH

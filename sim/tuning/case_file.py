@@ -45,6 +45,11 @@ class PopulationCase:
         return f"{self.kind} {self.number}"
 
 
+def case_path(folder: Path, number: int, seed: int) -> Path:
+    """The file of a case in a folder of cases."""
+    return folder / f"case-{seed}-{number:05d}.npz"
+
+
 def write_case(path: Path, case: PopulationCase) -> None:
     """Write a case whole or not at all. Raises OSError where the file cannot be written."""
     recording = case.recording

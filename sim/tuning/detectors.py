@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from sim.tuning.walks import STEPS
+from tracker.detector_models.bodies import BODY
 from tracker.detector_models.model import DetectorModel, named_model
 from tracker.geometry import Array, Ints, Pose
 
@@ -24,6 +25,8 @@ MODELS = {
 """Shipped model → how often a detector is drawn around it, and the diagonal of the place of its fit, m."""
 MOST_FALSE = (1.5, 8.0)
 """Most new false boxes a view and frame, and most places of standing ones a view."""
+BODY_WIDTH = BODY[1]
+"""m: diameter of the cylinder that stands for a body."""
 NO_CONFIDENCE = -1.0
 """The confidence of boxes without one, as MOTChallenge has it."""
 ONE_NUMBER = 0.95
@@ -55,6 +58,8 @@ class ConfidenceScale:
 
     def said(self, confidence: Array) -> Array:
         """Confidences (n,) in the detector's scale."""
+        if self.kind == "given":
+            return confidence
         inside = np.clip(confidence, 1e-4, 1 - 1e-4)
         match self.kind:
             case "power":
@@ -67,9 +72,7 @@ class ConfidenceScale:
                 return 100 * inside
             case "one":
                 return np.full(len(inside), ONE_NUMBER)
-            case "none":
-                return np.full(len(inside), NO_CONFIDENCE)
-        return inside
+        return np.full(len(inside), NO_CONFIDENCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,11 @@ class DrawnDetector:
     model: DetectorModel
     scale: ConfidenceScale
     feet_bias: float
+
+    @staticmethod
+    def fitted(model: DetectorModel) -> DrawnDetector:
+        """A model that was fitted to a camera: its edges have the bias of feet."""
+        return DrawnDetector(model, ConfidenceScale("given", 1.0, -np.inf), BODY_WIDTH / 2)
 
 
 def drawn_detector(diagonal: float, rng: np.random.Generator) -> DrawnDetector:

@@ -10,6 +10,7 @@ import numpy as np
 from sim.tuning import cameras
 from sim.tuning.places import OUTDOOR_WORLDS, Surroundings, floor, furniture, outdoor
 from sim.tuning.walks import Habits
+from tracker.geometry import Array
 from tracker.recordings import RecordingCamera
 
 BLOCK = ("lab", "lab", "lab", "lab", "lab", "office", "office", "office", "hall", "hall", "hall", "square", "square", "square", "square",
@@ -44,6 +45,11 @@ def scene(kind: str, rng: np.random.Generator) -> CaseScene:
     return SCENES[kind](rng)
 
 
+def _from_origin(size: tuple[float, float]) -> Array:
+    """The area (2, 2) m from (0, 0) to `size`."""
+    return np.array([(0.0, 0.0), size])
+
+
 def _turnover(people: int, rng: np.random.Generator, most: float) -> int:
     """People in all where some come and go."""
     return people + (int(rng.integers(0, max(1, round(most * people)) + 1)) if rng.random() < 0.6 else 0)
@@ -54,7 +60,7 @@ def _lab(rng: np.random.Generator) -> CaseScene:
     size = float(rng.uniform(5.0, 10.0)), float(rng.uniform(3.0, 6.0))
     people = int(rng.integers(8, 17)) if rng.random() < 0.75 else int(rng.integers(2, 8))
     people = min(people, round(size[0] * size[1] / 1.5))
-    around = floor(size, furniture(size, 0.03, rng), int(rng.integers(1, 3)), rng)
+    around = floor(_from_origin(size), furniture(size, 0.03, rng), int(rng.integers(1, 3)), rng)
     habits = Habits(rng.uniform(0.3, 0.8), 0.0, rng.uniform(0.0, 0.1), rng.uniform(3.0, 15.0), rng.uniform(0.6, 1.1), (0.35, 0.8))
     seen = cameras.corner_cameras(size, 4 if rng.random() < 0.75 else int(rng.integers(2, 7)), rng)
     return CaseScene(around, people, _turnover(people, rng, 0.3), habits, seen, 0, float(rng.choice([4.0, 5.0, 7.0])))
@@ -64,7 +70,7 @@ def _office(rng: np.random.Generator) -> CaseScene:
     """A room with tables and shelves, where some sit."""
     size = float(rng.uniform(5.0, 14.0)), float(rng.uniform(4.0, 9.0))
     people = int(rng.integers(2, 13))
-    around = floor(size, furniture(size, rng.uniform(0.05, 0.14), rng), int(rng.integers(1, 3)), rng)
+    around = floor(_from_origin(size), furniture(size, rng.uniform(0.05, 0.14), rng), int(rng.integers(1, 3)), rng)
     sitting = rng.uniform(0.1, 0.5) if rng.random() < 0.6 else 0.0
     habits = Habits(rng.uniform(0.1, 0.4), sitting, rng.uniform(0.0, 0.15), rng.uniform(4.0, 20.0), rng.uniform(0.7, 1.2), (0.4, 1.0))
     seen = cameras.corner_cameras(size, int(rng.integers(2, 6)), rng)
@@ -77,7 +83,7 @@ def _hall(rng: np.random.Generator) -> CaseScene:
     """A large hall with columns, before many cameras."""
     size = float(rng.uniform(12.0, 30.0)), float(rng.uniform(8.0, 20.0))
     people = int(rng.integers(6, 41))
-    around = floor(size, furniture(size, 0.015, rng), int(rng.integers(2, 5)), rng)
+    around = floor(_from_origin(size), furniture(size, 0.015, rng), int(rng.integers(2, 5)), rng)
     habits = Habits(rng.uniform(0.1, 0.6), 0.0, rng.uniform(0.0, 0.1), rng.uniform(4.0, 15.0), rng.uniform(0.9, 1.4), (0.4, 1.0))
     seen = cameras.corner_cameras(size, int(rng.integers(3, 9)), rng)
     return CaseScene(around, people, _turnover(people, rng, 0.6), habits, seen, 0, float(rng.choice([2.0, 4.0, 7.0, 10.0])))
@@ -87,7 +93,7 @@ def _square(rng: np.random.Generator) -> CaseScene:
     """A square in the open before cameras on masts: few people as in PETS 2009, or as many as in WILDTRACK."""
     size = float(rng.uniform(14.0, 36.0)), float(rng.uniform(10.0, 26.0))
     people = int(rng.integers(1, 13)) if rng.random() < 0.5 else int(rng.integers(13, 61))
-    around = floor(size, furniture(size, 0.003, rng), int(rng.integers(3, 8)), rng)
+    around = floor(_from_origin(size), furniture(size, 0.003, rng), int(rng.integers(3, 8)), rng)
     habits = Habits(rng.uniform(0.0, 0.5), 0.0, 0.0, rng.uniform(4.0, 20.0), rng.uniform(1.0, 1.5), (0.4, 1.0))
     seen = cameras.mast_cameras(around, int(rng.integers(2, 9 if people > 4 else 5)), rng)
     return CaseScene(around, people, _turnover(people, rng, 1.0), habits, seen, 0, float(rng.choice([2.0, 7.0, 10.0])))
@@ -106,7 +112,7 @@ def _rovers(rng: np.random.Generator) -> CaseScene:
     """Rovers and panoramas in a room, a hall or a square."""
     size = (float(rng.uniform(6.0, 24.0)), float(rng.uniform(4.0, 18.0)))
     people = int(np.clip(rng.integers(2, 31), 1, size[0] * size[1] / 3))
-    around = floor(size, furniture(size, rng.uniform(0.0, 0.05), rng), int(rng.integers(1, 5)), rng)
+    around = floor(_from_origin(size), furniture(size, rng.uniform(0.0, 0.05), rng), int(rng.integers(1, 5)), rng)
     habits = Habits(rng.uniform(0.1, 0.6), 0.0, rng.uniform(0.0, 0.1), rng.uniform(3.0, 12.0), rng.uniform(0.8, 1.3), (0.4, 1.0))
     rovers = int(rng.integers(2, 5))
     seen = cameras.standing_panoramas(around, int(rng.integers(0, 3)), rng)

@@ -16,6 +16,7 @@ SPACING = 0.15
 """m: of the grid of free space in rooms, halls and squares."""
 BODY_RADIUS = 0.2
 """m: a person's middle keeps this distance from walls and furniture."""
+LEVEL = Flat()
 OUTDOOR_WORLDS = ("campus", "forest", "hills", "quarry", "ruins")
 SPOTS = 14
 """Places of a case to which people walk."""
@@ -35,24 +36,25 @@ class Surroundings:
     spots: Array
     seats: Array
     area: Array
-    ground: Ground = Flat()
+    ground: Ground = LEVEL
     pillars: Array = field(default_factory=lambda: np.zeros((0, 5)))
     occluders: Grid | None = None
 
 
-def floor(size: tuple[float, float], furniture: Array, doors: int, rng: np.random.Generator) -> Surroundings:
-    """A level floor from (0, 0) to `size` m with furniture (p, 5) on it. Doors are at its border."""
-    length, width = size
-    columns, rows = (int(np.ceil(side / SPACING)) + 3 for side in size)
-    origin = np.full(2, -SPACING)
+def floor(area: Array, furniture: Array, doors: int, rng: np.random.Generator, ground: Ground = LEVEL) -> Surroundings:
+    """The ground in an area (2, 2): lowest and highest x, y m, with furniture (p, 5) on it. Doors are at its border."""
+    low, high = np.asarray(area, dtype=np.float64)
+    columns, rows = (int(np.ceil(side / SPACING)) + 3 for side in (high - low).tolist())
+    origin = low - SPACING
     x, y = origin[0] + SPACING * np.arange(columns), origin[1] + SPACING * np.arange(rows)
-    inside = ((x >= BODY_RADIUS) & (x <= length - BODY_RADIUS))[None] & ((y >= BODY_RADIUS) & (y <= width - BODY_RADIUS))[:, None]
-    for one_x, one_y, radius, low, _ in furniture:
-        if low < 1.8:
+    across, along = (np.abs(v - (a + b) / 2) <= (b - a) / 2 - BODY_RADIUS for v, a, b in zip((x, y), low, high, strict=True))
+    inside = across[None] & along[:, None]
+    for one_x, one_y, radius, bottom, _ in furniture:
+        if bottom < 1.8:
             inside &= (x[None] - one_x) ** 2 + (y[:, None] - one_y) ** 2 > (radius + BODY_RADIUS) ** 2
     free = FreeSpace(_largest(inside), origin, SPACING)
     seats = _seats(free, furniture, rng)
-    return Surroundings(free, _border(free, doors, rng), _spots(free, rng), seats, np.array([[0.0, 0.0], size]), pillars=furniture)
+    return Surroundings(free, _border(free, doors, rng), _spots(free, rng), seats, np.array([low, high]), ground, furniture)
 
 
 def furniture(size: tuple[float, float], density: float, rng: np.random.Generator) -> Array:

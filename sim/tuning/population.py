@@ -6,7 +6,7 @@ A detector model drawn at random makes boxes of what is seen (detectors.py). Cal
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sim.tuning.cameras import rover_camera, rover_poses
-from sim.tuning.case_file import PopulationCase, read_case, rows_of, true_robot, write_case
-from sim.tuning.detectors import CameraErrors, DrawnDetector, drawn_detector
+from sim.tuning.case_file import PopulationCase, case_path, read_case, rows_of, true_robot, write_case
+from sim.tuning.detectors import BODY_WIDTH, CameraErrors, DrawnDetector, drawn_detector
 from sim.tuning.kinds import BLOCK, CaseScene, scene
 from sim.tuning.places import Surroundings, reached
 from sim.tuning.walks import STEPS, Walkers, Walks, walks
@@ -31,8 +31,6 @@ STATURE, STATURES = (1.72, 0.09), (1.5, 2.0)
 """m: mean and standard deviation, and bounds, of statures."""
 SITTING = 0.74
 """Height of who sits, as a share of the stature."""
-BODY_WIDTH = 0.5
-"""m: diameter of the cylinder that stands for a body."""
 LEVELS, SIDES = (0.1, 0.3, 0.5, 0.7, 0.9), (-0.6, 0.0, 0.6)
 """Sample points of a body that things may hide: shares of its height, and of its half width."""
 Progress = Callable[..., Iterable[Any]]
@@ -49,10 +47,15 @@ def population(number: int, seed: int, folder: Path, first: int = 0, progress: P
 
 def population_case(number: int, seed: int, folder: Path) -> PopulationCase:
     """A case of the population, from its file or drawn. Raises ValueError as `population`."""
-    path = folder / f"case-{seed}-{number:05d}.npz"
+    return kept_case(folder, number, seed, drawn_case)
+
+
+def kept_case(folder: Path, number: int, seed: int, draw: Callable[[int, int], PopulationCase]) -> PopulationCase:
+    """A case from its file, or as `draw` draws it of number and seed. Raises ValueError as `population`."""
+    path = case_path(folder, number, seed)
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        write_case(path, drawn_case(number, seed))
+        write_case(path, draw(number, seed))
     # Numbers are rounded in the file, so that a drawn case is read, too.
     found = read_case(path)
     if (found.number, found.seed) != (number, seed):
@@ -80,13 +83,14 @@ class PopulationKey(NamedTuple):
     kind: str
 
 
-def case_of(key: PopulationKey, made: CaseScene) -> PopulationCase:
-    """The case of a scene."""
+def case_of(key: PopulationKey, made: CaseScene, fitted: Sequence[DrawnDetector] = ()) -> PopulationCase:
+    """The case of a scene. fitted: a detector for each camera, in place of one that is drawn for all."""
     streams = [np.random.default_rng([key.seed, key.number, 2, k]) for k in range(1, 4)]
     walkers = Walkers.of(made.around, made.habits, (made.at_once, made.people, made.rovers), made.frames / made.rate, streams[0])
     walked = walks(walkers, made.frames, 1 / made.rate)
     diagonal = float(np.linalg.norm(made.around.area[1] - made.around.area[0]))
-    recording = recorded(made, walked, drawn_detector(diagonal, streams[1]), streams[2])
+    detectors = fitted or [drawn_detector(diagonal, streams[1])] * (len(made.cameras) + made.rovers)
+    recording = recorded(made, walked, detectors, streams[2])
     return PopulationCase(*key, recording, max(2, round(DELAY * made.rate)))
 
 
@@ -113,14 +117,14 @@ class _Crowd:
         return PeopleAtStep(rows + 1, feet, dict(zip((rows + 1).tolist(), tall.tolist(), strict=True)))
 
 
-def recorded(made: CaseScene, walked: Walks, detector: DrawnDetector, rng: np.random.Generator) -> Recording:
-    """The recording of a scene: boxes of all cameras by a detector, and what the tracker is told of the cameras."""
+def recorded(made: CaseScene, walked: Walks, detectors: Sequence[DrawnDetector], rng: np.random.Generator) -> Recording:
+    """The recording of a scene: boxes by a detector for each camera, and what the tracker is told of the cameras."""
     crowd, names = _Crowd(made, walked, rng), [f"C{k}" for k in range(1, len(made.cameras) + made.rovers + 1)]
     robots = {f"r{k}": rover_poses(walked.place[:, made.people + k], made.around) for k in range(made.rovers)}
     true = dict(zip(names, [*made.cameras, *(rover_camera(robot, rng) for robot in robots)], strict=True))
     scale = float(rng.choice([0.0, rng.uniform(0.3, 1.0), rng.uniform(1.0, 2.0)], p=[0.2, 0.6, 0.2]))
     seen, detections, told = dict[int, Array](), dict[str, dict[int, tuple[Array, Array]]](), dict[str, RecordingCamera]()
-    for name, camera in true.items():
+    for (name, camera), detector in zip(true.items(), detectors, strict=True):
         errors = CameraErrors.drawn(scale, rng)
         told[name] = replace(camera, pose=camera.pose @ errors.pose)
         view = _View(made.around, camera.camera, detector, ViewSampler(detector.model, camera.camera, 1 / made.rate, range(1, made.people + 1), rng))

@@ -71,7 +71,7 @@ def test_scales_of_confidence_increase(kind: str) -> None:
 
 def test_people_keep_apart_stay_on_the_floor_and_stand_in_groups() -> None:
     rng = np.random.default_rng(4)
-    around = floor((8.0, 4.0), np.array([[4.0, 2.0, 0.6, 0.0, 0.7]]), 1, rng)
+    around = floor(np.array([[0.0, 0.0], [8.0, 4.0]]), np.array([[4.0, 2.0, 0.6, 0.0, 0.7]]), 1, rng)
     walked = walks(Walkers.of(around, Habits(0.9, 0.0, 0.0, 60.0, 1.0, (0.4, 0.5)), (10, 14, 0), 20.0, rng), 80, 0.25)
     nearest = []
     for place in walked.place:

@@ -1,0 +1,83 @@
+"""The score of a tracker with given parameters on a case, as workers compute it; an error is told by its one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.stress.tracker_under_test import load_tracker
+from sim.tuning.case_file import PopulationCase
+from sim.tuning.evaluation import evaluate
+from sim.tuning.population import kind_of, population_case
+from sim.tuning.user_cameras import KIND, UserCameras, user_case
+from tracker.parameter_file import Value, with_fields
+from tracker.pipeline import Parameters
+
+WORST = 0.1
+"""Share of cases whose mean stands beside that of all."""
+OBJECTIVES = ("hota", "mota", "idf1", "hota-worst", "mota-worst", "idf1-worst")
+"""Mean of a figure over the cases; with -worst, the mean of that and of the mean of the worst tenth."""
+
+
+@dataclass(frozen=True)
+class CaseSource:
+    """Where cases come from: the folder that keeps them, their seed, and the user's cameras, None for the population."""
+
+    folder: Path
+    seed: int
+    user: UserCameras | None = None
+
+    def case(self, number: int) -> PopulationCase:
+        """Case `number`, from its file or drawn. Raises ValueError for a file of another version."""
+        return population_case(number, self.seed, self.folder) if self.user is None else user_case(number, self.seed, self.folder, self.user)
+
+    def kind(self, number: int) -> str:
+        """The kind of a case."""
+        return kind_of(number, self.seed) if self.user is None else KIND
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A tracker with parameters: function is module:function with keyword arguments, or "" for pilsim's own with fields by path."""
+
+    function: str = ""
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+def score_case(source: CaseSource, number: int, candidate: Candidate) -> dict[str, Any]:
+    """Figures of evaluation.FIGURES and `seconds`, or `error` in one line that names the case. It raises nothing but KeyboardInterrupt."""
+    name = f"case {number}"
+    try:
+        case = source.case(number)
+        name = f"case {number} ({case.kind})"
+        return dict(evaluate(case, _tracker(candidate)))
+    except Exception as error:
+        said = " ".join(str(error).split())
+        return {"error": f"{name}: {said if isinstance(error, ValueError) else f'{type(error).__name__}: {said}'}"[:300]}
+
+
+def draw_case(source: CaseSource, number: int) -> str:
+    """Draw a case that is not there yet. Returns its name. Raises ValueError for a file of another version."""
+    return source.case(number).name
+
+
+def _tracker(candidate: Candidate) -> Any:
+    if not candidate.function:
+        return Parameters(targets=with_fields(Parameters().targets, candidate.values))
+    function: Callable[..., Any] = load_tracker(candidate.function)
+    return lambda setup, ticks: function(setup, ticks, **candidate.values)
+
+
+def worst_mean(scores: list[float]) -> float:
+    """Mean of the worst tenth, of one score at least."""
+    return float(np.sort(scores)[: max(1, round(WORST * len(scores)))].mean())
+
+
+def objective_value(objective: str, scores: list[float]) -> float:
+    """The objective of scores of all cases."""
+    mean = float(np.mean(scores))
+    return (mean + worst_mean(scores)) / 2 if objective.endswith("-worst") else mean

@@ -1,0 +1,255 @@
+"""The search: a study of Optuna whose trials race over the cases, in processes of this machine or on a cluster, resumable at any time.
+
+A trial is tried on case after case, in the same order as all others. WilcoxonPruner compares it with the best one so far, case by case, and ends it
+where it is worse. Its value is then the value of the best one, plus the mean difference on the cases that both have.
+The sampler of a trial is seeded by its number. Trials of processes that have ended are continued where they stood, so that a killed search with one
+worker gives the same trials. Several commands may work on one folder.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sim.parallel.pool import Pool, losses
+from sim.tuning.scoring import Candidate, CaseSource, objective_value, score_case, worst_mean
+from sim.tuning.space import Space
+from tracker.io.file_lock import Locked, file_lock
+from tracker.parameter_file import Value
+
+if TYPE_CHECKING:
+    from optuna import Study
+    from optuna.trial import FrozenTrial, Trial
+
+STUDY, CLAIMS, PROCESSES = "study.db", ".claims", ".processes"
+"""Names in the folder of a search: the storage, the lock under which trials are taken, and locks of the processes at work."""
+SAMPLERS = ("tpe", "cmaes")
+P_WORSE, LEAST_CASES = 0.05, 8
+"""A trial ends where it is worse than the best one with this p-value, from so many cases on."""
+STARTUP_TRIALS = 12
+"""Trials at random before TPE."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchPlan:
+    """What is searched.
+
+    folder: of the study. tracker: module:function or "". space: of its parameters, and `defaults` of those that have one. source, cases: the cases
+    0 to cases − 1. objective, sampler: of OBJECTIVES and SAMPLERS. seed: of the samplers. trials: number in all, None without a limit.
+    seconds: after which no more is computed, None without a limit.
+    """
+
+    folder: Path
+    tracker: str
+    space: Space
+    defaults: Mapping[str, Value]
+    source: CaseSource
+    cases: int
+    objective: str = "hota"
+    sampler: str = "tpe"
+    seed: int = 0
+    trials: int | None = None
+    seconds: float | None = None
+
+    @property
+    def figure(self) -> str:
+        return self.objective.split("-")[0]
+
+
+@dataclass(eq=False)
+class RunningTrial:
+    """A trial of this process: its parameters, and its scores by case."""
+
+    trial: Trial
+    candidate: Candidate
+    scores: dict[int, float] = field(default_factory=dict)
+    next_case: int = 0
+    seconds: float = 0.0
+
+
+def open_study(plan: SearchPlan) -> Study:
+    """The study of a folder, made where there is none. Raises ValueError where Optuna is missing, and for a file that is no study."""
+    try:
+        import optuna
+        from optuna.pruners import WilcoxonPruner
+        from optuna.storages import RDBStorage
+    except ImportError:
+        raise ValueError("tune needs Optuna: pip install 'pilsim[tune]'") from None
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
+    try:
+        storage = RDBStorage(f"sqlite:///{(plan.folder / STUDY).resolve()}", engine_kwargs={"connect_args": {"timeout": 120}})
+        pruner = WilcoxonPruner(p_threshold=P_WORSE, n_startup_steps=LEAST_CASES)
+        return optuna.create_study(storage=storage, pruner=pruner, study_name="tune", direction="maximize", load_if_exists=True)
+    except Exception as error:
+        raise ValueError(f"{plan.folder / STUDY}: {' '.join(str(error).split())[:200]}") from None
+
+
+class Search:
+    """The search of this process. `failures` has the errors of failed trials."""
+
+    def __init__(self, plan: SearchPlan, study: Study) -> None:
+        self.plan, self.study = plan, study
+        self._owner = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
+        self._end = None if plan.seconds is None else time.monotonic() + plan.seconds
+        self._idle: list[RunningTrial] = []
+
+    def run(self, pool: Pool, progress: Any) -> None:
+        """Try trials until their number or the time is reached. progress: an object as of tracker.io.progress.progress_bar, of trials.
+
+        Raises ValueError where a tracker fails with its default parameters, and as Pool.results.
+        """
+        pending: dict[Future[dict[str, Any]], RunningTrial] = {}
+        with ExitStack() as stack:
+            stack.enter_context(self._process_lock())
+            stack.enter_context(losses())
+            executor, most = stack.enter_context(pool.executor())
+            while True:
+                while len(pending) < most and (one := self._next()) is not None:
+                    pending[executor.submit(score_case, self.plan.source, one.next_case, one.candidate)] = one
+                if not pending:
+                    return
+                left = None if self._end is None else max(0.0, self._end - time.monotonic())
+                done = wait(pending, timeout=left, return_when=FIRST_COMPLETED).done
+                if not done and left is not None:
+                    return
+                for future in done:
+                    self._add(pending.pop(future), future.result())
+                    self._show(progress)
+
+    def _next(self) -> RunningTrial | None:
+        """A trial that goes on, or a new one; None where no more are wanted."""
+        if self._end is not None and time.monotonic() >= self._end:
+            return None
+        if self._idle:
+            return self._idle.pop(0)
+        with file_lock(self.plan.folder / CLAIMS, wait=True):
+            return self._claimed()
+
+    def _claimed(self) -> RunningTrial | None:
+        """A trial that nobody works on, or a new one."""
+        import optuna
+
+        trials = self.study.get_trials(deepcopy=False)
+        for one in trials:
+            if one.state.name == "RUNNING" and not self._at_work(one):
+                self._set_sampler(one.number)
+                # Optuna samples what a trial lacks when it is opened.
+                return self._begun(optuna.trial.Trial(self.study, one._trial_id))
+        waiting = [one.number for one in trials if one.state.name == "WAITING"]
+        if self.plan.trials is not None and len(trials) - len(waiting) >= self.plan.trials:
+            return None
+        if not trials and (defaults := self._startable()) is not None:
+            self.study.enqueue_trial(defaults)
+            waiting = [0]
+        self._set_sampler(waiting[0] if waiting else len(trials))
+        return self._begun(self.study.ask())
+
+    def _startable(self) -> dict[str, Value] | None:
+        """Default parameters, where all are known and within the space."""
+        found = {one.name: self.plan.defaults[one.name] for one in self.plan.space if one.name in self.plan.defaults}
+        return found if len(found) == len(self.plan.space) and all(one.holds(found[one.name]) for one in self.plan.space) else None
+
+    def _set_sampler(self, number: int) -> None:
+        from optuna.samplers import CmaEsSampler, RandomSampler, TPESampler
+
+        seed = int(np.random.default_rng([self.plan.seed, number]).integers(1 << 31))
+        if self.plan.sampler == "cmaes":
+            self.study.sampler = CmaEsSampler(seed=seed, independent_sampler=RandomSampler(seed), warn_independent_sampling=False)
+        else:
+            self.study.sampler = TPESampler(n_startup_trials=STARTUP_TRIALS, multivariate=True, seed=seed)
+
+    def _begun(self, trial: Trial) -> RunningTrial:
+        trial.set_user_attr("owner", self._owner)
+        values = {one.name: one.suggest(trial) for one in self.plan.space}
+        known = self.study.get_trials(deepcopy=False)[trial.number]
+        scores = {step: value for step, value in known.intermediate_values.items() if value == value}
+        done = max(known.intermediate_values, default=-1)
+        return RunningTrial(trial, Candidate(self.plan.tracker, values), scores, done + 1, known.user_attrs.get("seconds", 0.0))
+
+    def _add(self, one: RunningTrial, result: dict[str, Any]) -> None:
+        """Note a score of a trial, and end it where it is whole, worse, or has failed."""
+        case, one.next_case = one.next_case, one.next_case + 1
+        if error := result.get("error"):
+            self._fail(one, error)
+            return
+        one.seconds += result["seconds"]
+        score = float(result[self.plan.figure])
+        # In a case in which nobody counts, there is no score.
+        if score == score:
+            one.scores[case] = score
+            one.trial.set_user_attr("seconds", round(one.seconds, 2))
+            one.trial.report(score, case)
+            if one.next_case < self.plan.cases and one.trial.should_prune():
+                self._end_early(one)
+                return
+        if one.next_case < self.plan.cases:
+            self._idle.append(one)
+        elif one.scores:
+            scores = list(one.scores.values())
+            one.trial.set_user_attr("worst", worst_mean(scores))
+            self.study.tell(one.trial, objective_value(self.plan.objective, scores))
+        else:
+            self._fail(one, "nobody counts in any case")
+
+    def _end_early(self, one: RunningTrial) -> None:
+        best = self.study.best_trial
+        common = sorted(set(one.scores) & set(best.intermediate_values))
+        less = float(np.mean([one.scores[k] - best.intermediate_values[k] for k in common]))
+        one.trial.set_user_attr("cases", len(one.scores))
+        self.study.tell(one.trial, float(best.value or 0.0) + min(less, 0.0))
+
+    def _fail(self, one: RunningTrial, error: str) -> None:
+        import optuna
+
+        # The trial is left open: after a repair, the same command continues it.
+        if all(self.plan.defaults.get(name) == value for name, value in one.candidate.values.items()):
+            raise ValueError(f"the tracker fails with its default parameters: {error}")
+        one.trial.set_user_attr("error", error)
+        self.study.tell(one.trial, state=optuna.trial.TrialState.FAIL)
+
+    def _show(self, progress: Any) -> None:
+        trials = self.study.get_trials(deepcopy=False)
+        progress.n = sum(one.state.is_finished() for one in trials)
+        whole = [one.value for one in trials if one.value is not None]
+        progress.set_postfix_str(f"best {max(whole):.4f}" if whole else f"case {max((len(one.intermediate_values) for one in trials), default=0)}")
+        progress.refresh()
+
+    @contextmanager
+    def _process_lock(self) -> Iterator[None]:
+        """Show other processes that this one is at work."""
+        folder = self.plan.folder / PROCESSES
+        folder.mkdir(exist_ok=True)
+        with file_lock(folder / self._owner):
+            yield
+
+    def _at_work(self, trial: FrozenTrial) -> bool:
+        """Whether the process of a running trial goes on."""
+        owner = trial.user_attrs.get("owner")
+        if owner == self._owner:
+            return True
+        path = self.plan.folder / PROCESSES / str(owner)
+        if not path.exists():
+            return False
+        try:
+            with file_lock(path):
+                return False
+        except Locked:
+            return True
+
+
+def at_work(plan: SearchPlan, study: Study) -> int:
+    """Number of trials that other processes work on."""
+    search = Search(plan, study)
+    return sum(one.state.name == "RUNNING" and search._at_work(one) for one in study.get_trials(deepcopy=False))

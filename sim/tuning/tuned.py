@@ -1,0 +1,183 @@
+"""A whole run of `pilsim tune`: cases, search, gain on other cases, and the files of its result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sim.parallel.pool import Pool
+from sim.tuning.case_file import VERSION, case_path
+from sim.tuning.held_out import ALL, HeldOut, held_out_cases, try_held_out
+from sim.tuning.scoring import draw_case, worst_mean
+from sim.tuning.search import CLAIMS, STUDY, Search, SearchPlan, at_work, open_study
+from tracker.io.atomic import write_text
+from tracker.io.file_lock import file_lock, folder_lock
+from tracker.io.json_files import json_text, read_json
+from tracker.io.progress import progress_bar
+from tracker.io.resume import check_same, holds_run, json_value
+from tracker.parameter_file import Value, parameters_text
+
+if TYPE_CHECKING:
+    from optuna import Study
+    from optuna.trial import FrozenTrial
+
+RUN, BEST, RESULT = "run.json", "best.toml", "result.json"
+
+
+@dataclass(frozen=True, eq=False)
+class TunedResult:
+    """What a search found.
+
+    best: parameters of the best whole trial. number, value: its number and objective. worst: mean of its worst tenth.
+    trials, early, failed: numbers of trials in all, of those that ended early, and of those that failed. errors: lines of the latter.
+    curve: number of each whole trial and the best objective until then. slices: parameters and objective of each trial.
+    importance: shares by parameter, {} where there are too few trials. held_out: None where no other cases were asked for.
+    default_value: objective of the default parameters, NaN where they are not all known or not in the space.
+    """
+
+    best: Mapping[str, Value]
+    number: int
+    value: float
+    worst: float
+    trials: int
+    early: int
+    failed: int
+    errors: tuple[str, ...]
+    curve: tuple[tuple[int, float], ...]
+    slices: tuple[tuple[dict[str, Any], float], ...]
+    importance: Mapping[str, float]
+    held_out: HeldOut | None
+    default_value: float = math.nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        gains = {} if self.held_out is None else {kind: vars(gain) | {"verdict": gain.verdict} for kind, gain in self.held_out.gains().items()}
+        names = ("number", "value", "worst", "default_value", "trials", "early", "failed")
+        return {"best": dict(self.best)} | {name: getattr(self, name) for name in names} | {"importance": dict(self.importance), "gains": gains}
+
+
+def tune(plan: SearchPlan, held_out: int, pool: Pool, quiet: bool = False) -> TunedResult | int:
+    """Draw the cases, search, try the best parameters on `held_out` other cases, and write best.toml and result.json.
+
+    Returns the number of trials that other processes still work on, where there are some: the last one writes the result.
+    Raises ValueError, in one line, for a folder of another search, and where nothing was found.
+    """
+    numbers = [*range(plan.cases), *held_out_cases(plan, held_out)]
+    plan.folder.mkdir(parents=True, exist_ok=True)
+    with _statement(plan):
+        study = open_study(plan)
+    bar = partial(progress_bar, leave=False, disable=quiet)
+    _draw(plan, numbers, pool, partial(bar, desc="cases", unit="case"))
+    with bar(desc="trials", unit="trial", total=plan.trials) as shown:
+        Search(plan, study).run(pool, shown)
+    if left := at_work(plan, study):
+        return left
+    kinds = {case: plan.source.kind(case) for case in held_out_cases(plan, held_out)}
+    with folder_lock(plan.folder):
+        return _finished(plan, study, kinds, pool, partial(bar, desc="other cases", unit="run"))
+
+
+@contextmanager
+def _statement(plan: SearchPlan) -> Iterator[None]:
+    """The folder says what is searched in it. Raises ValueError where it is something else."""
+    about = json_value({
+        "tune": VERSION,
+        "tracker": plan.tracker,
+        "space": plan.space,
+        "objective": plan.objective,
+        "sampler": plan.sampler,
+        "seed": plan.seed,
+        "population": {"cases": plan.cases, "seed": plan.source.seed, "source": "" if plan.source.user is None else plan.source.user.name},
+    })  # fmt: skip
+    with file_lock(plan.folder / CLAIMS, wait=True):
+        if holds_run(plan.folder, RUN, (STUDY, ".*", "cases")):
+            check_same(plan.folder, read_json(plan.folder / RUN), about, "another search")
+        else:
+            write_text(plan.folder / RUN, json_text(about, indent=1) + "\n")
+        yield
+
+
+def _draw(plan: SearchPlan, numbers: list[int], pool: Pool, progress: Callable[..., Any]) -> None:
+    """Draw the cases that are missing. Raises ValueError for a folder of cases of another version."""
+    missing = [number for number in numbers if not case_path(plan.source.folder, number, plan.source.seed).is_file()]
+    if missing:
+        for _ in progress(pool.as_completed(draw_case, ((plan.source, number) for number in missing)), total=len(missing)):
+            pass
+    plan.source.case(numbers[0])
+
+
+def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], pool: Pool, progress: Callable[..., Any]) -> TunedResult:
+    trials = study.get_trials(deepcopy=False)
+    whole = [one for one in trials if one.value is not None and "cases" not in one.user_attrs]
+    failed = [one for one in trials if one.state.name == "FAIL"]
+    if not whole:
+        reason = f"; {len(failed)} failed, the first: {failed[0].user_attrs.get('error')}" if failed else ""
+        raise ValueError(f"{plan.folder}: no trial has tried all cases yet{reason}; the same command goes on")
+    best = max(whole, key=lambda one: (one.value, -one.number))
+    started = _is_default(plan, best)
+    tried = None if not kinds else try_held_out(plan, {} if started else best.params, kinds, pool, progress)
+    scored = [one for one in trials if one.value is not None]
+    default = next((one.value for one in whole if _is_default(plan, one)), None)
+    result = TunedResult(
+        best.params,
+        best.number,
+        float(best.value or 0.0),
+        float(best.user_attrs.get("worst", worst_mean(list(best.intermediate_values.values())))),
+        sum(one.state.is_finished() for one in trials),
+        len(scored) - len(whole),
+        len(failed),
+        tuple(f"trial {one.number}: {one.user_attrs.get('error')}" for one in failed),
+        _curve(whole),
+        tuple((one.params, float(one.value or 0.0)) for one in scored),
+        _importance(study, scored),
+        tried,
+        math.nan if default is None else float(default),
+    )
+    comments = (
+        f"pilsim tune: trial {best.number} of {result.trials}, {plan.objective} {best.value:.4f} on {plan.cases} cases of seed {plan.source.seed}",
+        f"tracker: {plan.tracker or 'default'}",
+        *([] if tried is None else [gain_text(tried)]),
+    )
+    write_text(plan.folder / BEST, parameters_text(best.params, comments))
+    write_text(plan.folder / RESULT, json_text(result.to_dict(), indent=1) + "\n")
+    return result
+
+
+def gain_text(tried: HeldOut) -> str:
+    """A sentence on the gain on other cases."""
+    gain = tried.gains().get(ALL)
+    if gain is None:
+        return "no other case counts"
+    text = f"gain of {tried.figure} on {len(tried.kinds)} other cases: {gain.text(4, signed=True)}"
+    return text if gain.verdict == "higher" else f"{text}: none is seen" if gain.verdict != "lower" else f"{text}: a loss"
+
+
+def _is_default(plan: SearchPlan, trial: FrozenTrial) -> bool:
+    return all(plan.defaults.get(name) == value for name, value in trial.params.items())
+
+
+def _curve(whole: list[FrozenTrial]) -> tuple[tuple[int, float], ...]:
+    out, best = [], -math.inf
+    for one in sorted(whole, key=lambda one: one.number):
+        best = max(best, float(one.value or 0.0))
+        out.append((one.number, best))
+    return tuple(out)
+
+
+def _importance(study: Study, scored: list[FrozenTrial]) -> dict[str, float]:
+    """Shares of the variance of the objective by parameter (fANOVA, Hutter et al. 2014); {} where trials are too few or alike."""
+    from optuna.importance import FanovaImportanceEvaluator, get_param_importances
+
+    if len(scored) < 8 or len({one.value for one in scored}) < 2:
+        return {}
+    try:
+        found = get_param_importances(study, evaluator=FanovaImportanceEvaluator(seed=0))
+    except ImportError:
+        raise ValueError("importance of parameters needs scikit-learn: pip install 'pilsim[tune]'") from None
+    except (ValueError, RuntimeError):
+        return {}
+    return {name: round(float(share), 4) for name, share in found.items()}
