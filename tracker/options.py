@@ -101,6 +101,8 @@ class PeopleOptions:
     """Δ_a: longest time that a track coasts without a detection, s."""
     n_conf: Annotated[int | None, POSITIVE, unset("INT", "2")] = None
     """N_conf: number of frames before a track may be confirmed."""
+    parameters: Annotated[Path | None, unset("FILE.toml", "none")] = None
+    """Any parameters of the tracker of people, as `pilsim tune` writes them into best.toml; other options override them."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,7 @@ OPTIONS: dict[str, OptionType] = {
 def parameters_from(options: Mapping[str, Any]) -> Parameters:
     """Parameters from options by name; an option that is missing or None has its default value.
 
-    Raises ValueError for an option that is unknown, out of bounds, or without effect beside the others.
+    parameters: a file, or its values by path. Raises ValueError for an option that is unknown, out of bounds, or without effect beside the others.
     """
     from tracker.pipeline import Parameters
 
@@ -204,9 +206,12 @@ def _slam(given: Mapping[str, Any]) -> SlamParameters:
 
 def _targets(given: Mapping[str, Any]) -> MhtParameters:
     """Parameters of the tracker of people."""
+    from tracker.parameter_file import read_parameters, with_fields
     from tracker.tracks.parameters import MhtParameters
 
-    chosen = MhtParameters()
+    chosen, file = MhtParameters(), given.get("parameters", {})
+    values, where = (file, "parameter") if isinstance(file, Mapping) else (read_parameters(Path(file)), f"{file}: parameter")
+    chosen = with_fields(chosen, values, where)
     if "v_max" in given:
         chosen = replace(chosen, motion=replace(chosen.motion, v_max=given["v_max"]))
     if given.get("confidence") == "learned":

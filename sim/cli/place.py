@@ -27,6 +27,8 @@ class EpisodeOptions:
     """What a policy observes: state gives visible people their true ids; tracks runs SLAM and tracker, and gives MOTA, too."""
     detector_model: DetectorModelName = "independent"
     """The detector of --observation tracks: a file of `pilsim fit-detector`, fairmot, faster-rcnn, keypoint-rcnn, pets-det or pixels."""
+    parameters: Annotated[Path | None, unset("FILE.toml", "none")] = None
+    """Parameters of the tracker of --observation tracks, as `pilsim tune` writes them."""
     density: Annotated[str | None, unset("PRESET", "none")] = None
     """A preset, pilsun, s2l1, s2l2 or s2l3: its world, robots and people replace --world, --robots and --people."""
 
@@ -132,10 +134,13 @@ class Place:
     def _options(self) -> dict[str, Any]:
         from sim.placement.config import DENSITIES
         from tracker.detector_models.model import INDEPENDENT, chosen_model
+        from tracker.parameter_file import read_parameters
 
         options = given(self.scene) | given(self.episode)
         if (model := options.pop("detector_model")) != INDEPENDENT:
             options["detector_model"] = chosen_model(model)
+        if (file := options.pop("parameters", None)) is not None:
+            options["parameters"] = tuple(read_parameters(file).items())
         # A preset replaces the world and who is in it.
         replaced = () if self.episode.density is None else DENSITIES["pilsun"]
         return {name: value for name, value in options.items() if name not in replaced}

@@ -10,7 +10,7 @@ from tyro.conf import OmitArgPrefixes, UseAppendAction, arg
 
 from sim.cli.options import changed_options, command_line, json_text, unset
 from sim.cli.scenario_options import USUAL, BoxOptions, SceneOptions, given
-from tracker.options import OPTIONS, FilterOptions, Least, PeopleOptions
+from tracker.options import OPTIONS, FilterOptions, Least, PeopleOptions, parameters_from
 
 if TYPE_CHECKING:
     from sim.stress.sweeps import Case
@@ -30,12 +30,19 @@ class TrackerOptions(PeopleOptions, FilterOptions):
     def chosen(self) -> TrackerUnderTest:
         """The tracker with its changed options. Raises ValueError for one that there is not, and for options that it does not have."""
         from sim.stress.tracker_under_test import TrackerUnderTest, load_tracker
+        from tracker.parameter_file import read_parameters
 
         if self.results is not None and not self.results.is_dir():
             raise ValueError(f"{self.results}: no such folder")
         if self.tracker:
             load_tracker(self.tracker)
-        return TrackerUnderTest(self.tracker, changed_options(self, OPTIONS), "" if self.results is None else str(self.results.resolve()))
+        options = changed_options(self, OPTIONS)
+        if self.parameters is not None:
+            if not self.tracker:
+                parameters_from({"parameters": self.parameters})
+            # Results keep the values, and not the name of a file that may change.
+            options["parameters"] = read_parameters(self.parameters)
+        return TrackerUnderTest(self.tracker, options, "" if self.results is None else str(self.results.resolve()))
 
 
 @dataclass(frozen=True)

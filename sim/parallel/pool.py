@@ -80,15 +80,9 @@ class Pool:
         return (result for _, result in self._ended(function, calls, threads))
 
     def _ended(self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], threads: bool) -> Iterator[tuple[int, Any]]:
-        """Number and result of each call, as they end. One call per worker is in progress: a queue would outlive a main process that was killed."""
-        pending: dict[Future[Any], int] = {}
+        """Number and result of each call, as they end."""
         with losses(), self.executor(threads) as (executor, most):
-            for number, call in enumerate(calls):
-                pending[executor.submit(function, *call)] = number
-                while len(pending) >= most:
-                    yield from _taken(pending)
-            while pending:
-                yield from _taken(pending)
+            yield from ended(executor, most, function, calls)
 
     @contextmanager
     def executor(self, threads: bool = False) -> Iterator[tuple[Executor, int]]:
@@ -102,6 +96,17 @@ class Pool:
         else:
             with processes(self.workers) as executor:
                 yield executor, self.workers
+
+
+def ended(executor: Executor, most: int, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+    """Number and result of each call, as they end, with at most so many calls in progress: a queue would outlive a main process that was killed."""
+    pending: dict[Future[Any], int] = {}
+    for number, call in enumerate(calls):
+        pending[executor.submit(function, *call)] = number
+        while len(pending) >= most:
+            yield from _taken(pending)
+    while pending:
+        yield from _taken(pending)
 
 
 def _taken(pending: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:

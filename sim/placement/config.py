@@ -12,6 +12,8 @@ import numpy as np
 from sim.placement.visibility import VisibilityLimits
 from sim.scenario import INDEPENDENT
 from tracker.detector_models.model import model_of
+from tracker.parameter_file import Value, with_fields
+from tracker.tracks.parameters import MhtParameters
 from worlds import catalogue
 
 DRIVES = ("kinematic", "physics")
@@ -66,7 +68,7 @@ class PlacementConfig:
     * action: velocity (forward speed and yaw rate) or waypoint (a point on the map).
     * reach (m) and smallest (°): people farther away, or of a smaller apparent height, are not seen. camera_height: m above the ground.
     * cells, cell (m): the local map of a robot has cells × cells of that size. width: px of the panoramas of "pixels".
-    * misses, clutter, detector_model: the detector of "tracks", as in Scenario.
+    * misses, clutter, detector_model: the detector of "tracks", as in Scenario. parameters: of its tracker of people, paths with values.
     * panorama: index of the robot whose panorama `render` shows, or None for a plan view.
     """
 
@@ -88,6 +90,7 @@ class PlacementConfig:
     clutter: float = 0.05
     panorama: int | None = None
     detector_model: str = INDEPENDENT
+    parameters: tuple[tuple[str, Value], ...] = ()
 
     def __post_init__(self) -> None:
         for name, choices in (("world", tuple(sorted(catalogue.WORLDS))), ("drive", DRIVES), ("observation", OBSERVATIONS), ("action", ACTIONS)):
@@ -101,6 +104,9 @@ class PlacementConfig:
         model_of(self.detector_model)
         if self.detector_model != INDEPENDENT and self.observation != "tracks":
             raise ValueError(f"detector_model is of the observation tracks, and observation is {self.observation!r}")
+        if self.parameters and self.observation != "tracks":
+            raise ValueError(f"parameters are of the observation tracks, and observation is {self.observation!r}")
+        with_fields(MhtParameters(), dict(self.parameters))
         if self.map_seed is not None:
             _check("map_seed", self.map_seed, (0, 2**31), whole=True)
         if self.panorama is not None:

@@ -26,6 +26,7 @@ from tracker.geometry.cameras import Panorama
 from tracker.geometry.ground import Grid
 from tracker.metrics.clear_mot import score
 from tracker.metrics.matching import MatchingFrame
+from tracker.parameter_file import with_fields
 from tracker.pipeline import Parameters, Tracker
 from tracker.slam.parameters import SlamParameters
 from tracker.types import Boxes, Detections, Estimate, Keypoints, Mount, Odometry, Setup, Sightings, Start, ViewTruth
@@ -133,7 +134,8 @@ class TrackerInLoop:
             starts[f"robot_{k}"] = Start(pose @ Pose.exp(rng.normal(0.0, START_SIGMA)), np.diag(START_SIGMA**2))
         mounts = {f"robot_{k}_camera": Mount(CAMERA, mount, f"robot_{k}") for k in range(count)}
         floor, tops = (Grid(heights, place.floor.origin, place.floor.spacing) for heights in (place.floor.heights, place.elevation.top))
-        tracker = Tracker(Setup(mounts, floor, starts, config.frame_period, occluders=tops), Parameters(slam=SLAM))
+        parameters = Parameters(slam=SLAM, targets=with_fields(Parameters().targets, dict(config.parameters)))
+        tracker = Tracker(Setup(mounts, floor, starts, config.frame_period, occluders=tops), parameters)
         landmarks = Landmarks.described(surface_points(place, LANDMARKS, rng), LANDMARKS, rng)
         systematic_errors = [odometry.SystematicErrors.draw(rng) for _ in range(count)]
         out = TrackerInLoop(config, place, rng, tracker, landmarks, systematic_errors)

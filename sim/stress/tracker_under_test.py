@@ -19,7 +19,10 @@ from tracker.pipeline import track
 from tracker.sequence.results import Results
 from tracker.types import Estimate, Setup, Tick
 
-TrackFunction = Callable[[Setup, Iterable[Tick]], Iterable[Estimate]]
+TrackFunction = Callable[..., Iterable[Estimate]]
+"""Of a setup and its ticks, and of keyword arguments: parameters that `pilsim tune` may choose."""
+PARAMETERS = "parameters"
+"""The option with values by name: fields of pilsim's own tracker by path, or keyword arguments of a function."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class TrackerUnderTest:
     """One of three kinds of trackers. Raises ValueError where kinds are mixed, and for unknown options.
 
     function: module:function of a function like tracker.pipeline.track, or "" for pilsim's own. options: of pilsim's own, by the names of
-    `pilsim track`. results: a folder of tracks made elsewhere, ID/SEED.txt in MOT15 with x, y, z, or "".
+    `pilsim track`; a function has PARAMETERS alone. results: a folder of tracks made elsewhere, ID/SEED.txt in MOT15 with x, y, z, or "".
     """
 
     function: str = ""
@@ -37,9 +40,10 @@ class TrackerUnderTest:
     def __post_init__(self) -> None:
         if self.function and self.results:
             raise ValueError("--tracker and --results exclude each other")
-        if self.options and (self.function or self.results):
-            raise ValueError(f"options {', '.join(self.options)} are of the default tracker, not of {self.name}")
-        parameters_from(self.options)
+        if others := [name for name in self.options if self.results or (self.function and name != PARAMETERS)]:
+            raise ValueError(f"options {', '.join(others)} are of the default tracker, not of {self.name}")
+        if not self.function:
+            parameters_from(self.options)
 
     @property
     def name(self) -> str:
@@ -67,7 +71,7 @@ class TrackerUnderTest:
     def estimates(self, setup: Setup, ticks: list[Tick], graphs: Path | None = None) -> list[Estimate]:
         """As `results_of`, one Estimate a tick. Not for tracks that were made elsewhere."""
         if self.function:
-            return check_estimates(self.name, load_tracker(self.function)(setup, ticks), setup, ticks)
+            return check_estimates(self.name, load_tracker(self.function)(setup, ticks, **self.options.get(PARAMETERS, {})), setup, ticks)
         parameters = parameters_from(self.options)
         if graphs is not None:
             parameters = replace(parameters, graphs=graphs)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
 from sim.confidence_intervals import Interval, paired
-from sim.parallel.pool import Pool
+from sim.parallel.pool import ended
 from sim.tuning.scoring import Candidate, score_case
 from sim.tuning.search import SearchPlan
 from tracker.io.resume import Journal, json_value, program_version
 from tracker.parameter_file import Value
 
+Workers = tuple[Executor, int]
 ALL = "all"
 """Name of the gain on the cases of all kinds."""
 
@@ -47,24 +50,29 @@ def held_out_cases(plan: SearchPlan, count: int) -> range:
     return range(plan.cases, plan.cases + count)
 
 
-def try_held_out(plan: SearchPlan, best: Mapping[str, Value], kinds: Mapping[int, str], pool: Pool, progress: Any) -> HeldOut:
-    """Track the cases of `kinds` with default and with best parameters. What is done is kept in the folder of the search, and continued.
+def try_held_out(plan: SearchPlan, best: Mapping[str, Value], kinds: Mapping[int, str], workers: Workers, progress: Any) -> HeldOut:
+    """Track the cases of `kinds` with default and with best parameters, {} for the default ones. What is done is kept in the folder, and continued.
 
-    progress: wraps the iteration over runs. Raises ValueError, in one line, where a tracker fails.
+    workers: an executor, and how many calls it takes at once. progress: wraps the iteration over runs.
+    Raises ValueError, in one line, where a tracker fails.
     """
-    default = _tried(plan, {}, kinds, pool, progress)
-    return HeldOut(default, _tried(plan, best, kinds, pool, progress) if best else default, kinds, plan.figure)
-
-
-def _tried(plan: SearchPlan, values: Mapping[str, Value], kinds: Mapping[int, str], pool: Pool, progress: Any) -> dict[int, dict[str, float]]:
-    about = json_value({"tracker": plan.tracker, "values": dict(values), "seed": plan.source.seed, "pilsim": program_version()})
-    with Journal(plan.folder / f"held-out-{'best' if values else 'default'}.jsonl", about) as journal:
-        done = {int(entry["case"]): entry["figures"] for entry in journal.entries if "figures" in entry}
-        left = [case for case in kinds if case not in done]
-        calls = ((plan.source, case, Candidate(plan.tracker, values)) for case in left)
-        for case, found in zip(left, progress(pool.results(score_case, calls), total=len(left)) if left else (), strict=True):
+    wanted = {"default": dict[str, Value](), **({"best": dict(best)} if best else {})}
+    figures = {name: dict[int, dict[str, float]]() for name in wanted}
+    with ExitStack() as stack:
+        journals = {name: stack.enter_context(Journal(plan.folder / f"held-out-{name}.jsonl", _about(plan, of))) for name, of in wanted.items()}
+        for name, journal in journals.items():
+            figures[name] |= {int(entry["case"]): entry["figures"] for entry in journal.entries if "figures" in entry}
+        left = [(name, case) for case in kinds for name in wanted if case not in figures[name]]
+        calls = ((plan.source, case, Candidate(plan.tracker, wanted[name])) for name, case in left)
+        for number, found in progress(ended(*workers, score_case, calls), total=len(left)) if left else ():
+            name, case = left[number]
             if error := found.get("error"):
-                raise ValueError(f"the tracker fails with its {'best' if values else 'default'} parameters: {error}")
-            journal.add({"case": case, "figures": found})
-            done[case] = found
-    return {case: done[case] for case in kinds}
+                raise ValueError(f"the tracker fails with its {name} parameters: {error}")
+            journals[name].add({"case": case, "figures": found})
+            figures[name][case] = found
+    default, chosen = figures["default"], figures["best" if best else "default"]
+    return HeldOut({case: default[case] for case in kinds}, {case: chosen[case] for case in kinds}, kinds, plan.figure)
+
+
+def _about(plan: SearchPlan, values: Mapping[str, Value]) -> dict[str, Any]:
+    return dict(json_value({"tracker": plan.tracker, "values": values, "seed": plan.source.seed, "pilsim": program_version()}))

@@ -14,15 +14,14 @@ import socket
 import time
 import warnings
 from collections.abc import Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.parallel.pool import Pool, losses
 from sim.tuning.scoring import Candidate, CaseSource, objective_value, score_case, worst_mean
 from sim.tuning.space import Space
 from tracker.io.file_lock import Locked, file_lock
@@ -75,7 +74,6 @@ class RunningTrial:
     candidate: Candidate
     scores: dict[int, float] = field(default_factory=dict)
     next_case: int = 0
-    seconds: float = 0.0
 
 
 def open_study(plan: SearchPlan) -> Study:
@@ -104,17 +102,16 @@ class Search:
         self._owner = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
         self._end = None if plan.seconds is None else time.monotonic() + plan.seconds
         self._idle: list[RunningTrial] = []
+        self._best = ""
 
-    def run(self, pool: Pool, progress: Any) -> None:
-        """Try trials until their number or the time is reached. progress: an object as of tracker.io.progress.progress_bar, of trials.
+    def run(self, executor: Executor, most: int, progress: Any) -> None:
+        """Try trials until their number or the time is reached, `most` at once. progress: as of tracker.io.progress.progress_bar, of trials.
 
-        Raises ValueError where a tracker fails with its default parameters, and as Pool.results.
+        Raises ValueError where a tracker fails with its default parameters.
         """
         pending: dict[Future[dict[str, Any]], RunningTrial] = {}
-        with ExitStack() as stack:
-            stack.enter_context(self._process_lock())
-            stack.enter_context(losses())
-            executor, most = stack.enter_context(pool.executor())
+        with self._process_lock():
+            self._show(progress)
             while True:
                 while len(pending) < most and (one := self._next()) is not None:
                     pending[executor.submit(score_case, self.plan.source, one.next_case, one.candidate)] = one
@@ -125,8 +122,10 @@ class Search:
                 if not done and left is not None:
                     return
                 for future in done:
-                    self._add(pending.pop(future), future.result())
-                    self._show(progress)
+                    one = pending.pop(future)
+                    if self._add(one, future.result()):
+                        self._show(progress)
+                    progress.set_postfix_str(f"{self._best}trial {one.trial.number}, case {one.next_case}")
 
     def _next(self) -> RunningTrial | None:
         """A trial that goes on, or a new one; None where no more are wanted."""
@@ -176,32 +175,32 @@ class Search:
         known = self.study.get_trials(deepcopy=False)[trial.number]
         scores = {step: value for step, value in known.intermediate_values.items() if value == value}
         done = max(known.intermediate_values, default=-1)
-        return RunningTrial(trial, Candidate(self.plan.tracker, values), scores, done + 1, known.user_attrs.get("seconds", 0.0))
+        return RunningTrial(trial, Candidate(self.plan.tracker, values), scores, done + 1)
 
-    def _add(self, one: RunningTrial, result: dict[str, Any]) -> None:
-        """Note a score of a trial, and end it where it is whole, worse, or has failed."""
+    def _add(self, one: RunningTrial, result: dict[str, Any]) -> bool:
+        """Note a score of a trial, and end it where it is whole, worse, or has failed. Returns whether it has ended."""
         case, one.next_case = one.next_case, one.next_case + 1
         if error := result.get("error"):
             self._fail(one, error)
-            return
-        one.seconds += result["seconds"]
+            return True
         score = float(result[self.plan.figure])
         # In a case in which nobody counts, there is no score.
         if score == score:
             one.scores[case] = score
-            one.trial.set_user_attr("seconds", round(one.seconds, 2))
             one.trial.report(score, case)
             if one.next_case < self.plan.cases and one.trial.should_prune():
                 self._end_early(one)
-                return
+                return True
         if one.next_case < self.plan.cases:
             self._idle.append(one)
-        elif one.scores:
+            return False
+        if one.scores:
             scores = list(one.scores.values())
             one.trial.set_user_attr("worst", worst_mean(scores))
             self.study.tell(one.trial, objective_value(self.plan.objective, scores))
         else:
             self._fail(one, "nobody counts in any case")
+        return True
 
     def _end_early(self, one: RunningTrial) -> None:
         best = self.study.best_trial
@@ -222,8 +221,8 @@ class Search:
     def _show(self, progress: Any) -> None:
         trials = self.study.get_trials(deepcopy=False)
         progress.n = sum(one.state.is_finished() for one in trials)
-        whole = [one.value for one in trials if one.value is not None]
-        progress.set_postfix_str(f"best {max(whole):.4f}" if whole else f"case {max((len(one.intermediate_values) for one in trials), default=0)}")
+        values = [one.value for one in trials if one.value is not None]
+        self._best = f"best {max(values):.4f}, " if values else ""
         progress.refresh()
 
     @contextmanager

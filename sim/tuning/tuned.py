@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sim.parallel.pool import Pool
+from sim.parallel.pool import Pool, ended, losses
 from sim.tuning.case_file import VERSION, case_path
-from sim.tuning.held_out import ALL, HeldOut, held_out_cases, try_held_out
+from sim.tuning.held_out import ALL, HeldOut, Workers, held_out_cases, try_held_out
 from sim.tuning.scoring import draw_case, worst_mean
 from sim.tuning.search import CLAIMS, STUDY, Search, SearchPlan, at_work, open_study
 from tracker.io.atomic import write_text
@@ -71,14 +71,15 @@ def tune(plan: SearchPlan, held_out: int, pool: Pool, quiet: bool = False) -> Tu
     with _statement(plan):
         study = open_study(plan)
     bar = partial(progress_bar, leave=False, disable=quiet)
-    _draw(plan, numbers, pool, partial(bar, desc="cases", unit="case"))
-    with bar(desc="trials", unit="trial", total=plan.trials) as shown:
-        Search(plan, study).run(pool, shown)
-    if left := at_work(plan, study):
-        return left
-    kinds = {case: plan.source.kind(case) for case in held_out_cases(plan, held_out)}
-    with folder_lock(plan.folder):
-        return _finished(plan, study, kinds, pool, partial(bar, desc="other cases", unit="run"))
+    with losses(), pool.executor() as workers:
+        _draw(plan, numbers, workers, partial(bar, desc="cases", unit="case"))
+        with bar(desc="trials", unit="trial", total=plan.trials) as shown:
+            Search(plan, study).run(*workers, shown)
+        if left := at_work(plan, study):
+            return left
+        kinds = {case: plan.source.kind(case) for case in held_out_cases(plan, held_out)}
+        with folder_lock(plan.folder):
+            return _finished(plan, study, kinds, workers, partial(bar, desc="other cases", unit="run"))
 
 
 @contextmanager
@@ -101,16 +102,16 @@ def _statement(plan: SearchPlan) -> Iterator[None]:
         yield
 
 
-def _draw(plan: SearchPlan, numbers: list[int], pool: Pool, progress: Callable[..., Any]) -> None:
+def _draw(plan: SearchPlan, numbers: list[int], workers: Workers, progress: Callable[..., Any]) -> None:
     """Draw the cases that are missing. Raises ValueError for a folder of cases of another version."""
     missing = [number for number in numbers if not case_path(plan.source.folder, number, plan.source.seed).is_file()]
     if missing:
-        for _ in progress(pool.as_completed(draw_case, ((plan.source, number) for number in missing)), total=len(missing)):
+        for _ in progress(ended(*workers, draw_case, ((plan.source, number) for number in missing)), total=len(missing)):
             pass
     plan.source.case(numbers[0])
 
 
-def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], pool: Pool, progress: Callable[..., Any]) -> TunedResult:
+def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], workers: Workers, progress: Callable[..., Any]) -> TunedResult:
     trials = study.get_trials(deepcopy=False)
     whole = [one for one in trials if one.value is not None and "cases" not in one.user_attrs]
     failed = [one for one in trials if one.state.name == "FAIL"]
@@ -119,7 +120,7 @@ def _finished(plan: SearchPlan, study: Study, kinds: Mapping[int, str], pool: Po
         raise ValueError(f"{plan.folder}: no trial has tried all cases yet{reason}; the same command goes on")
     best = max(whole, key=lambda one: (one.value, -one.number))
     started = _is_default(plan, best)
-    tried = None if not kinds else try_held_out(plan, {} if started else best.params, kinds, pool, progress)
+    tried = None if not kinds else try_held_out(plan, {} if started else best.params, kinds, workers, progress)
     scored = [one for one in trials if one.value is not None]
     default = next((one.value for one in whole if _is_default(plan, one)), None)
     result = TunedResult(

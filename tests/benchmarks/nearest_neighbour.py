@@ -5,7 +5,7 @@ It stands beside pilsim's own tracker where predictions are compared: `pilsim st
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +35,34 @@ class Track:
     seen: float
 
 
-def nearest_neighbour(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]:
-    """An estimate for each tick. Cameras stand still: robots that move are not followed. Raises ValueError where a camera's pose is unknown."""
+def nearest_neighbour(
+    setup: Setup, ticks: Iterable[Tick], gate: float = GATE, least_confidence: float = LEAST_CONFIDENCE, lost: float = LOST
+) -> Iterator[Estimate]:
+    """An estimate for each tick, with the assignment of the least sum of distances.
+
+    Cameras stand still: robots that move are not followed. Raises ValueError where a camera's pose is unknown.
+    """
+    return _followed(setup, ticks, Settings(gate, least_confidence, lost, assigned))
+
+
+def greedy(
+    setup: Setup, ticks: Iterable[Tick], gate: float = GATE, least_confidence: float = LEAST_CONFIDENCE, lost: float = LOST
+) -> Iterator[Estimate]:
+    """The same with the nearest pair first."""
+    return _followed(setup, ticks, Settings(gate, least_confidence, lost, nearest_first))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Gate m, least confidence, time until a track without boxes ends s, and the assignment of boxes to tracks."""
+
+    gate: float
+    least_confidence: float
+    lost: float
+    assign: Callable[[Array, Array, float], list[tuple[int, int]]]
+
+
+def _followed(setup: Setup, ticks: Iterable[Tick], chosen: Settings) -> Iterator[Estimate]:
     tracks, count = list[Track](), 0
     for tick in ticks:
         for track in tracks:
@@ -44,12 +70,12 @@ def nearest_neighbour(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]
         new = list[list[Array]]()
         found: dict[int, list[Array]] = {track.number: [] for track in tracks}
         for view in tick.views:
-            feet = feet_of(setup, view)
-            taken = assigned(np.array([track.place for track in tracks]).reshape(-1, 3), feet)
+            feet = feet_of(setup, view, chosen.least_confidence)
+            taken = chosen.assign(np.array([track.place for track in tracks]).reshape(-1, 3), feet, chosen.gate)
             for row, box in taken:
                 found[tracks[row].number].append(feet[box])
             for box in sorted(set(range(len(feet))) - {box for _, box in taken}):
-                near = [group for group in new if np.linalg.norm(np.mean(group, axis=0) - feet[box]) < GATE]
+                near = [group for group in new if np.linalg.norm(np.mean(group, axis=0) - feet[box]) < chosen.gate]
                 if near:
                     near[0].append(feet[box])
                 else:
@@ -60,14 +86,14 @@ def nearest_neighbour(setup: Setup, ticks: Iterable[Tick]) -> Iterator[Estimate]
                 track.place = track.place + GAIN * error
                 track.velocity = track.velocity + RATE_GAIN * error / setup.period
                 track.hits, track.seen = track.hits + 1, tick.time
-        tracks = [track for track in tracks if tick.time - track.seen <= LOST]
+        tracks = [track for track in tracks if tick.time - track.seen <= chosen.lost]
         for group in new:
             count += 1
             tracks.append(Track(count, np.mean(group, axis=0), np.zeros(3), 1, tick.time))
         yield estimate_of(setup, tick.index, [track for track in tracks if track.hits >= CONFIRMED])
 
 
-def feet_of(setup: Setup, view: View) -> Array:
+def feet_of(setup: Setup, view: View, least_confidence: float = LEAST_CONFIDENCE) -> Array:
     """Where the lower edges of the boxes (n, 3) m of a view meet the ground."""
     mount = setup.mounts[view.camera]
     start = setup.starts[mount.robot]
@@ -77,14 +103,27 @@ def feet_of(setup: Setup, view: View) -> Array:
     across, up = angles_from_bearing(boxes.bearing)
     rays = bearing_from_angles(across, up - boxes.extent[:, 1] / 2) @ pose.rotation.T
     feet, hit = setup.ground.intersect(np.broadcast_to(pose.translation, rays.shape), rays, FARTHEST)
-    return np.asarray(feet[hit & (boxes.confidence >= LEAST_CONFIDENCE)])
+    return np.asarray(feet[hit & (boxes.confidence >= least_confidence)])
 
 
-def assigned(places: Array, feet: Array) -> list[tuple[int, int]]:
-    """Pairs of rows of places (m, 3) and feet (n, 3) with the least sum of distances, each within GATE."""
+def assigned(places: Array, feet: Array, gate: float = GATE) -> list[tuple[int, int]]:
+    """Pairs of rows of places (m, 3) and feet (n, 3) with the least sum of distances, each within the gate."""
     distance = np.linalg.norm(places[:, None] - feet[None], axis=2)
-    pairs = zip(*linear_sum_assignment(np.minimum(distance, GATE)), strict=True)
-    return [(int(row), int(box)) for row, box in pairs if distance[row, box] < GATE]
+    pairs = zip(*linear_sum_assignment(np.minimum(distance, gate)), strict=True)
+    return [(int(row), int(box)) for row, box in pairs if distance[row, box] < gate]
+
+
+def nearest_first(places: Array, feet: Array, gate: float) -> list[tuple[int, int]]:
+    """Pairs of rows within the gate, the nearest first, each row once."""
+    distance = np.linalg.norm(places[:, None] - feet[None], axis=2)
+    rows, boxes, out = set[int](), set[int](), list[tuple[int, int]]()
+    for at in np.argsort(distance, axis=None, kind="stable").tolist():
+        row, box = divmod(at, len(feet))
+        if distance[row, box] < gate and row not in rows and box not in boxes:
+            rows.add(row)
+            boxes.add(box)
+            out.append((row, box))
+    return out
 
 
 def estimate_of(setup: Setup, index: int, tracks: list[Track]) -> Estimate:
