@@ -99,7 +99,7 @@ class Pool:
 
 
 def ended(executor: Executor, most: int, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-    """Number and result of each call, as they end, with at most so many calls in progress: a queue would outlive a main process that was killed."""
+    """Number and result of each call, as they end. At most so many are in progress: a queue would outlive a main process that was killed."""
     pending: dict[Future[Any], int] = {}
     for number, call in enumerate(calls):
         pending[executor.submit(function, *call)] = number

@@ -1,4 +1,4 @@
-"""The page of a search of parameters: its curve, what each parameter matters, the gain on other cases by kind, and the worst of these cases."""
+"""The page of a search of parameters: its curve, importance of parameters, gain on other cases by kind, and the worst cases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gain of the best parameters over the default ones on cases that the search has not seen, in pairs, with intervals by kind of case."""
+"""The gain of the best parameters over the default ones on other cases than those of the search: paired, with intervals by kind."""
 
 from __future__ import annotations
 

@@ -46,8 +46,8 @@ class UserCameras:
 def open_cameras(path: Path, options: SourceOptions, people: int | None) -> UserCameras:
     """The cameras of a recording. people: at once; None for the mean of its truth.
 
-    Models are fitted where there are boxes and truth. Raises ValueError, in one line with the path, for cameras on robots, for too little truth, and
-    for a number of people that is missing or out of bounds.
+    Models are fitted where there are boxes and truth. Raises ValueError, in one line with the path, for cameras on robots and too little truth.
+    It also raises it for a number of people that is missing or out of bounds.
     """
     recording = open_recording(path, options)
     if moving := [name for name, camera in recording.cameras.items() if camera.robot is not None]:
