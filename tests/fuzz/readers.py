@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from sim.datasets.presets import preset_of, read_settings
 from sim.policies.training import Curve
@@ -28,6 +29,8 @@ from tracker.formats.aicity import files as aicity
 from tracker.formats.exported_sequence import RecordedSequence
 from tracker.formats.jrdb import files as jrdb
 from tracker.formats.opening import open_sequence
+from tracker.formats.ros.bag_import import BagTopics, read_bag
+from tracker.formats.ros.bag_reader import summarize_bag
 from tracker.formats.summary import summarize, summary_text
 from tracker.formats.wildtrack import files as wildtrack
 from tracker.io.csv_tables import read_terrain
@@ -136,6 +139,13 @@ def _video(folder: Path) -> object:
     return list(VideoFile(file).images(3, (4 * samples.SIZE[0], 4 * samples.SIZE[1])))
 
 
+def _bag(file: str, folder: Path) -> object:
+    """The topics of a bag, and the recording that is made of it."""
+    with TemporaryDirectory() as out:
+        topics = BagTopics({"/pano/image_raw": "panorama"}, ("/odom",), ("/imu",))
+        return summarize_bag(folder / file), read_bag(folder / file, topics, Path(out) / "out")
+
+
 TABLES = (
     "odometry.csv",
     "detections.csv",
@@ -214,6 +224,10 @@ FOLDERS = (
     Reader("stress report", samples.stress, "results.jsonl", _report),
     Reader("stress picture", samples.stress, "moments/m.png", _report, "binary"),
     Reader("stress resumption", samples.stress, "results.jsonl", _read_rows),
+    *(
+        Reader(f"bag {form}", partial(samples.bag, form=form), file, partial(_bag, file), "binary")
+        for form, file in (("ros1", "walk.bag"), ("sqlite3", "walk/walk.db3"), ("mcap", "walk/walk.mcap"))
+    ),
     Reader("video", samples.video, "video/View_001.mp4", _video, "binary"),
 )
 FILES = (

@@ -13,6 +13,7 @@ from sim.datasets.presets import PRESETS
 from sim.policies.training import Curve
 from tests.sim import stress_rows
 from tests.tracker import disc_sequence, sequences
+from tests.tracker.formats.ros.robot_bag import RobotBag
 from tests.tracker.planar_slam.mrclam import write_set
 from tracker.clique import Graph
 from tracker.clique.dimacs import write_graph
@@ -267,3 +268,8 @@ def tsai(file: Path) -> None:
 
 def plain_camera(file: Path) -> None:
     write_camera(file, "View_002", pinhole(320, 240, 1.2), pose())
+
+
+def bag(folder: Path, form: str) -> None:
+    """A second of a robot's bag: walk/walk.mcap, walk/walk.db3 or walk.bag."""
+    RobotBag(seconds=1.0).write(folder / "walk", form)

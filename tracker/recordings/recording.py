@@ -31,6 +31,7 @@ MAX_FRAMES = MAX_FRAME
 MAX_VIEWS = 1 << 24
 """Frames times cameras: a tick holds a view for each."""
 NOBODY, NO_ROBOT = Detections.none(), RobotDetections.none()
+NO_BOXES = np.zeros((0, 4)), np.zeros(0)
 STATURE = (1.4, 2.3)
 """m: the default band of body heights, as in Setup."""
 
@@ -142,16 +143,13 @@ class Recording:
             raise ValueError(f"frames is {self.frames}, needs more than {self._last_frame()}, the last with data, and at most {MAX_FRAMES}")
         if self.frames * len(self.cameras) > MAX_VIEWS:
             raise ValueError(f"frames is {self.frames} of {len(self.cameras)} cameras, needs at most {MAX_VIEWS} views in all")
-        for kind, of_cameras in (("appearances", self.appearances), ("covariances", self.covariances)):
+        for kind, of_cameras, length in (("appearances", self.appearances, "d"), ("covariances", self.covariances, "3")):
             for name, vectors in of_cameras.items():
-                self._check_vectors(f"{kind} of {name}", vectors, self.detections.get(name, {}))
-
-    @staticmethod
-    def _check_vectors(what: str, vectors: FrameVectors, boxes: FrameBoxes) -> None:
-        for frame, of_frame in vectors.items():
-            count = len(boxes[frame][0]) if frame in boxes else 0
-            if np.ndim(of_frame) != 2 or len(of_frame) != count:
-                raise ValueError(f"{what}, frame {frame}, have shape {np.shape(of_frame)}, needs ({count}, d), one for each box")
+                for frame, of_frame in vectors.items():
+                    count = len(self.detections.get(name, {}).get(frame, NO_BOXES)[0])
+                    if np.ndim(of_frame) != 2 or len(of_frame) != count or length not in ("d", str(of_frame.shape[1])):
+                        shape = f"have shape {np.shape(of_frame)}, needs ({count}, {length})"
+                        raise ValueError(f"{kind} of {name}, frame {frame}, {shape}, one for each box")
 
     def check_heights(self) -> None:
         """Raises ValueError for a fixed camera that is not above the ground. `pilsim check` opens such a recording and says why."""

@@ -65,6 +65,8 @@ def test_bad_vectors_are_refused_in_a_line(tmp_path: Path, content: Array | byte
 def test_vectors_of_another_number_than_boxes_are_refused() -> None:
     with pytest.raises(ValueError, match=r"appearances of C1, frame 0, have shape \(2, 3\), needs \(1, d\)"):
         replace(small(), appearances={"C1": {0: np.ones((2, 3))}})
+    with pytest.raises(ValueError, match=r"covariances of C1, frame 0, have shape \(1, 4\), needs \(1, 3\)"):
+        replace(small(), covariances={"C1": {0: np.ones((1, 4))}})
 
 
 def meeting(vectors: bool) -> Recording:

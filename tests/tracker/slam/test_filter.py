@@ -96,6 +96,18 @@ def test_sightings_of_one_robot_correct_another() -> None:
     assert np.trace(slam.covariance("r1")) < variance
 
 
+def test_a_robot_without_odometry_is_localized_at_constant_velocity() -> None:
+    """In the map of another robot, which has odometry: to 0.2 m on 11 m, where it would be off by 5 m if it stood."""
+    setup, ticks, truth, _ = simulate(Room(robots=2, ticks=120, landmarks=90, seed=2, named=True))
+    slam, off = Slam(setup, SlamParameters()), []
+    for tick, true in zip(ticks, truth, strict=True):
+        views = (view if setup.mounts[view.camera].robot == "r0" else replace(view, odometry=None) for view in tick.views)
+        slam.step(replace(tick, views=tuple(views)))
+        off.append(slam.pose("r1").translation - true["r1"].translation)
+    assert slam.counters["constant velocity"] == len(ticks) - 1
+    assert np.sqrt(np.square(off).sum(axis=1).mean()) < 0.2
+
+
 def test_the_order_of_sightings_does_not_matter() -> None:
     setup, ticks, *_ = simulate(replace(SHORT, ticks=25))
     slam, shuffled, rng = Slam(setup, SlamParameters()), Slam(setup, SlamParameters()), np.random.default_rng(0)
