@@ -152,6 +152,7 @@ class Survey:
                 raise ValueError(f"{self.bag.path}: {topic} at {seconds(log)} s: {error}") from None
         self.growing.tell(self.bag.path, self.tell)
         self._place_cameras()
+        self._check_ups()
 
     def _growing(self, topic: str, add: Callable[[Any], None]) -> Taker:
         """What takes the messages of a topic whose stamps grow."""
@@ -161,6 +162,12 @@ class Survey:
                 add(message)
 
         return take
+
+    def _check_ups(self) -> None:
+        """Tell of IMUs that no transform places on a robot with odometry."""
+        for topic, up in self.ups.items():
+            if all(self.tree.between(path.child, up.frame, self.finder.world) is None for path in self.paths.values()):
+                self.tell(f"{topic}: left out, as no transform leads from its frame {up.frame!r} to a robot with odometry")
 
     def _check_topics(self) -> None:
         """Raises ValueError for topics that are not named, not there, empty or of another type, with those that are there."""
@@ -203,6 +210,9 @@ class Survey:
         """The recording without its images, which are copied already."""
         carried = {robot: [n for n, c in self.placed.items() if c.robot == robot] for robot in dict.fromkeys(c.robot for c in self.placed.values())}
         robots = {name: self._robot(name, cameras, times) for name, cameras in carried.items() if name is not None}
+        if robots and not any(robot.start for robot in robots.values()):
+            frames = ", ".join(path.frame for path in self.paths.values())
+            raise ValueError(f"{self.bag.path}: no transform from {self.finder.world!r} to {frames}, needs one where cameras stand in the world")
         truth, grids, detections = self.topics.exported, self.truth.grids, self._detections(times)
         return Recording(
             times.rate,
@@ -232,8 +242,10 @@ class Survey:
         return RecordingRobot(self._start(name, path, int(stamps[0])), odometry, truth)
 
     def _start(self, name: str, path: OdometryPath, stamp: int) -> Start | None:
-        """The pose at a time [ns] in the world. The frame of the first odometry is the world where transforms name none."""
+        """The pose at a time [ns] in the world. Where no transform leads there, the first odometry's frame is the world of robots alone."""
         T_world_odom = self.tree.between(self.finder.world, path.frame)
+        if T_world_odom is None and path is next(iter(self.paths.values())) and all(c.robot is not None for c in self.placed.values()):
+            T_world_odom = Pose.identity()
         if T_world_odom is None:
             self.tell(f"{path.topic}: no transform from {self.finder.world!r} to {path.frame!r}; the start of {name} is unknown")
             return None
