@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -78,9 +79,9 @@ def readable(bag: BagReader, topic: str, log: int, message: Any) -> tuple[bytes,
 
 @dataclass(eq=False)
 class CameraFinder:
-    """Finds models and places of cameras. robots: name → odometry. world: the frame of the world, once it is known.
+    """Finds models and places of cameras. robots: name → odometry. calibration: the file and its entries of cameras.
 
-    calibration: the file and its entries of cameras.
+    without_odometry: body → name of a robot that carries a camera and has no odometry.
     """
 
     tree: FrameTree
@@ -99,7 +100,7 @@ class CameraFinder:
             raise ValueError(f"{file}: needs an object with an entry for each camera, as `cameras` of recording.json")
         return file, entries
 
-    @property
+    @cached_property
     def world(self) -> str:
         """The frame of the world: one of WORLDS in the transforms, else that of the first odometry."""
         named = [frame for frame in WORLDS if frame in self.tree.parent or any(above == frame for above, _ in self.tree.parent.values())]

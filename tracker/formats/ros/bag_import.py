@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -124,9 +125,9 @@ class Survey:
     cameras: dict[str, BagCamera] = field(default_factory=dict)
     placed: dict[str, RecordingCamera] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def finder(self) -> CameraFinder:
-        """Where the cameras are."""
+        """Where the cameras are, once all transforms are read."""
         return CameraFinder(self.tree, self.paths, CameraFinder.entries(self.topics.calibration))
 
     def read(self) -> None:
@@ -193,8 +194,7 @@ class Survey:
                     same = f"name {camera.name!r}" if other.name == camera.name else f"frame id {camera.frame!r}"
                     raise ValueError(f"{self.bag.path}: cameras {other.topic} and {topic} have one {same}, needs different ones")
             self.cameras[camera.name] = camera
-        finder = self.finder
-        self.placed = {name: finder.find(camera) for name, camera in self.cameras.items()}
+        self.placed = {name: self.finder.find(camera) for name, camera in self.cameras.items()}
         for name, placed in self.placed.items():
             if placed.robot is not None and placed.robot not in self.paths:
                 self.tell(f"{placed.robot}: no odometry, so that motion is predicted at constant velocity and lengths have no scale")
