@@ -177,6 +177,7 @@ def _names(content: PageContent) -> dict[str, Any]:
         "commands": "\n".join([*dict.fromkeys(row.command for row in rows.rows), f"pilsim report {rows.folder}"]),
         "about_commands": ABOUT_COMMANDS,
         "provenance": _provenance(rows),
+        "made_by": "pilsim report",
         "made_from": plural(len(rows.rows), "run"),
     }
 

@@ -104,10 +104,14 @@ def _statement(plan: SearchPlan) -> Iterator[None]:
 
 def _draw(plan: SearchPlan, numbers: list[int], workers: Workers, progress: Callable[..., Any]) -> None:
     """Draw the cases that are missing. Raises ValueError for a folder of cases of another version."""
-    missing = [number for number in numbers if not case_path(plan.source.folder, number, plan.source.seed).is_file()]
-    if missing:
-        for _ in progress(ended(*workers, draw_case, ((plan.source, number) for number in missing)), total=len(missing)):
-            pass
+    folder = plan.source.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    # Searches that share the cases draw them one after the other.
+    with file_lock(folder / CLAIMS, wait=True):
+        missing = [number for number in numbers if not case_path(folder, number, plan.source.seed).is_file()]
+        if missing:
+            for _ in progress(ended(*workers, draw_case, ((plan.source, number) for number in missing)), total=len(missing)):
+                pass
     plan.source.case(numbers[0])
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.tuning.case_file import PopulationCase, read_case, write_case
+from sim.tuning.case_file import VERSION, PopulationCase, read_case, write_case
 from sim.tuning.detectors import SCALES, ConfidenceScale
 from sim.tuning.evaluation import evaluate
 from sim.tuning.kinds import BLOCK, scene
@@ -52,7 +52,7 @@ def test_another_file_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest
         path.write_bytes(b"PK nothing")
     else:
         with monkeypatch.context() as context:
-            context.setattr("sim.tuning.case_file.VERSION", 0 if wrong == "version" else 1)
+            context.setattr("sim.tuning.case_file.VERSION", 0 if wrong == "version" else VERSION)
             write_case(path, replace(small_case(), number=7))
     with pytest.raises(ValueError, match=rf"^{path}: is (of version 0|no case|case 7)"):
         population(1, SEED, tmp_path)
